@@ -1,0 +1,63 @@
+"""The waveform of a probe on the skin: what a deck prescribes and a map answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from fembridge.errors import StimulusError
+from fembridge.typing import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stimulus:
+    """Probe displacement `displacement_um` ``(T,)``, every `dt_ms` from time 0.
+
+    Positive is into the skin, 0 is first touch. `window_ms` is the time in
+    which spikes are counted: start excluded, end included. `preindent_um` is
+    how deep the probe stands before time 0; the samples hold the whole depth,
+    so the first of them equals it. `origin` says how the samples were made
+    (family, frequencies, amplitudes, seed).
+    """
+
+    id: str
+    displacement_um: FloatArray
+    dt_ms: float
+    window_ms: tuple[float, float]
+    preindent_um: float = 0.0
+    origin: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        depth = np.array(self.displacement_um, dtype=np.float64)
+        if depth.ndim != 1 or depth.size < 2:
+            raise StimulusError(f"{self.id}: expected (T,), got {depth.shape}")
+        bad = np.flatnonzero(~np.isfinite(depth))
+        if bad.size:
+            raise StimulusError(f"{self.id}: sample {bad[0]} is {depth[bad[0]]}")
+        if not (np.isfinite(self.dt_ms) and self.dt_ms > 0):
+            raise StimulusError(f"{self.id}: dt_ms must be > 0, got {self.dt_ms}")
+        start, end = self.window_ms
+        if not 0 <= start < end <= (depth.size - 1) * self.dt_ms + 1e-9:
+            raise StimulusError(
+                f"{self.id}: window {start:g} to {end:g} ms is not inside "
+                f"0 to {(depth.size - 1) * self.dt_ms:g} ms"
+            )
+        if not (np.isfinite(self.preindent_um) and self.preindent_um >= 0):
+            raise StimulusError(
+                f"{self.id}: preindent_um must be >= 0, got {self.preindent_um}"
+            )
+        depth.flags.writeable = False
+        object.__setattr__(self, "displacement_um", depth)
+        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
+
+    @property
+    def times_ms(self) -> FloatArray:
+        """Time of each sample, ``(T,)`` in ms."""
+        steps: FloatArray = np.arange(self.displacement_um.size, dtype=np.float64)
+        return steps * self.dt_ms
+
+    @property
+    def window_s(self) -> float:
+        """Length of the counting window in seconds."""
+        return (self.window_ms[1] - self.window_ms[0]) / 1000.0

@@ -1,0 +1,84 @@
+"""Stress histories: what a solver hands to an afferent."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import ResultError, TraceError
+from fembridge.typing import FloatArray
+
+PA_PER_MPA = 1.0e6
+MS_PER_S = 1.0e3
+
+# Solvers print times with six to ten digits; a step may be off by that much.
+STEP_TOLERANCE = 1.0e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StressTrace:
+    """Von Mises stress at one node: `stress_pa` ``(T,)``, every `dt_ms`.
+
+    The first sample is at `start_ms` (0 for a trace that knows its rest state,
+    `dt_ms` for one that holds solver increments only). `afferent` is the class
+    that sits at the node ("SA", "RA", "PC"), or None for a plain node.
+    """
+
+    stress_pa: FloatArray
+    dt_ms: float
+    node: int
+    afferent: str | None = None
+    start_ms: float = 0.0
+
+    def __post_init__(self) -> None:
+        stress = np.array(self.stress_pa, dtype=np.float64)
+        if stress.ndim != 1 or stress.size < 2:
+            raise TraceError(f"node {self.node}: expected (T,), got {stress.shape}")
+        bad = np.flatnonzero(~np.isfinite(stress))
+        if bad.size:
+            raise TraceError(
+                f"node {self.node}: stress is {stress[bad[0]]} at sample {bad[0]}"
+            )
+        if not (np.isfinite(self.dt_ms) and self.dt_ms > 0):
+            raise TraceError(f"node {self.node}: dt_ms must be > 0, got {self.dt_ms}")
+        stress.flags.writeable = False
+        object.__setattr__(self, "stress_pa", stress)
+
+    @property
+    def times_ms(self) -> FloatArray:
+        """Time of each sample, ``(T,)`` in ms."""
+        steps: FloatArray = np.arange(self.stress_pa.size, dtype=np.float64)
+        return self.start_ms + steps * self.dt_ms
+
+    @classmethod
+    def on_grid(
+        cls,
+        node: int,
+        samples: Sequence[tuple[float, float]],
+        path: Path,
+        afferent: str | None = None,
+    ) -> "StressTrace":
+        """Make a trace of ``(time_ms, stress_pa)`` samples that `path` holds.
+
+        Raises
+        ------
+        ResultError
+            No sample of `node`, or times that are not one even grid.
+        """
+        if len(samples) < 2:
+            raise ResultError(
+                f"node {node}: {len(samples)} samples, expected two or more", path
+            )
+        times_ms, stress_pa = np.array(samples, dtype=np.float64).T
+        steps_ms = np.diff(times_ms)
+        dt_ms = float((times_ms[-1] - times_ms[0]) / steps_ms.size)
+        off = np.flatnonzero(~(np.abs(steps_ms - dt_ms) <= STEP_TOLERANCE * abs(dt_ms)))
+        if off.size or not dt_ms > 0:
+            row = int(off[0]) if off.size else 0
+            raise ResultError(
+                f"node {node}: uneven time step, {times_ms[row]:g} to "
+                f"{times_ms[row + 1]:g} ms where {dt_ms:g} ms is the mean",
+                path,
+            )
+        return cls(stress_pa, dt_ms, node, afferent, start_ms=float(times_ms[0]))
