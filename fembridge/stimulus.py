@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -49,7 +48,7 @@ class Stimulus:
             )
         depth.flags.writeable = False
         object.__setattr__(self, "displacement_um", depth)
-        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
+        object.__setattr__(self, "origin", dict(self.origin))
 
     @property
     def times_ms(self) -> FloatArray:
