@@ -5,9 +5,13 @@ imported when it is first asked for.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from decks.catalogue import resolve
+    from decks.waveform import make_stimulus
     from fembridge.errors import FembridgeError
     from fembridge.results import read
     from fembridge.stimulus import Stimulus
@@ -19,10 +23,19 @@ _HOMES = {
     "FembridgeError": "fembridge.errors",
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",
+    "make_stimulus": "decks.waveform",
     "read": "fembridge.results",
+    "resolve": "decks.catalogue",
 }
 
-__all__ = ["FembridgeError", "Stimulus", "StressTrace", "read"]
+__all__ = [
+    "FembridgeError",
+    "Stimulus",
+    "StressTrace",
+    "make_stimulus",
+    "read",
+    "resolve",
+]
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for
@@ -33,3 +46,33 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands fo
 
 def __dir__() -> list[str]:
     return sorted([*globals(), *_HOMES])
+
+
+def _refuse_strangers() -> None:
+    """Stop when ``decks`` or ``neural`` would be somebody else's module.
+
+    Both are plain words, so a file ``neural.py`` in the current folder or another
+    installed package can stand in the way of the packages installed beside this
+    one. They are looked up, not imported.
+    """
+    home = Path(__file__).resolve().parent.parent
+    for name in ("decks", "neural"):
+        try:
+            spec = find_spec(name)
+        except ValueError:  # a module without a spec has been put there by hand
+            spec = None
+        found = [] if spec is None else list(spec.submodule_search_locations or [])
+        if str(home / name) in {str(Path(folder).resolve()) for folder in found}:
+            continue
+        if spec is None:
+            raise ImportError(
+                f"fembridge: no package {name!r} in {home}; install fembridge again"
+            )
+        stranger = spec.origin or ", ".join(found)
+        raise ImportError(
+            f"fembridge: {stranger} is in the way of the package {name!r} of "
+            f"fembridge, expected in {home / name}; rename it or take it off the path"
+        )
+
+
+_refuse_strangers()

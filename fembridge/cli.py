@@ -1,17 +1,23 @@
 """The command line: one verb for each arrow of the pipeline, one verb for all.
 
-A verb is a module of ``fembridge.commands`` with two functions:
-``add_arguments(parser)`` and ``run(args) -> Summary``. Only the verb that was
-asked for is imported, so ``fembridge --help`` costs next to nothing.
+A verb is a module of ``fembridge.commands`` with a docstring, an ``EXAMPLE`` and
+two functions: ``add_arguments(parser)`` and ``run(args) -> summary``. Only the
+verb that was asked for is imported, so ``fembridge --help`` costs next to nothing.
+
+A summary is a dict; ``--json`` prints it as strict JSON, where a number that is
+not finite becomes null. Its ``exit_code``, if it has one, is the exit code: for
+a verb that did its work and found that not all is well.
 """
 
 import argparse
-import json
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from types import ModuleType
+from typing import NoReturn
 
+from fembridge import __version__
 from fembridge.errors import FembridgeError
 
 VERBS = {
@@ -25,58 +31,127 @@ VERBS = {
     "doctor": "tell what is installed and what is missing",
 }
 
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; give the exit code: 0, 1 (our error) or 2 (misuse)."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    parser, command = _parser(words)
-    args = parser.parse_args(words)
+    """Run one verb; give the exit code.
+
+    0 is success, 1 our error, 2 misuse, 130 Ctrl-C. Anything that is not one of
+    our errors is a bug of ours and keeps its traceback.
+    """
+    try:
+        code = _run(list(sys.argv[1:] if argv is None else argv))
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("fembridge: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        if not _reader_has_left():
+            raise
+        return 0
+    return code
+
+
+def _run(words: list[str]) -> int:
+    try:
+        parser, command = _parser(words)
+        args = parser.parse_args(words)
+    except SystemExit as stop:  # argparse: help, version, misuse
+        return stop.code if isinstance(stop.code, int) else 0
     if command is None:
         parser.print_help()
         return 0
     try:
         summary = command.run(args)
     except FembridgeError as error:
-        print(f"fembridge: {error}", file=sys.stderr)
+        print("fembridge:", " ".join(str(error).splitlines()), file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("fembridge: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
     if args.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
-    return 0
+        import json
+
+        print(json.dumps(_strict(summary), indent=2, allow_nan=False))
+    return int(summary.get("exit_code", 0))
 
 
 def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType | None]:
+    width = max(map(len, VERBS))
+    listed = "\n".join(f"  {verb:<{width}}  {line}" for verb, line in VERBS.items())
     parser = argparse.ArgumentParser(
         prog="fembridge",
-        description="From a probe on a fingertip to the spikes of its afferents.",
-        epilog="fembridge VERB --help tells more, with an example.",
+        description="From a probe on a fingertip to the spikes of its afferents."
+        f"\n\nverbs:\n{listed}",
+        epilog="example: fembridge stimuli\nfembridge VERB --help tells more of a verb",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
-    parser.add_argument("--version", action="store_true", help="tell the version")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
+    parser.add_argument(
+        "--version", action="version", version=f"fembridge {__version__}"
+    )
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", help="one of the above")
     asked = next((word for word in words if not word.startswith("-")), None)
-    command = None
-    for verb, help_line in VERBS.items():
-        if verb != asked:
-            verbs.add_parser(verb, help=help_line)
-            continue
-        command = import_module(f"fembridge.commands.{verb.replace('-', '_')}")
-        child = verbs.add_parser(
-            verb,
-            help=help_line,
-            description=command.__doc__,
-            epilog=f"example: {command.EXAMPLE}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        command.add_arguments(child)
-        child.add_argument(
-            "--json", action="store_true", help="print a summary a program can read"
-        )
+    if asked is None:
+        return parser, None
+    if asked not in VERBS:
+        _refuse_verb(parser, asked)
+    command = import_module(f"fembridge.commands.{asked.replace('-', '_')}")
+    child = verbs.add_parser(
+        asked,
+        description=command.__doc__,
+        epilog=f"example: {command.EXAMPLE}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    command.add_arguments(child)
+    child.add_argument(
+        "--json", action="store_true", help="print a summary a program can read"
+    )
     return parser, command
+
+
+def _refuse_verb(parser: argparse.ArgumentParser, asked: str) -> NoReturn:
+    from difflib import get_close_matches
+
+    near = get_close_matches(asked, VERBS, n=2, cutoff=0.5)
+    hint = (
+        f"did you mean {' or '.join(near)}?" if near else f"choose {', '.join(VERBS)}"
+    )
+    parser.error(f"no verb {asked!r}; {hint}")
+
+
+def _strict(value: object) -> object:
+    """Turn a summary into what JSON has: no NaN, no array, no path, no tuple."""
+    if hasattr(value, "tolist"):  # NumPy's numbers and arrays, unimported
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    if isinstance(value, float):
+        return value if value - value == 0 else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise TypeError(f"a summary cannot hold {value!r}")
+
+
+def _reader_has_left() -> bool:
+    """Whether it is our own output that nobody reads, as after ``| head -1``.
+
+    Then what is still in the buffer is sent to nowhere, so that the interpreter
+    does not complain about it at exit.
+    """
+    import select
+
+    left = False
+    for stream in (sys.stdout, sys.stderr):
+        poll = select.poll()
+        poll.register(stream.fileno(), 0)
+        if any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0)):
+            left = True
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    return left
 
 
 if __name__ == "__main__":

@@ -42,7 +42,8 @@ class RunFolder:
 
     The solver's clock starts `start_ms` before the stimulus does (a ramp to a
     pre-indentation takes place there) and ends at `end_ms` of solver time after
-    `increments` fixed increments of `dt_ms`. `inputs` tells what the deck was
+    `increments` fixed increments of `dt_ms`. `apex_node` is the skin's node under
+    the probe: its displacement shows that the probe pushed (0 where unknown). `inputs` tells what the deck was
     made from; nothing reads it back, people do.
     """
 
@@ -53,6 +54,7 @@ class RunFolder:
     start_ms: float
     afferents: tuple[AfferentNode, ...]
     deck_sha256: str
+    apex_node: int = 0
     inputs: Mapping[str, object] = field(default_factory=dict)
 
     @property
@@ -87,6 +89,7 @@ class RunFolder:
                 "dt_ms": self.dt_ms,
                 "start_ms": self.start_ms,
             },
+            "apex_node": self.apex_node,
             "afferents": {
                 place.afferent: {
                     "node": place.node,
@@ -144,6 +147,7 @@ def read_run_folder(folder: Path) -> RunFolder:
                 )
                 for name, place in table["afferents"].items()
             ),
+            apex_node=int(table.get("apex_node", 0)),
             deck_sha256=str(table["deck_sha256"]),
             inputs=table.get("inputs", {}),
         )

@@ -1,0 +1,261 @@
+"""A finger in cross-section: sizes, layers, materials, and where its afferents sit.
+
+The section is symmetric about ``x = 0``. The skin's outermost point on the pad,
+the top of the middle ridge, is the origin; ``y`` points out of the pad, so that
+depth is ``-y`` there. Everything is in mm and MPa, the units of the decks.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+
+from decks.checks import finite, not_negative, positive
+from fembridge.errors import FingerError
+
+LAYERS = (
+    "stratum_corneum",
+    "epidermis",
+    "dermis",
+    "subcutaneous_tissue",
+    "bone",
+    "nail",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """Linear elastic, isotropic."""
+
+    young_mpa: float
+    poisson: float
+
+    def __post_init__(self) -> None:
+        positive(self, "young_mpa")
+        if not 0 <= self.poisson < 0.5:
+            raise FingerError(f"poisson must be in [0, 0.5), got {self.poisson}")
+
+
+# Ishizuka et al., Table 1.
+TABLE_1: Mapping[str, Material] = {
+    "stratum_corneum": Material(2.0, 0.30),
+    "epidermis": Material(2.0, 0.30),
+    "dermis": Material(0.050, 0.48),
+    "subcutaneous_tissue": Material(0.024, 0.40),
+    "bone": Material(1.7e4, 0.30),
+    "nail": Material(1.7e2, 0.30),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """An ellipse: a human index fingertip is about 16 mm wide and 13 mm high.
+
+    Source: the sections of Dandekar, Raju & Srinivasan 2003, J. Biomech. Eng.
+    125:682, rounded.
+    """
+
+    half_width_mm: float = 8.0
+    half_height_mm: float = 6.5
+
+    def __post_init__(self) -> None:
+        positive(self, "half_width_mm", "half_height_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class Skin:
+    """Thickness of the skin's layers on the pad, measured from the ridge tops.
+
+    Stratum corneum about 0.3 mm: optical coherence tomography of a finger pad,
+    Adams et al. 2013, J. R. Soc. Interface 10:20120467, Fig. 1. Epidermis and
+    dermis: within what the models that the paper follows use (its refs. 14, 17,
+    25, 29); chosen here, since the paper gives no numbers.
+    """
+
+    stratum_corneum_mm: float = 0.25
+    epidermis_mm: float = 0.40
+    dermis_mm: float = 1.10
+
+    def __post_init__(self) -> None:
+        positive(self, "stratum_corneum_mm", "epidermis_mm", "dermis_mm")
+
+    @property
+    def epidermis_depth_mm(self) -> float:
+        """Depth of the mean epidermis–dermis boundary."""
+        return self.stratum_corneum_mm + self.epidermis_mm
+
+    @property
+    def dermis_depth_mm(self) -> float:
+        """Depth of the boundary between dermis and subcutaneous tissue."""
+        return self.epidermis_depth_mm + self.dermis_mm
+
+
+@dataclass(frozen=True, slots=True)
+class Ridges:
+    """Fingerprint ridges: a cosine on the pad, faded out over its last ridge.
+
+    About 0.5 mm apart and 0.1 mm high: Adams et al. 2013, Fig. 1; Maeno,
+    Kobayashi & Yamazaki 1998, JSME Int. J. C 41:94.
+    """
+
+    spacing_mm: float = 0.5
+    height_mm: float = 0.1
+    half_width_mm: float = 3.0
+
+    def __post_init__(self) -> None:
+        positive(self, "spacing_mm", "half_width_mm")
+        not_negative(self, "height_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class Papillae:
+    """Dermal papillae: two under each ridge, an intermediate ridge between them.
+
+    The epidermis reaches deepest under the middle of a ridge; the papillae's
+    tips stand a quarter of a ridge to both sides of it. Arrangement: Maeno et
+    al. 1998; height chosen here within their histology.
+    """
+
+    height_mm: float = 0.1
+
+    def __post_init__(self) -> None:
+        not_negative(self, "height_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class Bone:
+    """The distal phalanx: an ellipse, `depth_mm` from the pad to its centre."""
+
+    half_width_mm: float = 3.2
+    half_height_mm: float = 2.2
+    depth_mm: float = 8.5
+
+    def __post_init__(self) -> None:
+        positive(self, "half_width_mm", "half_height_mm", "depth_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class Nail:
+    """The nail plate: takes the stratum corneum's place on the back of the finger.
+
+    `start_deg` is the angle from the pad's apex, seen from the middle of the
+    section, where it begins on both sides.
+    """
+
+    thickness_mm: float = 0.45
+    start_deg: float = 125.0
+
+    def __post_init__(self) -> None:
+        positive(self, "thickness_mm")
+        if not 95 <= self.start_deg <= 170:
+            raise FingerError(f"start_deg must be 95 to 170, got {self.start_deg}")
+
+
+@dataclass(frozen=True, slots=True)
+class AfferentSite:
+    """Where an afferent is looked for: the node of `layer` nearest this point.
+
+    The node is one whose elements all belong to `layer`: a solver averages
+    nodal stress over all elements at a node, whatever their material, and such
+    a mean of a stiff and a soft layer is the stress of neither.
+    """
+
+    layer: str
+    x_mm: float
+    depth_mm: float
+
+    def __post_init__(self) -> None:
+        if self.layer not in LAYERS:
+            raise FingerError(f"layer {self.layer!r} is none of {', '.join(LAYERS)}")
+        for name in ("x_mm", "depth_mm"):
+            finite(self, name)
+
+
+# Merkel cells sit at the tip of the intermediate ridge; the Meissner corpuscle
+# hangs by fibrils on the epidermis at the tip of a papilla, so it is given the
+# epidermis' stress there; Pacinian corpuscles lie in the subcutaneous tissue.
+SITES: Mapping[str, AfferentSite] = {
+    "SA": AfferentSite("epidermis", 0.0, 0.5875),
+    "RA": AfferentSite("epidermis", 0.125, 0.52),
+    "PC": AfferentSite("subcutaneous_tissue", 0.0, 2.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Resolution:
+    """How fine the mesh is: element widths along the skin, rows across layers.
+
+    Columns are `contact_mm` wide within `contact_half_width_mm` of the apex,
+    `ridge_mm` on the rest of the ridges, and grow to `far_mm` from there.
+    """
+
+    contact_mm: float = 1 / 24
+    contact_half_width_mm: float = 0.5
+    ridge_mm: float = 0.125
+    far_mm: float = 0.525
+    stratum_corneum_rows: int = 2
+    epidermis_rows: int = 8
+    dermis_rows: int = 6
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            positive(self, entry.name)
+        finest = min(self.contact_mm, self.ridge_mm, self.far_mm)
+        if finest < 0.005:
+            raise FingerError(f"elements of {finest} mm: expected 0.005 mm or more")
+        for name in ("stratum_corneum_rows", "epidermis_rows", "dermis_rows"):
+            rows = getattr(self, name)
+            if not isinstance(rows, int) or rows > 200:
+                raise FingerError(f"{name} must be a whole number to 200, got {rows}")
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """A whole finger; `name` is that of the preset it is or started from."""
+
+    name: str
+    outline: Outline = field(default_factory=Outline)
+    skin: Skin = field(default_factory=Skin)
+    ridges: Ridges = field(default_factory=Ridges)
+    papillae: Papillae = field(default_factory=Papillae)
+    bone: Bone = field(default_factory=Bone)
+    nail: Nail = field(default_factory=Nail)
+    resolution: Resolution = field(default_factory=Resolution)
+    materials: Mapping[str, Material] = field(default_factory=lambda: dict(TABLE_1))
+    afferents: Mapping[str, AfferentSite] = field(default_factory=lambda: dict(SITES))
+
+    def __post_init__(self) -> None:
+        missing = [layer for layer in LAYERS if layer not in self.materials]
+        if missing:
+            raise FingerError(f"no material for {', '.join(missing)}")
+        if not self.afferents:
+            raise FingerError("a finger without afferents has nothing to tell")
+        skin, bone = self.skin, self.bone
+        top_mm = bone.depth_mm - bone.half_height_mm
+        bottom_mm = bone.depth_mm + bone.half_height_mm
+        thickest = 2 * self.outline.half_height_mm - skin.dermis_depth_mm - 0.3
+        if top_mm < skin.dermis_depth_mm + 0.3 or bottom_mm > thickest:
+            raise FingerError(
+                f"the bone spans depth {top_mm:g} to {bottom_mm:g} mm and touches "
+                f"the skin: expected inside {skin.dermis_depth_mm + 0.3:g} to "
+                f"{thickest:g} mm"
+            )
+        side_mm = self.outline.half_width_mm - skin.dermis_depth_mm - 0.3
+        if bone.half_width_mm > side_mm:
+            raise FingerError(
+                f"bone half width {bone.half_width_mm:g} mm, "
+                f"expected at most {side_mm:g} mm"
+            )
+        if self.ridges.height_mm >= skin.stratum_corneum_mm:
+            raise FingerError(
+                f"ridges {self.ridges.height_mm:g} mm high in a stratum corneum of "
+                f"{skin.stratum_corneum_mm:g} mm: expected less"
+            )
+        if self.nail.thickness_mm >= skin.epidermis_depth_mm:
+            raise FingerError(
+                f"a nail of {self.nail.thickness_mm:g} mm: expected thinner than "
+                f"corneum and epidermis, {skin.epidermis_depth_mm:g} mm"
+            )
+        if self.papillae.height_mm >= skin.epidermis_mm:
+            raise FingerError(
+                f"papillae {self.papillae.height_mm:g} mm high in an epidermis of "
+                f"{skin.epidermis_mm:g} mm: expected less"
+            )

@@ -1,0 +1,120 @@
+"""A finger from TOML: a preset, and what is different about this one.
+
+Ten lines make another finger::
+
+    base = "quick"
+
+    [skin]
+    epidermis_mm = 0.5
+
+    [materials.dermis]
+    young_mpa = 0.08
+
+    [afferents.SA]
+    depth_mm = 0.70
+"""
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from decks.finger import LAYERS, AfferentSite, Finger
+from decks.presets import PRESETS
+from fembridge.errors import FingerError
+
+_PARTS = ("outline", "skin", "ridges", "papillae", "bone", "nail", "resolution")
+_AFFERENTS = ("SA", "RA", "PC")
+_MAX_BYTES = 1_000_000
+_Part = TypeVar("_Part")
+
+
+def read_finger(preset_or_path: str) -> Finger:
+    """Give a preset by its name, or the finger that a TOML file describes.
+
+    Raises
+    ------
+    FingerError
+        No such preset or file, not TOML, an unknown key (near ones are named),
+        or a value that cannot be.
+    """
+    if preset_or_path in PRESETS:
+        return PRESETS[preset_or_path]
+    path = Path(preset_or_path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise FingerError(f"{path}: over {_MAX_BYTES} bytes, not a finger file")
+        with path.open("rb") as file:
+            table = tomllib.load(file)
+    except FileNotFoundError as error:
+        raise FingerError(
+            f"finger {preset_or_path!r}: neither a preset ({', '.join(PRESETS)}) "
+            "nor a file"
+        ) from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FingerError(f"{path}: not readable as TOML: {error}") from error
+    try:
+        return finger_from(table, name=path.stem)
+    except FingerError as error:
+        raise FingerError(f"{path}: {error}") from error
+
+
+def finger_from(table: Mapping[str, Any], name: str) -> Finger:
+    """Make a finger of a TOML table; `name` is used where the table has none."""
+    _known(table, ("name", "base", *_PARTS, "materials", "afferents"), "finger")
+    base = table.get("base", "quick")
+    if base not in PRESETS:
+        raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
+    finger = PRESETS[base]
+    changes: dict[str, Any] = {"name": _name(table.get("name", name))}
+    for part in _PARTS:
+        if part in table:
+            changes[part] = _changed(getattr(finger, part), table[part], part)
+    materials = dict(finger.materials)
+    for layer, entries in _table(table, "materials").items():
+        _known({layer: 0}, LAYERS, "materials")
+        materials[layer] = _changed(materials[layer], entries, f"materials.{layer}")
+    sites = dict(finger.afferents)
+    for afferent, entries in _table(table, "afferents").items():
+        _known({afferent: 0}, _AFFERENTS, "afferents")
+        here = f"afferents.{afferent}"
+        start = sites.get(afferent, AfferentSite("dermis", 0.0, 1.0))
+        sites[afferent] = _changed(start, entries, here)
+    return replace(finger, materials=materials, afferents=sites, **changes)
+
+
+def _changed(part: _Part, entries: object, where: str) -> _Part:
+    if not isinstance(entries, Mapping):
+        raise FingerError(f"[{where}] must be a table, got {entries!r}")
+    _known(entries, [field.name for field in fields(part)], where)  # type: ignore[arg-type]
+    try:
+        return replace(part, **entries)  # type: ignore[type-var]
+    except FingerError as error:
+        raise FingerError(f"[{where}] {error}") from error
+    except TypeError as error:
+        raise FingerError(f"[{where}] a value of the wrong kind: {error}") from error
+
+
+def _known(entries: Mapping[str, Any], names: Any, where: str) -> None:  # noqa: ANN401 - any collection of names
+    for key in entries:
+        if key not in names:
+            near = difflib.get_close_matches(str(key), list(names), n=2)
+            hint = f"; did you mean {' or '.join(near)}?" if near else ""
+            raise FingerError(
+                f"[{where}] unknown key {key!r}, expected {', '.join(names)}{hint}"
+            )
+
+
+def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    entries = table.get(key, {})
+    if not isinstance(entries, Mapping):
+        raise FingerError(f"[{key}] must hold tables, got {entries!r}")
+    return entries
+
+
+def _name(name: object) -> str:
+    if not isinstance(name, str) or not 0 < len(name) <= 60 or not name.isprintable():
+        raise FingerError(f"name must be printable, 1 to 60 characters, got {name!r}")
+    return name

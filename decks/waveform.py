@@ -1,0 +1,161 @@
+"""Samples of a stimulus: the depth of the probe every 0.5 ms for 250 ms.
+
+Sinusoids start at phase 0. Noise is Gaussian, filtered without delay, and lifted
+from zero in the first 5 ms, which no window counts. Samples are rounded to
+1e-6 um: far below what a solver resolves, far above what two machines'
+arithmetic differs by, so that both write the same bytes.
+"""
+
+import math
+
+import numpy as np
+
+from decks.stimulus_entry import (
+    DECIMALS,
+    DT_MS,
+    DURATION_MS,
+    LONG_WINDOW_MS,
+    MAX_AMPLITUDE_UM,
+    Diharmonic,
+    Entry,
+    Noise,
+    Sine,
+)
+from fembridge.errors import StimulusError
+from fembridge.stimulus import Stimulus
+from fembridge.typing import FloatArray
+
+SAMPLES = round(DURATION_MS / DT_MS) + 1
+SAMPLING_HZ = 1000.0 / DT_MS
+
+BUTTERWORTH_ORDER = 4
+TAPER_MS = LONG_WINDOW_MS[0]
+"""Length of the raised cosine at the start of noise: the part that is not counted."""
+
+MARGIN_SAMPLES = 4000
+"""Noise drawn and thrown away on each side, 2 s: the filter works on a circle, and
+after that the slowest band of the catalogue has forgotten the seam to 1e-7."""
+
+
+def make_stimulus(
+    entry: Entry, preindent_um: float = 0.0, seed: int | None = None
+) -> Stimulus:
+    """Displacement of the probe for `entry`.
+
+    Parameters
+    ----------
+    entry
+        A stimulus of the catalogue, or one with numbers of its own.
+    preindent_um
+        Depth at which the probe stands before time 0, >= 0. Every sample holds
+        it: the first equals `preindent_um`.
+    seed
+        Seed of noise, >= 0; without one, the entry's own (CRC-32 of its id), so
+        that an id alone names its samples. Sinusoids have no use for it.
+
+    Returns
+    -------
+    Stimulus
+        501 samples in um, positive into the skin, the first at time 0. `origin`
+        keeps the family, the numbers and, for noise, the seed.
+
+    Raises
+    ------
+    StimulusError
+        `preindent_um` or `seed` is negative, or all samples round to zero.
+    """
+    if not 0 <= preindent_um <= MAX_AMPLITUDE_UM:
+        raise StimulusError(
+            f"{entry.id}: preindent_um must be from 0 to {MAX_AMPLITUDE_UM:g}, "
+            f"got {preindent_um:g}"
+        )
+    preindent_um = round(preindent_um, DECIMALS)
+    origin: dict[str, object] = {"family": entry.family, **entry.numbers()}
+    if isinstance(entry, Noise):
+        drawn = entry.seed if seed is None else seed
+        if drawn < 0:
+            raise StimulusError(f"{entry.id}: seed must be >= 0, got {drawn}")
+        origin["seed"] = drawn
+        wave_um = band_noise(entry, np.random.default_rng(drawn))
+    else:
+        wave_um = _harmonics(entry)
+    wave_um = np.round(wave_um, DECIMALS)
+    if not wave_um.any():
+        raise StimulusError(
+            f"{entry.id}: nothing is left of it at {DT_MS:g} ms and 1e-{DECIMALS} um"
+        )
+    return Stimulus(
+        id=entry.id,
+        displacement_um=np.round(preindent_um + wave_um, DECIMALS),
+        dt_ms=DT_MS,
+        window_ms=entry.window_ms,
+        preindent_um=preindent_um,
+        origin=origin,
+    )
+
+
+def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
+    """Gaussian noise in the band of `entry`, ``(501,)`` in um, before rounding.
+
+    Notes
+    -----
+    The paper filters Gaussian noise "using Python" and scales it to the RMS; it
+    leaves the filter open. Ours is a 4th-order Butterworth band run forward and
+    backward, what SciPy calls ``sosfiltfilt(butter(4, (low, high), "bandpass"))``:
+    no delay, and an amplitude gain of ``|H|^2``, one half at both cutoffs.
+    Applied as a gain to the spectrum it needs no SciPy and has no onset.
+
+    The RMS is that of all 501 samples, after the taper. Their mean is not
+    removed: the band passes nothing at 0 Hz, but a slow wave need not be
+    centred within 250 ms.
+    """
+    drawn = rng.standard_normal(SAMPLES + 2 * MARGIN_SAMPLES)
+    spectrum = np.fft.rfft(drawn)
+    frequency_hz = np.fft.rfftfreq(drawn.size, DT_MS / 1000.0).astype(np.float64)
+    spectrum *= butterworth_power(frequency_hz, entry.low_hz, entry.high_hz)
+    filtered = np.fft.irfft(spectrum, drawn.size)
+    wave: FloatArray = filtered[MARGIN_SAMPLES : MARGIN_SAMPLES + SAMPLES] * _taper()
+    wave *= entry.rms_um / math.sqrt(np.mean(wave**2))
+    return wave
+
+
+def butterworth_power(
+    frequency_hz: FloatArray, low_hz: float, high_hz: float
+) -> FloatArray:
+    """Power gain ``|H|^2`` of the digital Butterworth band, same shape as input.
+
+    The bilinear transform maps f to ``W = tan(pi f / fs)``; the prototype's
+    ``|H|^2 = 1 / (1 + w^(2N))`` is taken at ``w = (W^2 - Wl Wh) / (W (Wh - Wl))``.
+    Exactly 0 at 0 Hz.
+    """
+    low, high = np.tan(np.pi * np.array([low_hz, high_hz]) / SAMPLING_HZ)
+    gain = np.zeros_like(frequency_hz)
+    inside = (frequency_hz > 0) & (frequency_hz < SAMPLING_HZ / 2)
+    warped = np.tan(np.pi * frequency_hz[inside] / SAMPLING_HZ)
+    prototype = (warped**2 - low * high) / (warped * (high - low))
+    gain[inside] = 1.0 / (1.0 + prototype ** (2 * BUTTERWORTH_ORDER))
+    return gain
+
+
+def _harmonics(entry: Sine | Diharmonic) -> FloatArray:
+    if isinstance(entry, Sine):
+        return entry.amplitude_um * _sine(entry.frequency_hz)
+    first = entry.amplitude1_um * _sine(entry.frequency1_hz)
+    return first + entry.amplitude2_um * _sine(entry.frequency2_hz)
+
+
+def _times_ms() -> FloatArray:
+    steps: FloatArray = np.arange(SAMPLES, dtype=np.float64)
+    return steps * DT_MS
+
+
+def _sine(frequency_hz: float) -> FloatArray:
+    cycles = frequency_hz * _times_ms() / 1000.0
+    wave: FloatArray = np.sin(2.0 * np.pi * cycles)
+    return wave
+
+
+def _taper() -> FloatArray:
+    phase = np.minimum(_times_ms() / TAPER_MS, 1.0)
+    ramp: FloatArray = 0.5 * (1.0 - np.cos(np.pi * phase))
+    return ramp

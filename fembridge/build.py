@@ -1,0 +1,121 @@
+"""From a finger and stimuli to run folders: decks that ccx, or a person, can take."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from decks.analysis import Analysis, Contact, analyse
+from decks.calculix import calculix_deck
+from decks.finger import Finger
+from decks.mesh import Mesh
+from decks.presets import mesh_of
+from decks.probe import Probe
+from fembridge.outputs import make_folder, write_text
+from fembridge.run_folder import JOB, STIMULUS_FILE, AfferentNode, RunFolder
+from fembridge.stimulus import Stimulus
+from fembridge.typing import Table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What stays the same from stimulus to stimulus: finger, mesh, probe, contact."""
+
+    finger: Finger
+    mesh: Mesh
+    probe: Probe = field(default_factory=Probe)
+    contact: Contact = field(default_factory=Contact)
+    element: str = "CPE4"
+
+    def analysis(self, stimulus: Stimulus) -> Analysis:
+        """Put `stimulus` on this model."""
+        return analyse(
+            self.finger,
+            self.mesh,
+            stimulus,
+            probe=self.probe,
+            contact=self.contact,
+            element=self.element,
+        )
+
+
+def model_of(
+    finger: Finger,
+    *,
+    probe: Probe | None = None,
+    contact: Contact | None = None,
+    element: str = "CPE4",
+) -> Model:
+    """Find or make the mesh of `finger`; see `decks.presets.mesh_of` for errors."""
+    return Model(
+        finger, mesh_of(finger), probe or Probe(), contact or Contact(), element
+    )
+
+
+def build_run_folder(
+    folder: Path, model: Model, stimulus: Stimulus, *, binary: bool = True
+) -> RunFolder:
+    """Write deck, waveform and ``run.toml`` into `folder`.
+
+    ``run.toml`` is written last: a folder that has one is whole.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be made or written.
+    DeckError, FingerError
+        The model or the stimulus cannot be put into a deck.
+    """
+    import hashlib
+
+    analysis = model.analysis(stimulus)
+    deck = calculix_deck(analysis, binary=binary)
+    make_folder(folder)
+    write_text(folder / f"{JOB}.inp", deck)
+    write_text(folder / STIMULUS_FILE, _waveform(stimulus))
+    run = RunFolder(
+        folder=folder,
+        solver="calculix",
+        increments=analysis.motion.increments,
+        dt_ms=stimulus.dt_ms,
+        start_ms=analysis.motion.ramp * stimulus.dt_ms,
+        afferents=_places(analysis),
+        apex_node=analysis.apex + 1,
+        deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
+        inputs=_inputs(model, stimulus),
+    )
+    run.write()
+    return run
+
+
+def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
+    places = []
+    for name, row in analysis.afferent.items():
+        x, y = analysis.mesh.node_mm[row].tolist()
+        layer = analysis.finger.afferents[name].layer
+        places.append(AfferentNode(name, row + 1, layer, x, y, -y))
+    return tuple(places)
+
+
+def _waveform(stimulus: Stimulus) -> str:
+    lines = ["time_ms,displacement_um"]
+    for time_ms, depth_um in zip(
+        stimulus.times_ms.tolist(), stimulus.displacement_um.tolist(), strict=True
+    ):
+        lines.append(f"{time_ms!r},{depth_um!r}")
+    return "\n".join(lines) + "\n"
+
+
+def _inputs(model: Model, stimulus: Stimulus) -> Table:
+    origin: Mapping[str, object] = stimulus.origin
+    return {
+        "element": model.element,
+        "stimulus": {
+            "id": stimulus.id,
+            "window_ms": list(stimulus.window_ms),
+            "preindent_um": stimulus.preindent_um,
+            **{key: value for key, value in origin.items() if value is not None},
+        },
+        "probe": asdict(model.probe),
+        "contact": asdict(model.contact),
+        "finger": asdict(model.finger),
+    }

@@ -1,0 +1,40 @@
+"""Tell what is installed, what is missing, and the line that installs it.
+
+"ok" is as it should be. "note" is absent or odd, and only some verbs care: the
+stored response needs neither CalculiX nor gmsh. "missing" keeps even that from
+working; with one of those the exit code is 1.
+"""
+
+import argparse
+from typing import Any
+
+EXAMPLE = "fembridge doctor"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare nothing: the doctor looks at everything there is."""
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Examine the machine; `exit_code` is 1 when something needed is missing."""
+    from fembridge import __version__
+    from fembridge.machine import State, examine, to_lines
+
+    checks = examine(__version__)
+    if not args.json:
+        print(*to_lines(checks), sep="\n")
+    missing = [check.name for check in checks if check.state is State.MISSING]
+    return {
+        "ok": not missing,
+        "missing": missing,
+        "checks": [
+            {
+                "name": check.name,
+                "state": check.state.value,
+                "found": check.found,
+                "remedy": check.remedy,
+            }
+            for check in checks
+        ],
+        "exit_code": 1 if missing else 0,
+    }

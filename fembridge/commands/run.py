@@ -1,0 +1,103 @@
+"""Run CalculiX in run folders, and accept only results that are whole.
+
+A run is accepted when the solver reports no error, left no part of the deck
+out, converged at the end of the run, and closed its result file; the exit code
+alone proves nothing. Accepted results stand beside the deck with solver.toml,
+which says what they answer and cost. A run that is not accepted leaves its
+files and the cause in failed/ and touches no earlier result. A folder whose
+results are whole and of the same deck is skipped.
+"""
+
+import argparse
+import sys
+from typing import Any
+
+from fembridge.solvers.watchdog import ITERATION_LIMIT, STALL_LIMIT_S
+
+EXAMPLE = "fembridge run --jobs 2 runs/*"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument(
+        "folders",
+        nargs="+",
+        metavar="DIR",
+        help="run folder, as build-deck writes it",
+    )
+    parser.add_argument(
+        "--threads",
+        type=int,
+        metavar="N",
+        help="threads of each solver (default: OMP_NUM_THREADS, else 1)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="folders to run at the same time (default: 1)",
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=float,
+        metavar="S",
+        help="give up a run after so many seconds (default: never)",
+    )
+    parser.add_argument(
+        "--stall-limit",
+        type=float,
+        default=STALL_LIMIT_S,
+        metavar="S",
+        help="give up when no file has grown for so long (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--iteration-limit",
+        type=int,
+        default=ITERATION_LIMIT,
+        metavar="N",
+        help="give up an increment after so many iterations (default: %(default)d)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="run also where whole results are"
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
+    from pathlib import Path
+
+    from fembridge.solvers.batch import run_folders
+    from fembridge.solvers.progress_bars import ProgressBars
+    from fembridge.solvers.watchdog import Limits
+
+    limits = Limits(args.time_limit, args.stall_limit, args.iteration_limit)
+    with ProgressBars() as bars:
+        outcomes = run_folders(
+            map(Path, args.folders),
+            jobs=args.jobs,
+            threads=args.threads,
+            limits=limits,
+            force=args.force,
+            on_progress=bars,
+        )
+    for outcome in outcomes:
+        if not outcome.accepted:
+            print(
+                "fembridge:", " ".join(str(outcome.to_error()).split()), file=sys.stderr
+            )
+        elif not args.json:
+            print(outcome)
+        if outcome.accepted and not outcome.as_built:
+            print(
+                f"{outcome.folder}: the deck was changed since run.toml was written",
+                file=sys.stderr,
+            )
+    failed = sum(not outcome.accepted for outcome in outcomes)
+    return {
+        "count": len(outcomes),
+        "failed": failed,
+        "skipped": sum(outcome.skipped for outcome in outcomes),
+        "runs": [outcome.to_record() for outcome in outcomes],
+        "exit_code": 1 if failed else 0,
+    }

@@ -1,0 +1,146 @@
+"""A stimulus as a file: for a solver, a shaker, a sound card or another program.
+
+``csv``         ``time_ms,displacement_um``, a row a sample, shortest exact decimals
+``npy``         displacement alone, ``(T,)`` float64 in um, one sample every `dt_ms`
+``wav``         16-bit mono; a file without units, so the scale is told on the side
+``marc-table``  a ``table`` of a Marc deck: time in s, displacement in mm
+
+Displacement is positive into the skin and holds the whole depth in all four.
+"""
+
+import os
+import wave
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import OutputError
+from fembridge.outputs import replacing, write_text
+from fembridge.stimulus import Stimulus
+
+MM_PER_UM = 1.0e-3
+S_PER_MS = 1.0e-3
+PCM16_PEAK = 32767
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """One written file; `full_scale_um` is what a WAV's 32767 stands for."""
+
+    stimulus: str
+    format: str
+    path: Path
+    full_scale_um: float | None = None
+
+
+def write_stimulus(stimulus: Stimulus, path: Path, format_name: str) -> Export:
+    """Write `stimulus` to `path`, whole or not at all.
+
+    Parameters
+    ----------
+    format_name
+        One of :data:`FORMATS`.
+    """
+    _, write = FORMATS[format_name]
+    full_scale_um = write(stimulus, path)
+    return Export(stimulus.id, format_name, path, full_scale_um)
+
+
+def export_paths(
+    ids: Sequence[str], format_name: str, output: str | None
+) -> list[Path]:
+    """Where each stimulus goes: into the folder `output`, or the one into that file.
+
+    Without `output` the folder is the current one. A single stimulus takes
+    `output` as its file's name unless that is a folder or ends in a slash.
+
+    Raises
+    ------
+    OutputError
+        Several stimuli, and `output` is a file.
+    """
+    suffix, _ = FORMATS[format_name]
+    folder = Path(output or ".")
+    if output and len(ids) == 1:
+        names_folder = output.endswith(("/", os.sep))
+        if not (names_folder or folder.is_dir()):
+            return [folder]
+    if len(ids) > 1 and folder.is_file():
+        raise OutputError(f"a file, expected a folder for {len(ids)} stimuli", folder)
+    return [folder / f"{stimulus_id}{suffix}" for stimulus_id in ids]
+
+
+def write_csv(stimulus: Stimulus, path: Path) -> None:
+    """Write ``time_ms,displacement_um``; reading it back gives the same floats."""
+    rows = zip(
+        stimulus.times_ms.tolist(), stimulus.displacement_um.tolist(), strict=True
+    )
+    lines = [f"{time_ms!r},{depth_um!r}\n" for time_ms, depth_um in rows]
+    write_text(path, "time_ms,displacement_um\n" + "".join(lines))
+
+
+def write_npy(stimulus: Stimulus, path: Path) -> None:
+    """Write the displacement, ``(T,)`` float64 in um, for ``numpy.load``."""
+    with replacing(path) as draft, draft.open("wb") as file:
+        np.save(file, stimulus.displacement_um, allow_pickle=False)
+
+
+def write_wav(stimulus: Stimulus, path: Path) -> float:
+    """Write 16-bit mono PCM; give the displacement in um that 32767 stands for."""
+    full_scale_um = float(np.abs(stimulus.displacement_um).max()) or 1.0  # flat
+    pcm = np.rint(stimulus.displacement_um / full_scale_um * PCM16_PEAK)
+    with replacing(path) as draft, wave.open(str(draft), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(round(1000.0 / stimulus.dt_ms))
+        file.writeframes(pcm.astype("<i2").tobytes())
+    return full_scale_um
+
+
+def write_marc_table(stimulus: Stimulus, path: Path) -> None:
+    """Write the ``table`` option of a Marc deck, in extended format.
+
+    The layout is the one Mentat 2020 writes: table 1, one variable (time), one
+    point a sample. A boundary condition multiplies its own value by the table,
+    so that value is 1, or -1 where the deck's axis points out of the skin.
+    """
+    times_s = stimulus.times_ms * S_PER_MS
+    depths_mm = stimulus.displacement_um * MM_PER_UM
+    unused_variable = [0, 0, 2]
+    lines = [
+        f"$ {stimulus.id}: time in s, displacement of the probe in mm, positive into",
+        "$ the skin, 0 at first touch; reals in extended format (20 columns)",
+        f"table               {stimulus.id}",
+        _integers([1, 1, 0, 0, 2]),
+        _integers([1, times_s.size, 2, *unused_variable * 3]),
+    ]
+    lines += [
+        _marc_real(time_s) + _marc_real(depth_mm)
+        for time_s, depth_mm in zip(times_s.tolist(), depths_mm.tolist(), strict=True)
+    ]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+FORMATS: dict[str, tuple[str, Callable[[Stimulus, Path], float | None]]] = {
+    "csv": (".csv", write_csv),
+    "wav": (".wav", write_wav),
+    "npy": (".npy", write_npy),
+    "marc-table": (".marc.dat", write_marc_table),
+}
+"""Suffix and writer of each format."""
+
+
+def _integers(numbers: Sequence[int]) -> str:
+    return "".join(f"{number:10d}" for number in numbers)
+
+
+def _marc_real(number: float) -> str:
+    """Twenty columns: sign, 15 decimals, signed exponent without a letter E."""
+    mantissa, exponent = f"{number:.15E}".split("E")
+    power = int(exponent)
+    if abs(power) > 9:  # a two-digit exponent takes the place of one decimal
+        mantissa, exponent = f"{number:.14E}".split("E")
+        power = int(exponent)
+    return f"{mantissa}{power:+d}".rjust(20)

@@ -1,0 +1,204 @@
+"""Stress and displacement at nodes, from a ``.frd`` of CalculiX.
+
+Stress at a node is the mean over the elements there. On a layer boundary that
+mean belongs to neither layer (0.011 MPa measured between 0.0005 and 0.022), so
+such a node is refused unless ``across_materials`` asks for it.
+
+CalculiX has no units. Lengths are taken as mm, times as s, and stress in
+`ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import ResultError
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.frd_history import NodeHistory, Want, read_history, why_not_whole
+from fembridge.results.frd_index import FrdIndex, index_frd
+from fembridge.results.frd_mesh import materials_at
+from fembridge.results.frd_records import node_ids
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import von_mises_pa
+from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.typing import FloatArray, Table
+
+STRESS, STRESS_COMPONENTS = "STRESS", ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX")
+DISPLACEMENT, DISPLACEMENT_COMPONENTS = "DISP", ("D1", "D2", "D3")
+_DEFAULTS = ReadOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StressAndDisplacement:
+    """Both at the same increments: `times_ms` ``(T,)``, `tensor_pa`
+    ``(T, node, 6)`` in Pa, order xx yy zz xy yz zx, `displacement_mm`
+    ``(T, node, 3)``; each in the order in which its nodes were asked for.
+    """  # noqa: D205 - one sentence
+
+    times_ms: FloatArray
+    tensor_pa: FloatArray
+    displacement_mm: FloatArray
+
+
+def read(
+    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
+) -> list[StressTrace]:
+    """Read the von Mises stress at `nodes`, in that order.
+
+    A trace begins with the first increment of the file; what came before it,
+    the rest state among it, a ``.frd`` does not hold.
+    """
+    times_ms, tensor_pa = read_stress_tensor(path, nodes, options)
+    times_ms = unrounded(times_ms)
+    stress_pa = von_mises_pa(tensor_pa)
+    return [
+        StressTrace.on_grid(
+            node, list(zip(times_ms.tolist(), column.tolist(), strict=True)), path
+        )
+        for node, column in zip(nodes, stress_pa.T, strict=True)
+    ]
+
+
+def read_stress_tensor(
+    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
+) -> tuple[FloatArray, FloatArray]:
+    """Cauchy stress at `nodes`: ``(T,)`` in ms and ``(T, node, 6)`` in Pa.
+
+    The order of components is xx yy zz xy yz zx.
+
+    Raises
+    ------
+    ResultError
+        The file is absent, empty, foreign or cut; the run did not end normally;
+        no STRESS in it; a node has none, or sits between two materials; a value
+        is no finite number.
+    """
+    history = _read(path, {STRESS: nodes}, options)
+    return history.times_ms, history.values[STRESS] * options.pa_per_unit
+
+
+def read_displacement(
+    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement of `nodes`: ``(T,)`` in ms and ``(T, node, 3)`` in mm.
+
+    Raises
+    ------
+    ResultError
+        As for `read_stress_tensor`, but for the materials.
+    """
+    history = _read(path, {DISPLACEMENT: nodes}, options)
+    return history.times_ms, history.values[DISPLACEMENT]
+
+
+def read_stress_and_displacement(
+    path: Path,
+    stress_nodes: Sequence[int],
+    displacement_nodes: Sequence[int],
+    options: ReadOptions = _DEFAULTS,
+) -> StressAndDisplacement:
+    """Read both, joined by step and increment.
+
+    Raises
+    ------
+    ResultError
+        As for `read_stress_tensor`; also an increment that has only one of the
+        two (`options.partial` leaves it out).
+    """
+    wanted = {STRESS: stress_nodes, DISPLACEMENT: displacement_nodes}
+    history = _read(path, wanted, options)
+    return StressAndDisplacement(
+        times_ms=history.times_ms,
+        tensor_pa=history.values[STRESS] * options.pa_per_unit,
+        displacement_mm=history.values[DISPLACEMENT],
+    )
+
+
+def describe(path: Path) -> Table:
+    """Tell what the file holds: mesh, quantities, increments, what is wrong.
+
+    Raises
+    ------
+    ResultError
+        There is no file, it is empty, or no ``.frd``.
+    """
+    with ByteFile(path) as file:
+        index = index_frd(file)
+        return {
+            "format": "ccx-frd",
+            "bytes": index.size,
+            "mesh_nodes": None if index.nodes is None else index.nodes.records,
+            "elements": None if index.elements is None else index.elements.records,
+            "materials": dict(sorted(index.materials.items())),
+            "quantities": [_quantity(file, index, name) for name in index.names],
+            "problem": why_not_whole(index),
+        }
+
+
+def unrounded(times_ms: FloatArray) -> FloatArray:
+    """Take the rounding of the print out of an even time axis, ``(T,)``.
+
+    Below one second a ``.frd`` prints six digits, above it ten: an even step of
+    1/3 ms looks uneven. If all times are even within their last printed digit,
+    give the even ones; otherwise what was there.
+    """
+    even: FloatArray = np.linspace(times_ms[0], times_ms[-1], times_ms.size)
+    times_s = np.maximum(times_ms / MS_PER_S, np.finfo(np.float64).tiny)
+    digits = np.where(times_s < 1.0, 5, 9)
+    last_digit_ms = 10.0 ** (np.floor(np.log10(times_s)) - digits) * MS_PER_S
+    rounding_ms = last_digit_ms + last_digit_ms[-1] * times_s / times_s[-1]
+    return even if (np.abs(even - times_ms) <= rounding_ms).all() else times_ms
+
+
+def _read(
+    path: Path, nodes_of: dict[str, Sequence[int]], options: ReadOptions
+) -> NodeHistory:
+    components = {
+        STRESS: STRESS_COMPONENTS,
+        DISPLACEMENT: DISPLACEMENT_COMPONENTS,
+    }
+    with ByteFile(path) as file:
+        index = index_frd(file)
+        wants = [
+            Want(name, components[name], tuple(int(node) for node in nodes))
+            for name, nodes in nodes_of.items()
+        ]
+        history = read_history(file, index, wants, options)
+        if STRESS in nodes_of and not options.across_materials:
+            _check_materials(file, index, nodes_of[STRESS])
+        return history
+
+
+def _check_materials(file: ByteFile, index: FrdIndex, nodes: Sequence[int]) -> None:
+    if index.elements is None or not nodes:
+        return
+    for node, numbers in materials_at(file, index.elements, nodes).items():
+        if len(numbers) > 1:
+            names = " and ".join(
+                index.materials.get(number, f"material {number}")
+                for number in sorted(numbers)
+            )
+            raise ResultError(
+                f"node {node} lies between {names}: its stress is a mean over both "
+                "and belongs to neither; take a node inside one layer, or ask for "
+                "it with --across-materials (across_materials=True)",
+                file.path,
+            )
+
+
+def _quantity(file: ByteFile, index: FrdIndex, name: str) -> Table:
+    blocks = index.named(name)
+    ids = node_ids(file, blocks[0])
+    return {
+        "name": name,
+        "components": list(blocks[0].components),
+        "increments": len(blocks),
+        "first_ms": blocks[0].time_ms,
+        "last_ms": blocks[-1].time_ms,
+        "nodes": len(np.unique(ids)),
+        "lowest_node": int(ids.min()) if ids.size else None,
+        "highest_node": int(ids.max()) if ids.size else None,
+        "storage": ("ASCII", "ASCII", "float32", "float64")[blocks[0].flag],
+    }

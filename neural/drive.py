@@ -1,0 +1,222 @@
+"""Filtered stress: what drives each afferent, filters (1) to (4) of the paper.
+
+The paper is Ishizuka et al., *Computational models for SA, RA, PC afferent*. Time
+is the first axis everywhere: ``(T,)``, or ``(T, condition)`` for many traces that
+share one time axis.
+
+Two things are open in the paper; this is how they are taken here.
+
+*The scheme of* σ′ *and* σ″. One of `DERIVATIVES`; σ″ is the scheme applied twice.
+``backward`` is the default because it needs no sample from the future. For RA and
+PC ``forward`` is the same series one or two samples earlier; ``central`` is smoother
+and so weaker above some 200 Hz.
+
+*The ends of a trace.* Outside the trace the probe stands still: stress keeps the
+value it has at that end, its derivative is 0, and the denominators stay the
+published ones. Where a trace begins and ends unstressed, as the paper's sinusoids
+do, that is the same as padding with zeros; on a pre-indented finger zeros would
+stand for a probe that was never there. A derivative or difference that lacks one
+of its samples is 0: the jump of a waveform that starts at full speed would grow as
+dt shrinks, and fire RA and PC at onset. A trace that starts with three still
+samples has a known rest, and then its onset counts.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fembridge.errors import ParameterError, TraceError
+from fembridge.typing import FloatArray
+
+# Half-widths of the averages in samples, section 2.2: (1) looks M1 samples ahead
+# and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
+M1, M2, M3, M4 = 9, 9, 9, 8
+
+# How many samples behind and ahead of t a derivative at t looks.
+_REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
+
+DERIVATIVES = tuple(_REACH)
+
+
+def sa_level(stress_pa: ArrayLike) -> FloatArray:
+    """Average the stress over a moving window: the sustained part of what drives SA.
+
+    Parameters
+    ----------
+    stress_pa
+        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
+
+    Returns
+    -------
+    ndarray
+        Drive in Pa, ≥ 0, of the same shape.
+
+    Notes
+    -----
+    Filter (1): the mean of |σ| over samples t − 9 to t + 9.
+    """
+    return _windowed_mean(np.abs(checked_stress(stress_pa)), M1, M2, "edge")
+
+
+def sa_rate(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
+) -> FloatArray:
+    """Average the stress rate over a moving window: the dynamic part of what drives SA.
+
+    Parameters
+    ----------
+    stress_pa
+        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
+    dt_ms
+        Time between two samples.
+    derivative
+        Scheme of σ′, one of `DERIVATIVES`.
+
+    Returns
+    -------
+    ndarray
+        Drive in Pa/ms, ≥ 0, of the same shape.
+
+    Notes
+    -----
+    Filter (2): the mean of |σ′| over samples t − 8 to t + 9.
+    """
+    rate = stress_rate(stress_pa, dt_ms, derivative)
+    return _windowed_mean(np.abs(rate), M3, M4, "constant")
+
+
+def ra_drive(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
+) -> FloatArray:
+    """Rectified change of the stress rate: what drives RA.
+
+    Parameters
+    ----------
+    stress_pa
+        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
+    dt_ms
+        Time between two samples.
+    derivative
+        Scheme of σ′, one of `DERIVATIVES`.
+
+    Returns
+    -------
+    ndarray
+        Drive in Pa/ms, ≥ 0, of the same shape. With the backward scheme the first
+        two samples are 0: they have no complete past.
+
+    Notes
+    -----
+    Filter (3), ``|σ′(t) − σ′(t − dt)|``. The difference is not divided by dt, so
+    its size goes with dt: parameters hold for the step they were fitted at.
+    """
+    return _change(stress_rate(stress_pa, dt_ms, derivative), 1, derivative)
+
+
+def pc_drive(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
+) -> FloatArray:
+    """Rectified change of the stress acceleration: what drives PC.
+
+    Parameters
+    ----------
+    stress_pa
+        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
+    dt_ms
+        Time between two samples.
+    derivative
+        Scheme of σ′, applied twice for σ″; one of `DERIVATIVES`.
+
+    Returns
+    -------
+    ndarray
+        Drive in Pa/ms², ≥ 0, of the same shape. With the backward scheme the first
+        three samples are 0: they have no complete past.
+
+    Notes
+    -----
+    Filter (4), ``|σ″(t) − σ″(t − dt)|``.
+    """
+    rate = stress_rate(stress_pa, dt_ms, derivative)
+    return _change(_differentiate(rate, dt_ms, derivative), 2, derivative)
+
+
+def stress_rate(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
+) -> FloatArray:
+    """First derivative of the stress, σ′ in Pa/ms; 0 where a sample is missing.
+
+    Raises
+    ------
+    TraceError
+        Not ``(T,)`` or ``(T, condition)``, or a sample that is not finite.
+    ParameterError
+        A scheme that is not in `DERIVATIVES`, or a time step that is not > 0.
+    """
+    return _differentiate(checked_stress(stress_pa), dt_ms, derivative)
+
+
+def checked_stress(stress_pa: ArrayLike) -> FloatArray:
+    """Give `stress_pa` as float64 ``(T,)`` or ``(T, condition)``, all finite."""
+    stress = np.asarray(stress_pa, dtype=np.float64)
+    if stress.ndim not in (1, 2) or stress.shape[0] < 2:
+        raise TraceError(
+            f"stress of shape {stress.shape}, expected (T,) or (T, condition) "
+            "with two samples or more"
+        )
+    bad = np.argwhere(~np.isfinite(stress))
+    if bad.size:
+        place = "".join(
+            f"{name} {row}"
+            for name, row in zip(("sample", ", condition"), bad[0], strict=False)
+        )
+        raise TraceError(f"stress is {stress[tuple(bad[0])]} at {place}")
+    return stress
+
+
+def _differentiate(values: FloatArray, dt_ms: float, derivative: str) -> FloatArray:
+    if not (np.isfinite(dt_ms) and dt_ms > 0):
+        raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
+    behind, ahead = _reach(derivative)
+    span = behind + ahead
+    slope = np.zeros_like(values)
+    slope[behind : values.shape[0] - ahead] = (values[span:] - values[:-span]) / (
+        span * dt_ms
+    )
+    return slope
+
+
+def _change(slope: FloatArray, order: int, derivative: str) -> FloatArray:
+    """``|slope(t) − slope(t − dt)|``, 0 where the stencil leaves the trace."""
+    behind, ahead = _reach(derivative)
+    change = np.zeros_like(slope)
+    change[1:] = np.abs(np.diff(slope, axis=0))
+    change[: behind * order + 1] = 0.0
+    change[max(slope.shape[0] - ahead * order, 0) :] = 0.0
+    return change
+
+
+def _reach(derivative: str) -> tuple[int, int]:
+    try:
+        return _REACH[derivative]
+    except KeyError:
+        raise ParameterError(
+            f"derivative {derivative!r}, expected one of {', '.join(DERIVATIVES)}"
+        ) from None
+
+
+def _windowed_mean(
+    values: FloatArray, ahead: int, behind: int, outside: str
+) -> FloatArray:
+    """Mean over samples t − `behind` to t + `ahead`; each t sums in the same order.
+
+    A running sum would be quicker and leave a rounding residue of all that came
+    before, so that a still finger after a loud stimulus would not be still.
+    """
+    width = behind + ahead + 1
+    beside = ((behind, ahead), *[(0, 0)] * (values.ndim - 1))
+    padded = np.pad(values, beside, mode="edge" if outside == "edge" else "constant")
+    total = np.zeros_like(values)
+    for shift in range(width):
+        total += padded[shift : shift + values.shape[0]]
+    total /= width
+    return total

@@ -1,0 +1,61 @@
+"""Firing rates: how many spikes stand in a window of time.
+
+A window is ``(start, end)`` in ms, start excluded and end included, so that windows
+side by side share no spike.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fembridge.errors import ParameterError
+
+# Times are sums of steps; a spike this close to an edge is on it.
+EDGE_MS = 1.0e-6
+
+
+def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> int:
+    """Count the spikes after the window's start, up to and with its end."""
+    start, end = _checked(window_ms)
+    times_ms = np.asarray(spike_times_ms, dtype=np.float64)
+    inside = (times_ms > start + EDGE_MS) & (times_ms <= end + EDGE_MS)
+    return int(np.count_nonzero(inside))
+
+
+def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float:
+    """Give the firing rate in a window, in impulses a second."""
+    spikes = spikes_inside(spike_times_ms, window_ms)
+    return spikes * 1000.0 / (window_ms[1] - window_ms[0])
+
+
+def impulses_per_cycle(
+    spike_times_ms: ArrayLike, window_ms: tuple[float, float], frequency_hz: float
+) -> float:
+    """Give the spikes a cycle of a vibration: 1 is phase-locked, one to one."""
+    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
+        raise ParameterError(f"frequency_hz must be > 0, got {frequency_hz}")
+    return rate_ips(spike_times_ms, window_ms) / frequency_hz
+
+
+def window_rows(
+    window_ms: tuple[float, float], dt_ms: float, start_ms: float = 0.0
+) -> slice:
+    """Give the rows of a current whose spikes stand inside a window.
+
+    The spike of row k stands at ``start_ms + (k + 1) dt_ms``; see `neural.lif`.
+    """
+    start, end = _checked(window_ms)
+    if not (math.isfinite(dt_ms) and dt_ms > 0):
+        raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
+    first, stop = (
+        math.floor((edge + EDGE_MS - start_ms) / dt_ms) for edge in (start, end)
+    )
+    return slice(max(first, 0), max(stop, 0))
+
+
+def _checked(window_ms: tuple[float, float]) -> tuple[float, float]:
+    start, end = window_ms
+    if not (math.isfinite(start) and math.isfinite(end) and start < end):
+        raise ParameterError(f"window from {start} to {end} ms, expected start < end")
+    return start, end

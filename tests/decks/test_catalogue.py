@@ -1,0 +1,251 @@
+"""The catalogue against the appendix, its own arithmetic, and a user's spelling."""
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import decks
+from decks.catalogue import CATALOGUE, resolve
+from decks.catalogue_table import catalogue_lines, entry_lines
+from decks.stimulus_appendix import MISPRINTS_UM, SINE_AMPLITUDES_UM
+from decks.stimulus_entry import Diharmonic, Noise, Sine
+from fembridge.errors import StimulusError
+
+# The stimulus column of the TouchSim rates computed for this project: transcribed
+# from the appendix by another hand than the catalogue's.
+TOUCHSIM_IDS_TEXT = """
+sine_20_6.71 sine_20_9.32 sine_20_12.5 sine_20_18 sine_20_25 sine_20_34.74
+sine_20_48.27 sine_20_67.07 sine_20_93.19 sine_20_129.49 sine_20_179.92 sine_20_250
+sine_50_7.19 sine_50_10.66 sine_50_15.81 sine_50_23.46 sine_50_34.8 sine_50_51.62
+sine_50_76.58 sine_50_113.6 sine_50_168.52 sine_50_250 sine_100_6.52 sine_100_10
+sine_100_15.34 sine_100_23.54 sine_100_36.11 sine_100_55.39 sine_100_85.98
+sine_100_130.37 sine_100_200 sine_300_4.59 sine_300_7.41 sine_300_11.94
+sine_300_19.24 sine_300_31.02 sine_300_50 diharm_10_50_2 diharm_10_50_5.62
+diharm_10_50_15.81 diharm_10_50_44.46 diharm_10_50_125 diharm_10_100_2
+diharm_10_100_5.62 diharm_10_100_15.81 diharm_10_100_44.46 diharm_10_100_125
+diharm_50_250_2 diharm_50_250_5.62 diharm_50_250_15.81 diharm_50_250_44.46
+diharm_50_250_125 diharm_50_500_2 diharm_50_500_5.62 diharm_50_500_15.81
+diharm_50_500_44.46 diharm_50_500_125 noise_5_25_0.5 noise_5_25_1 noise_5_25_5
+noise_5_25_10 noise_5_25_50 noise_5_100_0.5 noise_5_100_1 noise_5_100_5
+noise_5_100_10 noise_5_100_50 noise_25_250_0.25 noise_25_250_1 noise_25_250_5
+noise_25_250_10 noise_25_250_20 noise_25_500_0.25 noise_25_500_1 noise_25_500_5
+noise_25_500_10 noise_25_500_20 noise_50_500_0.13 noise_50_500_0.5 noise_50_500_1
+noise_50_500_5 noise_50_500_10
+"""
+TOUCHSIM_IDS = TOUCHSIM_IDS_TEXT.split()
+# Its columns a1_um and a2_um, by f1_hz and f2_hz.
+TOUCHSIM_DIHARMONICS_UM = {
+    (10, 50): ((2, 2), (5.62, 5.62), (15.81, 15.81), (44.46, 44.46), (125, 125)),
+    (10, 100): ((2, 2), (5.62, 5.32), (15.81, 14.14), (44.46, 37.61), (125, 100)),
+    (50, 250): ((2, 1), (5.62, 2.48), (15.81, 6.12), (44.46, 15.15), (125, 37.5)),
+    (50, 500): ((2, 0.25), (5.62, 0.74), (15.81, 2.17), (44.46, 6.37), (125, 18.75)),
+}
+
+
+def ids_of(words):
+    return [entry.id for entry in resolve(words)]
+
+
+def test_the_catalogue_has_the_ids_of_the_tables_made_elsewhere():
+    assert len(TOUCHSIM_IDS) == 82
+    assert sorted(entry.id for entry in CATALOGUE) == sorted(TOUCHSIM_IDS)
+
+
+def test_both_amplitudes_of_the_diharmonics_are_those_of_the_tables_made_elsewhere():
+    for (f1_hz, f2_hz), levels_um in TOUCHSIM_DIHARMONICS_UM.items():
+        expected = {Diharmonic(f1_hz, f2_hz, *level) for level in levels_um}
+        assert set(resolve(f"diharm_{f1_hz}_{f2_hz}")) == expected
+
+
+def test_the_appendix_has_37_sinusoids_20_diharmonics_and_25_noises():
+    families = [entry.family for entry in CATALOGUE]
+    assert (len(ids_of("sine")), len(ids_of("diharm")), len(ids_of("noise"))) == (
+        families.count("sine"),
+        families.count("diharm"),
+        families.count("noise"),
+    )
+    assert (families.count("sine"), families.count("diharm")) == (37, 20)
+    assert families.count("noise") == 25
+    assert all(entry.in_appendix for entry in CATALOGUE)
+
+
+def test_only_the_two_misprints_leave_the_geometric_series_of_their_frequency():
+    for frequency_hz, printed_um in SINE_AMPLITUDES_UM.items():
+        steps = len(printed_um) - 1
+        ratio = (printed_um[-1] / printed_um[0]) ** (1 / steps)
+        for step, amplitude_um in enumerate(printed_um):
+            entry = Sine(frequency_hz, amplitude_um)
+            fitting_um = MISPRINTS_UM.get(entry.id, amplitude_um)
+            assert_allclose(fitting_um, printed_um[0] * ratio**step, rtol=2e-3)
+    for misprint, series_um in MISPRINTS_UM.items():
+        (entry,) = resolve(misprint)
+        assert abs(entry.amplitude_um / series_um - 1) > 0.01
+
+
+def test_misprints_are_in_the_catalogue_as_printed():
+    assert set(MISPRINTS_UM) <= {entry.id for entry in CATALOGUE}
+    assert resolve("sine_20_12.5")[0].amplitude_um == 12.5
+
+
+def test_the_list_for_a_reader_tells_the_misprints_once():
+    text = "\n".join(catalogue_lines())
+    assert all(text.count(misprint) == 1 for misprint in MISPRINTS_UM)
+    assert text.isascii()
+
+
+@pytest.mark.parametrize(
+    ("word", "count"),
+    [
+        ("all", 82),
+        ("sine", 37),
+        ("sine_20", 12),
+        ("sine_300", 6),
+        ("sine_20_250", 1),
+        ("diharm", 20),
+        ("diharm_10", 10),
+        ("diharm_10_50", 5),
+        ("diharm_10_50_125", 1),
+        ("noise", 25),
+        ("noise_25", 10),
+        ("noise_25_250", 5),
+        ("noise_25_250_10", 1),
+    ],
+)
+def test_a_word_names_all_ids_that_begin_with_it(word, count):
+    named = ids_of(word)
+    assert len(named) == count
+    if word != "all":
+        assert named == [i for i in ids_of("all") if f"{i}_".startswith(f"{word}_")]
+
+
+def test_words_keep_their_order_and_each_stimulus_comes_once():
+    assert ids_of(["noise_5_25_50, sine_20_250", "sine_20_250.00"]) == [
+        "noise_5_25_50",
+        "sine_20_250",
+    ]
+    assert ids_of(["sine_20_250", "sine_20"])[:2] == ["sine_20_250", "sine_20_6.71"]
+
+
+@pytest.mark.parametrize(
+    ("spelled", "canonical"),
+    [
+        ("sine_20_250.00", "sine_20_250"),
+        ("sine_20.0_6.710", "sine_20_6.71"),
+        ("SINE_50_113.60", "sine_50_113.6"),
+        (" diharm_10_50_125. ", "diharm_10_50_125"),
+        ("noise_25_250_.25", "noise_25_250_0.25"),
+        ("diharm_10_100_5.62_5.32", "diharm_10_100_5.62"),
+    ],
+)
+def test_another_spelling_of_the_numbers_is_the_same_stimulus(spelled, canonical):
+    (entry,) = resolve(spelled)
+    assert entry.id == canonical
+    assert entry in CATALOGUE
+
+
+@pytest.mark.parametrize(
+    ("word", "entry"),
+    [
+        ("sine_40_100", Sine(40, 100)),
+        ("noise_30_200_7", Noise(30, 200, 7)),
+        ("diharm_10_50_20_20", Diharmonic(10, 50, 20, 20)),
+        ("diharm_10_100_125_125", Diharmonic(10, 100, 125, 125)),
+    ],
+)
+def test_numbers_of_ones_own_are_welcome_where_they_are_complete(word, entry):
+    assert resolve(word) == (entry,)
+    assert entry.id == word
+    assert not entry.in_appendix
+    assert "not in the appendix" in entry_lines([entry])[0]
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("sin_20_250", "did you mean sine_20_250"),
+        ("sine_20_25o", "sine_20_250"),
+        ("diharmonic", "diharm"),
+        ("nois_25_250", "noise_25_250"),
+        ("zzz", "fembridge stimuli"),
+        ("sine_40", "sine_20, sine_50, sine_100, sine_300"),
+        ("diharm_10_60", "diharm_10_50, diharm_10_100"),
+        ("diharm_10_50_20", "diharm_F1_F2_A1_A2"),
+        ("noise_5_26", "noise_5_25, noise_5_100"),
+        ("noise_5_25_1_2", "too many numbers"),
+        ("sine_20_0", "amplitude_um of a sine must be > 0"),
+        ("sine_20_-5", "got -5"),
+        ("sine_20_nan", "got nan"),
+        ("sine_20_inf", "got inf"),
+        ("sine_0_5", "frequency_hz of a sine must be > 0"),
+        ("sine_1000_5", "below 1000"),
+        ("diharm_10_2000_5_5", "frequency2_hz"),
+        ("sine_20_20000", "at most 10000"),
+        ("sine_20_0.1234567", "6 decimals"),
+        ("noise_300_20_5", "below its high_hz"),
+        ("noise_20_20_5", "below its high_hz"),
+        ("noise_0.5_20_5", "1 Hz or above"),
+        ("noise_20_20.5_5", "1 Hz wide"),
+        ("", "no stimulus named"),
+        (",", "no stimulus named"),
+    ],
+)
+def test_what_is_no_stimulus_is_refused_in_one_line_as_misuse(word, told):
+    with pytest.raises(StimulusError) as refusal:
+        resolve(word)
+    assert told in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert refusal.value.exit_code == 2
+
+
+def test_windows_are_those_of_the_paper():
+    windows = {entry.id: entry.window_ms for entry in CATALOGUE}
+    assert windows["sine_20_250"] == (5, 250)
+    assert {windows[i] for i in windows if i.startswith(("diharm", "noise"))} == {
+        (5, 250)
+    }
+    assert {
+        windows[i] for i in windows if i.startswith(("sine_50", "sine_100", "sine_300"))
+    } == {(100, 200)}
+
+
+def test_a_slow_sinusoid_of_ones_own_is_counted_in_the_long_window():
+    assert Sine(49, 100).window_ms == (5, 250)
+    assert Sine(50, 100).window_ms == (100, 200)
+
+
+def test_each_noise_has_a_seed_of_its_own_that_its_id_gives():
+    noises = [entry for entry in CATALOGUE if isinstance(entry, Noise)]
+    assert len({entry.seed for entry in noises}) == 25
+    # CRC-32 as a shell gives it: printf noise_25_250_10 | gzip -c | tail -c8 | od -tu4
+    assert Noise(25, 250, 10).seed == 1588730578
+
+
+def test_an_entry_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        CATALOGUE[0].amplitude_um = 1.0
+
+
+amounts = st.integers(1, 999_999_999).map(lambda millionths: millionths / 1e6)
+frequencies = st.integers(1_000_000, 999_999_999).map(lambda micro_hz: micro_hz / 1e6)
+
+
+@given(frequencies, frequencies, amounts, amounts)
+def test_an_id_tells_all_of_its_stimulus(f1_hz, f2_hz, a1_um, a2_um):
+    assert resolve(Sine(f1_hz, a1_um).id) == (Sine(f1_hz, a1_um),)
+    diharmonic = Diharmonic(f1_hz, f2_hz, a1_um, a2_um)
+    assert resolve(diharmonic.id) == (diharmonic,)
+    assume(f2_hz - f1_hz > 1.0)
+    noise = Noise(f1_hz, f2_hz, a1_um)
+    assert resolve(noise.id) == (noise,)
+
+
+def test_the_catalogue_is_importable_without_numpy():
+    code = "import sys, decks; sys.exit('numpy' in sys.modules)"
+    root = Path(decks.__file__).parents[1]
+    assert subprocess.run([sys.executable, "-c", code], cwd=root).returncode == 0

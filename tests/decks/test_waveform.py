@@ -1,0 +1,187 @@
+"""Waveforms against closed forms, SciPy's filter, and their own promises."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
+
+from decks.catalogue import CATALOGUE, resolve
+from decks.stimulus_entry import Diharmonic, Noise, Sine
+from decks.waveform import (
+    MARGIN_SAMPLES,
+    band_noise,
+    butterworth_power,
+    make_stimulus,
+)
+from fembridge.errors import StimulusError
+
+NOISES = [entry for entry in CATALOGUE if isinstance(entry, Noise)]
+BANDS = sorted({(entry.low_hz, entry.high_hz) for entry in NOISES})
+HALF_ROUNDING_UM = 0.5e-6
+
+
+@pytest.mark.parametrize("entry", CATALOGUE, ids=lambda entry: entry.id)
+def test_a_stimulus_has_501_samples_from_time_0_to_250_ms_and_starts_at_0(entry):
+    stimulus = make_stimulus(entry)
+    assert stimulus.displacement_um.shape == (501,)
+    assert (stimulus.times_ms[0], stimulus.times_ms[-1]) == (0.0, 250.0)
+    assert stimulus.displacement_um[0] == 0.0
+    zeros = stimulus.displacement_um == 0
+    assert not np.signbit(stimulus.displacement_um[zeros]).any()
+    assert (stimulus.id, stimulus.window_ms) == (entry.id, entry.window_ms)
+
+
+def test_a_sinusoid_of_20_hz_is_at_its_quarters_after_12_and_a_half_ms():
+    depth_um = make_stimulus(Sine(20, 250)).displacement_um
+    assert_array_equal(depth_um[0:125:25], [0.0, 250.0, 0.0, -250.0, 0.0])
+
+
+def test_500_hz_is_four_samples_a_period_from_phase_0():
+    depth_um = make_stimulus(Sine(500, 3)).displacement_um
+    assert_array_equal(depth_um[:8], [0, 3, 0, -3, 0, 3, 0, -3])
+
+
+def test_a_diharmonic_is_the_sum_of_its_two_sinusoids():
+    whole = make_stimulus(Diharmonic(50, 250, 125, 37.5)).displacement_um
+    first = make_stimulus(Sine(50, 125)).displacement_um
+    second = make_stimulus(Sine(250, 37.5)).displacement_um
+    assert_allclose(whole, first + second, rtol=0, atol=3 * HALF_ROUNDING_UM)
+
+
+@given(st.floats(1, 999), st.floats(0.01, 1000))
+def test_a_sinusoid_is_the_closed_form_to_half_a_picometre(frequency_hz, amplitude_um):
+    entry = Sine(round(frequency_hz, 6), round(amplitude_um, 6))
+    stimulus = make_stimulus(entry)
+    cycles = entry.frequency_hz * stimulus.times_ms / 1000
+    expected_um = entry.amplitude_um * np.sin(2 * np.pi * cycles)
+    assert_allclose(
+        stimulus.displacement_um, expected_um, rtol=0, atol=1.001 * HALF_ROUNDING_UM
+    )
+
+
+@pytest.mark.parametrize(("low_hz", "high_hz"), [*BANDS, (30.0, 31.0), (1.0, 999.0)])
+def test_the_gain_is_the_squared_magnitude_of_scipys_butterworth(low_hz, high_hz):
+    sos = signal.butter(4, (low_hz, high_hz), "bandpass", fs=2000, output="sos")
+    frequency_hz = np.linspace(0, 1000, 2001)
+    _, response = signal.sosfreqz(sos, frequency_hz, fs=2000)
+    ours = butterworth_power(frequency_hz, low_hz, high_hz)
+    assert_allclose(ours, np.abs(response) ** 2, rtol=0, atol=1e-9)
+    assert ours[0] == 0.0
+
+
+def test_the_gain_is_one_half_at_both_cutoffs():
+    gain = butterworth_power(np.array([25.0, 250.0]), 25.0, 250.0)
+    assert_allclose(gain, [0.5, 0.5], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("low_hz", "high_hz"), BANDS)
+def test_noise_is_what_sosfiltfilt_makes_of_the_same_draw(low_hz, high_hz):
+    """Away from its ends; there SciPy guesses what came before."""
+    entry = Noise(low_hz, high_hz, 10)
+    ours = band_noise(entry, np.random.default_rng(7))
+    drawn = np.random.default_rng(7).standard_normal(501 + 2 * MARGIN_SAMPLES)
+    sos = signal.butter(4, (low_hz, high_hz), "bandpass", fs=2000, output="sos")
+    theirs = signal.sosfiltfilt(sos, drawn)[MARGIN_SAMPLES : MARGIN_SAMPLES + 501]
+    untapered = slice(10, None)
+    scale = ours[250] / theirs[250]
+    assert_allclose(
+        ours[untapered], scale * theirs[untapered], rtol=0, atol=1e-7 * entry.rms_um
+    )
+
+
+@pytest.mark.parametrize("entry", NOISES, ids=lambda entry: entry.id)
+def test_noise_has_its_rms_exactly_before_and_to_a_picometre_after_rounding(entry):
+    exact_um = band_noise(entry, np.random.default_rng(entry.seed))
+    assert_allclose(np.sqrt(np.mean(exact_um**2)), entry.rms_um, rtol=1e-9)
+    rounded_um = make_stimulus(entry).displacement_um
+    assert_allclose(np.sqrt(np.mean(rounded_um**2)), entry.rms_um, rtol=0, atol=1e-7)
+
+
+def test_noise_rises_from_zero_within_the_5_ms_that_no_window_counts():
+    entry = Noise(5, 500, 10)
+    starts = [abs(make_stimulus(entry, seed=s).displacement_um[:12]) for s in range(99)]
+    mean_um = np.mean(starts, axis=0)
+    assert mean_um[0] == 0.0
+    assert mean_um[1] < 0.05 * mean_um[11]
+    assert_allclose(mean_um[10], mean_um[11], rtol=0.3)
+
+
+def test_the_power_of_noise_lies_in_its_band():
+    entry = Noise(100, 200, 1)
+    waves = [make_stimulus(entry, seed=s).displacement_um for s in range(40)]
+    power = np.mean(np.abs(np.fft.rfft(waves, axis=1)) ** 2, axis=0)
+    frequency_hz = np.fft.rfftfreq(501, 0.0005)
+    inside = (frequency_hz > 80) & (frequency_hz < 220)
+    assert power[inside].sum() > 0.97 * power.sum()
+
+
+def test_noise_is_gaussian_from_one_seed_to_the_next():
+    entry = Noise(5, 500, 1)
+    waves = np.array([make_stimulus(entry, seed=s).displacement_um for s in range(200)])
+    late = waves[:, 20::20].ravel()
+    assert abs(np.mean(late)) < 0.05
+    assert_allclose(np.mean(np.abs(late) < 1.0), 0.683, atol=0.03)
+
+
+def test_the_same_id_is_the_same_noise_and_another_seed_another():
+    entry = Noise(25, 250, 10)
+    first, again = make_stimulus(entry), make_stimulus(entry)
+    assert_array_equal(first.displacement_um, again.displacement_um)
+    assert first.origin["seed"] == entry.seed
+    other = make_stimulus(entry, seed=1)
+    assert other.origin["seed"] == 1
+    assert np.corrcoef(first.displacement_um, other.displacement_um)[0, 1] < 0.5
+
+
+def test_the_noise_of_the_catalogue_has_not_changed_since_it_was_published():
+    """First counted samples as NumPy 2.4 drew them; a release note if they move."""
+    depth_um = make_stimulus(Noise(25, 250, 10)).displacement_um
+    assert_array_equal(depth_um[10:14], [5.099655, 13.87306, 19.025948, 18.983725])
+
+
+def test_a_preindentation_is_in_every_sample_and_is_the_first_one():
+    for entry in (Sine(50, 250), Noise(5, 25, 50), Diharmonic(10, 50, 2, 2)):
+        free, held = make_stimulus(entry), make_stimulus(entry, preindent_um=500.0)
+        assert held.displacement_um[0] == held.preindent_um == 500.0
+        assert_allclose(
+            held.displacement_um - 500.0, free.displacement_um, rtol=0, atol=1e-9
+        )
+
+
+def test_samples_have_six_decimals_in_um():
+    for word in ("sine_300_4.59", "diharm_50_250_5.62", "noise_50_500_0.13"):
+        depth_um = make_stimulus(*resolve(word), preindent_um=0.1).displacement_um
+        assert all(float(f"{value:.6f}") == value for value in depth_um.tolist())
+
+
+def test_origin_tells_how_the_samples_were_made():
+    assert make_stimulus(Sine(20, 250)).origin == {
+        "family": "sine",
+        "frequency_hz": 20.0,
+        "amplitude_um": 250.0,
+    }
+    assert set(make_stimulus(Noise(5, 25, 1)).origin) == {
+        "family",
+        "low_hz",
+        "high_hz",
+        "rms_um",
+        "seed",
+    }
+
+
+@pytest.mark.parametrize("preindent_um", [-1.0, float("nan"), float("inf"), 2e4])
+def test_a_preindentation_that_no_probe_can_have_is_refused(preindent_um):
+    with pytest.raises(StimulusError, match=r"sine_20_250: preindent_um must be"):
+        make_stimulus(Sine(20, 250), preindent_um=preindent_um)
+
+
+def test_a_negative_seed_is_refused():
+    with pytest.raises(StimulusError, match="seed must be >= 0, got -1"):
+        make_stimulus(Noise(5, 25, 1), seed=-1)
+
+
+def test_a_stimulus_of_which_sampling_leaves_nothing_is_refused():
+    with pytest.raises(StimulusError, match="nothing is left"):
+        make_stimulus(Sine(0.001, 0.0001))

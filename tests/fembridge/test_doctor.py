@@ -1,0 +1,226 @@
+"""The doctor, and how the solver is found."""
+
+import json
+import os
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import fembridge
+from fembridge import machine
+from fembridge.cli import main
+from fembridge.errors import MissingError
+from fembridge.machine import (
+    PACKAGES,
+    SOLVER_INSTALL_LINE,
+    State,
+    check_ccx,
+    check_encoding,
+    check_folder,
+    check_gmsh,
+    check_package,
+    check_threads,
+    find_ccx,
+)
+
+
+@pytest.fixture
+def bin_folder(tmp_path, monkeypatch):
+    """Make an empty folder the whole PATH."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", str(folder))
+    monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
+    return folder
+
+
+def program(path, script="exit 0"):
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_no_solver_is_none(bin_folder):
+    assert find_ccx() is None
+
+
+def test_ccx_on_the_path_is_found_before_versioned_names(bin_folder):
+    program(bin_folder / "ccx_2.23")
+    plain = program(bin_folder / "ccx")
+    assert find_ccx() == plain
+
+
+def test_of_versioned_names_the_newest_is_taken_and_of_those_the_multithreaded(
+    bin_folder,
+):
+    for name in ("ccx_2.9", "ccx_2.21", "ccx_2.21_MT", "ccx_2.10_MT", "ccx_step.py"):
+        program(bin_folder / name)
+    (bin_folder / "ccx_2.99").write_text("not executable")
+    assert find_ccx() == bin_folder / "ccx_2.21_MT"
+
+
+def test_the_variable_comes_before_the_path(bin_folder, tmp_path, monkeypatch):
+    program(bin_folder / "ccx")
+    other = program(tmp_path / "my_ccx")
+    monkeypatch.setenv("FEMBRIDGE_CCX", str(other))
+    assert find_ccx() == other
+    named = program(bin_folder / "ccx_dev")
+    monkeypatch.setenv("FEMBRIDGE_CCX", "ccx_dev")
+    assert find_ccx() == named
+
+
+def test_a_relative_path_is_made_absolute(bin_folder, tmp_path, monkeypatch):
+    program(tmp_path / "my_ccx")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FEMBRIDGE_CCX", "./my_ccx")
+    found = find_ccx()
+    assert found.is_absolute()
+    assert found.samefile(tmp_path / "my_ccx")
+
+
+def test_a_variable_that_names_no_program_is_not_passed_over(bin_folder, monkeypatch):
+    program(bin_folder / "ccx")
+    monkeypatch.setenv("FEMBRIDGE_CCX", "/no/such/ccx")
+    with pytest.raises(MissingError, match="FEMBRIDGE_CCX is '/no/such/ccx'"):
+        find_ccx()
+    check = check_ccx()
+    assert check.state is State.NOTE
+    assert "FEMBRIDGE_CCX" in check.remedy
+
+
+def test_exit_201_is_a_healthy_answer_to_the_version_question(bin_folder):
+    program(bin_folder / "ccx", 'printf "\\nThis is Version 2.20\\n\\n"; exit 201')
+    check = check_ccx()
+    assert check.state is State.OK
+    assert check.found == f"2.20, {bin_folder / 'ccx'}"
+
+
+def test_a_version_that_nothing_was_tried_with_says_so(bin_folder):
+    program(bin_folder / "ccx", 'echo "This is Version 2.23"; exit 201')
+    assert "tried with 2.20" in check_ccx().found
+
+
+def test_a_solver_that_does_not_start_tells_why(bin_folder):
+    program(bin_folder / "ccx", "echo 'libspooles.so.2.2: cannot open' >&2; exit 127")
+    check = check_ccx()
+    assert check.state is State.NOTE
+    assert "exit 127" in check.found
+    assert "libspooles.so.2.2" in check.found
+    (bin_folder / "ccx").write_bytes(b"\x7fELF nonsense")
+    assert "does not run" in check_ccx().found
+
+
+def test_without_a_solver_the_doctor_is_content_and_tells_the_line(bin_folder, capsys):
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^note +ccx +not found", out, re.MULTILINE)
+    assert f"-> {SOLVER_INSTALL_LINE}" in out
+    assert "conda-forge" in out
+    assert "brew" in out
+
+
+def test_json_of_the_doctor_names_every_check(bin_folder, capsys):
+    assert main(["doctor", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    names = [check["name"] for check in told["checks"]]
+    expected = ["fembridge", "python", *PACKAGES]
+    expected += ["ccx", "gmsh", "threads", "folder", "locale"]
+    assert names == expected
+    assert told["ok"] is True
+    assert told["checks"][0]["found"] == fembridge.__version__
+
+
+def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(
+    bin_folder, monkeypatch, capsys
+):
+    monkeypatch.setitem(PACKAGES, "no-such-extra", ((1, 0), False, "nothing"))
+    assert main(["doctor", "--json"]) == 0
+    capsys.readouterr()
+    monkeypatch.setitem(PACKAGES, "no-such-need", ((1, 0), True, "nothing"))
+    assert main(["doctor", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["missing"] == ["no-such-need"]
+    assert main(["doctor"]) == 1
+    assert "pip install 'no-such-need>=1.0'" in capsys.readouterr().out
+
+
+def test_a_package_that_is_too_old_is_told_with_both_versions(monkeypatch):
+    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "1.25.9")
+    check = check_package("numpy")
+    assert check.state is State.MISSING
+    assert check.found == "1.25.9, older than 1.26"
+    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "1.26.0")
+    assert check_package("numpy").state is State.OK
+    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "2.0rc1")
+    assert check_package("numpy").state is State.OK
+
+
+def test_the_doctor_asks_for_the_dependencies_that_the_project_declares():
+    project_file = Path(fembridge.__file__).parents[1] / "pyproject.toml"
+    if project_file.exists():
+        tables = tomllib.loads(project_file.read_text(encoding="utf-8"))
+        declared = tables["project"]["dependencies"]
+    else:  # the tests run against an installed wheel
+        from importlib.metadata import requires
+
+        declared = [line for line in requires("fembridge") if "extra ==" not in line]
+    asked = {f"{n}>={'.'.join(map(str, row[0]))}" for n, row in PACKAGES.items()}
+    assert {line.replace(" ", "") for line in declared} == asked
+
+
+def test_gmsh_without_its_system_libraries_names_the_library_and_the_line(
+    tmp_path, monkeypatch
+):
+    reason = "libGLU.so.1: cannot open shared object file"
+    (tmp_path / "gmsh.py").write_text(f"raise OSError({reason!r})\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    check = check_gmsh()
+    assert check.state is State.NOTE
+    assert reason in check.found
+    assert SOLVER_INSTALL_LINE in check.remedy
+
+
+def test_gmsh_that_is_not_installed_is_a_line_for_pip(tmp_path, monkeypatch):
+    text = "raise ModuleNotFoundError(\"No module named 'gmsh'\")\n"
+    (tmp_path / "gmsh.py").write_text(text)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert check_gmsh().remedy.endswith("-m pip install gmsh")
+
+
+def test_a_gmsh_that_answers_is_told_by_its_version(tmp_path, monkeypatch):
+    (tmp_path / "gmsh.py").write_text("__version__ = '9.8.7'\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert (check_gmsh().state, check_gmsh().found) == (State.OK, "9.8.7")
+
+
+def test_threads_are_counted_and_openmp_is_quoted(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    assert "OMP_NUM_THREADS is 3" in check_threads().found
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    assert re.match(r"\d+ cores?; OMP_NUM_THREADS is not set", check_threads().found)
+
+
+def test_a_folder_is_tried_and_left_as_it_was(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine, "ROOM_GIB", 0.0)
+    assert check_folder(tmp_path).state is State.OK
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr(machine, "ROOM_GIB", 1e9)
+    assert "make room" in check_folder(tmp_path).remedy
+    gone = check_folder(tmp_path / "gone")
+    assert gone.state is State.NOTE
+    assert "No such file" in gone.found
+
+
+def test_a_locale_without_utf8_is_a_note(monkeypatch):
+    monkeypatch.setenv("LC_ALL", "de_DE")
+    monkeypatch.setattr(machine.sys, "getfilesystemencoding", lambda: "iso8859-1")
+    check = check_encoding()
+    assert check.state is State.NOTE
+    assert "LC_ALL=de_DE" in check.found
+
+
+@pytest.mark.solver
+@pytest.mark.skipif(find_ccx() is None, reason="ccx is not on the PATH")
+def test_the_installed_solver_tells_its_version():
+    assert re.match(r"\d+\.\d+, " + re.escape(os.fspath(find_ccx())), check_ccx().found)

@@ -1,0 +1,150 @@
+"""What an import costs, and what it refuses to live beside."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import fembridge
+
+ROOT = Path(fembridge.__file__).parents[1]
+HEAVY = {
+    "pandas",
+    "scipy",
+    "pymoo",
+    "gmsh",
+    "pygmsh",
+    "meshio",
+    "matplotlib",
+    "rich",
+}
+
+
+def python(code, *first_on_path, cwd):
+    path = os.pathsep.join([*map(str, first_on_path), str(ROOT)])
+    return subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def modules_after(code, cwd):
+    show = "; import sys; print('loaded:', *sys.modules)"
+    done = python(code + show, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    loaded = done.stdout.rpartition("loaded:")[2].split()
+    return {name.partition(".")[0] for name in loaded}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import fembridge",
+        "import fembridge; fembridge.Stimulus, fembridge.StressTrace",
+        "import fembridge; fembridge.make_stimulus(*fembridge.resolve('noise_5_25_1'))",
+        "import fembridge.exports, fembridge.machine",
+    ],
+)
+def test_import_loads_numpy_and_nothing_heavier(tmp_path, code):
+    assert modules_after(code, tmp_path).isdisjoint(HEAVY)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--help"],
+        ["--version"],
+        ["stimuli"],
+        ["stimuli", "--help"],
+        ["stimuli", "sine_20", "--json"],
+        ["doctor", "--help"],
+    ],
+)
+def test_verbs_that_only_tell_something_load_no_numpy(tmp_path, words):
+    code = f"from fembridge.cli import main; main({words!r})"
+    loaded = modules_after(code, tmp_path)
+    assert loaded.isdisjoint(HEAVY | {"numpy"})
+
+
+@pytest.mark.parametrize("name", ["decks", "neural"])
+@pytest.mark.parametrize("kind", ["module", "package"])
+@pytest.mark.parametrize("code", ["import fembridge", "import fembridge.errors"])
+def test_it_refuses_to_start_beside_a_stranger_and_names_the_file(
+    tmp_path, name, kind, code
+):
+    stranger = tmp_path / (f"{name}.py" if kind == "module" else f"{name}/__init__.py")
+    stranger.parent.mkdir(exist_ok=True)
+    stranger.write_text("raise SystemExit('was imported')\n")
+    done = python(code, tmp_path, cwd=tmp_path)
+    assert done.returncode == 1
+    last_line = done.stderr.splitlines()[-1]
+    assert last_line.startswith(f"ImportError: fembridge: {stranger} is in the way")
+    assert str(ROOT / name) in last_line
+
+
+def test_it_refuses_a_stranger_that_was_imported_before(tmp_path):
+    (tmp_path / "neural.py").write_text("")
+    done = python("import neural, fembridge", tmp_path, cwd=tmp_path)
+    assert "neural.py is in the way" in done.stderr
+
+
+def test_a_stranger_behind_the_packages_is_in_nobodys_way(tmp_path):
+    (tmp_path / "neural.py").write_text("")
+    code = f"import sys; sys.path.append({str(tmp_path)!r}); import fembridge"
+    assert python(code, cwd=tmp_path).returncode == 0
+
+
+def test_a_half_installed_package_says_what_is_missing(tmp_path):
+    (tmp_path / "fembridge").mkdir()
+    source = Path(fembridge.__file__).read_text(encoding="utf-8")
+    (tmp_path / "fembridge" / "__init__.py").write_text(source, encoding="utf-8")
+    code = (
+        f"import sys; sys.path = [p for p in sys.path if p != {str(ROOT)!r}]; "
+        f"sys.path.insert(0, {str(tmp_path)!r}); import fembridge"
+    )
+    done = python(code, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "ImportError: fembridge: " in done.stderr
+    assert "'decks'" in done.stderr
+
+
+def test_it_starts_through_a_symbolic_link_to_its_folder(tmp_path):
+    (tmp_path / "link").symlink_to(ROOT)
+    code = (
+        f"import sys; sys.path = [p for p in sys.path if p != {str(ROOT)!r}]; "
+        f"sys.path.insert(0, {str(tmp_path / 'link')!r}); import fembridge; "
+        "print(fembridge.__file__)"
+    )
+    done = python(code, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "link" in done.stdout
+
+
+def test_the_version_stands_in_one_place():
+    """Or, while pyproject.toml repeats it, in two that agree."""
+    project_file = ROOT / "pyproject.toml"
+    if not project_file.exists():  # the tests run against an installed wheel
+        from importlib.metadata import version
+
+        assert version("fembridge") == fembridge.__version__
+        return
+    tables = tomllib.loads(project_file.read_text(encoding="utf-8"))
+    if "version" in tables["project"].get("dynamic", []):
+        path = tables["tool"]["hatch"]["version"]["path"]
+        assert path == "fembridge/__init__.py"
+    else:
+        assert tables["project"]["version"] == fembridge.__version__
+
+
+def test_every_public_name_is_listed_and_an_unknown_one_is_an_attribute_error():
+    assert set(fembridge.__all__) <= set(dir(fembridge))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        fembridge.nothing  # noqa: B018 - the access is what is tested

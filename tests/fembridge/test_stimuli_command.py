@@ -1,0 +1,220 @@
+"""``fembridge stimuli``: the list, and the files it writes."""
+
+import csv
+import json
+import wave
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.catalogue import resolve
+from decks.waveform import make_stimulus
+from fembridge.cli import main
+from fembridge.commands.stimuli import add_arguments
+from fembridge.exports import FORMATS, write_marc_table, write_wav
+from fembridge.stimulus import Stimulus
+
+
+def depth_of(word, **options):
+    (entry,) = resolve(word)
+    return make_stimulus(entry, **options).displacement_um
+
+
+def summary(capsys, *words):
+    assert main(["stimuli", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_list_has_a_line_for_each_set_with_count_window_and_levels(capsys):
+    assert main(["stimuli"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    rows = [" ".join(line.split()) for line in lines if line.startswith("  ")]
+    assert len(rows) == 13
+    assert "sine_300 6 100-200 ms 4.59 7.41 11.94 19.24 31.02 50" in rows
+    assert (
+        "diharm_50_500 5 5-250 ms 2+0.25 5.62+0.74 15.81+2.17 44.46+6.37 125+18.75"
+    ) in rows
+    assert "noise_50_500 5 5-250 ms 0.13 0.5 1 5 10" in rows
+
+
+def test_an_id_is_listed_with_its_numbers_and_its_window(capsys):
+    assert main(["stimuli", "noise_25_250_10", "diharm_10_100_125"]) == 0
+    noise, diharmonic, count = capsys.readouterr().out.splitlines()
+    assert "25 to 250 Hz, 10 um RMS, seed 1588730578, counted in 5-250 ms" in noise
+    assert "10 Hz + 100 Hz, 125 um + 100 um" in diharmonic
+    assert count == "2 stimuli"
+
+
+def test_json_lists_all_82_with_numbers_and_the_note(capsys):
+    listed = summary(capsys)
+    assert listed["count"] == len(listed["stimuli"]) == 82
+    assert {
+        "id": "sine_20_250",
+        "family": "sine",
+        "frequency_hz": 20.0,
+        "amplitude_um": 250.0,
+        "window_ms": [5.0, 250.0],
+        "in_appendix": True,
+    } in listed["stimuli"]
+    assert "sine_20_12.5" in listed["notes"][0]
+
+
+def test_csv_gives_back_the_very_floats(tmp_path, capsys):
+    path = tmp_path / "new" / "wave.csv"
+    assert main(["stimuli", "--export", "csv", "noise_5_100_50", "-o", str(path)]) == 0
+    assert path.read_bytes().startswith(b"time_ms,displacement_um\n0.0,0.0\n0.5,")
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert_array_equal([float(row["time_ms"]) for row in rows], np.arange(501) / 2)
+    depth_um = [float(row["displacement_um"]) for row in rows]
+    assert_array_equal(depth_um, depth_of("noise_5_100_50"))
+    assert str(path) in capsys.readouterr().out
+
+
+def test_npy_is_the_displacement_in_um(tmp_path, capsys):
+    path = tmp_path / "wave.npy"
+    main(["stimuli", "--export", "npy", "sine_50_250", "-o", str(path)])
+    stored = np.load(path, allow_pickle=False)
+    assert stored.dtype == np.float64
+    assert_array_equal(stored, depth_of("sine_50_250"))
+
+
+def test_wav_is_the_displacement_over_the_full_scale_it_tells(tmp_path, capsys):
+    path = tmp_path / "wave.wav"
+    told = summary(capsys, "--export", "wav", "diharm_10_50_44.46", "-o", str(path))
+    full_scale_um = told["files"][0]["full_scale_um"]
+    with wave.open(str(path), "rb") as file:
+        assert file.getparams()[:4] == (1, 2, 2000, 501)
+        pcm = np.frombuffer(file.readframes(501), dtype="<i2")
+    assert abs(pcm).max() == 32767
+    assert_allclose(
+        pcm / 32767 * full_scale_um,
+        depth_of("diharm_10_50_44.46"),
+        rtol=0,
+        atol=0.5001 * full_scale_um / 32767,
+    )
+
+
+def test_the_full_scale_of_a_wav_is_in_the_line_for_a_reader(tmp_path, capsys):
+    main(["stimuli", "--export", "wav", "sine_20_250", "-o", str(tmp_path)])
+    path = tmp_path / "sine_20_250.wav"
+    assert capsys.readouterr().out == f"{path} (32767 is 250.0 um)\n"
+
+
+def test_a_flat_waveform_is_a_silent_wav(tmp_path):
+    flat = Stimulus("flat", np.zeros(3), 0.5, (0.5, 1.0))
+    assert write_wav(flat, tmp_path / "flat.wav") == 1.0
+    assert (tmp_path / "flat.wav").read_bytes().endswith(b"\0" * 6)
+
+
+def test_a_marc_table_is_in_seconds_and_millimetres_in_columns_of_twenty(tmp_path):
+    (entry,) = resolve("sine_50_250")
+    stimulus = make_stimulus(entry)
+    path = tmp_path / "table.dat"
+    write_marc_table(stimulus, path)
+    lines = path.read_text(encoding="ascii").splitlines()
+    comment = [line for line in lines if line.startswith("$")]
+    assert "positive into" in comment[0]
+    keyword, header, variable, *rows = [line for line in lines if line not in comment]
+    assert keyword == "table               sine_50_250"
+    assert [int(header[k : k + 10]) for k in range(0, 50, 10)] == [1, 1, 0, 0, 2]
+    assert [int(variable[k : k + 10]) for k in range(0, 120, 10)] == [
+        *(1, 501, 2),
+        *(0, 0, 2) * 3,
+    ]
+    assert {len(row) for row in rows} == {40}
+    values = np.array([[_real(row[:20]), _real(row[20:])] for row in rows])
+    assert_allclose(values[:, 0], stimulus.times_ms / 1e3, rtol=1e-15, atol=0)
+    assert_allclose(values[:, 1], stimulus.displacement_um / 1e3, rtol=1e-15, atol=0)
+    # the line that Mentat 2020 wrote for a first point, and one with a sign
+    assert rows[0] == " 0.000000000000000+0 0.000000000000000+0"
+    assert rows[30] == " 1.500000000000000-2-2.500000000000000-1"
+
+
+def test_a_two_digit_exponent_keeps_the_twenty_columns(tmp_path):
+    tiny = Stimulus("tiny", np.array([0.0, -1.5e-9, 1.0]), 0.5, (0.5, 1.0))
+    write_marc_table(tiny, tmp_path / "tiny.dat")
+    rows = (tmp_path / "tiny.dat").read_text(encoding="ascii").splitlines()[-3:]
+    assert rows[1] == " 5.000000000000000-4-1.50000000000000-12"
+
+
+def _real(field):
+    mantissa, exponent = field[:-2], field[-2:]
+    return float(f"{mantissa}e{exponent}")
+
+
+def test_a_set_goes_into_a_folder_one_file_a_stimulus(tmp_path, capsys):
+    folder = tmp_path / "waves"
+    files = summary(
+        capsys, "--export", "npy", "noise_25_250,sine_20_250", "-o", str(folder)
+    )
+    names = [f"{entry.id}.npy" for entry in resolve("noise_25_250,sine_20_250")]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(names)
+    assert [file["file"] for file in files["files"]] == [str(folder / n) for n in names]
+
+
+@pytest.mark.parametrize("format_name", list(FORMATS))
+def test_without_o_a_file_named_after_the_id_is_written_here(
+    tmp_path, monkeypatch, capsys, format_name
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stimuli", "--export", format_name, "sine_20_6.71"]) == 0
+    suffix, _ = FORMATS[format_name]
+    assert [path.name for path in tmp_path.iterdir()] == [f"sine_20_6.71{suffix}"]
+
+
+def test_a_trailing_slash_names_a_folder_that_is_not_there_yet(tmp_path, capsys):
+    main(["stimuli", "--export", "csv", "sine_20_250", "-o", f"{tmp_path}/new/"])
+    assert (tmp_path / "new" / "sine_20_250.csv").is_file()
+
+
+def test_several_stimuli_do_not_go_into_one_file(tmp_path, capsys):
+    path = tmp_path / "one.csv"
+    path.write_text("mine")
+    assert main(["stimuli", "--export", "csv", "sine_20", "-o", str(path)]) == 1
+    assert "expected a folder for 12 stimuli" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+
+
+def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys):
+    words = ["--export", "npy", "noise_5_25_1", "--preindent-um", "500", "--seed", "3"]
+    told = summary(capsys, *words, "-o", str(tmp_path))["files"][0]
+    assert (told["seed"], told["preindent_um"]) == (3, 500.0)
+    assert_array_equal(
+        np.load(told["file"]), depth_of("noise_5_25_1", preindent_um=500.0, seed=3)
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--export", "csv"], "no stimulus named"),
+        (["--export", "csv", "sine_20_25o"], "did you mean"),
+        (["sine_20", "-o", "x"], "--output is for --export"),
+        (["--seed", "1"], "--seed is for --export"),
+        (["--preindent-um", "0"], "--preindent-um is for --export"),
+        (["--export", "csv", "sine_20_250", "--seed", "1"], "no noise was named"),
+        (["--export", "csv", "noise_5_25_1", "--seed", "-1"], "seed must be >= 0"),
+        (["--export", "csv", "sine_20_250", "--preindent-um", "-1"], "preindent_um"),
+        (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
+    ],
+)
+def test_misuse_is_2_and_writes_nothing(tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stimuli", *words]) == 2
+    streams = capsys.readouterr()
+    assert told in streams.err
+    assert streams.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_formats_on_the_command_line_are_those_that_can_be_written():
+    class Parser:
+        def add_argument(self, *names, choices=None, **options):
+            if "--export" in names:
+                self.choices = choices
+
+    parser = Parser()
+    add_arguments(parser)
+    assert set(parser.choices) == set(FORMATS)

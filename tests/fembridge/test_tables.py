@@ -1,0 +1,291 @@
+"""Tables that come back as they were written, and tables that are refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fembridge.errors import OutputError, TableError, TraceError
+from fembridge.tables import (
+    Rate,
+    SpikeTrain,
+    read_rates,
+    read_spikes,
+    read_traces,
+    write_rates,
+    write_spikes,
+    write_traces,
+)
+from fembridge.trace import StressTrace
+
+HEADER = "time_ms,afferent,node,von_mises_pa\n"
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Write a text or bytes as a table and give its path."""
+
+    def write(content):
+        path = tmp_path / "table.csv"
+        if isinstance(content, str):
+            content = content.encode("utf-8")
+        path.write_bytes(content)
+        return path
+
+    return write
+
+
+def refusal(read, path):
+    with pytest.raises(TableError) as caught:
+        read(path)
+    assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
+    return str(caught.value).removeprefix(str(path))
+
+
+@given(
+    stress_pa=st.lists(st.floats(0, 1e9), min_size=2, max_size=20),
+    start_ms=st.sampled_from([0.0, 0.5, -12.5]),
+    afferent=st.sampled_from(["SA", "RA", "PC", None]),
+)
+def test_a_trace_comes_back_bit_for_bit(
+    tmp_path_factory, stress_pa, start_ms, afferent
+):
+    path = tmp_path_factory.mktemp("tables") / "traces.csv"
+    trace = StressTrace(np.array(stress_pa), 0.5, 17, afferent, start_ms)
+
+    write_traces(path, [trace])
+    [back] = read_traces(path)
+
+    np.testing.assert_array_equal(back.stress_pa, trace.stress_pa)
+    np.testing.assert_array_equal(back.times_ms, trace.times_ms)
+    assert (back.node, back.afferent, back.dt_ms) == (17, afferent, 0.5)
+
+
+def test_traces_keep_their_order_and_their_own_time_axes(tmp_path):
+    path = tmp_path / "traces.csv"
+    traces = [
+        StressTrace(np.array([1.0, 2.0, 3.0]), 0.5, 9, "PC"),
+        StressTrace(np.array([4.0, 5.0]), 0.1, 2, "SA", start_ms=0.1),
+    ]
+
+    write_traces(path, traces)
+    back = read_traces(path)
+
+    assert [(t.afferent, t.node, t.start_ms) for t in back] == [
+        ("PC", 9, 0.0),
+        ("SA", 2, 0.1),
+    ]
+    assert back[1].dt_ms == pytest.approx(0.1, rel=1e-12)
+
+
+def test_the_same_traces_give_the_same_bytes(tmp_path):
+    traces = [StressTrace(np.array([0.0, 1 / 3, 1e-7]), 0.5, 4, "SA")]
+    for name in ("first.csv", "second.csv"):
+        write_traces(tmp_path / name, traces)
+
+    content = (tmp_path / "first.csv").read_bytes()
+
+    assert content == (tmp_path / "second.csv").read_bytes()
+    assert content == (
+        b"time_ms,afferent,node,von_mises_pa\n"
+        b"0.0,SA,4,0.0\n0.5,SA,4,0.3333333333333333\n1.0,SA,4,1e-07\n"
+    )
+
+
+def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):
+    path = table(
+        "\ufeffvon_mises_pa, node ,note,time_ms,afferent\r\n"
+        "1,5,a,0,SA\r\n10,6,b,0,\r\n2,5,c,0.5,SA\r\n\r\n20,6,d,0.5,\r\n"
+    )
+
+    first, second = read_traces(path)
+
+    assert (first.afferent, first.stress_pa.tolist()) == ("SA", [1.0, 2.0])
+    assert (second.afferent, second.stress_pa.tolist()) == (None, [10.0, 20.0])
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("0,SA,4,1\n0.5,SA,4,soft\n", ":3: von_mises_pa is 'soft', expected a number"),
+        ("0,SA,4,1\n0.5,SA,4,\n", ":3: von_mises_pa is '', expected a number"),
+        ("0,SA,4,nan\n", ":2: von_mises_pa is nan, expected a finite number"),
+        ("inf,SA,4,1\n", ":2: time_ms is inf, expected a finite number"),
+        ("0,SA,4,1_000\n", ":2: von_mises_pa is '1_000', expected a number"),
+        ("0,SA,4.5,1\n", ":2: node is '4.5', expected a whole number"),
+        ("0,SA,0,1\n", ":2: node is 0, expected 1 or more"),
+        ("0,SA1,4,1\n", ":2: afferent is 'SA1', expected one of SA, RA, PC"),
+        ("0,SA,4\n", ":2: 3 cells, expected 4 as in the header"),
+        ("0,SA,4,1\n", ":2: SA node 4: one sample, expected more"),
+        (
+            "0,SA,4,1\n0.5,SA,4,1\n1,SA,4,1\n2,SA,4,1\n",
+            ":5: SA node 4: time goes from 1 to 2 ms, "
+            "expected an even step (most are 0.5 ms)",
+        ),
+        (
+            "0,,4,1\n0.5,,4,1\n0.5,,4,1\n1,,4,1\n",
+            ":4: node 4: time goes from 0.5 to 0.5 ms, "
+            "expected an even step (most are 0.5 ms)",
+        ),
+        (
+            "1,SA,4,1\n0.5,SA,4,1\n0,SA,4,1\n",
+            ":3: SA node 4: time goes from 1 to 0.5 ms, "
+            "expected an even step (most are -0.5 ms)",
+        ),
+        ("", ": a header and no rows, expected samples"),
+    ],
+)
+def test_a_row_that_is_no_sample_is_named(table, rows, words):
+    assert refusal(read_traces, table(HEADER + rows)) == words
+
+
+@pytest.mark.parametrize("read", [read_traces, read_spikes, read_rates])
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", ": empty, expected a header with "),
+        (b"\n0,1\n", ": empty, expected a header with "),
+        (b"a;b;c\n1;2;3\n", ":1: no column "),
+        (b"\x93NUMPY\x01\0v\0", ": a binary file, expected a CSV table"),
+        (b"stimulus,afferent\nsine_\xb5m,SA\n", ":2: byte 0xb5 is not UTF-8"),
+    ],
+)
+def test_a_file_that_is_no_table_is_refused(table, read, content, words):
+    assert refusal(read, table(content)).startswith(words)
+
+
+def test_a_quote_that_never_ends_is_refused(table):
+    path = table('stimulus,afferent,rate_ips\ns,SA,1\n"s,SA,1\n')
+
+    assert refusal(read_rates, path) == ":3: not CSV: unexpected end of data"
+
+
+def test_a_missing_column_is_named_beside_what_is_there(table):
+    path = table("time,afferent,node,von_mises_pa\n0,SA,1,1\n")
+
+    assert refusal(read_traces, path) == (
+        ":1: no column time_ms in 'time,afferent,node,von_mises_pa', expected a "
+        "header with time_ms,afferent,node,von_mises_pa"
+    )
+
+
+def test_a_column_that_stands_twice_is_refused(table):
+    path = table("stimulus,afferent,rate_ips,rate_ips\nsine_20_250,SA,1,2\n")
+
+    assert refusal(read_rates, path) == ":1: column rate_ips stands there twice"
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    path = tmp_path / "absent.csv"
+
+    assert refusal(read_traces, path) == ": cannot read: No such file or directory"
+    assert refusal(read_traces, tmp_path) == ": cannot read: Is a directory"
+
+
+def test_spike_trains_come_back_and_silent_ones_have_no_row(tmp_path):
+    path = tmp_path / "spikes.csv"
+    trains = [
+        SpikeTrain("sine_20_250", "SA", np.array([0.1 + 0.2, 7.5])),
+        SpikeTrain("sine_20_250", "SA", np.array([8.0]), repeat=1),
+        SpikeTrain("sine_20_6.71", "RA", np.array([])),
+        SpikeTrain("noise, loud", "PC", np.array([-1.5])),
+    ]
+
+    write_spikes(path, trains)
+    back = read_spikes(path)
+
+    assert [(t.stimulus, t.afferent, t.repeat, t.times_ms.tolist()) for t in back] == [
+        ("sine_20_250", "SA", 0, [0.1 + 0.2, 7.5]),
+        ("sine_20_250", "SA", 1, [8.0]),
+        ("noise, loud", "PC", 0, [-1.5]),
+    ]
+    assert path.read_bytes().endswith(b'"noise, loud",PC,0,-1.5\n')
+
+
+def test_a_table_of_no_spikes_is_a_table(tmp_path):
+    write_spikes(tmp_path / "spikes.csv", [])
+
+    assert read_spikes(tmp_path / "spikes.csv") == []
+
+
+def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):
+    header = "stimulus,afferent,repeat,spike_time_ms\n"
+
+    [train] = read_spikes(table(header + "s,SA,0,9\ns,SA,0,3\n"))
+
+    assert train.times_ms.tolist() == [3.0, 9.0]
+    doubled = table(header + "s,SA,0,9\ns,SA,0,3\ns,SA,0,9.0\n")
+    assert refusal(read_spikes, doubled) == ":4: the same spike as on line 2"
+    backwards = table(header + "s,SA,-1,9\n")
+    assert refusal(read_spikes, backwards) == ":2: repeat is -1, expected 0 or more"
+
+
+def test_rates_come_back_as_they_were(tmp_path):
+    rates = [Rate("sine_20_250", "SA", 49 / 0.245), Rate("sine_20_250", "RA", 0.0)]
+
+    write_rates(tmp_path / "rates.csv", rates)
+
+    assert read_rates(tmp_path / "rates.csv") == rates
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("s,SA,-3\n", ":2: rate_ips is -3, expected >= 0"),
+        ("s,SA,nan\n", ":2: rate_ips is nan, expected a finite number"),
+        ("s,,3\n", ":2: afferent is '', expected one of SA, RA, PC"),
+        (",SA,3\n", ":2: stimulus is empty"),
+        (
+            "s,SA,3\ns,RA,3\ns,SA,4\n",
+            ":4: a second rate of s, SA; the first is on line 2",
+        ),
+        ("", ": a header and no rows, expected rates"),
+    ],
+)
+def test_a_row_that_is_no_rate_is_named(table, rows, words):
+    assert refusal(read_rates, table("stimulus,afferent,rate_ips\n" + rows)) == words
+
+
+def test_a_rate_of_the_same_value_given_twice_is_still_twice(table):
+    path = table("stimulus,afferent,rate_ips\ns,SA,3\ns,SA,3\n")
+
+    assert "a second rate" in refusal(read_rates, path)
+
+
+def test_a_train_that_cannot_be_is_refused():
+    with pytest.raises(TraceError, match="expected one of SA, RA, PC"):
+        SpikeTrain("s", "SA2", np.array([1.0]))
+    with pytest.raises(TraceError, match="do not rise"):
+        SpikeTrain("s", "SA", np.array([2.0, 1.0]))
+    with pytest.raises(TraceError, match="finite"):
+        SpikeTrain("s", "SA", np.array([np.nan]))
+
+
+def test_a_train_is_read_only_and_keeps_its_own_copy():
+    times_ms = np.array([1.0, 2.0])
+    train = SpikeTrain("s", "SA", times_ms)
+    times_ms[0] = 9.0
+
+    assert train.times_ms.tolist() == [1.0, 2.0]
+    with pytest.raises(ValueError, match="read-only"):
+        train.times_ms[0] = 5.0
+
+
+def test_a_table_that_cannot_be_written_leaves_the_old_one(tmp_path):
+    path = tmp_path / "rates.csv"
+    write_rates(path, [Rate("s", "SA", 1.0)])
+    before = path.read_bytes()
+
+    def broken():
+        yield Rate("s", "SA", 2.0)
+        raise RuntimeError("half way")
+
+    with pytest.raises(RuntimeError):
+        write_rates(path, broken())
+    with pytest.raises(OutputError):
+        write_rates(path / "below_a_file.csv", [])
+
+    assert path.read_bytes() == before
+    assert [each.name for each in tmp_path.iterdir()] == ["rates.csv"]

@@ -1,0 +1,218 @@
+"""The filters on traces whose answer is known without a program."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from fembridge.errors import ParameterError, TraceError
+from neural.drive import DERIVATIVES, pc_drive, ra_drive, sa_level, sa_rate, stress_rate
+
+DT_MS = 0.5
+
+
+def test_a_step_crosses_the_window_of_filter_1_in_nineteen_samples():
+    """Stress 19 Pa from sample 30 on: t sees t − 9 to t + 9, so one more each."""
+    stress_pa = np.where(np.arange(60) >= 30, 19.0, 0.0)
+
+    level_pa = sa_level(stress_pa)
+
+    np.testing.assert_allclose(level_pa[20:41], np.clip(np.arange(21), 0, 19))
+    assert not level_pa[:21].any()
+
+
+def test_a_step_stays_in_the_window_of_filter_2_for_eighteen_samples():
+    """One difference of 9 Pa / 0.5 ms at sample 30, seen from 30 − 9 to 30 + 8."""
+    stress_pa = np.where(np.arange(60) >= 30, 9.0, 0.0)
+
+    rate = sa_rate(stress_pa, DT_MS)
+
+    np.testing.assert_allclose(rate[21:39], 1.0)
+    assert not rate[:21].any()
+    assert not rate[39:].any()
+
+
+def test_a_ramp_has_its_own_level_and_slope_inside():
+    stress_pa = 3.0 * DT_MS * np.arange(80)  # 3 Pa/ms
+
+    inside = slice(9, -9)
+    np.testing.assert_allclose(sa_level(stress_pa)[inside], stress_pa[inside])
+    np.testing.assert_allclose(sa_rate(stress_pa, DT_MS)[inside], 3.0)
+    np.testing.assert_allclose(ra_drive(stress_pa, DT_MS), 0.0, atol=1e-12)
+    np.testing.assert_allclose(pc_drive(stress_pa, DT_MS), 0.0, atol=1e-12)
+
+
+def test_a_kink_drives_ra_once_and_pc_twice():
+    """Slope 0, then 4 Pa/ms after sample 20: σ′ jumps by 4, σ″ is 4 / 0.5 once."""
+    stress_pa = 2.0 * np.clip(np.arange(40) - 20, 0, None)
+
+    ra, pc = ra_drive(stress_pa, DT_MS), pc_drive(stress_pa, DT_MS)
+
+    assert {int(k): ra[k] for k in ra.nonzero()[0]} == {21: 4.0}
+    assert {int(k): pc[k] for k in pc.nonzero()[0]} == {21: 8.0, 22: 8.0}
+
+
+def test_a_parabola_drives_ra_evenly_and_pc_not_at_all():
+    """σ = 5 t²: σ″ = 10 Pa/ms², so σ′ changes by 5 Pa/ms in each 0.5 ms."""
+    stress_pa = 5.0 * (DT_MS * np.arange(40)) ** 2
+
+    for scheme in DERIVATIVES:
+        np.testing.assert_allclose(ra_drive(stress_pa, DT_MS, scheme)[3:-3], 5.0)
+        np.testing.assert_allclose(
+            pc_drive(stress_pa, DT_MS, scheme)[5:-5], 0.0, atol=1e-9
+        )
+
+
+def test_a_waveform_that_starts_at_full_speed_does_not_fire_the_onset():
+    """Never more than the sine's own greatest change, ω² dt and ω³ dt."""
+    omega = 2e-3 * np.pi * 50
+    stress_pa = np.sin(omega * DT_MS * np.arange(100))
+
+    ra, pc = ra_drive(stress_pa, DT_MS), pc_drive(stress_pa, DT_MS)
+
+    assert not ra[:2].any()
+    assert not pc[:3].any()
+    assert 0.99 * omega**2 * DT_MS < ra.max() <= omega**2 * DT_MS
+    assert 0.99 * omega**3 * DT_MS < pc.max() <= omega**3 * DT_MS
+
+
+def test_three_still_samples_before_it_let_the_onset_count():
+    ramp_pa = 10.0 * np.arange(30)
+    still_first = np.concatenate([np.zeros(3), ramp_pa])
+
+    assert not ra_drive(ramp_pa, DT_MS).any()
+    assert ra_drive(still_first, DT_MS).max() == 20.0
+    assert pc_drive(still_first, DT_MS).max() == 40.0
+
+
+def test_a_pre_indented_finger_has_its_level_from_the_first_sample_to_the_last():
+    held_pa = np.full(50, 700.0)
+
+    np.testing.assert_allclose(sa_level(held_pa), 700.0, rtol=1e-14)
+    assert not sa_rate(held_pa, DT_MS).any()
+
+
+def test_a_trace_at_rest_at_both_ends_is_padded_with_zeros_in_effect():
+    """The literal sum (1), terms outside the trace left out, denominator 19."""
+    stress_pa = np.random.default_rng(3).uniform(0, 1e4, 60)
+    stress_pa[[0, -1]] = 0.0
+
+    literal = np.convolve(stress_pa, np.ones(19), mode="same") / 19
+
+    np.testing.assert_allclose(sa_level(stress_pa), literal, rtol=1e-12)
+
+
+def test_filter_2_is_the_literal_sum_of_absolute_rates():
+    stress_pa = np.random.default_rng(4).uniform(0, 1e4, 60)
+    rate = np.abs(stress_rate(stress_pa, DT_MS))
+
+    literal = [rate[max(t - 8, 0) : t + 10].sum() / 18 for t in range(60)]
+
+    np.testing.assert_allclose(sa_rate(stress_pa, DT_MS), literal, rtol=1e-12)
+
+
+def test_derivative_schemes_are_the_differences_they_are_named_after():
+    stress_pa = np.array([1.0, 2.0, 4.0, 8.0])
+
+    assert stress_rate(stress_pa, 0.5, "backward").tolist() == [0, 2, 4, 8]
+    assert stress_rate(stress_pa, 0.5, "forward").tolist() == [2, 4, 8, 0]
+    assert stress_rate(stress_pa, 0.5, "central").tolist() == [0, 3, 6, 0]
+
+
+def test_forward_differences_are_backward_ones_looking_ahead():
+    stress_pa = np.random.default_rng(6).uniform(0, 1e4, 50)
+
+    ra = {s: ra_drive(stress_pa, DT_MS, s) for s in DERIVATIVES}
+    pc = {s: pc_drive(stress_pa, DT_MS, s) for s in DERIVATIVES}
+
+    np.testing.assert_array_equal(ra["forward"][1:-1], ra["backward"][2:])
+    np.testing.assert_array_equal(pc["forward"][1:-2], pc["backward"][3:])
+
+
+@pytest.mark.parametrize("frequency_hz", [50.0, 300.0])
+def test_central_differences_weaken_a_sine_by_a_cosine_for_each_derivative(
+    frequency_hz,
+):
+    """Against backward ones a sine keeps cos(ω dt / 2) of its size each time."""
+    half_step = np.pi * frequency_hz * DT_MS * 1e-3
+    stress_pa = np.sin(2 * half_step * np.arange(4000) + 0.3)
+
+    for drive, power in ((ra_drive, 1), (pc_drive, 2)):
+        backward = drive(stress_pa, DT_MS)[10:-10]
+        central = drive(stress_pa, DT_MS, "central")[10:-10]
+        ratio = np.sqrt(np.mean(central**2) / np.mean(backward**2))
+        assert ratio == pytest.approx(math.cos(half_step) ** power, rel=1e-3)
+
+
+@pytest.mark.parametrize("scheme", DERIVATIVES)
+@given(
+    stress_pa=arrays(np.float64, 40, elements=st.integers(0, 10**6)),
+    later=st.integers(1, 30),
+)
+def test_a_later_stimulus_has_the_same_drive_later(scheme, stress_pa, later):
+    rest = np.zeros(20)
+    early = np.concatenate([rest, stress_pa, np.zeros(50)])
+    late = np.concatenate([np.zeros(later), early])[: early.size]
+
+    for drive in (
+        sa_level,
+        lambda s: sa_rate(s, DT_MS, scheme),
+        lambda s: ra_drive(s, DT_MS, scheme),
+        lambda s: pc_drive(s, DT_MS, scheme),
+    ):
+        np.testing.assert_array_equal(drive(late)[later:], drive(early)[:-later])
+
+
+@given(
+    stress_pa=arrays(np.float64, (30, 3), elements=st.integers(0, 10**6)),
+    factor=st.sampled_from([0.5, 2.0, 1024.0]),
+)
+def test_a_drive_goes_with_the_size_of_the_stress_and_not_with_its_neighbours(
+    stress_pa, factor
+):
+    for drive in (
+        sa_level,
+        lambda s: sa_rate(s, DT_MS),
+        lambda s: ra_drive(s, DT_MS),
+        lambda s: pc_drive(s, DT_MS),
+    ):
+        together = drive(stress_pa)
+        assert (together >= 0).all()
+        np.testing.assert_array_equal(drive(factor * stress_pa), factor * together)
+        np.testing.assert_array_equal(drive(-stress_pa), together)
+        np.testing.assert_array_equal(drive(stress_pa[:, 1]), together[:, 1])
+
+
+@pytest.mark.parametrize("scheme", DERIVATIVES)
+@pytest.mark.parametrize("samples", [2, 3, 4])
+def test_a_trace_shorter_than_a_stencil_has_no_drive(scheme, samples):
+    stress_pa = np.arange(samples) ** 3.0
+
+    assert not pc_drive(stress_pa, DT_MS, scheme).any() or samples == 4
+    assert pc_drive(stress_pa, DT_MS, scheme).shape == (samples,)
+
+
+def test_a_sample_that_is_not_finite_is_named():
+    stress_pa = np.zeros((10, 4))
+    stress_pa[7, 2] = np.nan
+
+    with pytest.raises(TraceError, match=r"nan at sample 7, condition 2"):
+        sa_level(stress_pa)
+    with pytest.raises(TraceError, match=r"inf at sample 1$"):
+        ra_drive([0.0, np.inf, 0.0], DT_MS)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (4, 2, 2)])
+def test_an_array_that_is_no_trace_is_refused(shape):
+    with pytest.raises(TraceError, match="expected"):
+        sa_level(np.zeros(shape))
+
+
+def test_an_unknown_scheme_or_step_is_refused():
+    with pytest.raises(ParameterError, match="'upwind', expected one of backward"):
+        ra_drive(np.zeros(9), DT_MS, "upwind")
+    with pytest.raises(ParameterError, match="dt_ms must be > 0, got 0"):
+        pc_drive(np.zeros(9), 0)

@@ -1,0 +1,73 @@
+"""Windows: what is inside, what is on the edge, what a row of a current is in."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fembridge.errors import ParameterError
+from neural.rate import impulses_per_cycle, rate_ips, spikes_inside, window_rows
+
+
+def test_the_start_of_a_window_is_excluded_and_its_end_included():
+    assert spikes_inside([5.0, 5.5, 100.0, 250.0, 250.5], (5.0, 250.0)) == 3
+
+
+def test_windows_side_by_side_share_no_spike():
+    times_ms = 0.1 * np.arange(1, 2001)
+
+    halves = [spikes_inside(times_ms, window) for window in ((0, 100.3), (100.3, 200))]
+
+    assert halves == [1003, 997]
+
+
+def test_a_rate_is_impulses_a_second():
+    assert rate_ips([10.0, 20.0, 30.0], (0.0, 100.0)) == 30.0
+    assert rate_ips(np.arange(1, 50) * 5.0, (5.0, 250.0)) == pytest.approx(48 / 0.245)
+    assert rate_ips([], (0.0, 100.0)) == 0.0
+
+
+def test_one_spike_a_cycle_is_one_impulse_a_cycle():
+    """50 Hz: a cycle is 20 ms, five of them in the window."""
+    times_ms = 3.0 + 20.0 * np.arange(12)
+
+    assert impulses_per_cycle(times_ms, (100.0, 200.0), 50.0) == 1.0
+
+
+@given(
+    start_row=st.integers(0, 300),
+    length=st.integers(1, 300),
+    dt_ms=st.sampled_from([0.1, 0.25, 0.5, 1.0]),
+    start_ms=st.sampled_from([-3.0, 0.0, 0.5, 7.0]),
+)
+def test_rows_of_a_window_are_the_spikes_inside_it(start_row, length, dt_ms, start_ms):
+    rows = 400
+    window_ms = (
+        start_ms + start_row * dt_ms,
+        start_ms + (start_row + length) * dt_ms,
+    )
+    every_spike_ms = start_ms + (np.arange(rows) + 1) * dt_ms
+
+    chosen = every_spike_ms[window_rows(window_ms, dt_ms, start_ms)]
+
+    assert chosen.size == spikes_inside(every_spike_ms, window_ms)
+    assert all(spikes_inside([time], window_ms) for time in chosen)
+
+
+def test_the_window_of_the_paper_is_rows_10_to_499():
+    """5 to 250 ms: the step of row 10 ends at 5.5 ms, that of row 499 at 250 ms."""
+    assert window_rows((5.0, 250.0), 0.5) == slice(10, 500)
+
+
+@pytest.mark.parametrize("window_ms", [(5.0, 5.0), (9.0, 5.0), (0.0, np.nan)])
+def test_a_window_that_ends_before_it_starts_is_refused(window_ms):
+    for count in (lambda w: rate_ips([1.0], w), lambda w: window_rows(w, 0.5)):
+        with pytest.raises(ParameterError, match="expected start < end"):
+            count(window_ms)
+
+
+def test_a_frequency_or_step_that_is_none_is_refused():
+    with pytest.raises(ParameterError, match="frequency_hz must be > 0"):
+        impulses_per_cycle([1.0], (0.0, 10.0), 0.0)
+    with pytest.raises(ParameterError, match="dt_ms must be > 0"):
+        window_rows((0.0, 10.0), -0.5)
