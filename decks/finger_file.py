@@ -28,6 +28,7 @@ from fembridge.errors import FingerError
 _PARTS = ("outline", "skin", "ridges", "papillae", "bone", "nail", "resolution")
 _AFFERENTS = ("SA", "RA", "PC")
 _MAX_BYTES = 1_000_000
+_NAME_LENGTH = 60
 _Part = TypeVar("_Part")
 
 
@@ -43,17 +44,10 @@ def read_finger(preset_or_path: str) -> Finger:
     if preset_or_path in PRESETS:
         return PRESETS[preset_or_path]
     path = Path(preset_or_path)
+    text = _text(path)
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise FingerError(f"{path}: over {_MAX_BYTES} bytes, not a finger file")
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except FileNotFoundError as error:
-        raise FingerError(
-            f"finger {preset_or_path!r}: neither a preset ({', '.join(PRESETS)}) "
-            "nor a file"
-        ) from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # its own error is a ValueError
         raise FingerError(f"{path}: not readable as TOML: {error}") from error
     try:
         return finger_from(table, name=path.stem)
@@ -65,7 +59,7 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     """Make a finger of a TOML table; `name` is used where the table has none."""
     _known(table, ("name", "base", *_PARTS, "materials", "afferents"), "finger")
     base = table.get("base", "quick")
-    if base not in PRESETS:
+    if not isinstance(base, str) or base not in PRESETS:
         raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
     finger = PRESETS[base]
     changes: dict[str, Any] = {"name": _name(table.get("name", name))}
@@ -85,6 +79,27 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     return replace(finger, materials=materials, afferents=sites, **changes)
 
 
+def _text(path: Path) -> str:
+    """Give what stands in a file; never more than a finger file may hold."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+    except FileNotFoundError as error:
+        raise FingerError(
+            f"finger {str(path)!r}: neither a preset ({', '.join(PRESETS)}) nor a file"
+        ) from error
+    except OSError as error:
+        raise FingerError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:  # a zero byte in the name
+        raise FingerError(f"finger {str(path)!r}: no name of a file") from error
+    if len(content) > _MAX_BYTES:
+        raise FingerError(f"{path}: over {_MAX_BYTES} bytes, not a finger file")
+    try:
+        return content.decode("utf-8-sig")  # Windows editors begin with a mark
+    except UnicodeDecodeError as error:
+        raise FingerError(f"{path}: not UTF-8: {error}") from error
+
+
 def _changed(part: _Part, entries: object, where: str) -> _Part:
     if not isinstance(entries, Mapping):
         raise FingerError(f"[{where}] must be a table, got {entries!r}")
@@ -93,8 +108,6 @@ def _changed(part: _Part, entries: object, where: str) -> _Part:
         return replace(part, **entries)  # type: ignore[type-var]
     except FingerError as error:
         raise FingerError(f"[{where}] {error}") from error
-    except TypeError as error:
-        raise FingerError(f"[{where}] a value of the wrong kind: {error}") from error
 
 
 def _known(entries: Mapping[str, Any], names: Any, where: str) -> None:  # noqa: ANN401 - any collection of names
@@ -115,6 +128,16 @@ def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def _name(name: object) -> str:
-    if not isinstance(name, str) or not 0 < len(name) <= 60 or not name.isprintable():
-        raise FingerError(f"name must be printable, 1 to 60 characters, got {name!r}")
+    """Check a name: it stands in decks and reports, and may become a file's."""
+    if (
+        not isinstance(name, str)
+        or not 0 < len(name) <= _NAME_LENGTH
+        or not name.isprintable()
+        or name.startswith((".", " "))
+        or set(name) & set("/\\")
+    ):
+        raise FingerError(
+            f"name must be 1 to {_NAME_LENGTH} printable characters, none of them "
+            f"a slash, the first no dot or space, got {name!r}"
+        )
     return name

@@ -3,16 +3,32 @@
 Rows count from 0 here; a deck numbers nodes and elements from 1.
 """
 
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from decks.finger import LAYERS, AfferentSite
+from decks.mesh_checks import check_cover, check_tables
 from fembridge.errors import FingerError
+from fembridge.outputs import replacing
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 MIN_SCALED_JACOBIAN = 0.3
+
+# What NumPy raises on a file that is no whole archive of arrays.
+_DAMAGE = (
+    OSError,
+    EOFError,
+    KeyError,
+    TypeError,
+    ValueError,
+    zipfile.BadZipFile,
+    zlib.error,
+    NotImplementedError,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,20 +53,9 @@ class Mesh:
             array = np.array(getattr(self, name), dtype=kind)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        if self.quad.ndim != 2 or self.quad.shape[1] != 4 or not len(self.quad):
-            raise FingerError(f"expected quads (E, 4), got {self.quad.shape}")
-        used = np.bincount(self.quad.ravel(), minlength=len(self.node_mm))
-        if len(used) > len(self.node_mm) or not used.all():
-            raise FingerError("a mesh whose elements and nodes do not belong together")
-        worst = self.scaled_jacobian()
-        row = int(worst.argmin())
-        if not worst[row] >= MIN_SCALED_JACOBIAN:
-            x, y = self.node_mm[self.quad[row]].mean(axis=0)
-            raise FingerError(
-                f"element {row + 1} at ({x:.3f}, {y:.3f}) mm has scaled Jacobian "
-                f"{worst[row]:.2f}, expected {MIN_SCALED_JACOBIAN} or more"
-            )
-        self._check_cover()
+        check_tables(self.node_mm, self.quad, self.layer)
+        self._check_shapes()
+        check_cover(self.node_mm, self.quad)
 
     def scaled_jacobian(self) -> FloatArray:
         """Worst corner of each quad ``(E,)``: 1 is a rectangle, <= 0 is folded."""
@@ -131,43 +136,25 @@ class Mesh:
             )
         return int(rows[nearest])
 
-    def _check_cover(self) -> None:
-        """The outline is one closed line, and the elements fill what it encloses."""
-        nodes, _, _ = self.edges()
-        _, count = np.unique(np.sort(nodes, axis=1), axis=0, return_counts=True)
-        if count.max() > 2:
-            raise FingerError("an edge with more than two elements: layers overlap")
-        edge, _, _ = self.outline()
-        following: dict[int, int] = dict(edge.tolist())
-        ring = _ring(following, start=int(edge[0, 0]))
-        if len(ring) != len(edge) or len(following) != len(edge):
-            raise FingerError("the outline is not one closed line: layers leave a gap")
-        x, y = self.node_mm[ring].T
-        enclosed_mm2 = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-        filled_mm2 = float(self.area_mm2().sum())
-        if not abs(enclosed_mm2 - filled_mm2) <= 1e-9 * abs(enclosed_mm2):
+    def _check_shapes(self) -> None:
+        worst = self.scaled_jacobian()
+        row = int(worst.argmin())
+        if not worst[row] >= MIN_SCALED_JACOBIAN:
+            x, y = self.node_mm[self.quad[row]].mean(axis=0)
+            fault = "too skewed"
+            if worst[row] <= 0:
+                fault = "clockwise" if self.area_mm2()[row] < 0 else "folded"
             raise FingerError(
-                f"the elements fill {filled_mm2:.6f} mm2 of the {enclosed_mm2:.6f} mm2 "
-                "inside the outline"
+                f"element {row + 1} at ({x:.3f}, {y:.3f}) mm is {fault}: scaled "
+                f"Jacobian {worst[row]:.2f}, expected {MIN_SCALED_JACOBIAN} or more"
             )
-
-
-def _ring(following: dict[int, int], start: int) -> list[int]:
-    ring = [start]
-    while (node := following.get(ring[-1], start)) != start:
-        ring.append(node)
-        if len(ring) > len(following):
-            break
-    return ring
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
     """Store `mesh` as NPZ; the same mesh gives the same bytes."""
-    from fembridge.outputs import replacing
-
-    with replacing(path) as draft:
+    with replacing(path) as draft, draft.open("wb") as file:
         np.savez_compressed(
-            draft,
+            file,
             node_mm=mesh.node_mm,
             quad=mesh.quad.astype(np.int32),
             layer=mesh.layer.astype(np.int8),
@@ -175,9 +162,18 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read a mesh that `write_mesh` stored."""
+    """Read a mesh that `write_mesh` stored.
+
+    Raises
+    ------
+    FingerError
+        There is none, it is damaged, or it is a mesh that `Mesh` refuses.
+    """
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            return Mesh(stored["node_mm"], stored["quad"], stored["layer"])
-    except (OSError, KeyError, ValueError) as error:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays = [stored[name] for name in ("node_mm", "quad", "layer")]
+        return Mesh(*arrays)
+    except FingerError as error:
+        raise FingerError(f"{path}: {error}") from error
+    except _DAMAGE as error:
         raise FingerError(f"{path}: not a stored mesh: {error}") from error

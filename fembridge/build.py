@@ -1,5 +1,6 @@
 """From a finger and stimuli to run folders: decks that ccx, or a person, can take."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ from decks.finger import Finger
 from decks.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
+from fembridge.exports import write_csv
 from fembridge.outputs import make_folder, write_text
 from fembridge.run_folder import JOB, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
@@ -65,13 +67,11 @@ def build_run_folder(
     DeckError, FingerError
         The model or the stimulus cannot be put into a deck.
     """
-    import hashlib
-
     analysis = model.analysis(stimulus)
     deck = calculix_deck(analysis, binary=binary)
     make_folder(folder)
     write_text(folder / f"{JOB}.inp", deck)
-    write_text(folder / STIMULUS_FILE, _waveform(stimulus))
+    write_csv(stimulus, folder / STIMULUS_FILE)
     run = RunFolder(
         folder=folder,
         solver="calculix",
@@ -94,15 +94,6 @@ def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
         layer = analysis.finger.afferents[name].layer
         places.append(AfferentNode(name, row + 1, layer, x, y, -y))
     return tuple(places)
-
-
-def _waveform(stimulus: Stimulus) -> str:
-    lines = ["time_ms,displacement_um"]
-    for time_ms, depth_um in zip(
-        stimulus.times_ms.tolist(), stimulus.displacement_um.tolist(), strict=True
-    ):
-        lines.append(f"{time_ms!r},{depth_um!r}")
-    return "\n".join(lines) + "\n"
 
 
 def _inputs(model: Model, stimulus: Stimulus) -> Table:

@@ -9,6 +9,7 @@ FembridgeError
 ├── ParameterError   a neural parameter outside its meaning
 ├── TableError       a CSV table with a row that is not what its header says
 ├── ResultError      a result file that is absent, cut short or of another kind
+├── ResponseError    a response map that was not accepted, is altered, or too short
 ├── SolverError      the solver did not reach the end of the step
 ├── MissingError     a program or library that is not on this machine
 └── OutputError      a place where results cannot be written
@@ -54,6 +55,10 @@ class ParameterError(FembridgeError):
 
 class MissingError(FembridgeError):
     """A program or library that is not on this machine."""
+
+
+class ResponseError(FembridgeError):
+    """A response map that was not accepted, is altered, or does not reach."""
 
 
 class _PlacedError(FembridgeError):

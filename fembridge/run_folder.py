@@ -8,7 +8,9 @@ After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
 ``job.cvg``) and ``solver.log`` stand beside them.
 """
 
+import csv
 import hashlib
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +18,7 @@ from pathlib import Path
 
 from fembridge.errors import ResultError
 from fembridge.outputs import write_text
-from fembridge.typing import Table
+from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
 RUN_FILE = "run.toml"
@@ -153,6 +155,38 @@ def read_run_folder(folder: Path) -> RunFolder:
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ResultError(f"not a run.toml of fembridge: {error!r}", path) from error
+
+
+def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
+    """Read ``stimulus.csv``: times ``(T,)`` in ms and displacement ``(T,)`` in um.
+
+    Raises
+    ------
+    ResultError
+        There is none, or a row is not two finite numbers.
+    """
+    import numpy as np
+
+    path = folder / STIMULUS_FILE
+    rows = []
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.reader(file)
+            if next(reader, None) != ["time_ms", "displacement_um"]:
+                raise ResultError("expected time_ms,displacement_um", path, 1)
+            for row in reader:
+                time_ms, depth_um = (float(field) for field in row)
+                if not (math.isfinite(time_ms) and math.isfinite(depth_um)):
+                    raise ValueError("not finite")
+                rows.append((time_ms, depth_um))
+    except (ValueError, UnicodeDecodeError) as error:
+        raise ResultError(f"not a sample: {error}", path, len(rows) + 2) from error
+    except OSError as error:
+        raise ResultError(f"cannot be read: {error.strerror}", path) from error
+    if len(rows) < 2:
+        raise ResultError(f"{len(rows)} samples, expected two or more", path)
+    times_ms, depth_um = np.array(rows, dtype=np.float64).T
+    return times_ms, depth_um
 
 
 def sha256_of(path: Path) -> str:

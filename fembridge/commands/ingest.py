@@ -99,8 +99,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             taken += " (--stress-unit says otherwise)"
         print(
             f"{output}: {len(traces)} trace{'s' * (len(traces) > 1)}, "
-            f"{first.start_ms:g} to {first.times_ms[-1]:g} ms every {first.dt_ms:g} ms; "
-            f"{taken}"
+            f"{first.start_ms:g} to {first.times_ms[-1]:g} ms "
+            f"every {first.dt_ms:g} ms; {taken}"
         )
         for trace in traces:
             who = f"{trace.afferent} " if trace.afferent else ""
@@ -132,7 +132,7 @@ def _list(path: Path, held: dict[str, Any], quiet: bool) -> dict[str, Any]:
         print(f"  materials: {', '.join(names)}")
     for quantity in held["quantities"]:
         span = f"{quantity['first_ms']:g} to {quantity['last_ms']:g} ms"
-        where = "no nodes"
+        where, count = "no nodes", quantity["increments"]
         if quantity["nodes"]:
             where = (
                 f"{quantity['nodes']} nodes, {quantity['lowest_node']} to "
@@ -140,7 +140,7 @@ def _list(path: Path, held: dict[str, Any], quiet: bool) -> dict[str, Any]:
             )
         print(
             f"  {quantity['name']}: {', '.join(quantity['components'])}; "
-            f"{quantity['increments']} increments, {span}; {where}; "
+            f"{count} increment{'s' * (count != 1)}, {span}; {where}; "
             f"{quantity['storage']}"
         )
     if held["problem"]:

@@ -52,8 +52,8 @@ def load_solver(name: str) -> Attempt:
     """
     if name in SOLVERS:
         module, _, function = SOLVERS[name].partition(":")
-        attempt: Attempt = getattr(import_module(module), function)
-        return attempt
+        ours: Attempt = getattr(import_module(module), function)
+        return ours
     if name in RUN_BY_THEIR_OWNERS:
         raise MissingError(
             f"{RUN_BY_THEIR_OWNERS[name]} is run by its owner: run the deck there, "
@@ -61,7 +61,7 @@ def load_solver(name: str) -> Attempt:
         )
     rows = entry_points(group=ENTRY_POINTS)
     for row in rows.select(name=name):
-        attempt = row.load()
-        return attempt
+        loaded: Attempt = row.load()
+        return loaded
     known = ", ".join(sorted({*SOLVERS, *rows.names}))
     raise MissingError(f"no solver {name!r} here; there is {known}")

@@ -60,12 +60,14 @@ def run_folders(
         except FembridgeError as error:
             problem = str(error).removeprefix(f"{folder}: ")
             return Outcome(folder, Failure(Cause.BAD_FOLDER, problem))
+        except BaseException:
+            halt.set()  # before this thread takes the next folder
+            raise
 
     unique = {folder.resolve(): folder for folder in reversed(list(folders))}
     with signals_as_exits(), ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(run, folder) for folder in reversed(unique.values())]
         try:
-            return [future.result() for future in futures]
+            return list(pool.map(run, reversed(unique.values())))
         finally:  # after Ctrl-C the pool waits until each solver is stopped
             halt.set()
 

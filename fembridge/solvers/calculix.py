@@ -56,7 +56,7 @@ def run_calculix(
     iteration_limit
         Give up when one attempt at an increment takes more iterations.
     on_progress
-        Told how far the run is, at the latest every second.
+        Told how far the run is, at the latest every second, and when it ends.
 
     Returns
     -------
@@ -188,15 +188,20 @@ class _Attempt:
                 process.wait(timeout=pause_s)
             except subprocess.TimeoutExpired:
                 pause_s = min(1.2 * pause_s, SLOWEST_LOOK_S)
-            else:
-                return None
             progress = self._watchdog.look(time.monotonic() - begin_s)
-            if self._on_progress is not None:
-                self._on_progress(progress)
+            if process.returncode is not None:
+                self._tell(replace(progress, ended=True))
+                return None
+            self._tell(progress)
             failure = self._watchdog.complaint(progress) or self._halted(progress)
             if failure is not None:
                 stop(process)
+                self._tell(replace(progress, ended=True))
                 return failure
+
+    def _tell(self, progress: Progress) -> None:
+        if self._on_progress is not None:
+            self._on_progress(progress)
 
     def _halted(self, progress: Progress) -> Failure | None:
         if self._halt is None or not self._halt.is_set():

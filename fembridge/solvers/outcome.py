@@ -45,8 +45,9 @@ class Failure:
     deck_line: int | None = None
 
     def __str__(self) -> str:
-        parts = [f"{self.cause.value}: {self.found}", self.remedy]
-        return "; ".join(part for part in parts if part)
+        where = "" if self.deck_line is None else f" (job.inp:{self.deck_line})"
+        told = f"{self.cause.value}: {self.found}{where}"
+        return f"{told}; {self.remedy}" if self.remedy else told
 
 
 @dataclass(frozen=True, slots=True)

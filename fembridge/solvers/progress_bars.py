@@ -17,8 +17,8 @@ LONGEST_NAME = 28
 class ProgressBars:
     """Shows each `Progress` it is called with; nothing where there is no terminal.
 
-    A context manager: the bars are gone at its end. Calls may come from several
-    threads. rich is imported when the first bar is due.
+    A context manager: a bar goes when its run ends, all go at its end. Calls may
+    come from several threads. rich is imported when the first bar is due.
     """
 
     def __init__(self) -> None:
@@ -43,11 +43,16 @@ class ProgressBars:
 
     def __call__(self, progress: Progress) -> None:
         """Move the bar of this run."""
-        if progress.elapsed_s < PATIENCE_S:
-            return
         with self._lock:
-            if self._shows:
+            if progress.ended:
+                self._forget(progress)
+            elif self._shows and progress.elapsed_s >= PATIENCE_S:
                 self._show(progress)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Folders that have a bar now."""
+        return tuple(self._rows)
 
     def _show(self, progress: Progress) -> None:
         if self._bars is None:
@@ -61,6 +66,11 @@ class ProgressBars:
         self._bars.update(
             self._rows[name], completed=progress.fraction, told=words_of(progress)
         )
+
+    def _forget(self, progress: Progress) -> None:
+        row = self._rows.pop(str(progress.folder), None)
+        if self._bars is not None and row is not None:
+            self._bars.remove_task(row)
 
 
 def words_of(progress: Progress) -> str:

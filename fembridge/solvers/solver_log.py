@@ -21,6 +21,13 @@ _OTHER = re.compile(r"^\s*\*INFO\b")
 _CARD = re.compile(r"^(.*?)[. ]*Card image: *(\S.*)$")
 _VERSION = re.compile(r"CalculiX Version (\S+?),")
 _FINISHED = "Job finished"
+_BANNER = (
+    "CalculiX comes with",
+    "CalculiX Version",
+    "software, and you are",
+    "certain conditions",
+    "You are using an executable",
+)
 _SUMMARY = "at least one fatal error message"
 
 DROPPED = (
@@ -108,7 +115,7 @@ def read_solver_log(path: Path) -> SolverLog:
         for line in file:
             gathered.take(line)
             words = line.strip()
-            if set(words) - set("*_"):
+            if set(words) - set("*_") and not words.startswith(_BANNER):
                 last.append(words[:LONGEST_MESSAGE])
             if version is None:
                 found = _VERSION.search(line)

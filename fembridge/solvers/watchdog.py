@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from fembridge.errors import ResultError, UsageError
+from fembridge.errors import OutputError, ResultError, UsageError
 from fembridge.results.cvg import CvgRow, read_cvg
 from fembridge.results.sta import StaRow, read_sta
 from fembridge.run_folder import JOB, RunFolder
@@ -44,6 +44,7 @@ class Progress:
 
     `increment` of `increments` have converged, up to `time_ms` of `end_ms`;
     `iterations` were made in all, `iterations_here` in the attempt under way.
+    `ended` marks the last word about a run, good or not.
     """
 
     folder: Path
@@ -54,6 +55,7 @@ class Progress:
     iterations: int
     iterations_here: int
     elapsed_s: float
+    ended: bool = False
 
     @property
     def fraction(self) -> float:
@@ -88,7 +90,13 @@ class Watchdog:
         self._cvg: list[CvgRow] = []
 
     def look(self, elapsed_s: float) -> Progress:
-        """Look at the files; tell how far the run is."""
+        """Look at the files; tell how far the run is.
+
+        Raises
+        ------
+        OutputError
+            Somebody has removed the folder.
+        """
         sizes = _sizes(self._work)
         if sizes != self._sizes:
             self._grown_at_s = elapsed_s
@@ -151,7 +159,11 @@ class Watchdog:
 
 def _sizes(folder: Path) -> dict[str, int]:
     sizes = {}
-    with os.scandir(folder) as entries:
+    try:
+        entries = os.scandir(folder)
+    except OSError as error:
+        raise OutputError(f"gone during the run: {error.strerror}", folder) from error
+    with entries:
         for entry in entries:
             try:
                 sizes[entry.name] = entry.stat().st_size

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import OutputError, TableError, TraceError
@@ -44,6 +44,7 @@ def refusal(read, path):
     return str(caught.value).removeprefix(str(path))
 
 
+@settings(deadline=None)
 @given(
     stress_pa=st.lists(st.floats(0, 1e9), min_size=2, max_size=20),
     start_ms=st.sampled_from([0.0, 0.5, -12.5]),

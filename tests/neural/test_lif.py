@@ -64,6 +64,8 @@ def test_a_potential_at_the_threshold_is_not_above_it():
 
     assert spike_counts(np.full(6, at), 0.5, 0.5, 10.0) == 0
     assert spike_counts(np.full(6, above), 0.5, 0.5, 10.0) == 6
+    assert not spike_mask(np.full(6, at), 0.5, 0.5, 10.0).any()
+    assert spike_mask(np.full(6, above), 0.5, 0.5, 10.0).all()
 
 
 def test_current_in_the_refractory_period_leaves_no_charge():

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import ResultError
@@ -21,6 +21,7 @@ ELEMENTS = st.lists(
 )
 
 
+@settings(deadline=None)
 @given(kinds=ELEMENTS, mesh_flag=st.sampled_from([1, 2]), seed=st.integers(0, 99))
 def test_any_mix_of_element_types_gives_what_a_plain_loop_gives(
     write_frd, kinds, mesh_flag, seed

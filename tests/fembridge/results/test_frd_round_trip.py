@@ -48,7 +48,7 @@ def random_blocks(block, ids, flags, seed, count=6, name="STRESS", components=()
     return blocks, [stored(table, f) for table, f in zip(values, flags, strict=True)]
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(ids=IDS, flags=st.lists(FLAGS, min_size=1, max_size=4), seed=st.integers(0, 99))
 def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
     block, write_frd, ids, flags, seed
@@ -64,6 +64,7 @@ def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
     assert_array_equal(times_ms, [0.5 * (k + 1) for k in range(len(flags))])
 
 
+@settings(deadline=None)
 @given(count=st.integers(1, 20), flag=FLAGS, seed=st.integers(0, 99))
 def test_any_number_of_components_fits_the_record_length(
     block, write_frd, count, flag, seed
@@ -100,7 +101,7 @@ def test_a_node_that_leaves_the_output_is_missed_by_name_and_increment(
         block("STRESS", k, k * 1e-3, [(n, [x] * 6) for n, x in table.items()])
         for k, table in enumerate(tables, start=1)
     ]
-    with pytest.raises(ResultError, match="node 2 .* STRESS of step 1, increment 2"):
+    with pytest.raises(ResultError, match=r"node 2 .* STRESS of step 1, increment 2"):
         frd.read_stress_tensor(write_frd(blocks), [2])
 
 
@@ -156,6 +157,7 @@ def test_stress_is_scaled_by_the_unit_of_the_file(block, write_frd):
     }
 
 
+@settings(deadline=None)
 @given(
     dt_ms=st.floats(0.05, 2.0),
     samples=st.integers(3, 400),

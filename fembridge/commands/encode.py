@@ -1,0 +1,194 @@
+"""Turn stress traces into spikes and firing rates.
+
+Takes a table time_ms,afferent,node,von_mises_pa with a trace of an SA, an RA or a
+PC afferent (one of each at most, every 0.5 ms) and writes into the output folder
+  spikes.csv  stimulus,afferent,repeat,spike_time_ms
+  rates.csv   stimulus,afferent,rate_ips
+  raster.png  the spikes, a panel for each class
+The parameters are those published by Ishizuka et al., Table 2, unless a TOML file
+with sections [SA], [RA], [PC] gives others.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fembridge.tables import Rate, SpikeTrain
+    from fembridge.trace import StressTrace
+
+EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5 250"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument("traces", type=Path, metavar="CSV", help="table of traces")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("encoded"),
+        metavar="DIR",
+        help="folder to write into (default: encoded)",
+    )
+    parser.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="TOML",
+        help="parameters; what the file leaves out stays as published",
+    )
+    parser.add_argument(
+        "--stimulus",
+        metavar="ID",
+        help="what the tables call the stimulus (default: the file's name)",
+    )
+    parser.add_argument(
+        "--afferent",
+        choices=("SA", "RA", "PC"),
+        nargs="+",
+        help="what to take a trace for that names no afferent: one class or more",
+    )
+    parser.add_argument(
+        "--window-ms",
+        type=float,
+        nargs=2,
+        metavar=("START", "END"),
+        help="count spikes after START up to END (default: the whole trace)",
+    )
+    parser.add_argument(
+        "--derivative",
+        choices=("backward", "central", "forward"),
+        default="backward",
+        help="scheme of the stress derivatives (default: backward)",
+    )
+    parser.add_argument(
+        "--no-raster", action="store_true", help="write the tables alone"
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Encode, write, and tell the rate of each afferent."""
+    from fembridge.tables import Rate, SpikeTrain, read_traces
+    from neural import PUBLISHED, encode, rate_ips, read_parameters, spikes_inside
+
+    parameters = read_parameters(args.parameters) if args.parameters else PUBLISHED
+    traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
+    windows_ms = {
+        name: _window(name, trace, args.window_ms) for name, trace in traces.items()
+    }
+    stimulus = args.stimulus or args.traces.stem
+    trains, rates, afferents = [], [], {}
+    for name, trace in traces.items():
+        [times_ms] = encode(
+            trace.stress_pa,
+            trace.dt_ms,
+            parameters[name],
+            trace.start_ms,
+            args.derivative,
+        )
+        rate = Rate(stimulus, name, rate_ips(times_ms, windows_ms[name]))
+        trains.append(SpikeTrain(stimulus, name, times_ms))
+        rates.append(rate)
+        afferents[name] = {
+            "node": trace.node,
+            "spikes": times_ms.size,
+            "spikes_in_window": spikes_inside(times_ms, windows_ms[name]),
+            "rate_ips": rate.rate_ips,
+            "window_ms": list(windows_ms[name]),
+        }
+    files = _write(args, list(traces.values()), trains, rates)
+    if args.window_ms is None:
+        print(
+            "rates over the whole trace; narrow it with --window-ms START END",
+            file=sys.stderr,
+        )
+    if not args.json:
+        _print_table(afferents)
+        print(*files, sep="\n")
+    return {
+        "stimulus": stimulus,
+        "parameters": str(args.parameters or "published"),
+        "derivative": args.derivative,
+        "afferents": afferents,
+        "files": [str(path) for path in files],
+    }
+
+
+def _write(
+    args: argparse.Namespace,
+    traces: "list[StressTrace]",
+    trains: "list[SpikeTrain]",
+    rates: "list[Rate]",
+) -> list[Path]:
+    from fembridge.tables import write_rates, write_spikes
+
+    folder: Path = args.output
+    files = [folder / "spikes.csv", folder / "rates.csv"]
+    write_spikes(files[0], trains)
+    write_rates(files[1], rates)
+    if not args.no_raster:
+        from fembridge.plots.raster import draw_raster
+
+        files.append(folder / "raster.png")
+        start_ms = min(trace.start_ms for trace in traces)
+        end_ms = max(float(trace.times_ms[-1]) for trace in traces)
+        window_ms = tuple(args.window_ms) if args.window_ms else None
+        draw_raster(trains, files[2], span_ms=(start_ms, end_ms), window_ms=window_ms)
+    return files
+
+
+def _print_table(afferents: dict[str, dict[str, Any]]) -> None:
+    print(f"{'afferent':<9}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
+    for name, told in afferents.items():
+        start, end = told["window_ms"]
+        print(
+            f"{name:<9}{told['node']:>7}{told['spikes_in_window']:>8}"
+            f"{told['rate_ips']:>10.2f}  {start:g} to {end:g}"
+        )
+
+
+def _one_of_each(
+    traces: "list[StressTrace]", unnamed: list[str] | None, path: Path
+) -> "dict[str, StressTrace]":
+    """Give the traces by class, in the order of the table."""
+    from fembridge.errors import TableError
+
+    chosen: dict[str, StressTrace] = {}
+    for trace in traces:
+        classes = [trace.afferent] if trace.afferent else unnamed
+        if not classes:
+            raise TableError(
+                f"node {trace.node} has no afferent, expected SA, RA or PC; "
+                "name it with --afferent",
+                path,
+            )
+        for name in classes:
+            if name in chosen and chosen[name] is not trace:
+                raise TableError(
+                    f"nodes {chosen[name].node} and {trace.node} are both {name}, "
+                    "expected one; split the table",
+                    path,
+                )
+            chosen[name] = trace
+    return chosen
+
+
+def _window(
+    afferent: str, trace: "StressTrace", asked_ms: list[float] | None
+) -> tuple[float, float]:
+    """Give the window to count in: what was asked, if the trace covers it."""
+    from fembridge.errors import UsageError
+
+    first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
+    if asked_ms is None:
+        return first, last
+    start, end = asked_ms
+    slack = 1e-3 * trace.dt_ms
+    # The first sample may be one increment after the start of the stimulus.
+    if not (first - trace.dt_ms - slack <= start < end <= last + slack):
+        raise UsageError(
+            f"window {start:g} to {end:g} ms, expected start < end inside "
+            f"{first:g} to {last:g} ms, the {afferent} trace"
+        )
+    return start, end

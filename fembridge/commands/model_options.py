@@ -1,0 +1,84 @@
+"""Options that verbs with a finger, a probe and stimuli share."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fembridge.build import Model
+    from fembridge.stimulus import Stimulus
+
+
+def add_stimulus_options(parser: argparse.ArgumentParser) -> None:
+    """Which stimuli."""
+    parser.add_argument(
+        "--stimulus",
+        action="append",
+        required=True,
+        metavar="ID",
+        help="sine_20_250, a set as noise_25_250 or all; commas or repetition join",
+    )
+    parser.add_argument(
+        "--preindent-um",
+        type=float,
+        default=0.0,
+        metavar="DEPTH",
+        help="depth of the probe before time 0 (default: 0)",
+    )
+    parser.add_argument(
+        "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
+    )
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """Which finger and which probe."""
+    parser.add_argument(
+        "--finger",
+        default="quick",
+        metavar="NAME|FILE.toml",
+        help="quick (3 100 elements), paper (17 702) or a file (default: quick)",
+    )
+    parser.add_argument(
+        "--element",
+        choices=("CPE4", "CPE4R", "CPE8R"),
+        default="CPE4",
+        help="element of the finger (default: CPE4)",
+    )
+    parser.add_argument(
+        "--probe-shape",
+        choices=("cylinder", "flat"),
+        default="cylinder",
+        help="default: cylinder",
+    )
+    parser.add_argument(
+        "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
+    )
+    parser.add_argument(
+        "--probe-x-mm",
+        type=float,
+        default=0.0,
+        metavar="X",
+        help="where the probe stands across the finger (default: 0)",
+    )
+
+
+def model_from(args: argparse.Namespace) -> "Model":
+    """Make the model that the options describe."""
+    from decks.finger_file import read_finger
+    from decks.probe import Probe
+    from fembridge.build import model_of
+
+    probe = Probe(
+        shape=args.probe_shape, diameter_mm=args.probe_diameter_mm, x_mm=args.probe_x_mm
+    )
+    return model_of(read_finger(args.finger), probe=probe, element=args.element)
+
+
+def stimuli_from(args: argparse.Namespace) -> "list[Stimulus]":
+    """Make the stimuli that the options name, each once."""
+    from decks.catalogue import resolve
+    from decks.waveform import make_stimulus
+
+    return [
+        make_stimulus(entry, preindent_um=args.preindent_um, seed=args.seed)
+        for entry in resolve(args.stimulus)
+    ]

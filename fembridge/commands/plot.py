@@ -1,0 +1,333 @@
+"""Draw a picture of a model, a response, or what came out of a run.
+
+Each picture is made for a page of a journal and saved in the format that its
+suffix names: .png, .pdf, .svg and others that Matplotlib knows.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fembridge.response.response_map import ResponseMap
+    from fembridge.stimulus import Stimulus
+    from fembridge.tables import SpikeTrain
+
+EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands: a picture, then its own options."""
+    pictures = parser.add_subparsers(
+        dest="picture", metavar="PICTURE", required=True, title="pictures"
+    )
+    _add_mesh(pictures)
+    _add_response(pictures)
+    _add_trace(pictures)
+    _add_raster(pictures)
+    _add_stimulus(pictures)
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Draw; the summary holds what is in the picture and where it is."""
+    from fembridge.plots.picture import check_suffix
+
+    check_suffix(args.output)
+    draw = {
+        "mesh": _draw_mesh,
+        "response": _draw_response,
+        "trace": _draw_trace,
+        "raster": _draw_raster,
+        "stimulus": _draw_stimulus,
+    }[args.picture]
+    told = draw(args)
+    if not args.json:
+        print(args.output)
+    return {"picture": args.picture, "file": str(args.output), **told}
+
+
+def _add_mesh(pictures: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = _add_picture(
+        pictures,
+        "mesh",
+        "the finger's layers and elements, its afferents, and the probe",
+        "fembridge plot mesh --finger paper -o mesh.pdf",
+    )
+    parser.add_argument(
+        "--finger",
+        default="quick",
+        metavar="NAME|FILE.toml",
+        help="quick, paper or a file (default: quick)",
+    )
+    parser.add_argument(
+        "--probe-shape",
+        choices=("cylinder", "flat"),
+        default="cylinder",
+        help="default: cylinder",
+    )
+    parser.add_argument(
+        "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
+    )
+    parser.add_argument(
+        "--probe-x-mm",
+        type=float,
+        default=0.0,
+        metavar="X",
+        help="where the probe stands across the finger (default: 0)",
+    )
+
+
+def _add_response(
+    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    parser = _add_picture(
+        pictures,
+        "response",
+        "stress at each afferent and the probe's force against its depth",
+        "fembridge plot response --finger quick -o response.pdf",
+    )
+    parser.add_argument(
+        "file",
+        nargs="?",
+        type=Path,
+        metavar="FILE",
+        help="a response.toml, as `fembridge simulate` leaves it",
+    )
+    parser.add_argument(
+        "--finger",
+        metavar="NAME",
+        help="the stored response of this finger (default, without FILE: quick)",
+    )
+
+
+def _add_trace(pictures: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = _add_picture(
+        pictures,
+        "trace",
+        "stress over time, a panel an afferent",
+        "fembridge plot trace traces.csv --stimulus sine_20_250",
+    )
+    parser.add_argument("table", type=Path, metavar="CSV", help="table of traces")
+    parser.add_argument(
+        "--stimulus", metavar="ID", help="draw the waveform that made them above"
+    )
+
+
+def _add_raster(
+    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    parser = _add_picture(
+        pictures,
+        "raster",
+        "spikes: a panel a class, a row a stimulus",
+        "fembridge plot raster spikes.csv --stimulus sine_20",
+    )
+    parser.add_argument("table", type=Path, metavar="CSV", help="table of spikes")
+    parser.add_argument(
+        "--stimulus",
+        action="append",
+        metavar="ID",
+        help="rows from top to bottom, silent ones too; a single one is drawn above "
+        "(default: those of the table)",
+    )
+    parser.add_argument(
+        "--afferent",
+        choices=("SA", "RA", "PC"),
+        nargs="+",
+        help="panels from left to right (default: those of the table)",
+    )
+    parser.add_argument(
+        "--window-ms",
+        type=float,
+        nargs=2,
+        metavar=("START", "END"),
+        help="leave white only the time in which spikes were counted",
+    )
+
+
+def _add_stimulus(
+    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
+) -> None:
+    parser = _add_picture(
+        pictures,
+        "stimulus",
+        "the probe's depth over time, a panel a stimulus",
+        "fembridge plot stimulus noise_25_250 sine_20_250 -o waveforms.svg",
+    )
+    parser.add_argument(
+        "ids",
+        nargs="+",
+        metavar="ID",
+        help="sine_20_250, a set as sine_20, noise or all; commas join several",
+    )
+    parser.add_argument(
+        "--preindent-um",
+        type=float,
+        default=0.0,
+        metavar="DEPTH",
+        help="depth of the probe before time 0 (default: 0)",
+    )
+    parser.add_argument(
+        "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
+    )
+
+
+def _add_picture(
+    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
+    name: str,
+    shows: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    parser = pictures.add_parser(
+        name,
+        help=shows,
+        description=f"{shows[0].upper()}{shows[1:]}.",
+        epilog=f"example: {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path(f"{name}.png"),
+        metavar="FILE",
+        help=f"its suffix chooses the format (default: {name}.png)",
+    )
+    # The verb has it too; unset here, so as not to undo it there.
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        default=argparse.SUPPRESS,
+        help="print a summary a program can read",
+    )
+    return parser
+
+
+def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:
+    from decks.finger_file import read_finger
+    from decks.presets import mesh_of
+    from decks.probe import Probe
+    from fembridge.plots.mesh import afferent_nodes, draw_mesh
+
+    probe = Probe(
+        shape=args.probe_shape, diameter_mm=args.probe_diameter_mm, x_mm=args.probe_x_mm
+    )
+    finger = read_finger(args.finger)
+    mesh = mesh_of(finger)
+    draw_mesh(finger, mesh, probe, args.output)
+    return {
+        "finger": finger.name,
+        "elements": len(mesh.quad),
+        "nodes": len(mesh.node_mm),
+        "afferents": {
+            place.afferent: {
+                "node": place.node,
+                "layer": place.layer,
+                "x_mm": place.x_mm,
+                "depth_mm": place.depth_mm,
+            }
+            for place in afferent_nodes(finger, mesh)
+        },
+    }
+
+
+def _draw_response(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.plots.response import draw_response
+
+    response = _response(args)
+    draw_response(response, args.output)
+    return {
+        "afferents": [place.afferent for place in response.places],
+        "depths": response.depth_um.size,
+        "deepest_um": response.deepest_um,
+        "closure_percent": response.closure_percent,
+    }
+
+
+def _response(args: argparse.Namespace) -> "ResponseMap":
+    from fembridge.errors import UsageError
+
+    if args.file is not None:
+        from fembridge.response.map_file import read_map
+
+        if args.finger is not None:
+            raise UsageError(f"{args.file} and --finger {args.finger}: expected one")
+        return read_map(args.file)
+    from decks.finger_file import read_finger
+    from decks.probe import Probe
+    from fembridge.response.stored import stored_response
+
+    return stored_response(read_finger(args.finger or "quick"), Probe(), "CPE4")
+
+
+def _draw_trace(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.plots.trace import draw_traces
+    from fembridge.tables import read_traces
+
+    traces = read_traces(args.table)
+    waveform = _stimuli([args.stimulus])[0] if args.stimulus else None
+    draw_traces(traces, args.output, waveform=waveform)
+    return {
+        "traces": [
+            {
+                "afferent": trace.afferent,
+                "node": trace.node,
+                "peak_pa": float(trace.stress_pa.max()),
+            }
+            for trace in traces
+        ]
+    }
+
+
+def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.plots.raster import draw_raster
+    from fembridge.tables import AFFERENTS, read_spikes
+
+    trains = read_spikes(args.table)
+    stimuli = _stimuli(args.stimulus) if args.stimulus else []
+    waveform = stimuli[0] if len(stimuli) == 1 else None
+    rows = [stimulus.id for stimulus in stimuli]
+    shown = [train for train in trains if not rows or train.stimulus in rows]
+    classes = args.afferent or (None if shown else AFFERENTS)
+    window_ms = tuple(args.window_ms) if args.window_ms else None
+    if window_ms is None and waveform is not None:
+        window_ms = waveform.window_ms
+    draw_raster(
+        shown,
+        args.output,
+        stimuli=rows or None,
+        afferents=classes,
+        window_ms=window_ms,
+        waveform=waveform,
+    )
+    return {"stimuli": rows or _ids(shown), "spikes": _count(shown, args.afferent)}
+
+
+def _draw_stimulus(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.plots.waveform import draw_waveforms
+
+    stimuli = _stimuli(args.ids, args.preindent_um, args.seed)
+    draw_waveforms(stimuli, args.output)
+    return {"stimuli": [stimulus.id for stimulus in stimuli]}
+
+
+def _stimuli(
+    words: list[str], preindent_um: float = 0.0, seed: int | None = None
+) -> "list[Stimulus]":
+    from decks.catalogue import resolve
+    from decks.waveform import make_stimulus
+
+    return [make_stimulus(entry, preindent_um, seed) for entry in resolve(words)]
+
+
+def _ids(trains: "list[SpikeTrain]") -> list[str]:
+    return list(dict.fromkeys(train.stimulus for train in trains))
+
+
+def _count(trains: "list[SpikeTrain]", afferents: list[str] | None) -> int:
+    return sum(
+        train.times_ms.size
+        for train in trains
+        if afferents is None or train.afferent in afferents
+    )

@@ -1,0 +1,147 @@
+"""From stimuli to spikes: solve the finger, take the stress, fire the afferents.
+
+With ccx on the PATH one indentation is solved and answers every stimulus
+(--method map), or the solver follows each whole waveform (--method transient).
+Without ccx the stored response of the reference finger is taken. Rates, spikes,
+stress traces and a raster are written to the output folder.
+"""
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from fembridge.commands.model_options import (
+    add_model_options,
+    add_stimulus_options,
+    model_from,
+    stimuli_from,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fembridge.simulation import Simulation
+
+EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
+
+# Rows that a table on the screen shows before it is cut.
+_SHOWN = 30
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    add_stimulus_options(parser)
+    add_model_options(parser)
+    parser.add_argument(
+        "-o", "--output", default="out", metavar="DIR", help="default: out"
+    )
+    parser.add_argument(
+        "--method",
+        choices=("map", "transient"),
+        default="map",
+        help="interpolate in one indentation, or solve each waveform (default: map)",
+    )
+    parser.add_argument(
+        "--stored",
+        action="store_true",
+        help="take the stored response even where ccx is installed",
+    )
+    parser.add_argument(
+        "--parameters",
+        metavar="FILE.toml",
+        help="neural parameters (default: Table 2 of the paper)",
+    )
+    parser.add_argument(
+        "--threads", type=int, metavar="N", help="threads of the solver (default: all)"
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="transients solved at the same time (default: 1)",
+    )
+    parser.add_argument(
+        "--time-limit", type=float, metavar="S", help="give up a run after so long"
+    )
+    parser.add_argument("--no-plot", action="store_true", help="draw no raster")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Simulate; the summary holds the rates."""
+    import os
+    from pathlib import Path
+
+    from fembridge.simulate import SolverSettings, simulate
+    from fembridge.solvers.progress_bars import ProgressBars
+    from fembridge.solvers.watchdog import Limits
+    from neural import PUBLISHED, read_parameters
+
+    output = Path(args.output)
+    parameters = read_parameters(Path(args.parameters)) if args.parameters else PUBLISHED
+    lines: list[str] = []
+
+    def tell(line: str) -> None:
+        lines.append(line)
+        print(line, file=sys.stderr)
+
+    with ProgressBars() as bars:
+        settings = SolverSettings(
+            threads=args.threads or max(1, (os.cpu_count() or 1) // args.jobs),
+            jobs=args.jobs,
+            limits=Limits(time_limit_s=args.time_limit),
+            on_progress=bars,
+        )
+        simulation = simulate(
+            stimuli_from(args),
+            model_from(args),
+            output,
+            method=args.method,
+            stored=args.stored,
+            parameters=parameters,
+            settings=settings,
+            tell=tell,
+        )
+    simulation.write(output)
+    if not args.no_plot:
+        _draw(simulation, output)
+    if not args.json:
+        _print_rates(simulation)
+        print(f"rates, spikes, traces and raster are in {output}")
+    return {
+        "output": str(output),
+        "method": args.method,
+        "notes": lines,
+        "rates": [
+            {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
+            for r in simulation.rates
+        ],
+    }
+
+
+def _draw(simulation: "Simulation", output: "Path") -> None:
+    from fembridge.plots.raster import draw_raster
+
+    windows = {stimulus.window_ms for stimulus in simulation.stimuli}
+    draw_raster(
+        simulation.trains,
+        output / "raster.png",
+        stimuli=[stimulus.id for stimulus in simulation.stimuli],
+        afferents=[str(trace.afferent) for trace in simulation.traces[0]],
+        window_ms=windows.pop() if len(windows) == 1 else None,
+        waveform=simulation.stimuli[0] if len(simulation.stimuli) == 1 else None,
+    )
+
+
+def _print_rates(simulation: "Simulation") -> None:
+    afferents = list(dict.fromkeys(rate.afferent for rate in simulation.rates))
+    by_key = {(r.stimulus, r.afferent): r.rate_ips for r in simulation.rates}
+    ids = [stimulus.id for stimulus in simulation.stimuli]
+    width = max(len("stimulus"), *map(len, ids[:_SHOWN]))
+    header = "".join(f"{name:>8}" for name in afferents)
+    print(f"{'stimulus':<{width}}{header}   impulses/s")
+    for name in ids[:_SHOWN]:
+        cells = "".join(f"{by_key[name, a]:8.1f}" for a in afferents)
+        print(f"{name:<{width}}{cells}")
+    if len(ids) > _SHOWN:
+        print(f"... {len(ids) - _SHOWN} more in rates.csv")

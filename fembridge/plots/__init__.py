@@ -1,0 +1,1 @@
+"""Figures: one module a kind, drawn with Matplotlib's objects, without pyplot."""

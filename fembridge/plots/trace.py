@@ -1,0 +1,116 @@
+"""Stress histories: a panel a node, one below the other, on one time axis."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fembridge.errors import UsageError
+from fembridge.plots.palette import (
+    AFFERENT_COLOURS,
+    DPI,
+    INK,
+    LINE_PT,
+    PAGE_WIDTH_IN,
+    SMALL_TEXT_PT,
+    TEXT_PT,
+)
+from fembridge.plots.picture import make_plain, save_figure
+from fembridge.plots.waveform import draw_waveform
+from fembridge.stimulus import Stimulus
+from fembridge.trace import StressTrace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_PANELS = 20
+
+_PANEL_IN, _WAVEFORM_IN, _AROUND_IN = 0.85, 0.6, 0.42
+_PA_PER_KPA = 1000.0
+
+
+def draw_traces(
+    traces: Sequence[StressTrace],
+    path: Path,
+    *,
+    waveform: Stimulus | None = None,
+    dpi: float = DPI,
+) -> None:
+    """Draw von Mises stress over time into a file; its suffix chooses the format.
+
+    Parameters
+    ----------
+    traces
+        Panels from top to bottom, twenty at most. All have the same unit, kPa, or
+        Pa where none reaches 1 kPa, and each its own scale.
+    path
+        Where to.
+    waveform
+        The stimulus that made them, to be drawn above.
+    dpi
+        Dots an inch, for formats that have dots.
+
+    Raises
+    ------
+    UsageError
+        No trace or too many, or a suffix that Matplotlib does not know.
+    OutputError
+        A place where nothing can be written.
+    """
+    save_figure(trace_figure(traces, waveform=waveform), path, dpi)
+
+
+def trace_figure(
+    traces: Sequence[StressTrace], *, waveform: Stimulus | None = None
+) -> "Figure":
+    """Make the figure that `draw_traces` saves; the arguments are the same."""
+    from matplotlib.figure import Figure
+
+    if not 0 < len(traces) <= MOST_PANELS:
+        raise UsageError(
+            f"{len(traces)} traces, expected 1 to {MOST_PANELS} in one picture"
+        )
+    heights_in = [_PANEL_IN] * len(traces)
+    if waveform:
+        heights_in.insert(0, _WAVEFORM_IN)
+    figure = Figure(
+        figsize=(PAGE_WIDTH_IN, sum(heights_in) + _AROUND_IN), layout="constrained"
+    )
+    panels = figure.subplots(
+        len(heights_in),
+        squeeze=False,
+        sharex=True,
+        gridspec_kw={"height_ratios": heights_in},
+    )[:, 0]
+    if waveform:
+        draw_waveform(panels[0], waveform)
+        panels[0].set_ylabel("Depth\n(µm)", fontsize=SMALL_TEXT_PT, color=INK)
+        panels[0].set_title(
+            waveform.id, fontsize=SMALL_TEXT_PT, color=INK, parse_math=False
+        )
+    largest_pa = max(float(trace.stress_pa.max()) for trace in traces)
+    unit, unit_pa = ("kPa", _PA_PER_KPA) if largest_pa >= _PA_PER_KPA else ("Pa", 1.0)
+    for panel, trace in zip(panels[-len(traces) :], traces, strict=True):
+        colour = AFFERENT_COLOURS.get(trace.afferent or "", INK)
+        panel.plot(
+            trace.times_ms, trace.stress_pa / unit_pa, color=colour, linewidth=LINE_PT
+        )
+        panel.set_ylabel(f"Stress\n({unit})", fontsize=SMALL_TEXT_PT, color=INK)
+        panel.set_ylim(bottom=0.0)
+        make_plain(panel)
+        panel.annotate(
+            trace.afferent or f"node {trace.node}",
+            (1.0, 0.5),
+            xycoords="axes fraction",
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=TEXT_PT,
+            fontweight="bold",
+            color=colour,
+        )
+    start_ms = min(trace.start_ms for trace in traces)
+    end_ms = max(float(trace.times_ms[-1]) for trace in traces)
+    panels[-1].set_xlim(start_ms, end_ms)
+    panels[-1].set_xlabel("Time (ms)", fontsize=SMALL_TEXT_PT, color=INK)
+    figure.align_ylabels(panels)
+    return figure

@@ -1,0 +1,118 @@
+"""Waveforms of stimuli: small panels with one time axis, each with its own depth."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fembridge.errors import UsageError
+from fembridge.plots.palette import (
+    DPI,
+    FAINT,
+    HAIR_PT,
+    INK,
+    PAGE_WIDTH_IN,
+    SHADE,
+    SMALL_TEXT_PT,
+)
+from fembridge.plots.picture import make_plain, save_figure
+from fembridge.stimulus import Stimulus
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST_COLUMNS = 4
+_PANEL_IN, _AROUND_IN = 0.78, 0.45
+_TALL_PANEL_IN = 1.3
+_WAVE_PT = 0.7
+# Two numbers on a scale are apart by this share of it, or one is left out.
+_CLEAR_SHARE, _DIGITS = 0.22, 3
+
+
+def draw_waveforms(
+    stimuli: Sequence[Stimulus], path: Path, *, dpi: float = DPI
+) -> None:
+    """Draw the probe's depth over time, a panel a stimulus, into a file.
+
+    Parameters
+    ----------
+    stimuli
+        Panels in reading order. Each has its own scale: amplitudes of the
+        catalogue span three orders of magnitude. What lies outside the window in
+        which spikes are counted gets a grey ground.
+    path
+        Where to; the suffix chooses the format.
+    dpi
+        Dots an inch, for formats that have dots.
+
+    Raises
+    ------
+    UsageError
+        No stimulus, or a suffix that Matplotlib does not know.
+    OutputError
+        A place where nothing can be written.
+    """
+    save_figure(waveform_figure(stimuli), path, dpi)
+
+
+def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
+    """Make the figure that `draw_waveforms` saves; the argument is the same."""
+    from matplotlib.figure import Figure
+
+    if not stimuli:
+        raise UsageError("no stimulus to draw")
+    columns = min(_MOST_COLUMNS, math.ceil(math.sqrt(len(stimuli))))
+    rows = math.ceil(len(stimuli) / columns)
+    row_in = _TALL_PANEL_IN if rows == 1 else _PANEL_IN
+    figure = Figure(
+        figsize=(PAGE_WIDTH_IN, rows * row_in + _AROUND_IN), layout="constrained"
+    )
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
+    for panel, stimulus in zip(grid, stimuli, strict=False):
+        draw_waveform(panel, stimulus)
+        panel.set_title(
+            stimulus.id, fontsize=SMALL_TEXT_PT, color=INK, pad=3, parse_math=False
+        )
+    for panel in grid[len(stimuli) :]:
+        panel.set_axis_off()
+    lowest = grid[max(0, len(stimuli) - columns) : len(stimuli)]
+    for panel in lowest:
+        panel.tick_params(labelbottom=True)
+    figure.supxlabel("Time (ms)", fontsize=SMALL_TEXT_PT, color=INK)
+    figure.supylabel(
+        "Depth of the probe (µm, positive into the skin)",
+        fontsize=SMALL_TEXT_PT,
+        color=INK,
+    )
+    return figure
+
+
+def draw_waveform(panel: "Axes", stimulus: Stimulus) -> None:
+    """Draw one waveform; its scale shows its ends and first touch."""
+    times_ms, depth_um = stimulus.times_ms, stimulus.displacement_um
+    panel.plot(times_ms, depth_um, color=INK, linewidth=_WAVE_PT)
+    low, high = float(depth_um.min()), float(depth_um.max())
+    if low < 0 < high:
+        panel.axhline(0.0, color=FAINT, linewidth=HAIR_PT, zorder=-1)
+    start_ms, end_ms = stimulus.window_ms
+    for left, right in ((times_ms[0], start_ms), (end_ms, times_ms[-1])):
+        if right > left:
+            panel.axvspan(left, right, facecolor=SHADE, linewidth=0, zorder=-2)
+    panel.set_xlim(times_ms[0], times_ms[-1])
+    ticks = scale_ticks(low, high)
+    panel.set_yticks(ticks, [_number(tick) for tick in ticks])
+    make_plain(panel)
+
+
+def scale_ticks(low: float, high: float) -> list[float]:
+    """Both ends to three digits, and 0 where it stands clear of them."""
+    room = _CLEAR_SHARE * (high - low)
+    ticks = {float(f"{end:.{_DIGITS}g}") for end in (low, high)}
+    if low + room <= 0 <= high - room:
+        ticks.add(0.0)
+    return sorted(ticks)
+
+
+def _number(value: float) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")

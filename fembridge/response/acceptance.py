@@ -1,0 +1,84 @@
+"""Is a contact model to be trusted? It pushes, and unloading finds loading's stress.
+
+Two traps, both measured with ccx 2.20. Surface-to-surface contact remembers: on
+the way back the stress at a depth came out 17 to 20 % low. And a thin probe slips
+between the skin's nodes: the run ends well, the skin untouched.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fembridge.typing import FloatArray
+
+CLOSURE_PERCENT = 0.5
+# Shallower than this share of the deepest, a step is not compared: the first
+# touch of a few nodes is no measure of a contact model.
+_COMPARED_SHARE = 0.05
+_MATCH_UM = 1.0e-6
+# The skin under the probe follows it, less what the penalty springs give.
+_FOLLOWED_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """What a load–unload run showed; `problem` is None where it is accepted.
+
+    `closure_percent` is the largest difference between unloading and loading at
+    the same depth, in percent of the loading stress there, over all afferents.
+    """
+
+    closure_percent: float
+    force_n_per_mm: float
+    followed_share: float
+    problem: str | None
+
+
+def judge(
+    depth_um: FloatArray,
+    stress_pa: FloatArray,
+    force_n_per_mm: FloatArray,
+    apex_um: FloatArray,
+) -> Acceptance:
+    """Judge a run that loads to its deepest sample and comes back.
+
+    Parameters
+    ----------
+    depth_um
+        Probe depth ``(T,)``, the rest state first.
+    stress_pa
+        Von Mises stress ``(T, afferent)``.
+    force_n_per_mm, apex_um
+        Force of the skin on the probe, and how far the skin's apex moved in.
+    """
+    deepest = int(depth_um.argmax())
+    force, followed = (
+        float(force_n_per_mm[deepest]),
+        float(apex_um[deepest] / depth_um[deepest]),
+    )
+    closure = _closure_percent(depth_um, stress_pa, deepest)
+    problem = None
+    if not (force > 0 and followed >= _FOLLOWED_SHARE):
+        problem = (
+            f"the probe did not push: at {depth_um[deepest]:g} um the skin moved "
+            f"{apex_um[deepest]:.3g} um, the force is {force:.3g} N/mm"
+        )
+    elif not closure <= CLOSURE_PERCENT:
+        problem = (
+            f"unloading differs from loading by {closure:.2g} % at the same depth, "
+            f"expected at most {CLOSURE_PERCENT} %"
+        )
+    return Acceptance(closure, force, followed, problem)
+
+
+def _closure_percent(
+    depth_um: FloatArray, stress_pa: FloatArray, deepest: int
+) -> float:
+    load_um = depth_um[: deepest + 1]
+    worst = []
+    for row in range(deepest + 1, depth_um.size):
+        same = np.flatnonzero(np.abs(load_um - depth_um[row]) <= _MATCH_UM)
+        if same.size and depth_um[row] >= _COMPARED_SHARE * depth_um[deepest]:
+            loading = stress_pa[same[0]]
+            worst.append(float(np.max(np.abs(stress_pa[row] / loading - 1))))
+    return 100 * max(worst) if worst else float("nan")

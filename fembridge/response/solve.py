@@ -1,0 +1,112 @@
+"""Solve the indentation: the first contact model that is to be trusted.
+
+The ladder is tried from the top. Node-to-surface with friction came back to its
+loading curve in every run so far and takes two iterations an increment; what
+follows is for meshes and depths on which it does not converge. A rung that runs
+but does not come back is not taken: see `acceptance`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from decks.analysis import Contact
+from fembridge.build import Model, build_run_folder
+from fembridge.errors import ResponseError
+from fembridge.outputs import make_folder
+from fembridge.response.indentation import DEFAULT_DEPTH_UM, indentation
+from fembridge.response.map_file import MAP_FILE, write_map
+from fembridge.response.measured import measured_response
+from fembridge.response.response_map import ResponseMap
+from fembridge.solvers.calculix import attempt_calculix
+from fembridge.solvers.outcome import Cause, Outcome
+from fembridge.solvers.record import finished_outcome
+from fembridge.solvers.watchdog import Limits, OnProgress
+
+LADDER = (
+    Contact("node-to-surface", stiffness_mpa_per_mm=200.0),
+    Contact("node-to-surface", stiffness_mpa_per_mm=50.0),
+    Contact("surface-to-surface", stiffness_mpa_per_mm=1000.0),
+    Contact("surface-to-surface", stiffness_mpa_per_mm=3000.0),
+    Contact("node-to-surface", stiffness_mpa_per_mm=200.0, friction=0.0),
+)
+
+# Ends of a run that another contact model may avoid. A missing solver, a full
+# disk or an interrupt are no reason to try the next rung.
+_CONTACT_CAUSES = frozenset(
+    {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One rung that was tried: its contact model, and why it was left, if it was."""
+
+    contact: Contact
+    problem: str | None
+
+    def __str__(self) -> str:
+        return f"{self.contact}: {self.problem or 'accepted'}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """An accepted response, what it cost, and the rungs tried until then."""
+
+    response: ResponseMap
+    rungs: tuple[Rung, ...]
+    outcome: Outcome
+
+
+def solve_response(
+    folder: Path,
+    model: Model,
+    *,
+    depth_um: float = DEFAULT_DEPTH_UM,
+    ladder: Sequence[Contact] = LADDER,
+    threads: int | None = None,
+    limits: Limits | None = None,
+    on_progress: OnProgress | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Solved:
+    """Solve the response of `model` in `folder`, one run folder a rung.
+
+    A rung that was solved there before, with the same deck, is read again. The
+    accepted map is written as ``response.toml``.
+
+    Raises
+    ------
+    SolverError
+        A run ended for a reason that another contact model does not cure.
+    ResponseError
+        No rung was accepted; the message lists each with its reason.
+    OutputError
+        `folder` cannot be written.
+    """
+    stimulus = indentation(depth_um)
+    make_folder(folder)
+    rungs: list[Rung] = []
+    for number, contact in enumerate(ladder, start=1):
+        place = folder / f"contact_{number}"
+        run = build_run_folder(place, replace(model, contact=contact), stimulus)
+        outcome = finished_outcome(run) or attempt_calculix(
+            place, threads=threads, limits=limits, on_progress=on_progress
+        )
+        if outcome.failure is not None:
+            if outcome.failure.cause not in _CONTACT_CAUSES:
+                raise outcome.to_error()
+            rungs.append(Rung(contact, str(outcome.failure)))
+        else:
+            try:
+                response = measured_response(place)
+            except ResponseError as error:
+                problem = str(error).removeprefix(f"{place}: ")
+                rungs.append(Rung(contact, problem))
+            else:
+                rungs.append(Rung(contact, None))
+                write_map(folder / MAP_FILE, response)
+                return Solved(response, tuple(rungs), outcome)
+        if tell is not None:
+            tell(f"left {rungs[-1]}")
+    listed = "; ".join(str(rung) for rung in rungs)
+    raise ResponseError(f"{folder}: no contact model was accepted: {listed}")

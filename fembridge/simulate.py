@@ -1,0 +1,184 @@
+"""From stimuli to spikes: the whole pipeline, by response map or by transients.
+
+``map``        one indentation is solved (or a stored one taken); every stimulus is
+               an interpolation in it.
+``transient``  the indentation shows which contact model is to be trusted; then the
+               solver follows each whole waveform.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fembridge import __version__
+from fembridge.build import Model, build_run_folder
+from fembridge.errors import MissingError, ResponseError, UsageError
+from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.response.indentation import depth_for
+from fembridge.response.response_map import ResponseMap
+from fembridge.response.solve import solve_response
+from fembridge.response.stored import stored_response
+from fembridge.results import read
+from fembridge.simulation import Simulation, encode_all
+from fembridge.solvers.batch import run_folders
+from fembridge.solvers.watchdog import Limits, OnProgress
+from fembridge.stimulus import Stimulus
+from fembridge.trace import StressTrace
+from neural import PUBLISHED, Parameters, parameters_to_table
+
+METHODS = ("map", "transient")
+RESPONSE_FOLDER = "response"
+RUNS_FOLDER = "runs"
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class SolverSettings:
+    """How the solver is run: its threads, how many runs at once, when to give up."""
+
+    threads: int | None = None
+    jobs: int = 1
+    limits: Limits | None = None
+    on_progress: OnProgress | None = None
+
+
+def simulate(
+    stimuli: Sequence[Stimulus],
+    model: Model,
+    folder: Path,
+    *,
+    method: str = "map",
+    stored: bool = False,
+    parameters: Parameters = PUBLISHED,
+    settings: SolverSettings | None = None,
+    tell: Tell = lambda line: None,
+) -> Simulation:
+    """Compute stress and spikes; what a solver makes is kept below `folder`.
+
+    Parameters
+    ----------
+    stored
+        Take the stored response of a reference finger even where a solver is.
+    tell
+        Hears in one line each where the stress comes from.
+
+    Raises
+    ------
+    MissingError
+        No solver, and no stored response that would do; the message names the
+        line that installs one.
+    SolverError, ResponseError
+        The solver failed, or no contact model is to be trusted.
+    """
+    if method not in METHODS:
+        raise UsageError(f"method {method!r}, expected {' or '.join(METHODS)}")
+    if not stimuli:
+        raise UsageError("no stimulus to simulate")
+    if stored and method == "transient":
+        raise UsageError("a stored response answers no transient: leave one out")
+    settings = settings or SolverSettings()
+    needed_um = max(float(stimulus.displacement_um.max()) for stimulus in stimuli)
+    if stored or find_ccx() is None:
+        response = _stored(model, needed_um, method, stored, tell)
+        origin = {"source": "stored response"}
+    else:
+        model, response = _solved(model, needed_um, folder, settings, tell)
+        origin = {"source": "CalculiX"}
+    if method == "transient":
+        traces = _transients(stimuli, model, folder / RUNS_FOLDER, settings, tell)
+    else:
+        traces = [response.traces(stimulus) for stimulus in stimuli]
+    return encode_all(
+        stimuli,
+        traces,
+        parameters,
+        {
+            "fembridge": __version__,
+            "method": method,
+            **origin,
+            "closure_percent": response.closure_percent,
+            "response": dict(response.origin),
+            "parameters": parameters_to_table(parameters),
+        },
+    )
+
+
+def _stored(
+    model: Model, needed_um: float, method: str, asked_for: bool, tell: Tell
+) -> ResponseMap:
+    if method == "transient":
+        raise MissingError(
+            f"--method transient takes a solver, and there is no ccx on the PATH; "
+            f"install it: {SOLVER_INSTALL_LINE}"
+        )
+    install = "" if asked_for else f"; install the solver: {SOLVER_INSTALL_LINE}"
+    try:
+        response = stored_response(model.finger, model.probe, model.element)
+        if needed_um > response.deepest_um:
+            raise ResponseError(
+                f"the stimulus goes {needed_um:g} um deep, the stored response of "
+                f"finger {model.finger.name!r} reaches {response.deepest_um:g} um"
+            )
+    except ResponseError as error:
+        if asked_for:
+            raise
+        raise MissingError(f"no ccx on the PATH, and {error}{install}") from error
+    if asked_for:
+        tell(f"stored response of finger {model.finger.name!r}")
+    else:
+        tell(
+            f"no ccx on the PATH: stored response of finger {model.finger.name!r}; "
+            f"to solve it here: {SOLVER_INSTALL_LINE}"
+        )
+    return response
+
+
+def _solved(
+    model: Model, needed_um: float, folder: Path, settings: SolverSettings, tell: Tell
+) -> tuple[Model, ResponseMap]:
+    """Give the model with the contact that was accepted, and its response."""
+    from dataclasses import replace
+
+    solved = solve_response(
+        folder / RESPONSE_FOLDER,
+        model,
+        depth_um=depth_for(needed_um),
+        threads=settings.threads,
+        limits=settings.limits,
+        on_progress=settings.on_progress,
+        tell=tell,
+    )
+    contact, outcome = solved.rungs[-1].contact, solved.outcome
+    how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
+    tell(
+        f"response of finger {model.finger.name!r} {how}: "
+        f"{outcome.increments} increments, contact {contact}, unloading within "
+        f"{solved.response.closure_percent:.2g} % of loading"
+    )
+    return replace(model, contact=contact), solved.response
+
+
+def _transients(
+    stimuli: Sequence[Stimulus],
+    model: Model,
+    folder: Path,
+    settings: SolverSettings,
+    tell: Tell,
+) -> list[list[StressTrace]]:
+    places = [folder / stimulus.id for stimulus in stimuli]
+    for place, stimulus in zip(places, stimuli, strict=True):
+        build_run_folder(place, model, stimulus)
+    outcomes = run_folders(
+        places,
+        jobs=settings.jobs,
+        threads=settings.threads,
+        limits=settings.limits,
+        on_progress=settings.on_progress,
+    )
+    for outcome in outcomes:
+        if not outcome.accepted:
+            raise outcome.to_error()
+    wall_s = sum(outcome.wall_s for outcome in outcomes)
+    tell(f"{len(places)} transients solved in {wall_s:.0f} s")
+    return [read(place) for place in places]

@@ -1,0 +1,94 @@
+"""A run folder, and a solver that plays the part which the folder's deck names."""
+
+import os
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fembridge.run_folder import RunFolder, sha256_of
+
+PATIENCE_S = 120.0
+
+
+@pytest.fixture
+def fake_ccx(tmp_path, monkeypatch):
+    program = tmp_path / "bin" / "ccx"
+    program.parent.mkdir()
+    shutil.copy(Path(__file__).with_name("fake_ccx.py"), program)
+    program.write_text(f"#!{sys.executable} -IS\n" + program.read_text())
+    program.chmod(0o755)
+    monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    return program
+
+
+@pytest.fixture
+def make_run(tmp_path):
+    def make(play="normal", name="run", deck=None, increments=4, solver="calculix"):
+        folder = tmp_path / name
+        folder.mkdir(exist_ok=True)
+        path = folder / "job.inp"
+        path.write_text(deck or f"** play {play}\n*HEADING\nNOPE, 1, 1\n*EL OUTPUT\n")
+        run = RunFolder(folder, solver, increments, 0.5, 0.0, (), sha256_of(path))
+        run.write()
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def wait_until():
+    def wait(holds):
+        until_s = time.monotonic() + PATIENCE_S
+        while not holds():
+            assert time.monotonic() < until_s, "it did not happen"
+            time.sleep(0.01)
+
+    return wait
+
+
+@pytest.fixture
+def is_alive():
+    def alive(pid):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return False
+        stat = Path(f"/proc/{pid}/stat")
+        try:  # a zombie waits for its parent only
+            return stat.read_text().rpartition(")")[2].split()[0] != "Z"
+        except (FileNotFoundError, ProcessLookupError):
+            return False
+
+    return alive
+
+
+@pytest.fixture
+def is_at_work():
+    """Whether any process has `folder` as its working folder: the solver has."""
+
+    def at_work(folder):
+        for process in Path("/proc").glob("[0-9]*/cwd"):
+            try:
+                if process.readlink() == folder:
+                    return True
+            except (FileNotFoundError, PermissionError, ProcessLookupError):
+                continue
+        return False
+
+    return at_work
+
+
+@pytest.fixture
+def pid_of(wait_until):
+    """The number of the solver that is at work in a run folder."""
+
+    def pid(folder):
+        path = folder / "solving" / "job.pid"
+        wait_until(lambda: path.exists() and path.read_text())
+        return int(path.read_text())
+
+    return pid

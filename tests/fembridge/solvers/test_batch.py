@@ -1,0 +1,113 @@
+"""Many folders: each has its outcome, whatever becomes of the others."""
+
+import threading
+
+import pytest
+
+from fembridge.errors import UsageError
+from fembridge.solvers.batch import run_folders
+from fembridge.solvers.outcome import Cause
+
+
+def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path):
+    good = make_run("normal", "good")
+    bad = make_run("diverged", "bad")
+    marc = make_run("normal", "marc", solver="marc")
+    odd = make_run("normal", "odd", solver="abacus")
+    absent = tmp_path / "absent"
+
+    outcomes = run_folders([bad, absent, good, marc, odd], jobs=2)
+
+    assert [outcome.folder for outcome in outcomes] == [bad, absent, good, marc, odd]
+    causes = [outcome.failure and outcome.failure.cause for outcome in outcomes]
+    folder_is_bad = Cause.BAD_FOLDER
+    assert causes == [Cause.DIVERGED, folder_is_bad, None, folder_is_bad, folder_is_bad]
+    assert "Marc is run by its owner" in str(outcomes[3])
+    assert "no solver 'abacus' here; there is calculix" in str(outcomes[4])
+    assert str(outcomes[1]).count(str(absent)) == 1
+
+
+def test_a_folder_named_twice_is_run_once(fake_ccx, make_run, tmp_path):
+    folder = make_run("normal")
+    assert len(run_folders([folder, tmp_path / "bin" / ".." / "run"], jobs=2)) == 1
+
+
+def test_results_of_the_same_deck_are_not_made_again(fake_ccx, make_run):
+    folder = make_run("normal")
+    (first,) = run_folders([folder])
+    written_ns = (folder / "job.frd").stat().st_mtime_ns
+
+    (second,) = run_folders([folder])
+
+    assert (first.skipped, second.skipped) == (False, True)
+    assert (folder / "job.frd").stat().st_mtime_ns == written_ns
+    assert second.increments == first.increments
+    assert run_folders([folder], force=True)[0].skipped is False
+
+
+def test_results_are_made_again_for_another_deck(fake_ccx, make_run):
+    folder = make_run("normal")
+    run_folders([folder])
+    make_run("harmless")
+    assert run_folders([folder])[0].skipped is False
+
+
+@pytest.mark.parametrize("damage", ["job.frd", "solver.toml"])
+def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run, damage):
+    folder = make_run("normal")
+    run_folders([folder])
+    content = (folder / damage).read_bytes()
+    (folder / damage).write_bytes(content[: len(content) // 2])
+
+    assert run_folders([folder])[0].skipped is False
+    assert (folder / "job.frd").read_text().endswith(" 9999\n")
+
+
+def test_results_without_a_record_are_made_again(fake_ccx, make_run):
+    folder = make_run("normal")
+    run_folders([folder])
+    (folder / "solver.toml").unlink()
+    assert run_folders([folder])[0].skipped is False
+
+
+def test_jobs_run_at_the_same_time(fake_ccx, make_run):
+    """Each is told of only while both are at work; one alone would wait for ever."""
+    meeting = threading.Barrier(2, timeout=120)
+    met = set()
+
+    def meet(progress):
+        if progress.folder not in met:
+            meeting.wait()
+            met.add(progress.folder)
+        raise ZeroDivisionError  # ends this run
+
+    folders = [make_run("hang", "a"), make_run("hang", "b")]
+    with pytest.raises(ZeroDivisionError):
+        run_folders(folders, jobs=2, on_progress=meet)
+    assert met
+
+
+def test_one_that_breaks_ends_the_others(fake_ccx, make_run, pid_of, is_alive):
+    folders = [make_run("hang", name) for name in ("a", "b", "c")]
+    pids = []
+
+    def fail(progress):
+        if progress.folder == folders[0] and (folders[1] / "solving/job.pid").exists():
+            pids.append(pid_of(folders[1]))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_folders(folders, jobs=2, on_progress=fail)
+
+    assert not is_alive(pids[0])
+    assert not (folders[2] / "failed").exists()
+
+
+@pytest.mark.parametrize("numbers", [{"jobs": 0}, {"threads": 0}, {"jobs": -1}])
+def test_less_than_one_is_misuse(numbers):
+    with pytest.raises(UsageError, match="expected 1 or more"):
+        run_folders([], **numbers)
+
+
+def test_no_folder_is_no_outcome():
+    assert run_folders([]) == []

@@ -1,0 +1,205 @@
+"""CalculiX itself on one plane-strain element: does it end as we say it does?"""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fembridge.machine import find_ccx
+from fembridge.solvers.calculix import attempt_calculix, run_calculix
+from fembridge.solvers.outcome import Cause
+from fembridge.solvers.watchdog import Limits
+
+pytestmark = [
+    pytest.mark.solver,
+    pytest.mark.skipif(find_ccx() is None, reason="no ccx on the PATH"),
+]
+
+PATCH = """*HEADING
+One square millimetre of skin, stretched
+*NODE, NSET=ALL
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+*ELEMENT, TYPE=CPE4, ELSET=SKIN
+1, {nodes}
+*MATERIAL, NAME=DERMIS
+*ELASTIC
+0.05, 0.3
+*SOLID SECTION, ELSET=SKIN, MATERIAL=DERMIS
+1.
+{model}
+*BOUNDARY
+1, 1, 2
+2, 2, 2
+*STEP, NLGEOM, INC={most}
+*STATIC, DIRECT{solver}
+0.0005, {end_s}
+{load}
+*NODE OUTPUT, NSET={set}
+U
+*ELEMENT OUTPUT, NSET=ALL, DOUBLE
+S
+{request}
+*END STEP
+"""
+STRETCH = "*BOUNDARY\n3, 2, 2, 0.01\n4, 2, 2, 0.01"
+PARTS = {
+    "nodes": "1, 2, 3, 4",
+    "model": "** no more",
+    "most": 1000000,
+    "solver": "",
+    "end_s": 0.002,
+    "load": STRETCH,
+    "set": "ALL",
+    "request": "** no more",
+}
+ENDINGS = {
+    "set": ("NOPE", Cause.BAD_DECK, "NOPE has not yet been defined"),
+    "model": (
+        "*INCLUDE, INPUT=nope.inc",
+        Cause.BAD_DECK,
+        "cannot open file nope.inc",
+    ),
+    "request": ("*EL OUTPUT\nS", Cause.CARD_DROPPED, "[*ELOUTPUT]"),
+    "solver": (", SOLVER=PARDISO", Cause.SOLVER_NOT_BUILT_IN, "PARDISO"),
+    "nodes": ("1, 4, 3, 2", Cause.NEGATIVE_JACOBIAN, "in element 1"),
+    "most": (2, Cause.INCREMENTS_EXHAUSTED, "2 of 4 increments are good"),
+    "end_s": (0.0015, Cause.WRONG_END, "1.5 ms, run.toml says 2 ms"),
+    "load": (
+        "*CLOAD\n3, 1, 1e9\n4, 1, -1e8\n3, 2, 5e6",
+        Cause.DIVERGED,
+        "increment 1, from 0 to 0.5 ms, after 2 iterations",
+    ),
+}
+OTHER_ENDINGS = {
+    "unknown card": ({"model": "*FOOBAR"}, Cause.CARD_DROPPED),
+    "unknown parameter": (
+        {"request": "*NODE PRINT, NSET=ALL, FOO=3\nU"},
+        Cause.CARD_DROPPED,
+    ),
+    "unknown set": ({"request": "*NODE PRINT, NSET=NOPE\nU"}, Cause.CARD_DROPPED),
+    "unknown solver": ({"solver": ", SOLVER=FOO"}, Cause.CARD_DROPPED),
+    "absent node": ({"nodes": "1, 2, 3, 7"}, Cause.CRASHED),
+}
+PATIENCE_S = 120.0
+MANY = {"end_s": 1000.0}
+
+RUN = """
+import sys
+from pathlib import Path
+from fembridge.solvers.calculix import run_calculix
+run_calculix(Path(sys.argv[1]))
+"""
+
+
+def patch(**parts):
+    return PATCH.format(**PARTS | parts)
+
+
+def test_a_good_deck_is_accepted(make_run):
+    folder = make_run(deck=patch())
+
+    outcome = run_calculix(folder, threads=1)
+
+    assert (outcome.increments, outcome.exit_code) == (4, 0)
+    assert outcome.version
+    assert outcome.iterations >= 4
+    assert {path.name for path in folder.iterdir()} == {
+        "job.inp",
+        "run.toml",
+        "job.12d",
+        "job.cvg",
+        "job.frd",
+        "job.sta",
+        "solver.log",
+        "solver.toml",
+    }
+
+
+def test_a_deck_finds_the_files_it_includes(make_run):
+    folder = make_run(deck=patch(load="*INCLUDE, INPUT=load.inc"))
+    (folder / "load.inc").write_text(STRETCH + "\n")
+    assert attempt_calculix(folder).accepted
+
+
+@pytest.mark.parametrize("part", ENDINGS)
+def test_a_fault_in_the_deck_has_its_cause(make_run, part):
+    text, cause, words = ENDINGS[part]
+
+    outcome = attempt_calculix(make_run(deck=patch(**{part: text})))
+
+    assert outcome.failure.cause is cause
+    assert words in str(outcome.failure)
+
+
+@pytest.mark.parametrize("fault", OTHER_ENDINGS)
+def test_a_fault_that_calculix_does_not_refuse_is_found(make_run, fault):
+    parts, cause = OTHER_ENDINGS[fault]
+    assert attempt_calculix(make_run(deck=patch(**parts))).failure.cause is cause
+
+
+def test_a_card_that_was_dropped_is_told_with_its_line(make_run):
+    deck = patch(request="*EL OUTPUT\nS")
+    outcome = attempt_calculix(make_run(deck=deck))
+    assert deck.splitlines()[outcome.failure.deck_line - 1] == "*EL OUTPUT"
+
+
+@pytest.mark.parametrize("signal_is", ["ignored", "obeyed"])
+def test_a_file_that_cannot_grow_is_a_full_disk(
+    make_run, tmp_path, monkeypatch, signal_is
+):
+    """Ignored, it acts as a full disk does: CalculiX ends with exit code 0."""
+    program = tmp_path / "ccx-in-little-room"
+    trap = "trap '' XFSZ\n" if signal_is == "ignored" else ""
+    program.write_text(f'#!/bin/sh\n{trap}ulimit -f 16\nexec {find_ccx()} "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
+    folder = make_run(deck=patch(end_s=0.05), increments=100)
+
+    outcome = attempt_calculix(folder)
+
+    assert outcome.failure.cause is Cause.DISK_FULL
+    assert outcome.exit_code == (0 if signal_is == "ignored" else -signal.SIGXFSZ)
+    assert not (folder / "job.frd").exists()
+
+
+def test_a_long_run_is_stopped_by_its_limit(make_run):
+    folder = make_run(deck=patch(**MANY), increments=2_000_000)
+
+    outcome = attempt_calculix(folder, limits=Limits(time_limit_s=0.5))
+
+    assert outcome.failure.cause is Cause.TIME_LIMIT
+    assert not (folder / "job.frd").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_signal_to_python_leaves_calculix_behind(
+    make_run, is_alive, wait_until, number
+):
+    folder = make_run(deck=patch(**MANY), increments=2_000_000)
+    command = [sys.executable, "-c", RUN, str(folder)]
+    child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        wait_until(lambda: (folder / "solving" / "job.frd").exists())
+        (solver,) = children_of(child.pid)
+        assert is_alive(solver)
+        child.send_signal(number)
+        child.wait(timeout=PATIENCE_S)
+    finally:
+        child.kill()
+        child.wait()
+
+    wait_until(lambda: not is_alive(solver))
+    assert not (folder / "job.frd").exists()
+    assert (folder / "failed").exists() == (number != signal.SIGKILL)
+
+
+def children_of(parent):
+    """Processes that any thread of `parent` has started."""
+    tasks = Path(f"/proc/{parent}/task").iterdir()
+    words = " ".join((task / "children").read_text() for task in tasks)
+    return [int(word) for word in words.split()]

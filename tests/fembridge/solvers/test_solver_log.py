@@ -1,0 +1,114 @@
+"""Messages of CalculiX 2.20, as it prints them."""
+
+import pytest
+
+from fembridge.solvers.solver_log import find_card, read_solver_log
+
+HEAD = """
+************************************************************
+
+CalculiX Version 2.20, Copyright(C) 1998-2022 Guido Dhondt
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text):
+        path = tmp_path / "solver.log"
+        path.write_text(HEAD + text)
+        return read_solver_log(path)
+
+    return read_text
+
+
+def test_a_message_ends_at_the_blank_line(read):
+    log = read(
+        " *ERROR: solution seems to diverge; please try \n"
+        " automatic incrementation; program stops\n\n something else\n"
+    )
+    assert [str(error) for error in log.errors] == [
+        "solution seems to diverge; please try automatic incrementation; program stops"
+    ]
+
+
+def test_the_card_goes_with_the_message_before_it(read):
+    log = read(
+        " *ERROR reading *BOUNDARY: node set NOPE    \n       has not been defined. \n"
+        " *ERROR reading *BOUNDARY. Card image:\n        NOPE,1,1\n"
+        " *ERROR reading *BOUNDARY. Card image:\n        NOPE,1,1\n\n"
+    )
+    (error,) = log.errors
+    assert error.card == "NOPE,1,1"
+    assert error.text == "reading *BOUNDARY: node set NOPE has not been defined."
+
+
+def test_a_card_without_a_message_before_it_is_a_message(read):
+    (error,) = read(" *ERROR reading *NODE. Card image:\n    9,ABC,1.\n\n").errors
+    assert str(error) == "reading *NODE [9,ABC,1.]"
+
+
+def test_two_cards_are_two_messages(read):
+    warning = " *WARNING in calinput. Card image cannot be inter    preted:\n"
+    image = " *WARNING reading the input file. Card image:\n          {}\n\n"
+    log = read((warning + image.format("*ELOUTPUT") + warning + image.format("S")) * 2)
+    assert [message.card for message in log.dropped] == ["*ELOUTPUT", "S"]
+
+
+@pytest.mark.parametrize(
+    "warning",
+    [
+        "in modaldynamics: parameter not recognized:\n          FOO=3",
+        "reading *NODE PRINT: node set NOPE does not exist",
+        "reading *STATIC: unknown solver;\n           the default solver is used",
+        "reading *NODE/EL/CONTACT FILE: label not applicable\n          or unknown; ",
+        "in calinput: PEEQ-output requested\n         yet no (visco)plastic analysis",
+    ],
+)
+def test_a_warning_that_leaves_something_out_is_seen(read, warning):
+    assert len(read(f" *WARNING {warning}\n\n").dropped) == 1
+
+
+def test_a_warning_that_leaves_nothing_out_is_not_kept(read):
+    log = read(" *WARNING reading *STATIC:\n     the minimum increment is small\n\n")
+    assert log.dropped == ()
+
+
+def test_a_thousand_warnings_do_not_hide_the_error_after_them(read):
+    many = "".join(f" *WARNING: parameter not recognized: P{n}\n" for n in range(1000))
+    assert read(many + " *ERROR in here: no\n").says("in here")
+
+
+def test_the_summary_of_errors_is_kept_only_when_it_is_alone(read):
+    summary = " *ERROR in calinput: at least one fatal\n    error message\n\n"
+    assert len(read(summary).errors) == 1
+    assert [str(e) for e in read(" *ERROR in x: y\n\n" + summary).errors] == ["in x: y"]
+
+
+def test_version_and_end_are_read(read):
+    log = read(" Job finished\n\n________\n\nTotal CalculiX Time: 0.082145\n________\n")
+    assert (log.version, log.finished) == ("2.20", True)
+    assert log.end == "Job finished | Total CalculiX Time: 0.082145"
+
+
+def test_bytes_that_are_no_text_do_not_matter(tmp_path):
+    path = tmp_path / "solver.log"
+    path.write_bytes(b"\xff\xfe\x00 *ERROR in x: \xe9\n")
+    assert str(read_solver_log(path).errors[0]) == "in x: é"
+
+
+def test_an_absent_log_is_empty(tmp_path):
+    assert read_solver_log(tmp_path / "solver.log").end == "it said nothing"
+
+
+def test_a_card_is_found_whatever_its_blanks_and_case(tmp_path):
+    deck = tmp_path / "job.inp"
+    deck.write_text("*Node Output, nset=All\nU\n*EL OUTPUT\nS\n*EL FILE\nS\n")
+    assert find_card(deck, "*ELOUTPUT") == 3
+    assert find_card(deck, "*NODEOUTPUT,NSET=ALL") == 1
+
+
+def test_a_card_that_stands_twice_has_no_line(tmp_path):
+    deck = tmp_path / "job.inp"
+    deck.write_text("*EL FILE\nS\n*EL PRINT\nS\n")
+    assert find_card(deck, "S") is None
+    assert find_card(deck, "NOPE,1,1") is None

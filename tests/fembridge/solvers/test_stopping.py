@@ -1,0 +1,159 @@
+"""However we are ended, the solver ends too."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from fembridge.solvers.calculix import attempt_calculix
+from fembridge.solvers.outcome import Cause
+from fembridge.solvers.process import signals_as_exits, start, stop
+
+RUN = """
+import sys, threading
+from pathlib import Path
+from fembridge.solvers.calculix import run_calculix
+folder = Path(sys.argv[1])
+if sys.argv[2] == "thread":
+    thread = threading.Thread(target=run_calculix, args=(folder,))
+    thread.start()
+    thread.join()
+else:
+    run_calculix(folder)
+"""
+
+
+@pytest.fixture
+def parent(fake_ccx):
+    """Start a Python of its own that runs a folder; end what is left of it."""
+    started = []
+
+    def begin(folder, where="main"):
+        command = [sys.executable, "-c", RUN, str(folder), where]
+        child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        started.append(child)
+        return child
+
+    yield begin
+    for child in started:
+        child.kill()
+        child.wait()
+
+
+@pytest.mark.parametrize("where", ["main", "thread"])
+def test_killing_python_leaves_no_solver(
+    parent, make_run, pid_of, is_alive, wait_until, where
+):
+    folder = make_run("stubborn")
+    child = parent(folder, where)
+    solver = pid_of(folder)
+    assert is_alive(solver)
+
+    child.kill()
+    child.wait()
+
+    wait_until(lambda: not is_alive(solver))
+    assert not (folder / "job.frd").exists()
+
+
+def test_a_folder_whose_run_was_killed_can_be_run_again(parent, make_run, pid_of):
+    folder = make_run("hang")
+    child = parent(folder)
+    pid_of(folder)
+    child.kill()
+    child.wait()
+    make_run("normal")
+
+    assert attempt_calculix(folder).accepted
+    assert not (folder / "solving").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
+)
+def test_a_signal_to_python_stops_the_solver_and_keeps_the_evidence(
+    parent, make_run, pid_of, is_alive, number, code
+):
+    folder = make_run("hang")
+    child = parent(folder)
+    solver = pid_of(folder)
+
+    child.send_signal(number)
+    child.wait()
+
+    assert child.returncode == code
+    assert not is_alive(solver)
+    assert "interrupted" in (folder / "failed" / "cause.txt").read_text()
+    assert not (folder / ".solver.lock").exists()
+
+
+def test_a_second_run_in_a_folder_is_refused(
+    parent, make_run, pid_of, is_alive, is_at_work
+):
+    folder = make_run("hang")
+    child = parent(folder)
+    solver = pid_of(folder)
+    assert is_at_work(folder)
+
+    outcome = attempt_calculix(folder)
+
+    assert outcome.failure.cause is Cause.BUSY
+    assert f"process {child.pid} holds it" in str(outcome.failure)
+    assert is_alive(solver)
+
+
+def test_another_thread_can_halt_a_run(fake_ccx, make_run, pid_of, is_alive):
+    folder = make_run("hang")
+    halt = threading.Event()
+    found = []
+    thread = threading.Thread(
+        target=lambda: found.append(attempt_calculix(folder, halt=halt))
+    )
+    thread.start()
+    solver = pid_of(folder)
+    halt.set()
+    thread.join()
+
+    assert found[0].failure.cause is Cause.INTERRUPTED
+    assert not is_alive(solver)
+
+
+@pytest.mark.parametrize("play", ["stubborn", "with_child"])
+def test_stop_ends_one_that_will_not_and_all_it_started(
+    fake_ccx, tmp_path, pid_of, is_alive, wait_until, play
+):
+    work = tmp_path / "solving"
+    work.mkdir()
+    (work / "job.inp").write_text(f"** play {play}\n")
+    words = ["-i", "solving/job"]
+    process = start(fake_ccx, words, tmp_path, tmp_path / "log")
+    solver = pid_of(tmp_path)
+
+    stop(process, grace_s=0.05)
+
+    assert process.returncode in (-signal.SIGKILL, -signal.SIGTERM)
+    wait_until(lambda: not is_alive(solver))
+    stop(process)  # once more is harmless
+
+
+def test_handlers_that_someone_has_set_are_respected():
+    def mine(number, frame):
+        raise AssertionError
+
+    before = signal.signal(signal.SIGTERM, mine)
+    hangup = signal.getsignal(signal.SIGHUP)
+    try:
+        with signals_as_exits():
+            assert signal.getsignal(signal.SIGTERM) is mine
+            with pytest.raises(SystemExit) as caught:
+                os.kill(os.getpid(), signal.SIGHUP)
+                time.sleep(10)
+            assert caught.value.code == 129
+        assert signal.getsignal(signal.SIGHUP) is hangup
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,191 @@
+"""What a raster shows, read back from the figure itself."""
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from fembridge.errors import OutputError, UsageError
+from fembridge.plots.palette import AFFERENT_COLOURS
+from fembridge.plots.raster import draw_raster, raster_figure
+from fembridge.stimulus import Stimulus
+from fembridge.tables import SpikeTrain
+
+
+def train(stimulus="sine_20_250", afferent="SA", times_ms=(10.0, 60.0), repeat=0):
+    return SpikeTrain(stimulus, afferent, np.array(times_ms), repeat)
+
+
+def spikes_drawn(panel):
+    """Give ``(time, top, bottom)`` of each line in a panel."""
+    segments = [part for each in panel.collections for part in each.get_segments()]
+    return sorted((float(a[0]), float(a[1]), float(b[1])) for a, b in segments)
+
+
+def test_each_class_has_a_panel_in_its_colour_and_each_stimulus_a_row():
+    figure = raster_figure(
+        [
+            train("sine_20_250", "PC", [5.0]),
+            train("noise_25_250_10", "SA", [7.0, 9.0]),
+            train("sine_20_250", "SA", [30.0]),
+        ]
+    )
+
+    sa, pc = figure.axes
+    assert [panel.get_title() for panel in (sa, pc)] == ["SA", "PC"]
+    assert sa.title.get_color() == AFFERENT_COLOURS["SA"]
+    names = [label.get_text() for label in sa.get_yticklabels()]
+    assert names == ["sine_20_250", "noise_25_250_10"]
+    assert [(time, round((a + b) / 2)) for time, a, b in spikes_drawn(sa)] == [
+        (7.0, 1),
+        (9.0, 1),
+        (30.0, 0),
+    ]
+    assert [(time, round((a + b) / 2)) for time, a, b in spikes_drawn(pc)] == [(5.0, 0)]
+    assert sa.get_ylim() == (1.5, -0.5)
+
+
+def test_repeats_lie_under_one_another_inside_their_row():
+    figure = raster_figure([train(times_ms=[10.0 * k], repeat=k) for k in range(5)])
+
+    drawn = spikes_drawn(figure.axes[0])
+
+    assert [time for time, _, _ in drawn] == [0.0, 10.0, 20.0, 30.0, 40.0]
+    assert all(
+        -0.5 < upper < lower < 0.5 and lower < next_upper
+        for (_, upper, lower), (_, next_upper, _) in pairwise(drawn)
+    )
+
+
+def test_silent_stimuli_and_classes_are_shown_where_they_are_named():
+    figure = raster_figure(
+        [train("b", "SA", [1.0])], stimuli=["a", "b"], afferents=["SA", "RA", "PC"]
+    )
+
+    assert len(figure.axes) == 3
+    assert figure.axes[0].get_ylim() == (1.5, -0.5)
+    assert [len(spikes_drawn(panel)) for panel in figure.axes] == [1, 0, 0]
+
+
+def test_the_time_axis_covers_every_spike_unless_it_is_told():
+    trains = [train(times_ms=[40.0, 180.0])]
+
+    assert raster_figure(trains).axes[0].get_xlim() == (0.0, 180.0)
+    assert raster_figure(trains, window_ms=(5, 250)).axes[0].get_xlim() == (0.0, 250.0)
+    told = raster_figure(trains, span_ms=(0.0, 100.0)).axes[0]
+    assert told.get_xlim() == (0.0, 100.0)
+    assert [time for time, _, _ in spikes_drawn(told)] == [40.0]
+
+
+def test_what_is_outside_the_window_has_a_grey_ground():
+    [panel] = raster_figure([train()], span_ms=(0, 250), window_ms=(100.0, 200.0)).axes
+
+    assert [(p.get_x(), p.get_x() + p.get_width()) for p in panel.patches] == [
+        (0.0, 100.0),
+        (200.0, 250.0),
+    ]
+
+
+def test_a_waveform_stands_above_every_panel():
+    wave = Stimulus("sine_20_250", np.sin(np.arange(100) / 9), 0.5, (5.0, 40.0))
+
+    figure = raster_figure([train(), train(afferent="RA")], waveform=wave)
+
+    above, below = figure.axes[:2], figure.axes[2:]
+    for panel in above:
+        np.testing.assert_array_equal(panel.lines[0].get_ydata(), wave.displacement_um)
+    assert [len(spikes_drawn(panel)) for panel in below] == [2, 2]
+    assert below[0].get_xlim() == (0.0, 60.0)
+
+
+def test_82_rows_keep_their_names_apart_and_fit_a_page():
+    """A row of 82 must be taller than its label; a journal page is 9.5 in high."""
+    names = [f"sine_20_{k}" for k in range(82)]
+
+    figure = raster_figure([train(name) for name in names])
+    figure.draw_without_rendering()
+
+    panel = figure.axes[0]
+    boxes = [label.get_window_extent() for label in panel.get_yticklabels()]
+    upper = sorted(boxes, key=lambda box: -box.y0)
+    assert all(a.y0 >= b.y1 for a, b in pairwise(upper))
+    assert figure.get_figheight() <= 9.5
+    assert min(box.x0 for box in boxes) >= 0
+
+
+def test_a_name_is_shown_as_it_is_and_cut_where_it_is_endless():
+    figure = raster_figure([train("cost_$5_$6"), train("x" * 90)])
+    figure.draw_without_rendering()
+
+    short, long = figure.axes[0].get_yticklabels()
+    assert short.get_text() == "cost_$5_$6"
+    assert not short.get_parse_math()
+    assert long.get_text() == "x" * 27 + "…"
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
+    first, second = tmp_path / f"first.{suffix}", tmp_path / f"second.{suffix}"
+
+    for path in (first, second):
+        draw_raster([train()], path)
+
+    assert first.read_bytes() == second.read_bytes()
+    assert first.stat().st_size > 1000
+    assert sorted(tmp_path.iterdir()) == [first, second]
+
+
+def test_a_png_has_200_dots_an_inch(tmp_path):
+    draw_raster([train()], tmp_path / "raster.png")
+
+    header = (tmp_path / "raster.png").read_bytes()[:24]
+    assert header.startswith(b"\x89PNG")
+    assert int.from_bytes(header[16:20], "big") == 1440  # 7.2 in
+
+
+@pytest.mark.parametrize("name", ["raster.xyz", "raster"])
+def test_a_suffix_that_is_no_picture_is_refused_before_anything_is_written(
+    tmp_path, name
+):
+    with pytest.raises(UsageError, match=r"cannot draw .*expected one of .*png"):
+        draw_raster([train()], tmp_path / name)
+
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_to_draw_is_refused():
+    with pytest.raises(UsageError, match="no stimulus or no class to draw"):
+        raster_figure([])
+    with pytest.raises(UsageError, match="'SA2', expected SA, RA, PC"):
+        raster_figure([train()], afferents=["SA2"])
+    with pytest.raises(UsageError, match="sine_20_250, which has no row"):
+        raster_figure([train()], stimuli=["noise_25_250_10"])
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+
+    with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
+        draw_raster([train()], tmp_path / "file" / "raster.png")
+
+
+def test_drawing_leaves_pyplot_and_its_global_state_alone(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; import numpy as np; "
+        "from fembridge.plots.raster import draw_raster; "
+        "from fembridge.tables import SpikeTrain; "
+        "before = 'matplotlib' in sys.modules; "
+        "draw_raster([SpikeTrain('s', 'SA', np.array([1.0]))], Path(sys.argv[1])); "
+        "print(before, 'matplotlib.pyplot' in sys.modules)"
+    )
+
+    answer = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path / "raster.png")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    assert answer.stdout.split() == ["False", "False"]
