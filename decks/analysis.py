@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from decks.checks import finite, not_negative, positive
+from decks.checks import not_negative, positive
 from decks.finger import Finger
 from decks.mesh import Mesh
-from decks.probe import Probe, ProbeMesh, mesh_probe
+from decks.probe import Probe, ProbeMesh, mesh_probe, touched_node
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray, IntArray
@@ -26,6 +26,8 @@ _CONTACT_MARGIN_MM = 1.5
 # A pre-indentation is reached in this many increments before the stimulus.
 RAMP_INCREMENTS = 20
 _MM_PER_UM = 1.0e-3
+# Depths are written to a picometre.
+_SAME_UM = 1.0e-6
 _S_PER_MS = 1.0e-3
 
 
@@ -49,15 +51,12 @@ class Contact:
                 f"contact formulation {self.formulation!r}, expected one of "
                 f"{', '.join(FORMULATIONS)}"
             )
-        positive(self, "stiffness_mpa_per_mm", "stick_share")
-        not_negative(self, "friction")
-        finite(self, "stick_share")
+        positive(self, "stiffness_mpa_per_mm", "stick_share", error=DeckError)
+        not_negative(self, "friction", error=DeckError)
 
     def __str__(self) -> str:
         rub = f"friction {self.friction:g}" if self.friction else "no friction"
-        return (
-            f"{self.formulation}, {self.stiffness_mpa_per_mm:g} MPa/mm, {rub}"
-        )
+        return f"{self.formulation}, {self.stiffness_mpa_per_mm:g} MPa/mm, {rub}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,19 +79,26 @@ class Motion:
 
 
 def motion_of(stimulus: Stimulus) -> Motion:
-    """Put the ramp to the pre-indentation in front of `stimulus`."""
+    """Put the ramp to the pre-indentation in front of `stimulus`.
+
+    Raises
+    ------
+    DeckError
+        The first sample is not the pre-indentation: the probe would jump.
+    """
+    start_um = float(stimulus.displacement_um[0])
+    if abs(start_um - stimulus.preindent_um) > _SAME_UM:
+        raise DeckError(
+            f"{stimulus.id}: starts at {start_um:g} um, expected "
+            f"{stimulus.preindent_um:g} um, where the probe stands before time 0"
+        )
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     ramp = RAMP_INCREMENTS if stimulus.preindent_um > 0 else 0
-    if ramp:
-        start = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
-        depth_mm = np.concatenate([start, depth_mm])
-    elif depth_mm[0] != 0:
-        raise DeckError(
-            f"{stimulus.id}: starts at {stimulus.displacement_um[0]:g} um, expected 0: "
-            "the skin is at rest before the run"
-        )
+    way_mm = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
+    depth_mm = np.concatenate([way_mm, depth_mm])
     dt_s = stimulus.dt_ms * _S_PER_MS
-    return Motion(np.arange(len(depth_mm)) * dt_s, depth_mm, dt_s, ramp)
+    time_s: FloatArray = np.arange(len(depth_mm), dtype=np.float64) * dt_s
+    return Motion(time_s, depth_mm, dt_s, ramp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,8 +106,7 @@ class Analysis:
     """One run: a finger, a probe, a motion, and the nodes to be watched.
 
     `afferent` gives the row of each afferent's node in `mesh`; `apex` the row of
-    the skin's node nearest the probe's lowest point, which shows that the probe
-    pushed. `held` ``(C,)`` are nodes that do not move. `contact_edge` ``(K, 2)``
+    the skin's node that the probe touches first, which shows that it pushed. `held` ``(C,)`` are nodes that do not move. `contact_edge` ``(K, 2)``
     are (element row, face from 0) of the skin that the probe can reach.
     """
 
@@ -140,8 +145,6 @@ def analyse(
         raise DeckError(f"element {element!r}, expected one of {', '.join(ELEMENTS)}")
     probe = probe or Probe()
     probe_mesh = mesh_probe(probe, mesh)
-    lowest = probe_mesh.node_mm[probe_mesh.lower_node]
-    lowest_mm = lowest[lowest[:, 1].argmin()]
     edge, owner, face = mesh.outline()
     middle = mesh.node_mm[edge].mean(axis=1)
     reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
@@ -149,7 +152,6 @@ def analyse(
         middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min()
     )
     surface = np.unique(edge)
-    away_mm = np.linalg.norm(mesh.node_mm[surface] - lowest_mm, axis=1)
     nail = np.unique(mesh.quad[mesh.in_layer("nail")])
     bone = np.unique(mesh.quad[mesh.in_layer("bone")])
     return Analysis(
@@ -160,10 +162,8 @@ def analyse(
         motion=motion_of(stimulus),
         contact=contact or Contact(),
         element=element,
-        afferent={
-            name: mesh.node_at(site) for name, site in finger.afferents.items()
-        },
-        apex=int(surface[away_mm.argmin()]),
+        afferent={name: mesh.node_at(site) for name, site in finger.afferents.items()},
+        apex=touched_node(probe_mesh, mesh),
         held=np.union1d(bone, np.intersect1d(nail, surface)),
         contact_edge=np.stack([owner[reached], face[reached]], -1),
         notes=(

@@ -1,24 +1,31 @@
 """CalculiX: an analysis as the text of an input deck.
 
 A deck is meant to be read: a heading with units, named sets, a comment before
-each part. The same analysis gives the same bytes. ccx cuts numbers at 20
-characters and takes at most 16 entries a line; nothing here comes near that.
+each part. The same analysis gives the same bytes, ASCII with LF line ends.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from decks.analysis import Analysis
+from decks.calculix_lines import (
+    element_lines,
+    fixed,
+    list_lines,
+    node_lines,
+    pair_lines,
+    plain,
+    real,
+)
 from decks.finger import LAYERS
 from fembridge.errors import DeckError
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # Sets whose stress and displacement the solver writes.
 OUTPUT_SET = "OUTPUT_NODES"
 
-_PER_LINE = 12
-_PAIRS_PER_LINE = 4
+_HEADING_WIDTH = 78
 # A stiff placeholder: every node of the probe is prescribed, so that its
 # elements carry no unknown; ccx still wants a material.
 _PROBE_MPA = 2.1e5
@@ -46,12 +53,12 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
 
 def _heading(analysis: Analysis) -> Iterator[str]:
     yield "*HEADING"
-    yield f"fembridge: {analysis.title}"[:78]
+    yield plain(f"fembridge: {analysis.title}")[:_HEADING_WIDTH]
     yield "** Units: mm, N, s, MPa. Plane strain, 1 mm thick."
     yield "** x runs across the finger, y out of its pad; the ridge under the probe"
     yield "** has its top at the origin."
     for note in analysis.notes:
-        yield f"** {note}"
+        yield f"** {plain(note)}"
 
 
 def _finger(analysis: Analysis) -> Iterator[str]:
@@ -59,14 +66,12 @@ def _finger(analysis: Analysis) -> Iterator[str]:
     yield "**"
     yield "** ---- The finger: one element set a layer"
     yield "*NODE, NSET=FINGER"
-    yield from _nodes(node_mm, first=1)
+    yield from node_lines(node_mm, first=1)
     for index, layer in enumerate(LAYERS):
         rows = np.flatnonzero(analysis.mesh.layer == index)
         if rows.size:
             yield f"*ELEMENT, TYPE={analysis.element}, ELSET={layer.upper()}"
-            for row in rows.tolist():
-                nodes = ", ".join(map(str, (element[row] + 1).tolist()))
-                yield f"{row + 1}, {nodes}"
+            yield from element_lines((rows + 1).tolist(), element[rows] + 1)
 
 
 def _probe(analysis: Analysis) -> Iterator[str]:
@@ -74,10 +79,10 @@ def _probe(analysis: Analysis) -> Iterator[str]:
     yield "**"
     yield "** ---- The probe: rigid, since each of its nodes is prescribed"
     yield "*NODE, NSET=PROBE"
-    yield from _nodes(analysis.probe.node_mm, first=first_node)
+    yield from node_lines(analysis.probe.node_mm, first=first_node)
     yield "*ELEMENT, TYPE=CPE4, ELSET=PROBE_BODY"
-    for row, nodes in enumerate((analysis.probe.quad + first_node).tolist()):
-        yield f"{first_element + row}, {', '.join(map(str, nodes))}"
+    quad = analysis.probe.quad + first_node
+    yield from element_lines(range(first_element, first_element + len(quad)), quad)
 
 
 def _sets(analysis: Analysis) -> Iterator[str]:
@@ -90,7 +95,7 @@ def _sets(analysis: Analysis) -> Iterator[str]:
     yield "**"
     yield "** ---- Bone and the nail's outer side do not move"
     yield "*NSET, NSET=HELD"
-    yield from _rows(np.unique(element[held]) + 1)
+    yield from list_lines(np.unique(element[held]) + 1)
     yield "** ---- Where the afferents sit, and the skin under the probe"
     for name, row in analysis.afferent.items():
         x, y = analysis.mesh.node_mm[row]
@@ -101,7 +106,7 @@ def _sets(analysis: Analysis) -> Iterator[str]:
     yield "*NSET, NSET=SKIN_APEX"
     yield f"{analysis.apex + 1},"
     yield f"*NSET, NSET={OUTPUT_SET}"
-    yield from _rows(np.array(watched_nodes(analysis)))
+    yield from list_lines(np.array(watched_nodes(analysis)))
 
 
 def _materials(analysis: Analysis) -> Iterator[str]:
@@ -113,12 +118,12 @@ def _materials(analysis: Analysis) -> Iterator[str]:
         material = analysis.finger.materials[layer]
         yield f"*MATERIAL, NAME={layer.upper()}"
         yield "*ELASTIC"
-        yield f"{material.young_mpa!r}, {material.poisson!r}"
+        yield f"{real(material.young_mpa)}, {real(material.poisson)}"
         yield f"*SOLID SECTION, ELSET={layer.upper()}, MATERIAL={layer.upper()}"
         yield "1.0"
     yield "*MATERIAL, NAME=PROBE_BODY"
     yield "*ELASTIC"
-    yield f"{_PROBE_MPA!r}, 0.3"
+    yield f"{real(_PROBE_MPA)}, 0.3"
     yield "*SOLID SECTION, ELSET=PROBE_BODY, MATERIAL=PROBE_BODY"
     yield "1.0"
 
@@ -131,7 +136,7 @@ def _contact(analysis: Analysis) -> Iterator[str]:
     yield "** ---- Contact: the skin is the slave, the probe the master"
     if by_node:
         yield "*NSET, NSET=SKIN_CONTACT"
-        yield from _rows(_contact_nodes(analysis) + 1)
+        yield from list_lines(_contact_nodes(analysis) + 1)
         yield "*SURFACE, NAME=SKIN_SURFACE, TYPE=NODE"
         yield "SKIN_CONTACT"
     else:
@@ -144,12 +149,13 @@ def _contact(analysis: Analysis) -> Iterator[str]:
     yield "*SURFACE INTERACTION, NAME=TOUCH"
     yield "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
     yield "** stiffness in MPa/mm" + (", tension at infinity in MPa" if by_node else "")
-    stiffness = contact.stiffness_mpa_per_mm
-    yield f"{stiffness!r}, {_TENSION_MPA!r}" if by_node else f"{stiffness!r}"
+    stiffness = real(contact.stiffness_mpa_per_mm)
+    yield f"{stiffness}, {real(_TENSION_MPA)}" if by_node else stiffness
     if contact.friction > 0:
         yield "*FRICTION"
         yield "** coefficient, stick stiffness in MPa/mm"
-        yield f"{contact.friction!r}, {stiffness * contact.stick_share!r}"
+        stick = contact.stiffness_mpa_per_mm * contact.stick_share
+        yield f"{real(contact.friction)}, {real(stick)}"
     yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={_type(contact.formulation)}"
     yield "SKIN_SURFACE, PROBE_SURFACE"
 
@@ -162,14 +168,12 @@ def _waveform(analysis: Analysis) -> Iterator[str]:
         start_s = motion.time_s[motion.ramp]
         yield f"** up to {start_s:g} s: the ramp to the pre-indentation"
     yield "*AMPLITUDE, NAME=DEPTH, TIME=TOTAL TIME"
-    pairs = [
-        f"{time:.7f}, {depth:.9f}"
-        for time, depth in zip(
+    yield from pair_lines(
+        (fixed(time_s, 7), f"{depth_mm:.9f}")
+        for time_s, depth_mm in zip(
             motion.time_s.tolist(), (motion.depth_mm + 0.0).tolist(), strict=True
         )
-    ]
-    for start in range(0, len(pairs), _PAIRS_PER_LINE):
-        yield ", ".join(pairs[start : start + _PAIRS_PER_LINE])
+    )
 
 
 def _step(analysis: Analysis, binary: bool) -> Iterator[str]:
@@ -180,7 +184,7 @@ def _step(analysis: Analysis, binary: bool) -> Iterator[str]:
     yield "** ---- One step of equal increments: no inertia, no viscosity"
     yield f"*STEP{large}, INC=100000"
     yield "*STATIC, DIRECT"
-    yield f"{motion.dt_s:.7f}, {motion.increments * motion.dt_s:.7f}"
+    yield f"{fixed(motion.dt_s, 7)}, {fixed(motion.increments * motion.dt_s, 7)}"
     yield "*BOUNDARY"
     yield "HELD, 1, 2"
     yield "PROBE, 1, 1"
@@ -225,7 +229,7 @@ def _contact_nodes(analysis: Analysis) -> IntArray:
     return np.unique(np.concatenate(nodes))
 
 
-def _on_outline(analysis: Analysis) -> IntArray:
+def _on_outline(analysis: Analysis) -> BoolArray:
     """Which faces ``(E, 4)`` of the elements belong to one element alone."""
     _, owner, face = analysis.mesh.outline()
     alone = np.zeros(analysis.mesh.quad.shape, dtype=bool)
@@ -241,14 +245,3 @@ def _type(formulation: str) -> str:
     if formulation not in types:
         raise DeckError(f"ccx has no contact {formulation!r} for plane elements")
     return types[formulation]
-
-
-def _nodes(node_mm: FloatArray, first: int) -> Iterator[str]:
-    for number, (x, y) in enumerate((node_mm + 0.0).tolist(), start=first):
-        yield f"{number}, {x:.9f}, {y:.9f}, 0.0"
-
-
-def _rows(numbers: Sequence[int] | IntArray) -> Iterable[str]:
-    flat = np.asarray(numbers).tolist()
-    for start in range(0, len(flat), _PER_LINE):
-        yield ", ".join(map(str, flat[start : start + _PER_LINE])) + ","

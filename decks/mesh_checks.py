@@ -64,12 +64,10 @@ def check_cover(node_mm: FloatArray, quad: IntArray) -> None:
 
 
 def _check_places(node_mm: FloatArray) -> None:
-    order = np.lexsort((node_mm[:, 1], node_mm[:, 0]))
-    place = np.round(node_mm[order] / _SAME_PLACE_MM)
+    place = np.round(node_mm / _SAME_PLACE_MM)
     _, first, count = np.unique(place, axis=0, return_index=True, return_counts=True)
     if count.max() > 1:
-        row = order[first[count.argmax()]]
-        x, y = node_mm[row]
+        x, y = node_mm[first[count.argmax()]]
         raise FingerError(f"two nodes in one place, at ({x:.6f}, {y:.6f}) mm")
 
 

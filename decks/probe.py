@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.checks import finite, not_negative, positive
+from decks.checks import between, finite, not_negative
 from decks.mesh import Mesh
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray, IntArray
@@ -20,6 +20,11 @@ _HALF_OPENING_DEG = 80.0
 _MIN_SEGMENTS = 64
 _SEGMENT_MM = 0.02
 _INNER_SHARE = 0.7
+_LEAST_FILLET_MM = 0.001
+_FILLET_SEGMENTS = 16
+# A flat side narrower than this is none.
+_NO_WIDTH_MM = 1e-6
+_SAME_HEIGHT_MM = 1e-6
 _DIGITS = 9
 
 
@@ -42,40 +47,53 @@ class Probe:
             raise FingerError(
                 f"probe shape {self.shape!r}, expected one of {', '.join(SHAPES)}"
             )
-        positive(self, "diameter_mm")
+        between(self, "diameter_mm", 0.01, 20)
         not_negative(self, "fillet_mm")
         finite(self, "x_mm")
-        if not 0.01 <= self.diameter_mm <= 20:
-            raise FingerError(
-                f"probe diameter {self.diameter_mm:g} mm, expected 0.01 to 20 mm"
-            )
-        if self.shape == "flat" and not self.fillet_mm <= 0.5 * self.diameter_mm:
+        if self.shape == "flat" and self.fillet_mm > 0.5 * self.diameter_mm:
             raise FingerError(
                 f"fillet {self.fillet_mm:g} mm, expected at most half the "
                 f"width, {0.5 * self.diameter_mm:g} mm"
             )
+        if self.shape == "flat" and 0 < self.fillet_mm < _LEAST_FILLET_MM:
+            raise FingerError(
+                f"fillet {self.fillet_mm:g} mm, expected 0 (a sharp edge) or "
+                f"{_LEAST_FILLET_MM:g} mm and more"
+            )
 
     def lower_side(self) -> FloatArray:
         """Points ``(S, 2)`` from left to right; the lowest is at height 0."""
-        radius = 0.5 * self.diameter_mm
-        if self.shape == "cylinder":
-            opening = np.radians(_HALF_OPENING_DEG)
-            segments = 2 * round(max(_MIN_SEGMENTS, 2 * radius / _SEGMENT_MM) / 2)
-            angle = np.linspace(-opening, opening, segments + 1)
-            points = radius * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
-            points[segments // 2] = 0.0
-            return np.round(points, _DIGITS) + 0.0
-        half_flat = radius - self.fillet_mm
-        angle = np.linspace(0.0, np.pi / 2, 17)[1:]
-        corner = self.fillet_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
-        corner[:, 0] += half_flat
-        count = 2 * max(1, round(half_flat / _SEGMENT_MM))
-        flat = np.linspace(-half_flat, half_flat, count + 1)
-        floor = np.stack([flat, np.zeros_like(flat)], -1)
-        right = corner if self.fillet_mm > 0 else np.array([[radius, 0.5 * radius]])
-        floor = floor if half_flat > 0 else np.zeros((1, 2))
+        points = self._cylinder() if self.shape == "cylinder" else self._flat()
+        return np.round(points, _DIGITS) + 0.0
+
+    def _cylinder(self) -> FloatArray:
+        radius_mm = 0.5 * self.diameter_mm
+        opening = np.radians(_HALF_OPENING_DEG)
+        segments = 2 * round(max(_MIN_SEGMENTS, 2 * radius_mm / _SEGMENT_MM) / 2)
+        angle = np.linspace(-opening, opening, segments + 1)
+        points: FloatArray = radius_mm * np.stack(
+            [np.sin(angle), 1 - np.cos(angle)], -1
+        )
+        points[segments // 2] = 0.0
+        return points
+
+    def _flat(self) -> FloatArray:
+        radius_mm = 0.5 * self.diameter_mm
+        half_flat_mm = radius_mm - self.fillet_mm
+        if half_flat_mm > _NO_WIDTH_MM:
+            count = 2 * max(1, round(half_flat_mm / _SEGMENT_MM))
+            flat_mm = np.linspace(-half_flat_mm, half_flat_mm, count + 1)
+            floor = np.stack([flat_mm, np.zeros_like(flat_mm)], -1)
+        else:
+            floor = np.zeros((1, 2))
+        if self.fillet_mm > 0:
+            angle = np.linspace(0.0, np.pi / 2, _FILLET_SEGMENTS + 1)[1:]
+            right = self.fillet_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
+            right[:, 0] += half_flat_mm
+        else:
+            right = np.array([[radius_mm, 0.5 * radius_mm]])
         left = right[::-1] * [-1.0, 1.0]
-        return np.round(np.concatenate([left, floor, right]), _DIGITS) + 0.0
+        return np.concatenate([left, floor, right])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +120,7 @@ def mesh_probe(probe: Probe, skin: Mesh) -> ProbeMesh:
     FingerError
         The probe stands beside the skin.
     """
-    outer = probe.lower_side() + [probe.x_mm, 0.0]
+    outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
     middle = np.array([probe.x_mm, 0.5 * probe.diameter_mm])
     inner = middle + _INNER_SHARE * (outer - middle)
     count = len(outer)
@@ -113,20 +131,47 @@ def mesh_probe(probe: Probe, skin: Mesh) -> ProbeMesh:
     return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad)
 
 
+def touched_node(probe: ProbeMesh, skin: Mesh) -> int:
+    """Row of the skin's node that `probe` touches first.
+
+    Of several at the same height, as under a flat punch, the one nearest the
+    probe's middle. Where the probe is narrower than an element and no node is
+    under it, the nearest one.
+    """
+    pad = _pad(skin)
+    lower_mm = probe.node_mm[probe.lower_node]
+    gap_mm = _gap_mm(skin.node_mm[pad], lower_mm)
+    middle_mm = 0.5 * (lower_mm[0, 0] + lower_mm[-1, 0])
+    aside_mm = np.abs(skin.node_mm[pad, 0] - middle_mm)
+    if np.isfinite(gap_mm).any():
+        aside_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
+    return int(pad[aside_mm.argmin()])
+
+
 def _touching_height_mm(lower_mm: FloatArray, skin: Mesh) -> float:
     """Height of the lowest point of the probe at which it first touches."""
-    edges, _, _ = skin.outline()
-    pad = skin.node_mm[np.unique(edges)]
-    pad = pad[pad[:, 1] > 0.5 * skin.node_mm[:, 1].min()]
-    pad = pad[np.argsort(pad[:, 0], kind="stable")]
+    pad_mm = skin.node_mm[_pad(skin)]
     ends = lower_mm[0, 0], lower_mm[-1, 0]
-    if ends[0] < pad[0, 0] or ends[1] > pad[-1, 0]:
+    if ends[0] < pad_mm[0, 0] or ends[1] > pad_mm[-1, 0]:
         raise FingerError(
             f"the probe spans x = {ends[0]:g} to {ends[1]:g} mm, expected inside the "
-            f"pad, {pad[0, 0]:g} to {pad[-1, 0]:g} mm"
+            f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
         )
-    at_skin = pad[(pad[:, 0] >= ends[0]) & (pad[:, 0] <= ends[1])]
-    gaps = np.interp(at_skin[:, 0], lower_mm[:, 0], lower_mm[:, 1]) - at_skin[:, 1]
-    below = lower_mm[:, 1] - np.interp(lower_mm[:, 0], pad[:, 0], pad[:, 1])
-    lowest = min(below.min(), gaps.min() if gaps.size else np.inf)
+    over_skin_mm = lower_mm[:, 1] - np.interp(lower_mm[:, 0], *pad_mm.T)
+    lowest = min(over_skin_mm.min(), _gap_mm(pad_mm, lower_mm).min())
     return -float(lowest) + 0.0
+
+
+def _pad(skin: Mesh) -> IntArray:
+    """Rows of the nodes on the upper half of the outline, from left to right."""
+    edges, _, _ = skin.outline()
+    pad = np.unique(edges)
+    pad = pad[skin.node_mm[pad, 1] > 0.5 * skin.node_mm[:, 1].min()]
+    return pad[np.argsort(skin.node_mm[pad, 0], kind="stable")]
+
+
+def _gap_mm(pad_mm: FloatArray, lower_mm: FloatArray) -> FloatArray:
+    """Way up from each point of the pad to the probe; infinite beside it."""
+    over = np.interp(pad_mm[:, 0], *lower_mm.T, left=np.inf, right=np.inf)
+    gap_mm: FloatArray = over - pad_mm[:, 1]
+    return gap_mm

@@ -5,8 +5,15 @@ suffix names: .png, .pdf, .svg and others that Matplotlib knows.
 """
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from fembridge.commands.plot_options import (
+    add_mesh,
+    add_raster,
+    add_response,
+    add_stimulus,
+    add_trace,
+)
 
 if TYPE_CHECKING:
     from fembridge.response.response_map import ResponseMap
@@ -21,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pictures = parser.add_subparsers(
         dest="picture", metavar="PICTURE", required=True, title="pictures"
     )
-    _add_mesh(pictures)
-    _add_response(pictures)
-    _add_trace(pictures)
-    _add_raster(pictures)
-    _add_stimulus(pictures)
+    add_mesh(pictures)
+    add_response(pictures)
+    add_trace(pictures)
+    add_raster(pictures)
+    add_stimulus(pictures)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -44,164 +51,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(args.output)
     return {"picture": args.picture, "file": str(args.output), **told}
-
-
-def _add_mesh(pictures: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    parser = _add_picture(
-        pictures,
-        "mesh",
-        "the finger's layers and elements, its afferents, and the probe",
-        "fembridge plot mesh --finger paper -o mesh.pdf",
-    )
-    parser.add_argument(
-        "--finger",
-        default="quick",
-        metavar="NAME|FILE.toml",
-        help="quick, paper or a file (default: quick)",
-    )
-    parser.add_argument(
-        "--probe-shape",
-        choices=("cylinder", "flat"),
-        default="cylinder",
-        help="default: cylinder",
-    )
-    parser.add_argument(
-        "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
-    )
-    parser.add_argument(
-        "--probe-x-mm",
-        type=float,
-        default=0.0,
-        metavar="X",
-        help="where the probe stands across the finger (default: 0)",
-    )
-
-
-def _add_response(
-    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
-) -> None:
-    parser = _add_picture(
-        pictures,
-        "response",
-        "stress at each afferent and the probe's force against its depth",
-        "fembridge plot response --finger quick -o response.pdf",
-    )
-    parser.add_argument(
-        "file",
-        nargs="?",
-        type=Path,
-        metavar="FILE",
-        help="a response.toml, as `fembridge simulate` leaves it",
-    )
-    parser.add_argument(
-        "--finger",
-        metavar="NAME",
-        help="the stored response of this finger (default, without FILE: quick)",
-    )
-
-
-def _add_trace(pictures: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    parser = _add_picture(
-        pictures,
-        "trace",
-        "stress over time, a panel an afferent",
-        "fembridge plot trace traces.csv --stimulus sine_20_250",
-    )
-    parser.add_argument("table", type=Path, metavar="CSV", help="table of traces")
-    parser.add_argument(
-        "--stimulus", metavar="ID", help="draw the waveform that made them above"
-    )
-
-
-def _add_raster(
-    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
-) -> None:
-    parser = _add_picture(
-        pictures,
-        "raster",
-        "spikes: a panel a class, a row a stimulus",
-        "fembridge plot raster spikes.csv --stimulus sine_20",
-    )
-    parser.add_argument("table", type=Path, metavar="CSV", help="table of spikes")
-    parser.add_argument(
-        "--stimulus",
-        action="append",
-        metavar="ID",
-        help="rows from top to bottom, silent ones too; a single one is drawn above "
-        "(default: those of the table)",
-    )
-    parser.add_argument(
-        "--afferent",
-        choices=("SA", "RA", "PC"),
-        nargs="+",
-        help="panels from left to right (default: those of the table)",
-    )
-    parser.add_argument(
-        "--window-ms",
-        type=float,
-        nargs=2,
-        metavar=("START", "END"),
-        help="leave white only the time in which spikes were counted",
-    )
-
-
-def _add_stimulus(
-    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
-) -> None:
-    parser = _add_picture(
-        pictures,
-        "stimulus",
-        "the probe's depth over time, a panel a stimulus",
-        "fembridge plot stimulus noise_25_250 sine_20_250 -o waveforms.svg",
-    )
-    parser.add_argument(
-        "ids",
-        nargs="+",
-        metavar="ID",
-        help="sine_20_250, a set as sine_20, noise or all; commas join several",
-    )
-    parser.add_argument(
-        "--preindent-um",
-        type=float,
-        default=0.0,
-        metavar="DEPTH",
-        help="depth of the probe before time 0 (default: 0)",
-    )
-    parser.add_argument(
-        "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
-    )
-
-
-def _add_picture(
-    pictures: "argparse._SubParsersAction[argparse.ArgumentParser]",
-    name: str,
-    shows: str,
-    example: str,
-) -> argparse.ArgumentParser:
-    parser = pictures.add_parser(
-        name,
-        help=shows,
-        description=f"{shows[0].upper()}{shows[1:]}.",
-        epilog=f"example: {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path(f"{name}.png"),
-        metavar="FILE",
-        help=f"its suffix chooses the format (default: {name}.png)",
-    )
-    # The verb has it too; unset here, so as not to undo it there.
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        default=argparse.SUPPRESS,
-        help="print a summary a program can read",
-    )
-    return parser
 
 
 def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:

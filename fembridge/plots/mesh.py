@@ -4,26 +4,23 @@ The pad is up, as in the deck. Both panels are to scale and carry a bar; the clo
 view shows which node stands for which afferent.
 """
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from decks.finger import LAYERS, Finger, Material
+from decks.finger import LAYERS, Finger
 from decks.mesh import Mesh
 from decks.probe import Probe, mesh_probe
 from fembridge.plots.layer_palette import LAYER_COLOURS, PROBE_COLOUR, line_colour
+from fembridge.plots.mesh_annotations import draw_bar, draw_legend, name_afferents
 from fembridge.plots.palette import (
-    AFFERENT_COLOURS,
     HAIR_PT,
     INK,
     PAGE_WIDTH_IN,
-    SMALL_TEXT_PT,
-    TEXT_PT,
 )
 from fembridge.plots.picture import save_figure
-from fembridge.plots.window import Window, close_window, spread, whole_window
+from fembridge.plots.window import Window, close_window, whole_window
 from fembridge.run_folder import AfferentNode
 from fembridge.typing import BoolArray, FloatArray
 
@@ -37,9 +34,8 @@ MESH_DPI = 300
 
 # Inches: around the panels, between them, for the names at the right.
 _EDGE_IN, _BETWEEN_IN, _NAMES_IN = 0.05, 0.42, 1.12
-_LEGEND_IN, _BARS_IN, _BAR_BELOW_IN = 0.72, 0.26, 0.14
+_LEGEND_IN, _BARS_IN = 0.72, 0.26
 _LEAST_HEIGHT_IN, _MOST_HEIGHT_IN, _MOST_SHARE = 2.4, 3.3, 0.64
-_NAME_STEP_IN = 0.32
 # Width over height that a close view has beside a finger of usual proportions.
 _CLOSE_ASPECT = 0.76
 
@@ -47,9 +43,6 @@ _MESH_LINE_PT = 0.2
 _FINE_MESH_LINE_PT = 0.08
 _FINE_ELEMENTS = 6_000
 _BOUNDARY_PT = 0.45
-_BAR_PT = 1.6
-
-_KILO, _GIGA_PER_MEGA = 1000.0, 1000.0
 
 
 def draw_mesh(
@@ -127,10 +120,10 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
     for spine in pad.spines.values():
         spine.set(linewidth=HAIR_PT, color=INK)
     _join(section, pad, close)
-    _draw_bar(figure, section, whole)
-    _draw_bar(figure, pad, close)
-    _name_afferents(pad, sites, close, height_in)
-    _draw_legend(figure, finger.materials, probe)
+    draw_bar(figure, section, whole)
+    draw_bar(figure, pad, close)
+    name_afferents(pad, sites, close, height_in)
+    draw_legend(figure, finger.materials, probe)
     return figure
 
 
@@ -166,7 +159,7 @@ def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
 
 
 def boundaries(mesh: Mesh) -> FloatArray:
-    """Ends ``(B, 2, 2)`` in mm of all edges where a layer or the section ends."""
+    """Find where a layer or the section ends: edges ``(B, 2, 2)`` in mm."""
     nodes, element, _ = mesh.edges()
     key = np.sort(nodes, axis=1)
     order = np.lexsort((key[:, 1], key[:, 0]))
@@ -179,15 +172,6 @@ def boundaries(mesh: Mesh) -> FloatArray:
     return ends
 
 
-def modulus_text(young_mpa: float) -> str:
-    """Young's modulus in the unit that needs fewest digits."""
-    if young_mpa < 1:
-        return f"{young_mpa * _KILO:g} kPa"
-    if young_mpa >= _GIGA_PER_MEGA:
-        return f"{young_mpa / _GIGA_PER_MEGA:g} GPa"
-    return f"{young_mpa:g} MPa"
-
-
 def _draw_elements(panel: "Axes", mesh: Mesh, window: Window) -> None:
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -198,7 +182,7 @@ def _draw_elements(panel: "Axes", mesh: Mesh, window: Window) -> None:
     fine = seen.all() and len(mesh.quad) > _FINE_ELEMENTS
     panel.add_collection(
         PolyCollection(
-            corner[seen],
+            list(corner[seen]),
             facecolors=fills[mesh.layer[seen]].tolist(),
             edgecolors=lines[mesh.layer[seen]],
             linewidths=_FINE_MESH_LINE_PT if fine else _MESH_LINE_PT,
@@ -256,145 +240,3 @@ def _join(section: "Axes", pad: "Axes", close: Window) -> None:
                 clip_on=False,
             )
         )
-
-
-def _draw_bar(figure: "Figure", panel: "Axes", window: Window) -> None:
-    """Draw a bar of a round length under the panel's left corner."""
-    from matplotlib.lines import Line2D
-
-    slot = panel.get_position(original=True)
-    length_mm = window.bar_mm
-    share = length_mm / (window.x_mm[1] - window.x_mm[0])
-    height = slot.y0 - _BAR_BELOW_IN / figure.get_figheight()
-    end = slot.x0 + share * slot.width
-    figure.add_artist(
-        Line2D(
-            [slot.x0, end],
-            [height, height],
-            color=INK,
-            linewidth=_BAR_PT,
-            solid_capstyle="butt",
-        )
-    )
-    figure.text(
-        end + 0.05 / PAGE_WIDTH_IN,
-        height,
-        f"{length_mm:g} mm",
-        va="center_baseline",
-        fontsize=SMALL_TEXT_PT,
-        color=INK,
-    )
-
-
-def _name_afferents(
-    panel: "Axes", sites: Sequence[AfferentNode], window: Window, height_in: float
-) -> None:
-    """Mark the nodes; write names at the right, from top to bottom as they lie."""
-    from matplotlib.patheffects import withStroke
-
-    bottom, top = window.y_mm
-    step_mm = _NAME_STEP_IN / height_in * (top - bottom)
-    right = window.x_mm[1]
-    gap_mm = 0.09 / height_in * (top - bottom)
-    ordered = sorted(sites, key=lambda site: (-site.y_mm, -site.x_mm))
-    heights = spread([site.y_mm for site in ordered], step_mm, bottom, top)
-    for site, height in zip(ordered, heights, strict=True):
-        colour = AFFERENT_COLOURS.get(site.afferent, INK)
-        panel.plot(
-            [site.x_mm, right, right + gap_mm],
-            [site.y_mm, height, height],
-            color=colour,
-            linewidth=0.7,
-            clip_on=False,
-            path_effects=[withStroke(linewidth=1.7, foreground="white")],
-            zorder=4,
-        )
-        panel.plot(
-            site.x_mm,
-            site.y_mm,
-            marker="o",
-            markersize=5.0,
-            color=colour,
-            markeredgecolor="white",
-            markeredgewidth=0.7,
-            zorder=5,
-        )
-        name = panel.annotate(
-            site.afferent,
-            (right + gap_mm, height),
-            xytext=(2.5, 0.5),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=TEXT_PT,
-            fontweight="bold",
-            color=colour,
-            annotation_clip=False,
-        )
-        panel.annotate(
-            f"{site.depth_mm:.2f} mm deep",
-            (1, 0),
-            xycoords=name,
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=SMALL_TEXT_PT,
-            color=INK,
-            annotation_clip=False,
-        )
-        panel.annotate(
-            _words(site.layer),
-            (right + gap_mm, height),
-            xytext=(2.5, -0.5),
-            textcoords="offset points",
-            va="top",
-            fontsize=SMALL_TEXT_PT,
-            color=INK,
-            annotation_clip=False,
-        )
-
-
-def _draw_legend(
-    figure: "Figure", materials: Mapping[str, Material], probe: Probe
-) -> None:
-    from matplotlib.patches import Patch
-
-    entries = [
-        (
-            LAYER_COLOURS[layer],
-            f"{_words(layer).capitalize()}\n"
-            rf"$E$ = {modulus_text(materials[layer].young_mpa)}, "
-            rf"$\nu$ = {materials[layer].poisson:.2f}",
-        )
-        for layer in LAYERS
-    ]
-    entries.append(
-        (PROBE_COLOUR, f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm")
-    )
-    columns = -(-len(entries) // 2)  # a legend fills columns; people read rows
-    in_rows = [
-        entries[k]
-        for column in range(columns)
-        for k in (column, column + columns)
-        if k < len(entries)
-    ]
-    figure.legend(
-        handles=[
-            Patch(facecolor=fill, edgecolor=INK, linewidth=HAIR_PT, label=text)
-            for fill, text in in_rows
-        ],
-        ncols=columns,
-        loc="lower center",
-        frameon=False,
-        fontsize=SMALL_TEXT_PT,
-        labelcolor=INK,
-        borderpad=0.0,
-        borderaxespad=0.3,
-        labelspacing=0.7,
-        columnspacing=2.0,
-        handlelength=1.4,
-        handleheight=1.4,
-    )
-
-
-def _words(layer: str) -> str:
-    return layer.replace("_", " ")

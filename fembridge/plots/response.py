@@ -29,6 +29,8 @@ _HEIGHT_IN = 2.15
 _POINTS = 301
 _PA_PER_KPA, _MN_PER_N = 1000.0, 1000.0
 _DOT_PT = 2.6
+# A closure below this is told as this: rounding is no property of a contact.
+_LEAST_PERCENT = 0.01
 # A name takes this share of its panel's height.
 _NAME_SHARE = 0.09
 
@@ -85,12 +87,13 @@ def response_figure(response: ResponseMap) -> "Figure":
 
 
 def closure_text(response: ResponseMap) -> str:
-    """What the load–unload run showed, as a sentence."""
+    """Say what the load–unload run showed."""
     if not math.isfinite(response.closure_percent):
         return "Unloading was not compared with loading."
+    percent = max(response.closure_percent, _LEAST_PERCENT)
     return (
-        f"Unloading came back to the stress of loading within "
-        f"{response.closure_percent:.2g} % at every depth compared."
+        "Unloading came back to the stress of loading within "
+        f"{percent:.2g} % at every depth compared."
     )
 
 

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 _MOST_COLUMNS = 4
 _PANEL_IN, _AROUND_IN = 0.78, 0.45
 _TALL_PANEL_IN = 1.3
-_WAVE_PT = 0.7
+_WAVE_PT = 0.6
 # Two numbers on a scale are apart by this share of it, or one is left out.
-_CLEAR_SHARE, _DIGITS = 0.22, 3
+_CLEAR_SHARE = 0.22
 
 
 def draw_waveforms(
@@ -38,9 +38,9 @@ def draw_waveforms(
     Parameters
     ----------
     stimuli
-        Panels in reading order. Each has its own scale: amplitudes of the
-        catalogue span three orders of magnitude. What lies outside the window in
-        which spikes are counted gets a grey ground.
+        Panels in reading order. Each has its own scale, since amplitudes of the
+        catalogue span three orders of magnitude; up is into the skin.
+        What lies outside the window in which spikes are counted gets a grey ground.
     path
         Where to; the suffix chooses the format.
     dpi
@@ -80,11 +80,7 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     for panel in lowest:
         panel.tick_params(labelbottom=True)
     figure.supxlabel("Time (ms)", fontsize=SMALL_TEXT_PT, color=INK)
-    figure.supylabel(
-        "Depth of the probe (µm, positive into the skin)",
-        fontsize=SMALL_TEXT_PT,
-        color=INK,
-    )
+    figure.supylabel("Depth (µm)", fontsize=SMALL_TEXT_PT, color=INK)
     return figure
 
 
@@ -106,13 +102,14 @@ def draw_waveform(panel: "Axes", stimulus: Stimulus) -> None:
 
 
 def scale_ticks(low: float, high: float) -> list[float]:
-    """Both ends to three digits, and 0 where it stands clear of them."""
+    """Both ends, rounded to a hundredth of what lies between, and 0 if it is clear."""
+    if not high > low:
+        return [low]
+    decimals = 2 - math.floor(math.log10(high - low))
     room = _CLEAR_SHARE * (high - low)
-    ticks = {float(f"{end:.{_DIGITS}g}") for end in (low, high)}
-    if low + room <= 0 <= high - room:
-        ticks.add(0.0)
-    return sorted(ticks)
+    middle = [0.0] if low + room <= 0 <= high - room else []
+    return [round(low, decimals), *middle, round(high, decimals)]
 
 
 def _number(value: float) -> str:
-    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+    return f"{value:.10g}".replace("-", "\N{MINUS SIGN}")

@@ -12,6 +12,8 @@ from fembridge.typing import BoolArray, FloatArray
 _CLOSE_WIDTH_MM, _CLOSE_DEPTH_MM = 2.0, 2.3
 _PROBE_SHOWN_MM = 0.36
 _AROUND_SITE_MM = 0.3
+# The flat of a punch is level within this.
+_LEVEL_MM = 1.0e-6
 # Of a probe higher than this, the section shows the lower end.
 _PROBE_IN_SECTION_MM = 1.5
 _AROUND_SECTION_MM = 0.12
@@ -66,7 +68,8 @@ def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Win
     deep, or as much more as the afferents need; the probe is in the middle where
     that leaves them in sight.
     """
-    touch_mm = body_mm[body_mm[:, 1].argmin()]
+    lowest = body_mm[:, 1] <= body_mm[:, 1].min() + _LEVEL_MM
+    touch_mm = body_mm[lowest].mean(axis=0)
     points = np.concatenate([site_mm, touch_mm[None]])
     left, low = points.min(axis=0) - _AROUND_SITE_MM
     right, _ = points.max(axis=0) + _AROUND_SITE_MM

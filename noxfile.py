@@ -1,0 +1,46 @@
+"""What CI runs: ``nox -s check``; and the oldest versions we claim: ``nox -s lowest``."""
+
+import nox
+
+nox.options.default_venv_backend = "venv"
+nox.options.sessions = ["check"]
+
+LOWEST = (
+    "numpy==1.26.*",
+    "scipy==1.12.*",
+    "pandas==2.2.*",
+    "matplotlib==3.8.*",
+    "rich==13.7.*",
+    "tomli-w==1.0.*",
+    "meshio==5.3.5",
+    "pygmsh==7.1.17",
+    "pymoo==0.6.1.3",
+)
+
+
+@nox.session
+def check(session: nox.Session) -> None:
+    """Format, lint, types, layers, tests, and what the wheel holds."""
+    session.install("-c", "constraints.txt", ".[dev]")
+    session.run("ruff", "format", "--check")
+    session.run("ruff", "check")
+    session.run("mypy")
+    session.run("lint-imports")
+    session.run("pytest", *session.posargs)
+    wheel(session)
+
+
+@nox.session
+def wheel(session: nox.Session) -> None:
+    """Build the wheel and look inside it."""
+    session.install("-c", "constraints.txt", "build", "hatchling")
+    folder = session.create_tmp()
+    session.run("python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation")
+    session.run("python", "tests/look_inside_wheel.py", folder)
+
+
+@nox.session
+def lowest(session: nox.Session) -> None:
+    """Run the tests on the oldest versions that pyproject.toml allows."""
+    session.install(".[test]", *LOWEST)
+    session.run("pytest", *session.posargs)
