@@ -106,8 +106,9 @@ class Analysis:
     """One run: a finger, a probe, a motion, and the nodes to be watched.
 
     `afferent` gives the row of each afferent's node in `mesh`; `apex` the row of
-    the skin's node that the probe touches first, which shows that it pushed. `held` ``(C,)`` are nodes that do not move. `contact_edge` ``(K, 2)``
-    are (element row, face from 0) of the skin that the probe can reach.
+    the skin's node that the probe touches first, which shows that it pushed.
+    `held` ``(C,)`` are nodes that do not move. `contact_edge` ``(K, 2)`` are
+    (element row, face from 0) of the skin that the probe can reach.
     """
 
     title: str

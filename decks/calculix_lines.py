@@ -35,26 +35,26 @@ def plain(text: str) -> str:
 
 
 def node_lines(node_mm: FloatArray, first: int) -> Iterator[str]:
-    """Nodes in the plane, numbered from `first`."""
+    """List nodes in the plane, numbered from `first`."""
     for number, (x, y) in enumerate((node_mm + 0.0).tolist(), start=first):
         yield f"{number}, {x:.9f}, {y:.9f}, 0.0"
 
 
 def element_lines(numbers: Iterable[int], nodes: IntArray) -> Iterator[str]:
-    """Elements by their `numbers`; `nodes` ``(E, n)`` are numbers as well."""
+    """List elements by their `numbers`; `nodes` ``(E, n)`` are numbers as well."""
     for number, row in zip(numbers, nodes.tolist(), strict=True):
         yield f"{number}, {', '.join(map(str, row))}"
 
 
 def list_lines(numbers: Sequence[int] | IntArray) -> Iterator[str]:
-    """Whole numbers, as a set lists them."""
+    """List whole numbers, as a set does."""
     flat = np.asarray(numbers).tolist()
     for start in range(0, len(flat), _PER_LINE):
         yield ", ".join(map(str, flat[start : start + _PER_LINE])) + ","
 
 
 def pair_lines(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Times and values, as an amplitude lists them."""
+    """List times and values, as an amplitude does."""
     flat = list(chain.from_iterable(pairs))
     for start in range(0, len(flat), 2 * _PAIRS_PER_LINE):
         yield ", ".join(flat[start : start + 2 * _PAIRS_PER_LINE])

@@ -157,7 +157,9 @@ def _touching_height_mm(lower_mm: FloatArray, skin: Mesh) -> float:
             f"the probe spans x = {ends[0]:g} to {ends[1]:g} mm, expected inside the "
             f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
         )
-    over_skin_mm = lower_mm[:, 1] - np.interp(lower_mm[:, 0], *pad_mm.T)
+    over_skin_mm = lower_mm[:, 1] - np.interp(
+        lower_mm[:, 0], pad_mm[:, 0], pad_mm[:, 1]
+    )
     lowest = min(over_skin_mm.min(), _gap_mm(pad_mm, lower_mm).min())
     return -float(lowest) + 0.0
 
@@ -167,11 +169,13 @@ def _pad(skin: Mesh) -> IntArray:
     edges, _, _ = skin.outline()
     pad = np.unique(edges)
     pad = pad[skin.node_mm[pad, 1] > 0.5 * skin.node_mm[:, 1].min()]
-    return pad[np.argsort(skin.node_mm[pad, 0], kind="stable")]
+    ordered: IntArray = pad[np.argsort(skin.node_mm[pad, 0], kind="stable")]
+    return ordered
 
 
 def _gap_mm(pad_mm: FloatArray, lower_mm: FloatArray) -> FloatArray:
     """Way up from each point of the pad to the probe; infinite beside it."""
-    over = np.interp(pad_mm[:, 0], *lower_mm.T, left=np.inf, right=np.inf)
-    gap_mm: FloatArray = over - pad_mm[:, 1]
+    x_mm, height_mm = lower_mm[:, 0], lower_mm[:, 1]
+    over_mm = np.interp(pad_mm[:, 0], x_mm, height_mm, left=np.inf, right=np.inf)
+    gap_mm: FloatArray = over_mm - pad_mm[:, 1]
     return gap_mm

@@ -23,6 +23,7 @@ from fembridge.typing import FloatArray, Table
 FORMAT = 1
 RUN_FILE = "run.toml"
 STIMULUS_FILE = "stimulus.csv"
+SOLVER_FILE = "solver.toml"
 JOB = "job"
 
 

@@ -5,6 +5,7 @@ suffix names: .png, .pdf, .svg and others that Matplotlib knows.
 """
 
 import argparse
+import sys
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.plot_options import (
@@ -134,23 +135,34 @@ def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.tables import AFFERENTS, read_spikes
 
     trains = read_spikes(args.table)
+    present = {train.afferent for train in trains}
+    classes = args.afferent or [n for n in AFFERENTS if n in present] or AFFERENTS
     stimuli = _stimuli(args.stimulus) if args.stimulus else []
+    rows = [stimulus.id for stimulus in stimuli] or _ids(trains)
+    shown = [train for train in trains if train.stimulus in rows]
     waveform = stimuli[0] if len(stimuli) == 1 else None
-    rows = [stimulus.id for stimulus in stimuli]
-    shown = [train for train in trains if not rows or train.stimulus in rows]
-    classes = args.afferent or (None if shown else AFFERENTS)
     window_ms = tuple(args.window_ms) if args.window_ms else None
     if window_ms is None and waveform is not None:
         window_ms = waveform.window_ms
     draw_raster(
         shown,
         args.output,
-        stimuli=rows or None,
+        stimuli=rows,
         afferents=classes,
         window_ms=window_ms,
         waveform=waveform,
     )
-    return {"stimuli": rows or _ids(shown), "spikes": _count(shown, args.afferent)}
+    silent = [name for name in rows if name not in _ids(shown)]
+    if silent:
+        print(
+            f"{args.table}: no spike of {', '.join(silent)}: silent, or not in it",
+            file=sys.stderr,
+        )
+    return {
+        "stimuli": rows,
+        "silent": silent,
+        "spikes": sum(t.times_ms.size for t in shown if t.afferent in classes),
+    }
 
 
 def _draw_stimulus(args: argparse.Namespace) -> dict[str, Any]:
@@ -172,11 +184,3 @@ def _stimuli(
 
 def _ids(trains: "list[SpikeTrain]") -> list[str]:
     return list(dict.fromkeys(train.stimulus for train in trains))
-
-
-def _count(trains: "list[SpikeTrain]", afferents: list[str] | None) -> int:
-    return sum(
-        train.times_ms.size
-        for train in trains
-        if afferents is None or train.afferent in afferents
-    )

@@ -8,9 +8,9 @@ out). The hues are those of histology where they can be: horn, fat, rose dermis.
 from collections.abc import Mapping
 
 LAYER_COLOURS: Mapping[str, str] = {
-    "stratum_corneum": "#A88F6A",
-    "epidermis": "#EBD3B4",
-    "dermis": "#CC9690",
+    "stratum_corneum": "#96794E",
+    "epidermis": "#E8C699",
+    "dermis": "#D0958F",
     "subcutaneous_tissue": "#F8F0DA",
     "bone": "#BCC3CC",
     "nail": "#73849C",
@@ -24,6 +24,6 @@ _LINE_SHARE = 0.72
 
 
 def line_colour(fill: str) -> tuple[float, float, float]:
-    """Darken a fill such as ``#EBD3B4`` for the lines drawn on it."""
+    """Darken a fill such as ``#E8C699`` for the lines drawn on it."""
     red, green, blue = (int(fill[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red * _LINE_SHARE, green * _LINE_SHARE, blue * _LINE_SHARE

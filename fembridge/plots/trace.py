@@ -64,6 +64,7 @@ def trace_figure(
 ) -> "Figure":
     """Make the figure that `draw_traces` saves; the arguments are the same."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     if not 0 < len(traces) <= MOST_PANELS:
         raise UsageError(
@@ -96,6 +97,7 @@ def trace_figure(
         )
         panel.set_ylabel(f"Stress\n({unit})", fontsize=SMALL_TEXT_PT, color=INK)
         panel.set_ylim(bottom=0.0)
+        panel.yaxis.set_major_locator(MaxNLocator(nbins=4, min_n_ticks=3))
         make_plain(panel)
         panel.annotate(
             trace.afferent or f"node {trace.node}",

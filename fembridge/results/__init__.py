@@ -111,6 +111,14 @@ def read(
         raise ResultError("no run.toml beside it: name the nodes to read", path)
     if not places:
         raise ResultError("no nodes to read", path)
+    if run is not None:
+        from fembridge.results.run_traces import (
+            check_deck,
+            check_reach,
+            in_stimulus_time,
+        )
+
+        check_deck(run, path)
     traces = reader.load()(path, [node for _, node in places], options)
     traces = [
         replace(trace, afferent=afferent)
@@ -118,8 +126,6 @@ def read(
     ]
     if run is None:
         return traces
-    from fembridge.results.run_traces import check_reach, in_stimulus_time
-
     check_reach(traces[0], run, path, options)
     return [in_stimulus_time(trace, run, path) for trace in traces]
 

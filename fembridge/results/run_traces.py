@@ -4,6 +4,7 @@ The solver's clock starts before the stimulus does (a ramp to a pre-indentation
 takes place there), and a result file has no sample of the start itself.
 """
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.read_options import ReadOptions
-from fembridge.run_folder import RunFolder
+from fembridge.run_folder import SOLVER_FILE, RunFolder, sha256_of
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 
 
@@ -41,6 +42,30 @@ def in_stimulus_time(trace: StressTrace, run: RunFolder, path: Path) -> StressTr
         f"steps of {trace.dt_ms:g} ms",
         path,
     )
+
+
+def check_deck(run: RunFolder, path: Path) -> None:
+    """Hold the deck that was solved against the deck that stands there now.
+
+    `fembridge run` keeps the solved deck's SHA-256 in ``solver.toml``; results
+    that someone's own ccx left have none, and are taken as they are.
+
+    Raises
+    ------
+    ResultError
+        The deck was built anew or edited after these results.
+    """
+    try:
+        record = tomllib.loads((run.folder / SOLVER_FILE).read_text("utf-8"))
+        solved, now = record["deck_sha256"], sha256_of(run.deck)
+    except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
+        return
+    if path.resolve() == run.results.resolve() and solved != now:
+        raise ResultError(
+            f"results of another deck than the {run.deck.name} beside them; solve it: "
+            f"fembridge run {run.folder}",
+            path,
+        )
 
 
 def check_reach(

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from fembridge.errors import OutputError
 from fembridge.outputs import write_text
-from fembridge.run_folder import RunFolder, sha256_of
+from fembridge.run_folder import SOLVER_FILE, RunFolder, sha256_of
 from fembridge.solvers.outcome import Outcome
 from fembridge.typing import Table
 
-RECORD_FILE = "solver.toml"
 FORMAT = 1
 
 
@@ -34,12 +33,12 @@ def write_record(run: RunFolder, outcome: Outcome, deck_sha256: str) -> None:
     }
     if outcome.threads is not None:
         table["threads"] = outcome.threads
-    write_text(run.folder / RECORD_FILE, tomli_w.dumps(table))
+    write_text(run.folder / SOLVER_FILE, tomli_w.dumps(table))
 
 
 def remove_record(folder: Path) -> None:
     """Take the record away before the results it speaks of are replaced."""
-    path = folder / RECORD_FILE
+    path = folder / SOLVER_FILE
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
@@ -52,7 +51,7 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
     None when there is no record, or deck or results have changed since.
     """
     try:
-        table = tomllib.loads((run.folder / RECORD_FILE).read_text(encoding="utf-8"))
+        table = tomllib.loads((run.folder / SOLVER_FILE).read_text(encoding="utf-8"))
         if table["format"] != FORMAT:
             return None
         deck_sha256 = sha256_of(run.deck)

@@ -1,0 +1,202 @@
+"""A finger is what the paper's tables say, or it is refused with a reason."""
+
+import copy
+import math
+import pickle
+from dataclasses import asdict, fields, replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decks.finger import (
+    LAYERS,
+    SITES,
+    TABLE_1,
+    AfferentSite,
+    Bone,
+    Finger,
+    Material,
+    Nail,
+    Outline,
+    Papillae,
+    Resolution,
+    Ridges,
+    Skin,
+)
+from fembridge.errors import FingerError
+
+PARTS = (Outline, Skin, Ridges, Papillae, Bone, Nail, Resolution)
+SIZES = [(part, entry.name) for part in PARTS for entry in fields(part)]
+NO_SIZES = [math.nan, math.inf, -math.inf, -1.0, True, "1", None, [1.0], 10**400]
+
+
+def test_the_moduli_are_those_of_table_1():
+    assert {layer: (m.young_mpa, m.poisson) for layer, m in TABLE_1.items()} == {
+        "stratum_corneum": (2.0, 0.30),
+        "epidermis": (2.0, 0.30),
+        "dermis": (0.050, 0.48),
+        "subcutaneous_tissue": (0.024, 0.40),
+        "bone": (1.7e4, 0.30),
+        "nail": (1.7e2, 0.30),
+    }
+    assert tuple(TABLE_1) == LAYERS
+
+
+def test_depths_of_the_layers_add_up():
+    skin = Skin(stratum_corneum_mm=0.25, epidermis_mm=0.5, dermis_mm=1.0)
+    assert (skin.epidermis_depth_mm, skin.dermis_depth_mm) == (0.75, 1.75)
+
+
+def test_an_ellipse_bends_most_at_the_end_of_its_long_axis():
+    assert Outline(8.0, 4.0).least_radius_mm == Outline(4.0, 8.0).least_radius_mm == 2.0
+
+
+@pytest.mark.parametrize(("part", "name"), SIZES)
+@pytest.mark.parametrize("value", NO_SIZES, ids=repr)
+def test_a_size_that_is_no_size_is_refused_by_its_name(part, name, value):
+    with pytest.raises(FingerError, match=name) as caught:
+        part(**{name: value})
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("poisson", "words"),
+    [
+        (0.5, "in \\[0, 0.5\\), got 0.5"),
+        (-0.1, "got -0.1"),
+        (math.nan, "finite"),
+        ("0.3", "a number, got '0.3'"),
+        (False, "a number, got False"),
+    ],
+)
+def test_a_poisson_ratio_without_a_plane_strain_solution_is_refused(poisson, words):
+    with pytest.raises(FingerError, match=f"poisson must be.*{words}"):
+        Material(1.0, poisson)
+
+
+@pytest.mark.parametrize("young_mpa", [0.0, -2.0, 1e-9, 1e12, math.inf])
+def test_a_modulus_that_no_tissue_has_is_refused(young_mpa):
+    with pytest.raises(FingerError, match="young_mpa"):
+        Material(young_mpa, 0.3)
+
+
+def test_a_mesh_of_a_billion_rows_is_refused():
+    with pytest.raises(FingerError, match="epidermis_rows must be a whole number"):
+        Resolution(epidermis_rows=10**9)
+    with pytest.raises(FingerError, match=r"got 8\.0"):
+        Resolution(epidermis_rows=8.0)
+
+
+def test_elements_too_small_for_a_finger_are_refused():
+    with pytest.raises(FingerError, match=r"0\.001 mm: expected 0\.005 mm or more"):
+        Resolution(contact_mm=0.001)
+
+
+def test_elements_get_wider_away_from_the_contact():
+    with pytest.raises(FingerError, match="far_mm must be at least"):
+        Resolution(ridge_mm=0.3, far_mm=0.2)
+
+
+def test_the_fine_part_holds_at_least_a_column():
+    with pytest.raises(FingerError, match="contact_half_width_mm must be at least"):
+        Resolution(contact_mm=0.05, contact_half_width_mm=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"ridges": Ridges(height_mm=0.25)}, "ridges 0.25 mm high in a stratum"),
+        ({"nail": Nail(thickness_mm=0.65)}, "a nail of 0.65 mm: expected thinner"),
+        ({"papillae": Papillae(0.4)}, "papillae 0.4 mm high.*epidermis of 0.4 mm"),
+        (
+            {"skin": Skin(1.0, 0.4, 1.0), "ridges": Ridges(height_mm=0.8)},
+            "under ridges of 0.8 mm in an epidermis of 0.4 mm",
+        ),
+        (
+            {"skin": Skin(dermis_mm=0.1), "papillae": Papillae(0.3)},
+            "papillae 0.3 mm high over a dermis of 0.1 mm",
+        ),
+        (
+            {
+                "outline": Outline(8.0, 3.6),
+                "bone": Bone(1.0, 0.5, 3.6),
+            },
+            "skin 1.75 mm deep folds where the outline's radius is 1.62 mm",
+        ),
+        ({"ridges": Ridges(half_width_mm=9.0)}, "ridges to 9 mm on both sides"),
+        ({"ridges": Ridges(spacing_mm=0.4)}, "columns 0.125 mm wide.*at most 0.1 mm"),
+        ({"bone": Bone(depth_mm=4.0)}, "bone spans depth 1.8 to 6.2 mm"),
+        ({"bone": Bone(depth_mm=9.0)}, "bone spans depth 6.8 to 11.2 mm"),
+        ({"bone": Bone(half_width_mm=5.9)}, "bone half width 5.9 mm, expected at most"),
+        ({"afferents": {}}, "a finger without afferents"),
+        ({"afferents": {"SA": AfferentSite("dermis", 0.0, 13.1)}}, "SA at x = 0 mm"),
+        ({"afferents": {"SA": AfferentSite("dermis", -8.1, 6.5)}}, "outside the fing"),
+        ({"afferents": {"sa": SITES["SA"]}}, "afferent 'sa': expected a capital"),
+        ({"afferents": {"SA\n*END STEP": SITES["SA"]}}, "expected a capital"),
+        ({"materials": {"dermis": TABLE_1["dermis"]}}, "no material for stratum_corn"),
+    ],
+)
+def test_parts_that_do_not_fit_together_are_refused(change, words):
+    with pytest.raises(FingerError, match=words):
+        Finger("odd", **change)
+
+
+def test_ridges_that_meet_the_columns_exactly_four_to_one_are_taken():
+    """0.3 / 4 and 0.075 differ in the last bit; the finger is sound."""
+    Finger(
+        "fine",
+        ridges=Ridges(spacing_mm=0.3),
+        resolution=Resolution(contact_mm=0.05, ridge_mm=0.075),
+    )
+
+
+def test_a_smooth_finger_may_have_wide_columns():
+    wide = Resolution(contact_mm=0.2, ridge_mm=0.3)
+    Finger("smooth", ridges=Ridges(height_mm=0), papillae=Papillae(0), resolution=wide)
+    with pytest.raises(FingerError, match="four to a ridge"):
+        Finger("ridged", resolution=wide)
+
+
+@given(half_width_mm=st.floats(0.1, 8.0), depth_mm=st.floats(3.0, 11.0))
+def test_a_bone_that_is_taken_is_clear_of_the_skin_all_around(half_width_mm, depth_mm):
+    bone = Bone(half_width_mm, 1.0, depth_mm)
+    try:
+        finger = Finger("f", bone=bone)
+    except FingerError:
+        return
+    clear_mm = min(
+        math.hypot(
+            half_width_mm * math.sin(at) - 8.0 * math.sin(around),
+            6.5 - depth_mm + math.cos(at) - 6.5 * math.cos(around),
+        )
+        for at in (math.pi * k / 24 for k in range(25))
+        for around in (math.pi * k / 300 for k in range(301))
+    )
+    assert clear_mm > finger.skin.dermis_depth_mm + 0.2
+
+
+def test_a_finger_keeps_its_own_materials():
+    mine = dict(TABLE_1)
+    finger = Finger("mine", materials=mine)
+    mine["dermis"] = Material(9.0, 0.1)
+    assert finger.materials["dermis"] == TABLE_1["dermis"]
+
+
+def test_a_finger_goes_through_pickle_and_copy_unchanged():
+    finger = Finger("f", skin=Skin(epidermis_mm=0.5))
+    assert pickle.loads(pickle.dumps(finger)) == finger == copy.deepcopy(finger)
+    assert asdict(finger)["skin"]["epidermis_mm"] == 0.5
+
+
+def test_a_finger_cannot_be_changed():
+    finger = Finger("f")
+    with pytest.raises(AttributeError):
+        finger.name = "g"
+    with pytest.raises(AttributeError):
+        finger.skin.dermis_mm = 2.0
+
+
+def test_a_changed_copy_is_checked_again():
+    with pytest.raises(FingerError):
+        replace(Finger("f"), bone=Bone(depth_mm=1.0))

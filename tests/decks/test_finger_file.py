@@ -1,0 +1,237 @@
+"""Ten lines of TOML make a finger; anything else makes one clear error."""
+
+import os
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decks.finger import AfferentSite, Finger
+from decks.finger_file import finger_from, read_finger
+from decks.presets import PAPER, PRESETS, QUICK, mesh_of, stored_mesh
+from fembridge.errors import FingerError
+
+TEN_LINES = """\
+name = "thick skin"
+base = "quick"
+[skin]
+epidermis_mm = 0.5
+[materials.dermis]
+young_mpa = 0.08
+poisson = 0.45
+[afferents.SA]
+x_mm = 0
+depth_mm = 0.70
+"""
+
+HOSTILE = {
+    "negative": (
+        "[skin]\nepidermis_mm = -1",
+        "epidermis_mm must be 0.02 to 50, got -1",
+    ),
+    "nan": ("[skin]\nepidermis_mm = nan", "epidermis_mm must be finite, got nan"),
+    "inf": ("[bone]\ndepth_mm = inf", "depth_mm must be finite, got inf"),
+    "huge number": ("[skin]\nepidermis_mm = 1e300", "epidermis_mm must be"),
+    "huge integer": ("[skin]\nepidermis_mm = 1" + 400 * "0", "larger whole number"),
+    "endless integer": ("[skin]\nepidermis_mm = 1" + 5000 * "0", "not readable"),
+    "huge count": ("[resolution]\ndermis_rows = 1000000000", "whole number to 200"),
+    "fraction of a row": ("[resolution]\ndermis_rows = 2.5", "whole number to 200"),
+    "string": ('[skin]\nepidermis_mm = "0.5"', "must be a number, got '0.5'"),
+    "boolean": ("[skin]\nepidermis_mm = true", "must be a number, got True"),
+    "date": ("[skin]\nepidermis_mm = 2020-01-01", "must be a number, got"),
+    "array": ("[skin]\nepidermis_mm = [0.5]", "must be a number, got"),
+    "table for a number": ("[skin.epidermis_mm]\na = 1", "must be a number, got"),
+    "number for a table": ("skin = 3", r"\[skin\] must be a table, got 3"),
+    "array of tables": ("[[skin]]\nepidermis_mm = 1", r"\[skin\] must be a table"),
+    "materials": ("materials = 3", r"\[materials\] must hold tables, got 3"),
+    "one material": (
+        "[materials]\ndermis = 3",
+        r"\[materials.dermis\] must be a table",
+    ),
+    "afferents": ("afferents = [1]", r"\[afferents\] must hold tables"),
+    "path as a name": ('name = "../../etc/passwd"', "none of them a slash"),
+    "windows path as a name": ("name = 'a\\b'", "none of them a slash"),
+    "hidden name": ('name = ".bashrc"', "the first no dot"),
+    "lines in a name": ('name = "a\\nb"', "printable characters"),
+    "empty name": ('name = ""', "name must be 1 to 60"),
+    "long name": (f'name = "{61 * "x"}"', "name must be 1 to 60"),
+    "number as a name": ("name = 3", "got 3"),
+    "path as a base": ('base = "../quick"', "base '../quick', expected one of quick"),
+    "list as a base": ('base = ["quick"]', "expected one of quick, paper"),
+    "boolean as a base": ("base = true", "base True, expected one of"),
+    "python": ("[__import__]\nos = 1", "unknown key '__import__'"),
+    "attribute": ('[skin]\n__class__ = "x"', "unknown key '__class__'"),
+    "property": ("[skin]\ndermis_depth_mm = 3", "unknown key 'dermis_depth_mm'"),
+    "layer": ('[afferents.SA]\nlayer = "fat"', "layer 'fat' is none of stratum"),
+    "layer's kind": ("[afferents.SA]\nlayer = [1]", "is none of stratum"),
+    "depth outside": ("[afferents.SA]\ndepth_mm = 99", "SA at x = 0 mm.*outside"),
+    "not TOML": ("skin: epidermis", "not readable as TOML"),
+    "cut short": ('name = "abc', "not readable as TOML"),
+    "double key": ("[skin]\n[skin]", "not readable as TOML"),
+    "deep": ("a = " + 20_000 * "[", "not readable as TOML"),
+}
+
+NEAR = {
+    "[skin]\nepidemis_mm = 0.5": "did you mean epidermis_mm",
+    "[skins]\nepidermis_mm = 0.5": "did you mean skin",
+    "[materials.dermiss]\npoisson = 0.4": "did you mean dermis",
+    "[materials.dermis]\nyoung = 0.4": "did you mean young_mpa",
+    "[afferents.SA1]\ndepth_mm = 0.7": "did you mean SA",
+    "[resolution]\nfar = 0.4": "did you mean far_mm",
+}
+
+
+def write(folder, text, name="mine.toml"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return str(path)
+
+
+def test_ten_lines_make_another_finger(tmp_path):
+    finger = read_finger(write(tmp_path, TEN_LINES))
+
+    assert finger.name == "thick skin"
+    assert finger.skin.epidermis_mm == 0.5
+    assert finger.materials["dermis"].young_mpa == 0.08
+    assert finger.materials["epidermis"] == QUICK.materials["epidermis"]
+    assert finger.afferents["SA"] == AfferentSite("epidermis", 0.0, 0.70)
+    assert finger.afferents["PC"] == QUICK.afferents["PC"]
+    untouched = ("outline", "ridges", "papillae", "bone", "nail", "resolution")
+    assert all(getattr(finger, part) == getattr(QUICK, part) for part in untouched)
+
+
+def test_the_example_in_the_description_is_a_finger(tmp_path):
+    import textwrap
+
+    import decks.finger_file as module
+
+    example = textwrap.dedent(module.__doc__.split("::", 1)[1])
+    assert read_finger(write(tmp_path, example)).afferents["SA"].depth_mm == 0.70
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_found_by_its_name(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, "not = a finger", name)  # a file of that name is not in the way
+    assert read_finger(name) is PRESETS[name]
+
+
+def test_a_file_may_start_from_the_finer_finger(tmp_path):
+    finger = read_finger(write(tmp_path, 'base = "paper"\n[bone]\ndepth_mm = 8.4'))
+    assert finger.resolution == PAPER.resolution
+
+
+def test_a_finger_without_a_name_is_called_as_its_file(tmp_path):
+    assert read_finger(write(tmp_path, "", "index 2.toml")) == replace(
+        QUICK, name="index 2"
+    )
+
+
+def test_a_name_may_be_in_any_script(tmp_path):
+    assert read_finger(write(tmp_path, 'name = "人差し指"')).name == "人差し指"
+
+
+def test_a_file_as_windows_writes_it_is_read(tmp_path):
+    text = b"\xef\xbb\xbf" + TEN_LINES.replace("\n", "\r\n").encode()
+    assert read_finger(write(tmp_path, text)) == finger_from_text(tmp_path, TEN_LINES)
+
+
+def finger_from_text(folder, text):
+    return read_finger(write(folder, text, "other.toml"))
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_hostile_file_is_refused_in_one_clear_line(kind, tmp_path):
+    text, words = HOSTILE[kind]
+    path = write(tmp_path, text)
+    with pytest.raises(FingerError, match=words) as caught:
+        read_finger(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert len(message.removeprefix(path)) < 400
+
+
+@pytest.mark.parametrize("text", NEAR)
+def test_an_unknown_key_gets_the_near_ones(text, tmp_path):
+    with pytest.raises(FingerError, match=NEAR[text]):
+        read_finger(write(tmp_path, text))
+
+
+def test_a_file_that_is_not_utf_8_is_refused(tmp_path):
+    path = write(tmp_path, 'name = "Zeigefinger für"'.encode("latin-1"))
+    with pytest.raises(FingerError, match="not UTF-8"):
+        read_finger(path)
+
+
+def test_a_file_of_zeros_is_refused(tmp_path):
+    with pytest.raises(FingerError, match="not readable as TOML"):
+        read_finger(write(tmp_path, bytes(100)))
+
+
+def test_what_is_neither_a_preset_nor_a_file_is_told_so():
+    words = r"finger 'quik': neither a preset \(quick, paper\) nor a file"
+    with pytest.raises(FingerError, match=words):
+        read_finger("quik")
+
+
+@pytest.mark.parametrize("name", ["a\0b", 300 * "x"])
+def test_what_cannot_be_the_name_of_a_file_is_told_so(name):
+    with pytest.raises(FingerError, match=r"no name of a file|cannot be read"):
+        read_finger(name)
+
+
+def test_a_folder_is_no_finger(tmp_path):
+    with pytest.raises(FingerError, match="cannot be read: Is a directory"):
+        read_finger(str(tmp_path))
+    with pytest.raises(FingerError, match="cannot be read"):
+        read_finger("")
+
+
+def test_a_file_below_a_file_is_no_finger(tmp_path):
+    with pytest.raises(FingerError, match="cannot be read: Not a directory"):
+        read_finger(write(tmp_path, "") + "/mine.toml")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no endless file here")
+def test_an_endless_file_is_not_read_to_its_end():
+    with pytest.raises(FingerError, match="over 1000000 bytes"):
+        read_finger("/dev/zero")
+
+
+def test_a_large_file_is_refused(tmp_path):
+    with pytest.raises(FingerError, match="over 1000000 bytes"):
+        read_finger(write(tmp_path, "#" * 1_000_001))
+
+
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+keys = st.sampled_from(
+    "name base skin ridges bone materials afferents resolution dermis SA layer "
+    "epidermis_mm poisson young_mpa depth_mm far_mm dermis_rows start_deg".split()
+)
+tables = st.recursive(
+    scalars, lambda inner: st.lists(inner, max_size=2) | st.dictionaries(keys, inner)
+)
+
+
+@given(st.dictionaries(keys | st.text(max_size=5), tables, max_size=4))
+def test_any_table_is_a_finger_or_a_finger_error(table):
+    try:
+        assert isinstance(finger_from(table, "any"), Finger)
+    except FingerError as error:
+        assert str(error)
+
+
+def test_other_materials_alone_need_no_mesher(monkeypatch):
+    import decks.mesher
+
+    def refuse(finger):
+        raise AssertionError(finger)
+
+    monkeypatch.setattr(decks.mesher, "mesh_finger", refuse)
+    table = {"base": "quick", "materials": {"dermis": {"young_mpa": 1}}}
+    finger = finger_from(table, "soft")
+    assert len(mesh_of(finger).quad) == 3100
+    assert stored_mesh("quick").is_file()
+    with pytest.raises(AssertionError):
+        mesh_of(finger_from({"skin": {"epidermis_mm": 0.5}}, "thick"))
