@@ -11,12 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from decks.finger import LAYERS, AfferentSite
-from decks.mesh_checks import check_cover, check_tables
+from decks.mesh_checks import (
+    MIN_SCALED_JACOBIAN,
+    check_cover,
+    check_tables,
+    scaled_jacobian,
+)
 from fembridge.errors import FingerError
 from fembridge.outputs import replacing
 from fembridge.typing import BoolArray, FloatArray, IntArray
-
-MIN_SCALED_JACOBIAN = 0.3
 
 # What NumPy raises on a file that is no whole archive of arrays.
 _DAMAGE = (
@@ -59,14 +62,7 @@ class Mesh:
 
     def scaled_jacobian(self) -> FloatArray:
         """Worst corner of each quad ``(E,)``: 1 is a rectangle, <= 0 is folded."""
-        corner = self.node_mm[self.quad]
-        ahead = np.roll(corner, -1, axis=1) - corner
-        back = np.roll(corner, 1, axis=1) - corner
-        cross = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
-        length = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            worst: FloatArray = np.nan_to_num(cross / length, nan=-1.0).min(axis=1)
-        return worst
+        return scaled_jacobian(self.node_mm, self.quad)
 
     def area_mm2(self) -> FloatArray:
         """Area of each quad, ``(E,)``."""

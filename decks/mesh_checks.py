@@ -16,6 +16,8 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # Nodes closer than this are one place: coordinates are stored to 1e-9 mm.
 _SAME_PLACE_MM = 1e-7
+
+MIN_SCALED_JACOBIAN = 0.3
 # Pairs of edges that are compared at one time; bounds the memory that takes.
 _PAIRS = 2_000_000
 
@@ -61,6 +63,18 @@ def check_cover(node_mm: FloatArray, quad: IntArray) -> None:
         raise FingerError(
             f"the outline crosses itself near ({x:.3f}, {y:.3f}) mm: layers overlap"
         )
+
+
+def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
+    """Worst corner of each quad ``(E,)``: 1 is a rectangle, <= 0 is folded."""
+    corner = node_mm[quad]
+    ahead = np.roll(corner, -1, axis=1) - corner
+    back = np.roll(corner, 1, axis=1) - corner
+    cross = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
+    length = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        worst: FloatArray = np.nan_to_num(cross / length, nan=-1.0).min(axis=1)
+    return worst
 
 
 def _check_places(node_mm: FloatArray) -> None:

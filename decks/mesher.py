@@ -13,7 +13,7 @@ import numpy as np
 from decks.columns import columns_of
 from decks.finger import LAYERS, Finger
 from decks.gmsh_session import gmsh_session
-from decks.half_mesh import HalfMesh
+from decks.half_mesh import DIGITS, HalfMesh
 from decks.mesh import Mesh
 from decks.section import Section, section_of
 from decks.section_drawing import SectionDrawing, Surface
@@ -24,10 +24,7 @@ MOST_ELEMENTS = 200_000
 
 # Where the free quads come out too skewed, other widths far from the probe often
 # help; these are tried in turn.
-_STRETCHES = (1.0, 0.95, 1.05, 0.9, 1.1, 0.85)
-# Coordinates are stored to a picometre: below what arithmetic differs by
-# between processors, above what matters.
-_DIGITS = 9
+_STRETCHES = (1.0, 0.95, 1.05, 0.9, 1.1, 0.85, 1.15, 0.8, 1.2, 0.75, 1.3, 0.7)
 # gmsh's number for a quadrilateral of four nodes.
 _QUAD = 3
 
@@ -65,9 +62,7 @@ def _mesh(section: Section, stretch: float) -> Mesh:
         geometry.generate_mesh(dim=2, algorithm=8)
         gmsh.model.mesh.optimize("UntangleMeshGeometry", niter=10)
         half = _collect(gmsh, surfaces)
-    for site in section.finger.afferents.values():
-        half = half.snapped(site)
-    return half.mirrored()
+    return half.snapped(section.finger.afferents.values()).mirrored()
 
 
 def _expected_elements(section: Section) -> float:
@@ -107,7 +102,7 @@ def _collect(
     used, compact = np.unique(np.concatenate(quads), return_inverse=True)
     node_mm = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[used, :2]
     return HalfMesh(
-        np.round(node_mm, _DIGITS) + 0.0,
+        np.round(node_mm, DIGITS) + 0.0,
         compact.reshape(-1, 4),
         np.concatenate(layers),
     )

@@ -22,7 +22,7 @@ _SAMPLES_A_COLUMN = 16
 _LEAST_SAMPLES = 64
 _BONE_SAMPLES = 200
 # The afferent's point on the axis stays this far from dermis and bone.
-_CLEAR_MM = 0.1
+_CLEAR_MM = 0.03
 
 
 class SectionDrawing:

@@ -116,7 +116,7 @@ def _draw_trace(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.tables import read_traces
 
     traces = read_traces(args.table)
-    waveform = _stimuli([args.stimulus])[0] if args.stimulus else None
+    waveform = _one_stimulus(args.stimulus) if args.stimulus else None
     draw_traces(traces, args.output, waveform=waveform)
     return {
         "traces": [
@@ -131,6 +131,7 @@ def _draw_trace(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.errors import UsageError
     from fembridge.plots.raster import draw_raster
     from fembridge.tables import AFFERENTS, read_spikes
 
@@ -139,6 +140,8 @@ def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
     classes = args.afferent or [n for n in AFFERENTS if n in present] or AFFERENTS
     stimuli = _stimuli(args.stimulus) if args.stimulus else []
     rows = [stimulus.id for stimulus in stimuli] or _ids(trains)
+    if not rows:
+        raise UsageError(f"{args.table}: no spikes; --stimulus ID gives silent rows")
     shown = [train for train in trains if train.stimulus in rows]
     waveform = stimuli[0] if len(stimuli) == 1 else None
     window_ms = tuple(args.window_ms) if args.window_ms else None
@@ -180,6 +183,15 @@ def _stimuli(
     from decks.waveform import make_stimulus
 
     return [make_stimulus(entry, preindent_um, seed) for entry in resolve(words)]
+
+
+def _one_stimulus(word: str) -> "Stimulus":
+    from fembridge.errors import UsageError
+
+    stimuli = _stimuli([word])
+    if len(stimuli) != 1:
+        raise UsageError(f"{word} names {len(stimuli)} stimuli, expected one")
+    return stimuli[0]
 
 
 def _ids(trains: "list[SpikeTrain]") -> list[str]:

@@ -97,7 +97,7 @@ def trace_figure(
         )
         panel.set_ylabel(f"Stress\n({unit})", fontsize=SMALL_TEXT_PT, color=INK)
         panel.set_ylim(bottom=0.0)
-        panel.yaxis.set_major_locator(MaxNLocator(nbins=4, min_n_ticks=3))
+        panel.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
         make_plain(panel)
         panel.annotate(
             trace.afferent or f"node {trace.node}",

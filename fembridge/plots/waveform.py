@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_COLUMNS = 4
-_PANEL_IN, _AROUND_IN = 0.78, 0.45
-_TALL_PANEL_IN = 1.3
+# Inches. Margins are given, not found: a layout engine takes seconds for all 82.
+_PANEL_IN, _TALL_PANEL_IN, _BETWEEN_IN = 0.5, 1.0, 0.34
+_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.72, 0.12, 0.22, 0.4
+_NUMBERS_IN = 0.58
 _WAVE_PT = 0.6
 # Two numbers on a scale are apart by this share of it, or one is left out.
 _CLEAR_SHARE = 0.22
@@ -65,10 +67,23 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     columns = min(_MOST_COLUMNS, math.ceil(math.sqrt(len(stimuli))))
     rows = math.ceil(len(stimuli) / columns)
     row_in = _TALL_PANEL_IN if rows == 1 else _PANEL_IN
-    figure = Figure(
-        figsize=(PAGE_WIDTH_IN, rows * row_in + _AROUND_IN), layout="constrained"
-    )
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
+    page_in = rows * row_in + (rows - 1) * _BETWEEN_IN + _TOP_IN + _BOTTOM_IN
+    room_in = PAGE_WIDTH_IN - _LEFT_IN - _RIGHT_IN
+    figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
+    grid = figure.subplots(
+        rows,
+        columns,
+        squeeze=False,
+        sharex=True,
+        gridspec_kw={
+            "left": _LEFT_IN / PAGE_WIDTH_IN,
+            "right": 1 - _RIGHT_IN / PAGE_WIDTH_IN,
+            "top": 1 - _TOP_IN / page_in,
+            "bottom": _BOTTOM_IN / page_in,
+            "hspace": _BETWEEN_IN / row_in,
+            "wspace": _NUMBERS_IN * columns / (room_in - (columns - 1) * _NUMBERS_IN),
+        },
+    ).ravel()
     for panel, stimulus in zip(grid, stimuli, strict=False):
         draw_waveform(panel, stimulus)
         panel.set_title(
@@ -79,8 +94,12 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     lowest = grid[max(0, len(stimuli) - columns) : len(stimuli)]
     for panel in lowest:
         panel.tick_params(labelbottom=True)
-    figure.supxlabel("Time (ms)", fontsize=SMALL_TEXT_PT, color=INK)
-    figure.supylabel("Depth (µm)", fontsize=SMALL_TEXT_PT, color=INK)
+    figure.supxlabel(
+        "Time (ms)", y=0.03 / page_in, va="bottom", fontsize=SMALL_TEXT_PT, color=INK
+    )
+    figure.supylabel(
+        "Depth (µm)", x=0.04 / PAGE_WIDTH_IN, fontsize=SMALL_TEXT_PT, color=INK
+    )
     return figure
 
 

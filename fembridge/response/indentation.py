@@ -1,8 +1,11 @@
 """The indentation that a response map is made of: down in steps, and back up."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from fembridge.stimulus import Stimulus
+from fembridge.typing import FloatArray
 
 # Deep enough for every stimulus of the catalogue: 250 um and the noise's peaks.
 DEFAULT_DEPTH_UM = 400.0
@@ -10,18 +13,24 @@ DEFAULT_DEPTH_UM = 400.0
 STEPS = 30
 _GROWTH = 1.7
 _UNLOAD_EVERY = 3
+# Node-to-surface contact takes any step down; up from deeper than the default, ccx
+# 2.20 lost all contact for a whole increment in steps of 28 um, never in 16 um.
+_DEEP_UNLOAD_STEP_UM = 12.0
 _DT_MS = 0.5
 _DIGITS = 3
 
 
 def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
-    """Load to `depth_um` in 30 steps, unload over every third of them.
+    """Load to `depth_um` in 30 steps, unload over every third of their depths.
 
-    Time has no meaning here; a step is one increment of the solver.
+    Time has no meaning here; a step is one increment of the solver. Deeper than
+    the default, the way back is divided into small steps.
     """
     share = np.arange(STEPS + 1) / STEPS
     load_um = np.round(depth_um * share**_GROWTH, _DIGITS)
     unload_um = load_um[STEPS - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
+    if depth_um > DEFAULT_DEPTH_UM:
+        unload_um = _divided(np.concatenate([load_um[-1:], unload_um]))[1:]
     samples_um = np.concatenate([load_um, unload_um])
     return Stimulus(
         id=f"indentation_{depth_um:g}",
@@ -37,3 +46,13 @@ def depth_for(needed_um: float) -> float:
     if needed_um <= DEFAULT_DEPTH_UM:
         return DEFAULT_DEPTH_UM
     return float(np.ceil(needed_um / 100.0) * 100.0)
+
+
+def _divided(depths_um: FloatArray) -> FloatArray:
+    """The same depths, with more of them between where a step is too large."""
+    parts = [depths_um[:1]]
+    for start_um, end_um in pairwise(depths_um.tolist()):
+        count = int(np.ceil((start_um - end_um) / _DEEP_UNLOAD_STEP_UM))
+        way_um = np.linspace(start_um, end_um, count + 1)[1:]
+        parts.append(np.round(way_um, _DIGITS))
+    return np.concatenate(parts)

@@ -1,7 +1,7 @@
 """Ten lines of TOML make a finger; anything else makes one clear error."""
 
-import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -193,7 +193,7 @@ def test_a_file_below_a_file_is_no_finger(tmp_path):
         read_finger(write(tmp_path, "") + "/mine.toml")
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no endless file here")
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no endless file here")
 def test_an_endless_file_is_not_read_to_its_end():
     with pytest.raises(FingerError, match="over 1000000 bytes"):
         read_finger("/dev/zero")
@@ -205,10 +205,11 @@ def test_a_large_file_is_refused(tmp_path):
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
-keys = st.sampled_from(
-    "name base skin ridges bone materials afferents resolution dermis SA layer "
-    "epidermis_mm poisson young_mpa depth_mm far_mm dermis_rows start_deg".split()
-)
+KEYS = """
+    name base skin ridges bone materials afferents resolution dermis SA layer
+    epidermis_mm poisson young_mpa depth_mm far_mm dermis_rows start_deg
+"""
+keys = st.sampled_from(KEYS.split())
 tables = st.recursive(
     scalars, lambda inner: st.lists(inner, max_size=2) | st.dictionaries(keys, inner)
 )

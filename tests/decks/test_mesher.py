@@ -1,0 +1,341 @@
+"""Other fingers through gmsh: sound meshes, the stored ones again, or one error."""
+
+import builtins
+import signal
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.columns import columns_of, graded
+from decks.finger import LAYERS, AfferentSite, Resolution
+from decks.finger_file import finger_from
+from decks.half_mesh import HalfMesh
+from decks.mesh import write_mesh
+from decks.mesher import mesh_finger
+from decks.presets import PRESETS, QUICK, mesh_of, stored_mesh
+from decks.section import section_of
+from fembridge.errors import FingerError, MissingError
+
+try:
+    import gmsh
+except (ImportError, OSError) as error:
+    gmsh, absence = None, f"gmsh cannot be imported: {error}"
+else:
+    absence = ""
+needs_gmsh = pytest.mark.skipif(gmsh is None, reason=absence or "gmsh is here")
+
+FINGERS = {
+    "no ridges": {"ridges": {"height_mm": 0}},
+    "no papillae": {"papillae": {"height_mm": 0}},
+    "smooth": {"ridges": {"height_mm": 0}, "papillae": {"height_mm": 0}},
+    "high ridges": {"ridges": {"height_mm": 0.2}, "papillae": {"height_mm": 0.2}},
+    "narrow ridges": {"ridges": {"spacing_mm": 0.4}, "resolution": {"ridge_mm": 0.1}},
+    "wide pad": {"ridges": {"half_width_mm": 5}},
+    "thick epidermis": {
+        "skin": {"epidermis_mm": 0.6},
+        "afferents": {"SA": {"depth_mm": 0.78}, "RA": {"depth_mm": 0.72}},
+    },
+    "thin skin": {
+        "skin": {"stratum_corneum_mm": 0.15, "epidermis_mm": 0.3, "dermis_mm": 0.7},
+        "nail": {"thickness_mm": 0.3},
+        "afferents": {"SA": {"depth_mm": 0.42}, "RA": {"depth_mm": 0.35}},
+    },
+    "small": {
+        "outline": {"half_width_mm": 6, "half_height_mm": 5},
+        "bone": {"half_width_mm": 2, "half_height_mm": 1.5, "depth_mm": 6},
+    },
+    "large": {
+        "outline": {"half_width_mm": 10, "half_height_mm": 8},
+        "bone": {"half_width_mm": 4, "half_height_mm": 3, "depth_mm": 10},
+    },
+    "finer": {"resolution": {"contact_mm": 0.03, "ridge_mm": 0.0625, "far_mm": 0.4}},
+    "coarser": {
+        "resolution": {
+            "contact_mm": 0.0625,
+            "far_mm": 0.8,
+            "stratum_corneum_rows": 1,
+            "epidermis_rows": 5,
+            "dermis_rows": 4,
+        },
+        "afferents": {"SA": {"depth_mm": 0.57}},
+    },
+    "short nail": {"nail": {"start_deg": 160, "thickness_mm": 0.2}},
+    "afferent aside": {"afferents": {"RA": {"x_mm": -0.375, "depth_mm": 0.5}}},
+}
+
+
+@needs_gmsh
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_meshed_again_to_the_same_bytes(name, tmp_path):
+    """Stored with gmsh 4.15.2 on x86-64; another version may place nodes otherwise."""
+    if gmsh.__version__ != "4.15.2":
+        pytest.skip(f"gmsh is {gmsh.__version__}, the stored meshes are of 4.15.2")
+    write_mesh(tmp_path / "again.npz", mesh_finger(PRESETS[name]))
+    assert (tmp_path / "again.npz").read_bytes() == stored_mesh(name).read_bytes()
+
+
+@needs_gmsh
+@pytest.mark.parametrize("kind", FINGERS)
+def test_another_finger_gets_a_sound_mesh_with_its_afferents(kind):
+    """`Mesh` checks shapes and cover when it is made."""
+    finger = finger_from(FINGERS[kind], kind)
+
+    mesh = mesh_of(finger)
+
+    assert {LAYERS[number] for number in mesh.layer} == set(LAYERS)
+    assert_array_equal(np.sort(mesh.node_mm[:, 0]), np.sort(-mesh.node_mm[:, 0]) + 0.0)
+    for site in finger.afferents.values():
+        at = mesh.node_mm[mesh.node_at(site)]
+        assert tuple(at) == (site.x_mm, -site.depth_mm)
+    area_mm2 = np.pi * finger.outline.half_width_mm * finger.outline.half_height_mm
+    assert 0.98 * area_mm2 < mesh.area_mm2().sum() < area_mm2
+
+
+@needs_gmsh
+def test_more_rows_and_narrower_columns_make_more_elements():
+    counts = [
+        len(mesh_finger(finger_from(FINGERS[kind], kind)).quad)
+        for kind in ("coarser", "finer")
+    ]
+    assert counts[0] < len(mesh_of(QUICK).quad) < counts[1]
+
+
+@needs_gmsh
+def test_a_finger_that_gmsh_fails_on_is_a_finger_error(monkeypatch):
+    def fail(*words):
+        raise Exception("Invalid boundary mesh")  # as gmsh does: the bare class
+
+    monkeypatch.setattr(gmsh.model.mesh, "generate", fail)
+    with pytest.raises(FingerError, match="cannot mesh this finger: Invalid boundary"):
+        mesh_finger(QUICK)
+    assert not gmsh.isInitialized()
+
+
+@needs_gmsh
+def test_a_bug_of_ours_while_gmsh_is_open_keeps_its_kind(monkeypatch):
+    def fail(*words):
+        raise IndexError("ours")
+
+    monkeypatch.setattr(gmsh.model.mesh, "getNodes", fail)
+    with pytest.raises(IndexError, match="ours"):
+        mesh_finger(QUICK)
+    assert not gmsh.isInitialized()
+
+
+@needs_gmsh
+def test_triangles_that_gmsh_left_are_a_finger_error(monkeypatch):
+    whole = gmsh.model.mesh.getElements
+    monkeypatch.setattr(
+        gmsh.model.mesh,
+        "getElements",
+        lambda *asked: ([2, 3], *whole(*asked)[1:]) if asked else whole(),
+    )
+    with pytest.raises(FingerError, match="gmsh left triangles in stratum_corneum"):
+        mesh_finger(QUICK)
+
+
+@needs_gmsh
+def test_columns_far_away_are_tried_in_other_widths(monkeypatch):
+    """The finger is meshed if any of twelve widths gives a sound mesh."""
+    import decks.mesher
+
+    tried = []
+    real = decks.mesher._mesh
+
+    def often_fail(section, stretch):
+        tried.append(stretch)
+        if len(tried) < 3:
+            raise FingerError("too skewed")
+        return real(section, stretch)
+
+    monkeypatch.setattr(decks.mesher, "_mesh", often_fail)
+    assert len(mesh_finger(QUICK).quad) > 2500
+    assert tried[:3] == [1.0, 0.95, 1.05]
+
+
+@needs_gmsh
+def test_an_open_session_of_the_caller_is_left_alone():
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Verbosity", 0)
+        gmsh.model.add("theirs")
+        with pytest.raises(FingerError, match="gmsh is already at work here"):
+            mesh_finger(QUICK)
+        assert gmsh.isInitialized()
+        assert gmsh.model.getCurrent() == "theirs"
+    finally:
+        gmsh.finalize()
+
+
+@needs_gmsh
+def test_ctrl_c_stays_with_whoever_had_it_and_a_thread_may_mesh():
+    before = signal.getsignal(signal.SIGINT)
+    meshes = []
+    thread = threading.Thread(target=lambda: meshes.append(mesh_finger(QUICK)))
+    thread.start()
+    thread.join()
+    assert signal.getsignal(signal.SIGINT) is before
+    assert_array_equal(meshes[0].node_mm, mesh_finger(QUICK).node_mm)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@needs_gmsh
+def test_options_in_the_users_home_do_not_change_the_mesh(tmp_path, monkeypatch):
+    (tmp_path / ".gmshrc").write_text("Mesh.Algorithm = 5;\nMesh.MeshSizeFactor = 3;\n")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("GMSH_HOME", str(tmp_path))
+    assert len(mesh_finger(QUICK).quad) == len(mesh_of(QUICK).quad)
+
+
+# ---- Without gmsh
+
+
+def test_a_resolution_that_no_solver_takes_is_refused_before_gmsh_starts(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gmsh", None)
+    finest = Resolution(contact_mm=0.005, ridge_mm=0.005, far_mm=0.005)
+    finger = replace(QUICK, resolution=finest)
+    with pytest.raises(FingerError, match=r"makes about \d{7} elements, expected at"):
+        mesh_finger(finger)
+
+
+def absent(monkeypatch, error):
+    """Let ``import gmsh`` fail with `error`, as where it is not or half installed."""
+    real = builtins.__import__
+
+    def refuse(name, *words, **more):
+        if name in ("gmsh", "pygmsh"):
+            raise error
+        return real(name, *words, **more)
+
+    monkeypatch.delitem(sys.modules, "gmsh", raising=False)
+    monkeypatch.delitem(sys.modules, "pygmsh", raising=False)
+    monkeypatch.setattr(builtins, "__import__", refuse)
+
+
+def test_without_its_system_libraries_the_packages_are_named(monkeypatch):
+    absent(monkeypatch, OSError("libGLU.so.1: cannot open shared object file"))
+    with pytest.raises(MissingError) as caught:
+        mesh_finger(QUICK)
+    message = str(caught.value)
+    assert "libGLU.so.1" in message
+    assert message.endswith(
+        "apt-get install -y "
+        "libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
+    )
+
+
+def test_without_pygmsh_the_line_that_installs_it_is_told(monkeypatch):
+    absent(monkeypatch, ImportError("No module named 'pygmsh'"))
+    with pytest.raises(MissingError, match="No module named 'pygmsh'; pip install py"):
+        mesh_finger(QUICK)
+
+
+def test_both_presets_need_no_gmsh(monkeypatch):
+    absent(monkeypatch, ImportError("none"))
+    assert {name: len(mesh_of(finger).quad) for name, finger in PRESETS.items()} == {
+        "quick": 3100,
+        "paper": 17702,
+    }
+
+
+# ---- Divisions and halves
+
+
+@pytest.mark.parametrize(("start_mm", "stop_mm"), [(0.1, 0.4), (0.4, 0.1), (0.2, 0.2)])
+def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(
+    start_mm, stop_mm
+):
+    division = graded(6.0, start_mm, stop_mm)
+    steps = division.growth ** np.arange(division.count)
+    steps *= 6.0 / steps.sum()
+    assert division.count % 2 == 0
+    assert abs(steps[0] / start_mm - 1) < 0.1
+    assert abs(steps[-1] / stop_mm - 1) < 0.1
+
+
+def test_patches_follow_each_other_from_the_apex_to_the_back():
+    section = section_of(QUICK)
+    columns = columns_of(section, 0.525)
+    assert columns.break_mm[:3] == (0.0, 0.5, 3.0)
+    assert columns.break_mm[-2:] == (section.nail_arc_mm, section.end_arc_mm)
+    assert (np.diff(columns.break_mm) > 0).all()
+    assert [patch.count % 2 for patch in columns.division] == [0] * 5
+
+
+def half(x_mm=0.0):
+    """Four squares of 0.1 mm, x from `x_mm`, the upper row in the epidermis."""
+    x, y = np.meshgrid([0.0, 0.1, 0.2], [-0.5, -0.6, -0.7])
+    quad = np.array([[3, 4, 1, 0], [4, 5, 2, 1], [6, 7, 4, 3], [7, 8, 5, 4]])
+    nodes = np.stack([x.ravel() + x_mm, y.ravel()], -1)
+    return HalfMesh(nodes, quad, np.array([1, 1, 2, 2]))
+
+
+def test_a_near_node_moves_onto_the_site_alone():
+    before = half()
+    after = before.snapped([AfferentSite("epidermis", 0.12, 0.52)])
+    moved = np.flatnonzero((after.node_mm != before.node_mm).any(axis=1))
+    assert moved.tolist() == [1]
+    assert after.node_mm[1].tolist() == [0.12, -0.52]
+    assert before.node_mm[1].tolist() == [0.1, -0.5]
+
+
+def test_a_node_with_a_longer_way_takes_its_neighbours_along():
+    before = half()
+    after = before.snapped([AfferentSite("epidermis", 0.05, 0.5)])
+    assert after.node_mm[1].tolist() == [0.05, -0.5]
+    assert_allclose(after.node_mm[2], [0.2 - 0.05 * (1 - 1 / 3), -0.5])
+
+
+@given(st.floats(0.0, 0.25), st.floats(0.45, 0.65))
+def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
+    after = half().snapped([AfferentSite("epidermis", x_mm, depth_mm)]).node_mm
+    assert after[3:].tolist() == half().node_mm[3:].tolist()
+    assert after[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    "site",
+    [
+        AfferentSite("epidermis", 0.1, 0.65),  # below the epidermis
+        AfferentSite("nail", 0.1, 0.5),  # no such layer here
+    ],
+)
+def test_nothing_moves_where_elements_would_not_bear_it(site):
+    assert half().snapped([site]).node_mm.tolist() == half().node_mm.tolist()
+
+
+def test_of_two_afferents_side_by_side_none_draws_the_other_away():
+    sites = [
+        AfferentSite("epidermis", 0.08, 0.5),
+        AfferentSite("epidermis", 0.14, 0.5),
+        AfferentSite("epidermis", -0.08, 0.5),  # mirror image of the first
+    ]
+    after = half().snapped(sites).node_mm
+    assert after[:3].tolist() == [[0.0, -0.5], [0.08, -0.5], [0.14, -0.5]]
+
+
+def test_a_site_on_the_left_is_met_by_the_mirror_image():
+    mesh = half().snapped([AfferentSite("epidermis", -0.12, 0.5)]).mirrored()
+    assert [-0.12, -0.5] in mesh.node_mm.tolist()
+    assert [0.12, -0.5] in mesh.node_mm.tolist()
+
+
+def test_a_half_of_clockwise_quads_becomes_a_sound_whole():
+    turned = replace(half(), quad=half().quad[:, ::-1])
+    mesh = turned.mirrored()
+    assert_array_equal(mesh.node_mm, half().mirrored().node_mm)
+    assert mesh.quad.shape == (8, 4)
+    assert (np.diff(mesh.layer) >= 0).all()
+    assert (np.diff(-mesh.node_mm[:, 1]) >= 0).all()
+
+
+def test_nothing_in_the_mesh_tells_where_it_was_made():
+    for name in PRESETS:
+        assert str(Path.home()).encode() not in stored_mesh(name).read_bytes()

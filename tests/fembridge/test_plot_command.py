@@ -1,0 +1,267 @@
+"""``fembridge plot``: from the words of a user to a picture in a file."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fembridge
+from decks.catalogue import resolve
+from decks.presets import QUICK, mesh_of
+from fembridge.cli import main
+from fembridge.response.map_file import write_map
+from fembridge.response.response_map import ResponseMap
+from fembridge.run_folder import AfferentNode
+from fembridge.tables import SpikeTrain, write_spikes, write_traces
+from fembridge.trace import StressTrace
+
+ROOT = Path(fembridge.__file__).parents[1]
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A current folder with a response, traces, and spikes of two stimuli."""
+    monkeypatch.chdir(tmp_path)
+    depth_um = np.array([0.0, 100.0, 400.0])
+    tensor_pa = np.zeros((3, 1, 6))
+    tensor_pa[:, 0, 1] = -100.0 * depth_um
+    place = AfferentNode("SA", 7, "epidermis", 0.0, -0.6, 0.6)
+    write_map(
+        tmp_path / "response.toml",
+        ResponseMap(depth_um, tensor_pa, 1e-5 * depth_um, (place,), 0.02),
+    )
+    stress_pa = np.linspace(0.0, 3000.0, 501)
+    write_traces(
+        tmp_path / "traces.csv",
+        [StressTrace(stress_pa, 0.5, 7, "SA"), StressTrace(stress_pa / 2, 0.5, 8)],
+    )
+    write_spikes(
+        tmp_path / "spikes.csv",
+        [
+            SpikeTrain("sine_20_250", "SA", np.array([10.0, 60.0])),
+            SpikeTrain("sine_50_250", "RA", np.array([110.0])),
+        ],
+    )
+    return tmp_path
+
+
+def summary(capsys, *words):
+    assert main(["plot", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["mesh"],
+        ["response", "response.toml"],
+        ["trace", "traces.csv"],
+        ["raster", "spikes.csv"],
+        ["stimulus", "sine_20_250"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_every_picture_is_a_png_named_after_itself_and_that_is_told(
+    here, capsys, words
+):
+    before = set(here.iterdir())
+    assert main(["plot", *words]) == 0
+    assert capsys.readouterr().out == f"{words[0]}.png\n"
+    (picture,) = set(here.iterdir()) - before
+    assert picture.name == f"{words[0]}.png"
+    assert picture.read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [("a.pdf", b"%PDF"), ("a.svg", b"<?xml"), ("new/a.SVG", b"<?xml"), ("a.png", PNG)],
+)
+def test_the_suffix_chooses_the_format(here, name, start):
+    assert main(["plot", "stimulus", "sine_20_250", "-o", name]) == 0
+    assert (here / name).read_bytes().startswith(start)
+
+
+def test_json_may_stand_before_or_after_the_picture(here, capsys):
+    words = ["stimulus", "noise_25_250"]
+    after = summary(capsys, *words)
+    assert main(["plot", "--json", *words]) == 0
+    assert json.loads(capsys.readouterr().out) == after
+    assert after == {
+        "picture": "stimulus",
+        "file": "stimulus.png",
+        "stimuli": [entry.id for entry in resolve("noise_25_250")],
+    }
+
+
+def test_the_summary_of_a_mesh_names_the_nodes_of_the_afferents(here, capsys):
+    told = summary(capsys, "mesh", "--probe-shape", "flat", "--probe-x-mm", "0.5")
+    mesh = mesh_of(QUICK)
+    assert (told["finger"], told["elements"]) == ("quick", len(mesh.quad))
+    assert list(told["afferents"]) == ["SA", "RA", "PC"]
+    for name, place in told["afferents"].items():
+        assert place["node"] == mesh.node_at(QUICK.afferents[name]) + 1
+
+
+def test_a_finger_file_with_other_materials_is_drawn(here, capsys):
+    Path("soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.02\n")
+    assert summary(capsys, "mesh", "--finger", "soft.toml")["finger"] == "soft"
+
+
+def test_a_response_is_that_of_the_file(here, capsys):
+    told = summary(capsys, "response", "response.toml")
+    assert told["afferents"] == ["SA"]
+    assert (told["depths"], told["deepest_um"]) == (3, 400.0)
+    assert told["closure_percent"] == 0.02
+
+
+def test_without_a_file_the_stored_response_of_a_finger_is_drawn(
+    here, capsys, monkeypatch
+):
+    asked = []
+
+    def stored(finger, probe, element):
+        from fembridge.response.map_file import read_map
+
+        asked.append((finger.name, probe.diameter_mm, element))
+        return read_map(here / "response.toml")
+
+    monkeypatch.setattr("fembridge.response.stored.stored_response", stored)
+    assert main(["plot", "response"]) == 0
+    assert main(["plot", "response", "--finger", "paper"]) == 0
+    assert asked == [("quick", 1.0, "CPE4"), ("paper", 1.0, "CPE4")]
+
+
+def test_traces_are_told_with_their_peaks(here, capsys):
+    told = summary(capsys, "trace", "traces.csv", "--stimulus", "sine_20_250")
+    assert told["traces"] == [
+        {"afferent": "SA", "node": 7, "peak_pa": 3000.0},
+        {"afferent": None, "node": 8, "peak_pa": 1500.0},
+    ]
+
+
+def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(
+    here, capsys
+):
+    assert summary(capsys, "raster", "spikes.csv") == {
+        "picture": "raster",
+        "file": "raster.png",
+        "stimuli": ["sine_20_250", "sine_50_250"],
+        "silent": [],
+        "spikes": 3,
+    }
+    words = ["--stimulus", "sine_20_6.71,sine_20_250", "--stimulus", "sine_20_18"]
+    assert main(["plot", "raster", "spikes.csv", *words, "--json"]) == 0
+    streams = capsys.readouterr()
+    told = json.loads(streams.out)
+    assert told["stimuli"] == ["sine_20_6.71", "sine_20_250", "sine_20_18"]
+    assert told["silent"] == ["sine_20_6.71", "sine_20_18"]
+    assert told["spikes"] == 2
+    assert "spikes.csv: no spike of sine_20_6.71, sine_20_18: silent" in streams.err
+
+
+def test_a_raster_of_one_class_counts_its_spikes(here, capsys):
+    words = ["--afferent", "RA", "--window-ms", "100", "200"]
+    assert summary(capsys, "raster", "spikes.csv", *words)["spikes"] == 1
+
+
+def raster_arguments(monkeypatch, *words):
+    found = {}
+
+    def draw(trains, path, **options):
+        found.update(options)
+
+    monkeypatch.setattr("fembridge.plots.raster.draw_raster", draw)
+    assert main(["plot", "raster", "spikes.csv", *words]) == 0
+    return found
+
+
+def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch):
+    single = raster_arguments(monkeypatch, "--stimulus", "sine_50_250")
+    assert single["waveform"].id == "sine_50_250"
+    assert single["window_ms"] == (100.0, 200.0)
+    assert single["afferents"] == ["SA", "RA"]  # those of the table, also if silent
+    several = raster_arguments(monkeypatch, "--stimulus", "sine_50")
+    assert several["waveform"] is several["window_ms"] is None
+    words = ["--stimulus", "sine_50_250", "--window-ms", "5", "50"]
+    assert raster_arguments(monkeypatch, *words)["window_ms"] == (5.0, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ([], "required: PICTURE"),
+        (["mash"], "invalid choice: 'mash'"),
+        (["mesh", "-o", "mesh.xyz"], "mesh.xyz: cannot draw .xyz, expected one of"),
+        (["mesh", "-o", "mesh"], "mesh: cannot draw a file without suffix"),
+        (["mesh", "--probe-shape", "cube"], "invalid choice: 'cube'"),
+        (["response", "response.toml", "--finger", "quick"], "expected one"),
+        (["stimulus", "sine_20_25o"], "did you mean"),
+        (["stimulus", "noise_5_25_1", "--seed", "-1"], "seed must be >= 0"),
+        (["trace", "traces.csv", "--stimulus", "sine_20"], "12 stimuli, expected one"),
+        (["raster", "spikes.csv", "--stimulus", "sin"], "did you mean sine"),
+    ],
+)
+def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
+    before = set(here.iterdir())
+    assert main(["plot", *words]) == 2
+    streams = capsys.readouterr()
+    assert told in streams.err
+    assert "Traceback" not in streams.err
+    assert streams.out == ""
+    assert set(here.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["mesh", "--finger", "nobody"], "neither a preset (quick, paper) nor a file"),
+        (["mesh", "--probe-x-mm", "20"], "the probe spans x = "),
+        (["mesh", "--probe-diameter-mm", "0"], "diameter_mm"),
+        (["response", "nothing.toml"], "nothing.toml: not readable"),
+        (["trace", "nothing.csv"], "nothing.csv: cannot read"),
+        (["trace", "spikes.csv"], "no column"),
+        (["raster", "traces.csv"], "no column"),
+        (["stimulus", "sine_20", "-o", "spikes.csv/a.png"], "a file stands where"),
+    ],
+)
+def test_what_cannot_be_drawn_is_1_in_one_line(here, capsys, words, told):
+    before = set(here.iterdir())
+    assert main(["plot", *words]) == 1
+    streams = capsys.readouterr()
+    assert told in streams.err
+    assert streams.err.count("\n") == 1
+    assert set(here.iterdir()) == before
+
+
+def test_a_table_of_no_spikes_is_drawn_where_a_stimulus_is_named(here, capsys):
+    Path("none.csv").write_text("stimulus,afferent,repeat,spike_time_ms\n")
+    assert main(["plot", "raster", "none.csv"]) == 2
+    assert "none.csv: no spikes; --stimulus ID" in capsys.readouterr().err
+    assert main(["plot", "raster", "none.csv", "--stimulus", "sine_20_250"]) == 0
+    assert (here / "raster.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("words", [["--help"], ["mesh", "--help"]])
+def test_help_loads_neither_numpy_nor_matplotlib(tmp_path, words):
+    code = (
+        f"from fembridge.cli import main; main(['plot', *{words!r}]); "
+        "import sys; print('loaded:', *sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    told, _, loaded = done.stdout.rpartition("loaded:")
+    assert "example: fembridge plot mesh" in told
+    tops = {name.partition(".")[0] for name in loaded.split()}
+    assert tops.isdisjoint({"numpy", "matplotlib", "scipy", "pandas"})

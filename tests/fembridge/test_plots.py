@@ -1,0 +1,284 @@
+"""Pictures: what they show, where it stands, and what becomes of the file."""
+
+import errno
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.catalogue import resolve
+from decks.finger import LAYERS, AfferentSite, Material
+from decks.mesh import Mesh
+from decks.presets import PAPER, QUICK, mesh_of
+from decks.probe import Probe
+from decks.waveform import make_stimulus
+from fembridge.errors import OutputError, UsageError
+from fembridge.plots.layer_palette import LAYER_COLOURS, line_colour
+from fembridge.plots.mesh import (
+    afferent_nodes,
+    boundaries,
+    draw_mesh,
+    mesh_figure,
+    probe_outline,
+)
+from fembridge.plots.mesh_annotations import modulus_text, poisson_text
+from fembridge.plots.picture import save_figure
+from fembridge.plots.waveform import waveform_figure
+from fembridge.plots.window import close_window, spread
+
+# Machado, Oliveira & Fernandes 2009, IEEE TVCG 15:1291: linear RGB as it is seen
+# without one class of cones.
+SEEN = {
+    "all cones": np.eye(3),
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+SRGB_TO_XYZ = [
+    [0.4124, 0.3576, 0.1805],
+    [0.2126, 0.7152, 0.0722],
+    [0.0193, 0.1192, 0.9505],
+]
+WHITE = np.sum(SRGB_TO_XYZ, axis=1)
+
+CROWDED = replace(
+    QUICK,
+    afferents={
+        "SA": AfferentSite("epidermis", -0.25, 0.55),
+        "RA": AfferentSite("epidermis", 0.25, 0.55),
+        "PC": AfferentSite("epidermis", 0.0, 0.5),
+    },
+)
+FAR = replace(
+    QUICK,
+    afferents={
+        "SA": AfferentSite("epidermis", -1.5, 0.7),
+        "PC": AfferentSite("subcutaneous_tissue", 1.0, 4.0),
+    },
+)
+
+
+def lab(colour, seen):
+    srgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    share = SRGB_TO_XYZ @ np.clip(seen @ linear, 0, 1) / WHITE
+    x, y, z = np.where(share > 216 / 24389, np.cbrt(share), 841 / 108 * share + 4 / 29)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize("eyes", SEEN)
+def test_any_two_layers_are_told_apart_by_all_eyes(eyes):
+    """A difference of 2.3 in CIE Lab is just seen; 15 is seen at a glance."""
+    seen = np.array(SEEN[eyes])
+    places = np.array([lab(LAYER_COLOURS[layer], seen) for layer in LAYERS])
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    assert (apart[~np.eye(len(LAYERS), dtype=bool)] > 15).all()
+
+
+def test_every_layer_has_a_fill_and_its_lines_are_darker():
+    assert set(LAYER_COLOURS) == set(LAYERS)
+    assert line_colour("#FF8000") == pytest.approx((0.72, 0.72 * 128 / 255, 0.0))
+
+
+def test_a_boundary_is_an_edge_between_layers_or_with_one_element():
+    mesh = mesh_of(QUICK)
+    found = {}
+    for element, quad in enumerate(mesh.quad.tolist()):
+        for start, end in zip(quad, quad[1:] + quad[:1], strict=True):
+            found.setdefault(frozenset((start, end)), []).append(mesh.layer[element])
+    expected = {edge for edge, layers in found.items() if layers[0] != layers[-1]}
+    expected |= {edge for edge, layers in found.items() if len(layers) == 1}
+    row_of = {tuple(point): row for row, point in enumerate(mesh.node_mm.tolist())}
+    ends = boundaries(mesh)
+    drawn = [frozenset(row_of[tuple(end)] for end in pair) for pair in ends.tolist()]
+    assert len(drawn) == len(expected)
+    assert set(drawn) == expected
+
+
+def test_an_edge_inside_a_layer_is_no_boundary():
+    x, y = np.meshgrid(np.arange(4.0), [0.0, 1.0])
+    left = np.arange(3)
+    quad = np.stack([left, left + 1, left + 5, left + 4], -1)
+    mesh = Mesh(np.stack([x.ravel(), y.ravel()], -1), quad, np.array([0, 0, 1]))
+    upright = [pair for pair in boundaries(mesh).tolist() if pair[0][0] == pair[1][0]]
+    assert sorted(pair[0][0] for pair in upright) == [0.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("shape", "diameter_mm"),
+    [("cylinder", 0.05), ("cylinder", 1.0), ("flat", 0.2), ("flat", 3.0)],
+)
+def test_the_drawn_probe_is_as_wide_as_it_is_said_to_be_and_touches(shape, diameter_mm):
+    mesh = mesh_of(QUICK)
+    probe = Probe(shape=shape, diameter_mm=diameter_mm, x_mm=0.3)
+    body_mm = probe_outline(probe, mesh)
+    assert_allclose(np.ptp(body_mm[:, 0]), diameter_mm, rtol=1e-6)
+    assert_allclose(body_mm[:, 0].mean(), 0.3, atol=0.02 * diameter_mm)
+    skin_mm = np.linspace(boundaries(mesh)[:, 0], boundaries(mesh)[:, 1], 21)
+    low = body_mm[body_mm[:, 1] <= body_mm[:, 1].min() + 0.1 * diameter_mm]
+    gap_mm = np.linalg.norm(skin_mm.reshape(-1, 1, 2) - low, axis=-1).min()
+    assert gap_mm < 0.02
+
+
+@pytest.mark.parametrize("finger", [QUICK, PAPER])
+def test_a_marked_afferent_is_the_node_that_a_deck_would_watch(finger):
+    mesh = mesh_of(finger)
+    for place in afferent_nodes(finger, mesh):
+        row = mesh.node_at(finger.afferents[place.afferent])
+        assert place.node == row + 1
+        assert_array_equal(mesh.node_mm[row], [place.x_mm, place.y_mm])
+        assert place.depth_mm == -place.y_mm
+
+
+@pytest.mark.parametrize(
+    ("finger", "probe"),
+    [
+        (QUICK, Probe()),
+        (PAPER, Probe(diameter_mm=0.05, x_mm=-1.2)),
+        (CROWDED, Probe(shape="flat", diameter_mm=4.0)),
+        (FAR, Probe(x_mm=2.0)),
+    ],
+    ids=["quick", "paper, thin probe", "crowded", "far apart"],
+)
+def test_no_words_overlap_and_none_leave_the_page(finger, probe):
+    mesh = mesh_of(replace(finger, afferents=QUICK.afferents))
+    figure = mesh_figure(finger, mesh, probe)
+    boxes = [(text, text.get_window_extent()) for text in words_of(figure)]
+    page = figure.bbox
+    for k, (text, box) in enumerate(boxes):
+        assert box.x0 >= page.x0 and box.x1 <= page.x1, text
+        assert box.y0 >= page.y0 and box.y1 <= page.y1, text
+        for other, its in boxes[k + 1 :]:
+            assert not box.overlaps(its), (text, other)
+    section, pad = figure.axes
+    for site in afferent_nodes(finger, mesh):
+        assert pad.viewLim.contains(site.x_mm, site.y_mm)
+    assert all(section.viewLim.contains(*corner) for corner in pad.viewLim.corners())
+
+
+def words_of(figure):
+    from matplotlib.text import Text
+
+    figure.draw_without_rendering()
+    return [text for text in figure.findobj(Text) if text.get_text().strip()]
+
+
+def test_the_section_holds_every_element_in_its_layers_fill_as_pixels():
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgba
+
+    mesh = mesh_of(QUICK)
+    section, pad = mesh_figure(QUICK, mesh, Probe()).axes
+    (elements,) = section.findobj(PolyCollection)
+    fills = [to_rgba(LAYER_COLOURS[LAYERS[layer]]) for layer in mesh.layer]
+    assert_allclose(elements.get_facecolor(), fills)
+    assert elements.get_rasterized()
+    (close,) = pad.findobj(PolyCollection)
+    assert 0 < len(close.get_paths()) < len(mesh.quad)
+
+
+def test_materials_are_named_with_the_numbers_they_have():
+    dermis = Material(young_mpa=0.085, poisson=0.495)
+    finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
+    figure = mesh_figure(finger, mesh_of(finger), Probe())
+    told = [text.get_text() for text in words_of(figure)]
+    assert "Dermis\n$E$ = 85 kPa, $\\nu$ = 0.495" in told
+    assert "Bone\n$E$ = 17 GPa, $\\nu$ = 0.30" in told
+    assert "Probe\nrigid, cylinder, 1 mm" in told
+
+
+def test_a_number_has_the_unit_that_needs_fewest_digits():
+    moduli = (0.024, 1.0, 170.0, 1000.0, 1.7e4)
+    assert [modulus_text(modulus) for modulus in moduli] == [
+        *("24 kPa", "1 MPa", "170 MPa", "1 GPa", "17 GPa")
+    ]
+    assert [poisson_text(ratio) for ratio in (0.3, 0.48, 0.495)] == [
+        *("0.30", "0.48", "0.495")
+    ]
+
+
+@given(
+    heights=st.lists(st.floats(-5, 5), min_size=1, max_size=6),
+    step=st.floats(0.01, 1.5),
+)
+def test_names_are_moved_apart_in_order_and_stay_on_the_panel(heights, step):
+    wanted = sorted(heights, reverse=True)
+    placed = np.array(spread(wanted, step, -5.0, 5.0))
+    assert (-np.diff(placed) >= step - 1e-9).all()
+    assert placed.max() <= 5 + 1e-9
+    assert placed.min() >= -5 - 1e-9
+    if (-np.diff(wanted) >= step).all():
+        assert_allclose(placed, wanted, atol=1e-12)
+
+
+def test_names_that_push_each_other_keep_their_middle():
+    assert spread([3.0, 1.1, 1.0, 0.9], 0.5, 0.0, 4.0) == pytest.approx(
+        [3.0, 1.5, 1.0, 0.5]
+    )
+
+
+@given(
+    sites=st.lists(
+        st.tuples(st.floats(-3, 3), st.floats(-5, -0.1)), min_size=1, max_size=4
+    ),
+    x_mm=st.floats(-3, 3),
+    aspect=st.floats(0.4, 1.5),
+)
+def test_the_close_view_has_its_shape_and_all_that_matters_in_it(sites, x_mm, aspect):
+    body_mm = np.array([[x_mm - 0.5, 0.5], [x_mm, -0.1], [x_mm + 0.5, 0.5]])
+    window = close_window(np.array(sites), body_mm, aspect)
+    assert window.aspect == pytest.approx(aspect)
+    assert np.diff(window.x_mm)[0] >= 2.0 - 1e-9
+    assert window.y_mm[0] <= -2.3 + 1e-9
+    for x, y in [*sites, (x_mm, -0.1)]:
+        assert window.x_mm[0] < x < window.x_mm[1]
+        assert window.y_mm[0] < y < window.y_mm[1]
+
+
+def test_the_same_mesh_gives_the_same_bytes(tmp_path):
+    for name in ("a.svg", "b.svg"):
+        draw_mesh(QUICK, mesh_of(QUICK), Probe(), tmp_path / name, dpi=60)
+    first = (tmp_path / "a.svg").read_bytes()
+    assert first == (tmp_path / "b.svg").read_bytes()
+    assert first.count(b"<image") == 2
+
+
+def test_a_disk_that_fills_up_leaves_the_old_picture_and_nothing_else(
+    tmp_path, monkeypatch
+):
+    figure = waveform_figure([make_stimulus(*resolve("sine_20_250"))])
+
+    def fill(path, **options):
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(figure, "savefig", fill)
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"old")
+    with pytest.raises(OutputError, match="No space left"):
+        save_figure(figure, path)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["picture.xyz", "picture", "picture.pgf"])
+def test_a_suffix_that_is_no_picture_is_misuse_and_writes_nothing(tmp_path, name):
+    figure = waveform_figure([make_stimulus(*resolve("sine_20_250"))])
+    with pytest.raises(UsageError, match=r"expected one of .*pdf, png"):
+        save_figure(figure, tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
