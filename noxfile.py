@@ -6,15 +6,16 @@ nox.options.default_venv_backend = "venv"
 nox.options.sessions = ["check"]
 
 LOWEST = (
-    "numpy==1.26.*",
-    "scipy==1.12.*",
-    "pandas==2.2.*",
-    "matplotlib==3.8.*",
+    "numpy==2.0.*",
+    "scipy==1.13.*",
+    "pandas==2.2.2",
+    "matplotlib==3.9.*",
     "rich==13.7.*",
     "tomli-w==1.0.*",
     "meshio==5.3.5",
     "pygmsh==7.1.17",
     "pymoo==0.6.1.3",
+    "pyparsing==3.1.*",  # newer ones warn about matplotlib 3.9
 )
 
 

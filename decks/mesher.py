@@ -47,12 +47,13 @@ def mesh_finger(finger: Finger) -> Mesh:
             f"this resolution makes about {count:.0f} elements, expected at most "
             f"{MOST_ELEMENTS}: use wider columns or fewer rows"
         )
-    for stretch in _STRETCHES[:-1]:
+    problem = ""
+    for stretch in _STRETCHES:
         try:
             return _mesh(section, stretch)
-        except FingerError:
-            continue
-    return _mesh(section, _STRETCHES[-1])
+        except FingerError as error:
+            problem = problem or str(error)
+    raise FingerError(f"{problem}; another resolution.far_mm may help")
 
 
 def _mesh(section: Section, stretch: float) -> Mesh:

@@ -34,11 +34,11 @@ CCX_TRIED = (2, 20)
 """The version that everything was tried with."""
 
 PACKAGES = {
-    "numpy": ((1, 26), True, "everything"),
-    "scipy": ((1, 12), True, "interpolating stored responses"),
-    "pandas": ((2, 2), True, "tables"),
+    "numpy": ((2, 0), True, "everything"),
+    "scipy": ((1, 13), True, "interpolating stored responses"),
+    "pandas": ((2, 2, 2), False, "tables"),
     "tomli-w": ((1, 0), True, "run folders"),
-    "matplotlib": ((3, 8), False, "plots"),
+    "matplotlib": ((3, 9), False, "plots"),
     "rich": ((13, 7), False, "progress bars"),
     "meshio": ((5, 3, 5), False, "meshes from other programs"),
     "pygmsh": ((7, 1, 17), False, "meshing other fingers"),

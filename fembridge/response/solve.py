@@ -1,9 +1,11 @@
 """Solve the indentation: the first contact model that is to be trusted.
 
 The ladder is tried from the top. Node-to-surface with friction came back to its
-loading curve in every run so far and takes two iterations an increment; what
-follows is for meshes and depths on which it does not converge. A rung that runs
-but does not come back is not taken: see `acceptance`.
+loading curve in every run to 400 um and takes two iterations an increment; what
+follows is for meshes and depths on which it does not converge. Friction goes
+before node-to-surface does: it moved stress by 0.3 % at most, while
+surface-to-surface contact remembers. A rung that runs but does not come back is
+not taken: see `acceptance`.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,9 +28,9 @@ from fembridge.solvers.watchdog import Limits, OnProgress
 LADDER = (
     Contact("node-to-surface", stiffness_mpa_per_mm=200.0),
     Contact("node-to-surface", stiffness_mpa_per_mm=50.0),
+    Contact("node-to-surface", stiffness_mpa_per_mm=200.0, friction=0.0),
     Contact("surface-to-surface", stiffness_mpa_per_mm=1000.0),
     Contact("surface-to-surface", stiffness_mpa_per_mm=3000.0),
-    Contact("node-to-surface", stiffness_mpa_per_mm=200.0, friction=0.0),
 )
 
 # Ends of a run that another contact model may avoid. A missing solver, a full

@@ -35,7 +35,11 @@ FINGERS = {
     "no ridges": {"ridges": {"height_mm": 0}},
     "no papillae": {"papillae": {"height_mm": 0}},
     "smooth": {"ridges": {"height_mm": 0}, "papillae": {"height_mm": 0}},
-    "high ridges": {"ridges": {"height_mm": 0.2}, "papillae": {"height_mm": 0.2}},
+    "high ridges": {
+        "ridges": {"height_mm": 0.2},
+        "papillae": {"height_mm": 0.2},
+        "afferents": {"RA": {"depth_mm": 0.48}},
+    },
     "narrow ridges": {"ridges": {"spacing_mm": 0.4}, "resolution": {"ridge_mm": 0.1}},
     "wide pad": {"ridges": {"half_width_mm": 5}},
     "thick epidermis": {
@@ -113,6 +117,7 @@ def test_a_finger_that_gmsh_fails_on_is_a_finger_error(monkeypatch):
         raise Exception("Invalid boundary mesh")  # as gmsh does: the bare class
 
     monkeypatch.setattr(gmsh.model.mesh, "generate", fail)
+    monkeypatch.setattr("decks.mesher._STRETCHES", (1.0,))
     with pytest.raises(FingerError, match="cannot mesh this finger: Invalid boundary"):
         mesh_finger(QUICK)
     assert not gmsh.isInitialized()
@@ -137,6 +142,7 @@ def test_triangles_that_gmsh_left_are_a_finger_error(monkeypatch):
         "getElements",
         lambda *asked: ([2, 3], *whole(*asked)[1:]) if asked else whole(),
     )
+    monkeypatch.setattr("decks.mesher._STRETCHES", (1.0,))
     with pytest.raises(FingerError, match="gmsh left triangles in stratum_corneum"):
         mesh_finger(QUICK)
 

@@ -149,8 +149,8 @@ def test_a_package_that_is_too_old_is_told_with_both_versions(monkeypatch):
     monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "1.25.9")
     check = check_package("numpy")
     assert check.state is State.MISSING
-    assert check.found == "1.25.9, older than 1.26"
-    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "1.26.0")
+    assert check.found == "1.25.9, older than 2.0"
+    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "2.0.0")
     assert check_package("numpy").state is State.OK
     monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "2.0rc1")
     assert check_package("numpy").state is State.OK

@@ -1,0 +1,213 @@
+"""The probe: its shape, and that it stands on the skin without pressing."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.finger import Ridges
+from decks.finger_file import finger_from
+from decks.mesh_checks import scaled_jacobian
+from decks.presets import PRESETS, mesh_of
+from decks.probe import SHAPES, Probe, mesh_probe, touched_node
+from decks.section import section_of
+from fembridge.errors import FingerError
+
+MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
+SKIN = MESHES["quick"]
+PROBES = {
+    "cylinder": Probe(),
+    "50 um": Probe(diameter_mm=0.05),
+    "5 mm": Probe(diameter_mm=5.0),
+    "flat": Probe("flat", 1.0, 0.1),
+    "flat and sharp": Probe("flat", 1.0, 0.0),
+    "flat and round": Probe("flat", 1.0, 0.5),
+    "flat and narrow": Probe("flat", 0.05, 0.01),
+    "left": Probe(x_mm=-2.3),
+    "groove": Probe(x_mm=0.25, diameter_mm=0.3),
+    "flat aside": Probe("flat", 2.0, 0.2, x_mm=3.0),
+}
+
+
+@pytest.fixture(params=PROBES)
+def probe(request):
+    return PROBES[request.param]
+
+
+def least_gap_mm(probe_mm, skin):
+    """Smallest vertical way between two polylines, both ends of every piece tried."""
+    edge, _, _ = skin.outline()
+    pieces = [
+        piece[np.argsort(piece[:, 0])]
+        for piece in skin.node_mm[edge]
+        if piece[:, 1].min() > -6.5
+    ]
+    gaps = [np.inf]
+    for left, right in pieces:
+        low, high = max(left[0], probe_mm[0, 0]), min(right[0], probe_mm[-1, 0])
+        if low > high:
+            continue
+        within = probe_mm[(probe_mm[:, 0] >= low) & (probe_mm[:, 0] <= high), 0]
+        x_mm = np.array([low, *within, high])
+        skin_mm = left[1] + (right[1] - left[1]) * (x_mm - left[0]) / (
+            right[0] - left[0]
+        )
+        gaps.append((np.interp(x_mm, *probe_mm.T) - skin_mm).min())
+    return min(gaps)
+
+
+def test_a_cylinder_is_round_to_the_chord_of_its_segments():
+    x, y = Probe().lower_side().T
+    assert_allclose(np.hypot(x, y - 0.5), 0.5, atol=1e-9)
+    assert_array_equal(x, -x[::-1])
+    assert (x[len(x) // 2], y[len(x) // 2]) == (0.0, 0.0)
+    assert np.hypot(*np.diff([x, y])).max() < 0.025
+
+
+def test_a_flat_punch_is_flat_between_its_fillets():
+    x, y = Probe("flat", 1.0, 0.1).lower_side().T
+    assert (y[np.abs(x) < 0.4] == 0).all()
+    assert_allclose(np.abs(x).max(), 0.5)
+    corner = np.abs(x) > 0.4
+    away_mm = np.hypot(np.abs(x[corner]) - 0.4, y[corner] - 0.1)
+    assert_allclose(away_mm, 0.1, atol=1e-9)
+
+
+def test_a_punch_without_a_flat_part_is_half_a_cylinder():
+    x, y = Probe("flat", 1.0, 0.5).lower_side().T
+    assert_allclose(np.hypot(x, y - 0.5), 0.5, atol=1e-9)
+
+
+def test_a_lower_side_goes_from_left_to_right_and_nowhere_below_zero(probe):
+    points = probe.lower_side()
+    assert points[:, 1].min() == 0.0
+    assert (np.diff(points[:, 0]) >= 0).all()
+    assert np.linalg.norm(np.diff(points, axis=0), axis=1).min() > 1e-5
+
+
+def test_every_quad_of_a_probe_runs_counter_clockwise_and_is_sound(probe):
+    mesh = mesh_probe(probe, SKIN)
+    assert scaled_jacobian(mesh.node_mm, mesh.quad).min() > 0.1
+    assert_array_equal(np.unique(mesh.quad), np.arange(len(mesh.node_mm)))
+
+
+def test_the_first_face_of_each_quad_is_the_lower_side(probe):
+    mesh = mesh_probe(probe, SKIN)
+    assert_array_equal(mesh.quad[:, 0], mesh.lower_node[:-1])
+    assert_array_equal(mesh.quad[:, 1], mesh.lower_node[1:])
+    lower = mesh.node_mm[mesh.lower_node]
+    shape = lower - lower[lower[:, 1].argmin()]
+    own = probe.lower_side() - probe.lower_side()[lower[:, 1].argmin()]
+    assert_allclose(shape, own, atol=2e-9)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_at_first_touch_the_least_gap_is_zero(probe, name):
+    mesh = mesh_probe(probe, MESHES[name])
+    gap_mm = least_gap_mm(mesh.node_mm[mesh.lower_node], MESHES[name])
+    assert abs(gap_mm) <= 1.1e-9  # two roundings to a picometre
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.02, 3.0), st.sampled_from(SHAPES))
+def test_a_probe_of_any_size_and_place_touches_exactly(x_mm, diameter_mm, shape):
+    probe = Probe(shape, diameter_mm, 0.25 * diameter_mm, x_mm)
+    mesh = mesh_probe(probe, SKIN)
+    assert abs(least_gap_mm(mesh.node_mm[mesh.lower_node], SKIN)) <= 1.1e-9
+
+
+def test_on_a_ridge_the_probe_stands_at_height_zero():
+    for name, probe in (("quick", Probe()), ("paper", Probe(diameter_mm=0.05))):
+        mesh = mesh_probe(probe, MESHES[name])
+        assert mesh.node_mm[mesh.lower_node].min(axis=0)[1] == 0.0
+
+
+def test_a_narrow_probe_between_two_ridges_stands_lower():
+    """A cylinder of 50 um reaches the floor of a groove 0.1 mm deep, one of 1 mm not.
+
+    At a quarter of a millimetre from the apex the outline is 0.004 mm down.
+    """
+    (depth,) = section_of(PRESETS["paper"]).curve(
+        section_of(PRESETS["paper"]).surface, np.array([0.25])
+    )
+    narrow = mesh_probe(Probe(diameter_mm=0.05, x_mm=depth[0]), MESHES["paper"])
+    wide = mesh_probe(Probe(diameter_mm=1.0, x_mm=depth[0]), MESHES["paper"])
+    assert_allclose(narrow.node_mm[:, 1].min(), depth[1], atol=2e-3)
+    assert wide.node_mm[:, 1].min() > depth[1] + 0.02
+
+
+@pytest.mark.parametrize("x_mm", [-7.9, 7.7, 30.0, 1e9])
+def test_a_probe_beside_the_pad_is_refused(x_mm):
+    with pytest.raises(
+        FingerError, match=r"probe spans x = .* expected inside the pad"
+    ):
+        mesh_probe(Probe(x_mm=x_mm), SKIN)
+
+
+def test_a_probe_wider_than_the_pad_is_refused():
+    with pytest.raises(FingerError, match="expected inside the pad, -7"):
+        mesh_probe(Probe(diameter_mm=18.0), SKIN)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"shape": "cone"}, "probe shape 'cone', expected one of cylinder, flat"),
+        ({"shape": ["flat"]}, "probe shape"),
+        ({"diameter_mm": 0.0}, "diameter_mm must be 0.01 to 20, got 0"),
+        ({"diameter_mm": 21}, "diameter_mm must be 0.01 to 20, got 21"),
+        ({"diameter_mm": np.nan}, "diameter_mm must be finite"),
+        ({"diameter_mm": True}, "diameter_mm must be a number"),
+        ({"diameter_mm": "1"}, "diameter_mm must be a number, got '1'"),
+        ({"fillet_mm": -0.1}, "fillet_mm must be >= 0, got -0.1"),
+        ({"shape": "flat", "fillet_mm": 0.51}, "fillet 0.51 mm, expected at most half"),
+        ({"shape": "flat", "fillet_mm": 1e-9}, "expected 0 .* or 0.001 mm and more"),
+        ({"x_mm": np.inf}, "x_mm must be finite"),
+    ],
+)
+def test_a_probe_that_cannot_be_is_refused(wrong, words):
+    with pytest.raises(FingerError, match=words):
+        Probe(**wrong)
+
+
+# ---- The node it touches first
+
+
+def test_at_the_apex_the_first_node_touched_is_the_ridges_top():
+    for skin in MESHES.values():
+        row = touched_node(mesh_probe(Probe(), skin), skin)
+        assert skin.node_mm[row].tolist() == [0.0, 0.0]
+
+
+def test_the_first_node_touched_is_nearer_the_probe_than_any_other(probe):
+    mesh = mesh_probe(probe, SKIN)
+    lower_mm = mesh.node_mm[mesh.lower_node]
+    row = touched_node(mesh, SKIN)
+    nodes = np.unique(SKIN.outline()[0])
+    under = nodes[
+        (SKIN.node_mm[nodes, 0] >= lower_mm[0, 0])
+        & (SKIN.node_mm[nodes, 0] <= lower_mm[-1, 0])
+        & (SKIN.node_mm[nodes, 1] > -6.5)
+    ]
+    gap_mm = np.interp(SKIN.node_mm[under, 0], *lower_mm.T) - SKIN.node_mm[under, 1]
+    if under.size:
+        assert row in under[gap_mm < gap_mm.min() + 1e-6]
+
+
+def test_under_a_flat_punch_aside_it_is_not_the_punchs_corner():
+    """From 2 mm the skin falls away: the corner nearest the apex touches first."""
+    skin = mesh_of(finger_from({"materials": {}}, "quick"))
+    row = touched_node(mesh_probe(Probe("flat", 2.0, 0.2, x_mm=3.0), skin), skin)
+    assert 2.0 <= skin.node_mm[row, 0] < 2.6
+
+
+def test_a_probe_with_no_node_under_it_names_the_nearest():
+    between = SKIN.node_mm[np.unique(SKIN.outline()[0])]
+    between = np.sort(between[(between[:, 1] > -2) & (between[:, 0] > 3.5), 0])[:2]
+    probe = Probe(diameter_mm=0.02, x_mm=float(0.6 * between[0] + 0.4 * between[1]))
+    row = touched_node(mesh_probe(probe, SKIN), SKIN)
+    assert SKIN.node_mm[row, 0] == between[0]
+
+
+def test_ridges_half_a_millimetre_apart_are_what_the_probes_above_stand_on():
+    assert PRESETS["quick"].ridges == Ridges(0.5, 0.1, 3.0)
