@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from decks.analysis import Analysis, Contact, analyse
@@ -12,8 +12,8 @@ from decks.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
 from fembridge.exports import write_csv
-from fembridge.outputs import make_folder, write_text
-from fembridge.run_folder import JOB, STIMULUS_FILE, AfferentNode, RunFolder
+from fembridge.outputs import filling, write_text
+from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
 from fembridge.typing import Table
 
@@ -58,7 +58,8 @@ def build_run_folder(
 ) -> RunFolder:
     """Write deck, waveform and ``run.toml`` into `folder`.
 
-    ``run.toml`` is written last: a folder that has one is whole.
+    ``run.toml`` takes its place last: a folder that has one is whole. Where the
+    same three files stand already, nothing is touched.
 
     Raises
     ------
@@ -69,9 +70,6 @@ def build_run_folder(
     """
     analysis = model.analysis(stimulus)
     deck = calculix_deck(analysis, binary=binary)
-    make_folder(folder)
-    write_text(folder / f"{JOB}.inp", deck)
-    write_csv(stimulus, folder / STIMULUS_FILE)
     run = RunFolder(
         folder=folder,
         solver="calculix",
@@ -83,7 +81,10 @@ def build_run_folder(
         deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
         inputs=_inputs(model, stimulus),
     )
-    run.write()
+    with filling(folder, last=RUN_FILE) as draft:
+        write_text(draft / run.deck.name, deck)
+        write_csv(stimulus, draft / STIMULUS_FILE)
+        replace(run, folder=draft).write()
     return run
 
 

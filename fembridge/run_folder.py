@@ -13,8 +13,9 @@ import hashlib
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any, TypeGuard
 
 from fembridge.errors import ResultError
 from fembridge.outputs import write_text
@@ -38,6 +39,23 @@ class AfferentNode:
     y_mm: float
     depth_mm: float
 
+    @classmethod
+    def from_table(cls, afferent: str, table: Mapping[str, Any]) -> "AfferentNode":
+        """Make one of a section of TOML; what is wrong in it is a `ValueError`."""
+        node = table["node"]
+        if not _is_whole(node, least=1):
+            raise ValueError(f"{afferent}: node is {node!r}, expected 1 or more")
+        place = [float(table[key]) for key in ("x_mm", "y_mm", "depth_mm")]
+        if not all(map(math.isfinite, place)):
+            raise ValueError(f"{afferent}: its place is not finite")
+        return cls(afferent, node, str(table["layer"]), *place)
+
+    def to_table(self) -> Table:
+        """Give the section of TOML, without the afferent's name."""
+        table = asdict(self)
+        del table["afferent"]
+        return table
+
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
@@ -46,8 +64,14 @@ class RunFolder:
     The solver's clock starts `start_ms` before the stimulus does (a ramp to a
     pre-indentation takes place there) and ends at `end_ms` of solver time after
     `increments` fixed increments of `dt_ms`. `apex_node` is the skin's node under
-    the probe: its displacement shows that the probe pushed (0 where unknown). `inputs` tells what the deck was
-    made from; nothing reads it back, people do.
+    the probe: its displacement shows that the probe pushed (0 where unknown).
+    `inputs` tells what the deck was made from: for people, and for the origin of a
+    response map.
+
+    Raises
+    ------
+    ResultError
+        Increments, times or a node's number that no run has.
     """
 
     folder: Path
@@ -59,6 +83,21 @@ class RunFolder:
     deck_sha256: str
     apex_node: int = 0
     inputs: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, least in (("increments", 1), ("apex_node", 0)):
+            if not _is_whole(number := getattr(self, name), least):
+                raise self._error(f"{name} is {number!r}, expected {least} or more")
+        if not (math.isfinite(self.dt_ms) and self.dt_ms > 0):
+            raise self._error(f"dt_ms is {self.dt_ms}, expected more than 0")
+        if not 0 <= self.start_ms <= self.end_ms:
+            raise self._error(
+                f"start_ms is {self.start_ms:g}, expected from 0 to the end of "
+                f"the run, {self.end_ms:g}"
+            )
+
+    def _error(self, problem: str) -> ResultError:
+        return ResultError(problem, self.folder / RUN_FILE)
 
     @property
     def end_ms(self) -> float:
@@ -93,16 +132,7 @@ class RunFolder:
                 "start_ms": self.start_ms,
             },
             "apex_node": self.apex_node,
-            "afferents": {
-                place.afferent: {
-                    "node": place.node,
-                    "layer": place.layer,
-                    "x_mm": place.x_mm,
-                    "y_mm": place.y_mm,
-                    "depth_mm": place.depth_mm,
-                }
-                for place in self.afferents
-            },
+            "afferents": {place.afferent: place.to_table() for place in self.afferents},
             "inputs": dict(self.inputs),
         }
         write_text(self.folder / RUN_FILE, tomli_w.dumps(table))
@@ -120,11 +150,13 @@ def read_run_folder(folder: Path) -> RunFolder:
     try:
         with path.open("rb") as file:
             table = tomllib.load(file)
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         raise ResultError("no run.toml: not a run folder of fembridge", folder) from (
             error
         )
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise ResultError(f"cannot be read: {error.strerror}", path) from error
+    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
         raise ResultError(f"not readable as TOML: {error}", path) from error
     if table.get("format") != FORMAT:
         raise ResultError(
@@ -136,26 +168,21 @@ def read_run_folder(folder: Path) -> RunFolder:
         return RunFolder(
             folder=folder,
             solver=str(table["solver"]),
-            increments=int(table["time"]["increments"]),
+            increments=table["time"]["increments"],
             dt_ms=float(table["time"]["dt_ms"]),
             start_ms=float(table["time"]["start_ms"]),
             afferents=tuple(
-                AfferentNode(
-                    afferent=name,
-                    node=int(place["node"]),
-                    layer=str(place["layer"]),
-                    x_mm=float(place["x_mm"]),
-                    y_mm=float(place["y_mm"]),
-                    depth_mm=float(place["depth_mm"]),
-                )
+                AfferentNode.from_table(name, place)
                 for name, place in table["afferents"].items()
             ),
-            apex_node=int(table.get("apex_node", 0)),
+            apex_node=table.get("apex_node", 0),
             deck_sha256=str(table["deck_sha256"]),
-            inputs=table.get("inputs", {}),
+            inputs=dict(table["inputs"]),  # the last section: a cut file has none
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ResultError(f"not a run.toml of fembridge: {error!r}", path) from error
+    except KeyError as error:
+        raise ResultError(f"not a run.toml of fembridge: no {error}", path) from error
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise ResultError(f"not a run.toml of fembridge: {error}", path) from error
 
 
 def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
@@ -180,7 +207,7 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
                 if not (math.isfinite(time_ms) and math.isfinite(depth_um)):
                     raise ValueError("not finite")
                 rows.append((time_ms, depth_um))
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, csv.Error) as error:  # also: not UTF-8
         raise ResultError(f"not a sample: {error}", path, len(rows) + 2) from error
     except OSError as error:
         raise ResultError(f"cannot be read: {error.strerror}", path) from error
@@ -194,3 +221,8 @@ def sha256_of(path: Path) -> str:
     """Digest of a file's bytes, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _is_whole(number: object, least: int) -> TypeGuard[int]:
+    """Whether it is a whole number, and no truth value, that is large enough."""
+    return isinstance(number, int) and not isinstance(number, bool) and number >= least

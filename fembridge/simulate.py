@@ -6,8 +6,9 @@
                solver follows each whole waveform.
 """
 
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fembridge import __version__
@@ -21,6 +22,7 @@ from fembridge.response.stored import stored_response
 from fembridge.results import read
 from fembridge.simulation import Simulation, encode_all
 from fembridge.solvers.batch import run_folders
+from fembridge.solvers.process import THREAD_VARIABLE
 from fembridge.solvers.watchdog import Limits, OnProgress
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
@@ -35,12 +37,33 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class SolverSettings:
-    """How the solver is run: its threads, how many runs at once, when to give up."""
+    """How the solver is run: its threads, how many runs at once, when to give up.
+
+    Without `threads` the environment says (``OMP_NUM_THREADS``), or else the cores
+    are shared by the runs that are made at once.
+
+    Raises
+    ------
+    UsageError
+        `threads` or `jobs` below 1.
+    """
 
     threads: int | None = None
     jobs: int = 1
     limits: Limits | None = None
     on_progress: OnProgress | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("threads", "jobs"):
+            number = getattr(self, name)
+            if number is not None and number < 1:
+                raise UsageError(f"{name} is {number}, expected 1 or more")
+
+    def threads_each(self, runs: int) -> int | None:
+        """Threads of each of `runs` that are made at once; None: the environment's."""
+        if self.threads is not None or os.environ.get(THREAD_VARIABLE):
+            return self.threads
+        return max(1, _cores() // runs)
 
 
 def simulate(
@@ -78,12 +101,12 @@ def simulate(
     if stored and method == "transient":
         raise UsageError("a stored response answers no transient: leave one out")
     settings = settings or SolverSettings()
-    needed_um = max(float(stimulus.displacement_um.max()) for stimulus in stimuli)
+    deepest = max(stimuli, key=_depth_um)
     if stored or find_ccx() is None:
-        response = _stored(model, needed_um, method, stored, tell)
+        response = _stored(model, deepest, method, stored, tell)
         origin = {"source": "stored response"}
     else:
-        model, response = _solved(model, needed_um, folder, settings, tell)
+        model, response = _solved(model, _depth_um(deepest), folder, settings, tell)
         origin = {"source": "CalculiX"}
     if method == "transient":
         traces = _transients(stimuli, model, folder / RUNS_FOLDER, settings, tell)
@@ -105,7 +128,7 @@ def simulate(
 
 
 def _stored(
-    model: Model, needed_um: float, method: str, asked_for: bool, tell: Tell
+    model: Model, deepest: Stimulus, method: str, asked_for: bool, tell: Tell
 ) -> ResponseMap:
     if method == "transient":
         raise MissingError(
@@ -115,10 +138,11 @@ def _stored(
     install = "" if asked_for else f"; install the solver: {SOLVER_INSTALL_LINE}"
     try:
         response = stored_response(model.finger, model.probe, model.element)
-        if needed_um > response.deepest_um:
+        if _depth_um(deepest) > response.deepest_um:
             raise ResponseError(
-                f"the stimulus goes {needed_um:g} um deep, the stored response of "
-                f"finger {model.finger.name!r} reaches {response.deepest_um:g} um"
+                f"{deepest.id} goes {_depth_um(deepest):.9g} um deep, the stored "
+                f"response of finger {model.finger.name!r} reaches "
+                f"{response.deepest_um:g} um"
             )
     except ResponseError as error:
         if asked_for:
@@ -138,13 +162,11 @@ def _solved(
     model: Model, needed_um: float, folder: Path, settings: SolverSettings, tell: Tell
 ) -> tuple[Model, ResponseMap]:
     """Give the model with the contact that was accepted, and its response."""
-    from dataclasses import replace
-
     solved = solve_response(
         folder / RESPONSE_FOLDER,
         model,
         depth_um=depth_for(needed_um),
-        threads=settings.threads,
+        threads=settings.threads_each(1),
         limits=settings.limits,
         on_progress=settings.on_progress,
         tell=tell,
@@ -172,7 +194,7 @@ def _transients(
     outcomes = run_folders(
         places,
         jobs=settings.jobs,
-        threads=settings.threads,
+        threads=settings.threads_each(min(settings.jobs, len(places))),
         limits=settings.limits,
         on_progress=settings.on_progress,
     )
@@ -182,3 +204,14 @@ def _transients(
     wall_s = sum(outcome.wall_s for outcome in outcomes)
     tell(f"{len(places)} transients solved in {wall_s:.0f} s")
     return [read(place) for place in places]
+
+
+def _depth_um(stimulus: Stimulus) -> float:
+    return float(stimulus.displacement_um.max())
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import TraceError
-from fembridge.outputs import make_folder, replacing, write_text
+from fembridge.outputs import filling, replacing, write_text
 from fembridge.stimulus import Stimulus
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
-from fembridge.trace import StressTrace
+from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
 from neural import Parameters, encode, rate_ips
 
@@ -38,30 +38,34 @@ class Simulation:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.
 
         The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
-        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``.
+        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All four
+        are replaced, or, after an error, none.
+
+        Raises
+        ------
+        OutputError
+            `folder` cannot be written.
         """
         import tomli_w
 
-        make_folder(folder)
-        with replacing(folder / TRACES_FILE) as draft, draft.open("wb") as file:
+        with filling(folder, last=RECORD_FILE) as draft:
+            self._write_traces(draft / TRACES_FILE)
+            write_spikes(draft / SPIKES_FILE, self.trains)
+            write_rates(draft / RATES_FILE, self.rates)
+            write_text(draft / RECORD_FILE, tomli_w.dumps(self._record()))
+
+    def _write_traces(self, path: Path) -> None:
+        displacement_um = [stimulus.displacement_um for stimulus in self.stimuli]
+        stress_pa = [[trace.stress_pa for trace in row] for row in self.traces]
+        with replacing(path) as draft, draft.open("wb") as file:
             np.savez(
                 file,
                 stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
                 afferent=np.array([trace.afferent for trace in self.traces[0]]),
                 dt_ms=np.array(self.stimuli[0].dt_ms),
-                displacement_um=np.stack(
-                    [stimulus.displacement_um for stimulus in self.stimuli]
-                ),
-                von_mises_pa=np.stack(
-                    [
-                        np.stack([trace.stress_pa for trace in traces], -1)
-                        for traces in self.traces
-                    ]
-                ),
+                displacement_um=np.array(displacement_um),
+                von_mises_pa=np.moveaxis(np.array(stress_pa), 1, -1),
             )
-        write_spikes(folder / SPIKES_FILE, self.trains)
-        write_rates(folder / RATES_FILE, self.rates)
-        write_text(folder / RECORD_FILE, tomli_w.dumps(self._record()))
 
     def _record(self) -> Table:
         stimuli = {
@@ -86,19 +90,13 @@ def encode_all(
     Raises
     ------
     TraceError
-        Traces that do not share one time axis.
+        Not the same afferents for each stimulus, or not one time axis for all.
     ParameterError
         A time step that the parameters were not made for.
     """
+    afferents = _shared_afferents(stimuli, traces, parameters)
+    _check_times(stimuli, traces)
     times: dict[str, list[FloatArray]] = {}
-    afferents = [str(trace.afferent) for trace in traces[0]]
-    lengths = {trace.stress_pa.size for row in traces for trace in row}
-    steps = {round(trace.dt_ms, 9) for row in traces for trace in row}
-    if len(lengths) != 1 or len(steps) != 1:
-        raise TraceError(
-            f"traces of {sorted(lengths)} samples every {sorted(steps)} ms, "
-            "expected one time axis for all stimuli"
-        )
     for column, afferent in enumerate(afferents):
         stress_pa = np.stack([row[column].stress_pa for row in traces], -1)
         dt_ms = traces[0][column].dt_ms
@@ -117,3 +115,51 @@ def encode_all(
         rates=tuple(rates),
         origin=origin,
     )
+
+
+def _shared_afferents(
+    stimuli: Sequence[Stimulus],
+    traces: Sequence[Sequence[StressTrace]],
+    parameters: Parameters,
+) -> list[str]:
+    """Give the classes that every row of traces has, in that order."""
+    if not stimuli or len(traces) != len(stimuli):
+        raise TraceError(
+            f"{len(traces)} rows of traces for {len(stimuli)} stimuli, expected one "
+            "row for each of one or more"
+        )
+    first = [trace.afferent for trace in traces[0]]
+    for stimulus, row in zip(stimuli, traces, strict=True):
+        found = [trace.afferent for trace in row]
+        if found != first or not first or not set(first) <= set(parameters):
+            raise TraceError(
+                f"{stimulus.id}: traces of {_listed(found)}, expected of "
+                f"{_listed(first if found != first else list(parameters))}"
+            )
+    return [str(afferent) for afferent in first]
+
+
+def _check_times(
+    stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTrace]]
+) -> None:
+    """Hold every trace against the time axis of the first stimulus."""
+    count, dt_ms = stimuli[0].displacement_um.size, stimuli[0].dt_ms
+    near_ms = STEP_TOLERANCE * dt_ms
+    for stimulus, row in zip(stimuli, traces, strict=True):
+        axes = [(trace.stress_pa.size, trace.dt_ms, trace.start_ms) for trace in row]
+        axes.append((stimulus.displacement_um.size, stimulus.dt_ms, 0.0))
+        for size, step_ms, start_ms in axes:
+            if (
+                size != count
+                or abs(step_ms - dt_ms) > near_ms
+                or abs(start_ms) > near_ms
+            ):
+                raise TraceError(
+                    f"{stimulus.id}: {size} samples every {step_ms:g} ms from "
+                    f"{start_ms:g} ms, expected one time axis for all, {count} "
+                    f"samples every {dt_ms:g} ms from 0 ms"
+                )
+
+
+def _listed(afferents: Sequence[str | None]) -> str:
+    return ", ".join(afferent or "no class" for afferent in afferents) or "nothing"

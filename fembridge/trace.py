@@ -42,6 +42,8 @@ class StressTrace:
             )
         if not (np.isfinite(self.dt_ms) and self.dt_ms > 0):
             raise TraceError(f"node {self.node}: dt_ms must be > 0, got {self.dt_ms}")
+        if not np.isfinite(self.start_ms):
+            raise TraceError(f"node {self.node}: trace starts at {self.start_ms} ms")
         stress.flags.writeable = False
         object.__setattr__(self, "stress_pa", stress)
 

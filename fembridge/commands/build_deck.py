@@ -12,6 +12,7 @@ from typing import Any
 
 from fembridge.commands.model_options import (
     add_model_options,
+    add_output_option,
     add_stimulus_options,
     model_from,
     stimuli_from,
@@ -24,9 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add_stimulus_options(parser)
     add_model_options(parser)
-    parser.add_argument(
-        "-o", "--output", default="runs", metavar="DIR", help="default: runs"
-    )
+    add_output_option(parser, default="runs")
     parser.add_argument(
         "--solver", choices=("calculix",), default="calculix", help="whose deck"
     )
@@ -59,12 +58,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from decks.analysis import Contact
     from fembridge.build import build_run_folder
+    from fembridge.errors import DeckError, UsageError
 
-    contact = Contact(
-        args.contact,
-        stiffness_mpa_per_mm=args.stiffness_mpa_per_mm,
-        friction=args.friction,
-    )
+    try:
+        contact = Contact(
+            args.contact,
+            stiffness_mpa_per_mm=args.stiffness_mpa_per_mm,
+            friction=args.friction,
+        )
+    except DeckError as error:
+        raise UsageError(f"contact: {error}") from error
     stimuli = stimuli_from(args)
     model = replace(model_from(args), contact=contact)
     rows = []

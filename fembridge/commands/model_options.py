@@ -61,15 +61,33 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
+    """Where to."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=_folder,
+        default=default,
+        metavar="DIR",
+        help=f"default: {default}",
+    )
+
+
 def model_from(args: argparse.Namespace) -> "Model":
     """Make the model that the options describe."""
     from decks.finger_file import read_finger
     from decks.probe import Probe
     from fembridge.build import model_of
+    from fembridge.errors import FingerError, UsageError
 
-    probe = Probe(
-        shape=args.probe_shape, diameter_mm=args.probe_diameter_mm, x_mm=args.probe_x_mm
-    )
+    try:
+        probe = Probe(
+            shape=args.probe_shape,
+            diameter_mm=args.probe_diameter_mm,
+            x_mm=args.probe_x_mm,
+        )
+    except FingerError as error:
+        raise UsageError(f"probe: {error}") from error
     return model_of(read_finger(args.finger), probe=probe, element=args.element)
 
 
@@ -77,8 +95,18 @@ def stimuli_from(args: argparse.Namespace) -> "list[Stimulus]":
     """Make the stimuli that the options name, each once."""
     from decks.catalogue import resolve
     from decks.waveform import make_stimulus
+    from fembridge.errors import UsageError
 
+    if args.seed is not None and args.seed < 0:
+        raise UsageError(f"seed is {args.seed}, expected 0 or more")
     return [
         make_stimulus(entry, preindent_um=args.preindent_um, seed=args.seed)
         for entry in resolve(args.stimulus)
     ]
+
+
+def _folder(word: str) -> str:
+    """Refuse an empty word, such as a variable that a script forgot to set."""
+    if not word:
+        raise argparse.ArgumentTypeError("expected the name of a folder, got ''")
+    return word

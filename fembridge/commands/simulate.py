@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.model_options import (
     add_model_options,
+    add_output_option,
     add_stimulus_options,
     model_from,
     stimuli_from,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
 
+RASTER_FILE = "raster.png"
 # Rows that a table on the screen shows before it is cut.
 _SHOWN = 30
 
@@ -32,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add_stimulus_options(parser)
     add_model_options(parser)
-    parser.add_argument(
-        "-o", "--output", default="out", metavar="DIR", help="default: out"
-    )
+    add_output_option(parser, default="out")
     parser.add_argument(
         "--method",
         choices=("map", "transient"),
@@ -52,7 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="neural parameters (default: Table 2 of the paper)",
     )
     parser.add_argument(
-        "--threads", type=int, metavar="N", help="threads of the solver (default: all)"
+        "--threads",
+        type=int,
+        metavar="N",
+        help="threads of each run (default: OMP_NUM_THREADS, or all cores)",
     )
     parser.add_argument(
         "--jobs",
@@ -64,21 +67,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--time-limit", type=float, metavar="S", help="give up a run after so long"
     )
-    parser.add_argument("--no-plot", action="store_true", help="draw no raster")
+    parser.add_argument(
+        "--no-plot",
+        action="store_true",
+        help="draw no raster; an earlier one in DIR is removed",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
-    import os
     from pathlib import Path
 
+    from fembridge.outputs import filling
     from fembridge.simulate import SolverSettings, simulate
+    from fembridge.simulation import (
+        RATES_FILE,
+        RECORD_FILE,
+        SPIKES_FILE,
+        TRACES_FILE,
+    )
     from fembridge.solvers.progress_bars import ProgressBars
     from fembridge.solvers.watchdog import Limits
     from neural import PUBLISHED, read_parameters
 
     output = Path(args.output)
-    parameters = read_parameters(Path(args.parameters)) if args.parameters else PUBLISHED
+    parameters = (
+        read_parameters(Path(args.parameters))
+        if args.parameters is not None
+        else PUBLISHED
+    )
     lines: list[str] = []
 
     def tell(line: str) -> None:
@@ -87,7 +104,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     with ProgressBars() as bars:
         settings = SolverSettings(
-            threads=args.threads or max(1, (os.cpu_count() or 1) // args.jobs),
+            threads=args.threads,
             jobs=args.jobs,
             limits=Limits(time_limit_s=args.time_limit),
             on_progress=bars,
@@ -102,12 +119,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             settings=settings,
             tell=tell,
         )
-    simulation.write(output)
-    if not args.no_plot:
-        _draw(simulation, output)
+    with filling(output, last=RECORD_FILE) as draft:
+        simulation.write(draft)
+        if not args.no_plot:
+            _draw(simulation, draft / RASTER_FILE)
+    if args.no_plot and (output / RASTER_FILE).is_file():
+        (output / RASTER_FILE).unlink()  # of other spikes than those beside it
     if not args.json:
         _print_rates(simulation)
-        print(f"rates, spikes, traces and raster are in {output}")
+        raster = "" if args.no_plot else f", {RASTER_FILE}"
+        print(f"{RATES_FILE}, {SPIKES_FILE}, {TRACES_FILE}{raster}: {output}")
     return {
         "output": str(output),
         "method": args.method,
@@ -119,13 +140,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _draw(simulation: "Simulation", output: "Path") -> None:
+def _draw(simulation: "Simulation", path: "Path") -> None:
     from fembridge.plots.raster import draw_raster
 
     windows = {stimulus.window_ms for stimulus in simulation.stimuli}
     draw_raster(
         simulation.trains,
-        output / "raster.png",
+        path,
         stimuli=[stimulus.id for stimulus in simulation.stimuli],
         afferents=[str(trace.afferent) for trace in simulation.traces[0]],
         window_ms=windows.pop() if len(windows) == 1 else None,

@@ -5,6 +5,7 @@ the way back the stress at a depth came out 17 to 20 % low. And a thin probe sli
 between the skin's nodes: the run ends well, the skin untouched.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,8 @@ class Acceptance:
     """What a load–unload run showed; `problem` is None where it is accepted.
 
     `closure_percent` is the largest difference between unloading and loading at
-    the same depth, in percent of the loading stress there, over all afferents.
+    the same depth, in percent of the loading stress there, over all afferents; NaN
+    where nothing could be compared.
     """
 
     closure_percent: float
@@ -52,17 +54,22 @@ def judge(
         Force of the skin on the probe, and how far the skin's apex moved in.
     """
     deepest = int(depth_um.argmax())
-    force, followed = (
-        float(force_n_per_mm[deepest]),
-        float(apex_um[deepest] / depth_um[deepest]),
-    )
+    deepest_um, moved_um = float(depth_um[deepest]), float(apex_um[deepest])
+    force = float(force_n_per_mm[deepest])
+    followed = moved_um / deepest_um if deepest_um > 0 else 0.0
     closure = _closure_percent(depth_um, stress_pa, deepest)
     problem = None
     if not (force > 0 and followed >= _FOLLOWED_SHARE):
         problem = (
-            f"the probe did not push: at {depth_um[deepest]:g} um the skin moved "
-            f"{apex_um[deepest]:.3g} um, the force is {force:.3g} N/mm"
+            f"the probe did not push: at {deepest_um:g} um the skin moved "
+            f"{moved_um:.3g} um, the force is {force:.3g} N/mm"
         )
+    elif not np.isfinite(stress_pa).all():
+        problem = "stress is not finite everywhere"
+    elif not (stress_pa[deepest] > 0).all():
+        problem = f"an afferent feels nothing: its stress at {deepest_um:g} um is 0"
+    elif math.isnan(closure):
+        problem = "the run does not come back over depths that it loaded to"
     elif not closure <= CLOSURE_PERCENT:
         problem = (
             f"unloading differs from loading by {closure:.2g} % at the same depth, "
@@ -80,5 +87,6 @@ def _closure_percent(
         same = np.flatnonzero(np.abs(load_um - depth_um[row]) <= _MATCH_UM)
         if same.size and depth_um[row] >= _COMPARED_SHARE * depth_um[deepest]:
             loading = stress_pa[same[0]]
-            worst.append(float(np.max(np.abs(stress_pa[row] / loading - 1))))
-    return 100 * max(worst) if worst else float("nan")
+            with np.errstate(divide="ignore", invalid="ignore"):
+                worst.append(np.max(np.abs(stress_pa[row] / loading - 1)))
+    return 100 * float(np.max(worst)) if worst else math.nan

@@ -4,6 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from decks.stimulus_entry import MAX_AMPLITUDE_UM
+from fembridge.errors import StimulusError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
 
@@ -18,6 +20,8 @@ _UNLOAD_EVERY = 3
 _DEEP_UNLOAD_STEP_UM = 12.0
 _DT_MS = 0.5
 _DIGITS = 3
+# Shallower, the first steps would round to the same depth.
+_LEAST_UM = 1.0
 
 
 def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
@@ -25,7 +29,17 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
 
     Time has no meaning here; a step is one increment of the solver. Deeper than
     the default, the way back is divided into small steps.
+
+    Raises
+    ------
+    StimulusError
+        A depth that is not within 1 um to 10 mm.
     """
+    if not _LEAST_UM <= depth_um <= MAX_AMPLITUDE_UM:
+        raise StimulusError(
+            f"indentation: depth_um is {depth_um:g}, expected {_LEAST_UM:g} to "
+            f"{MAX_AMPLITUDE_UM:g}"
+        )
     share = np.arange(STEPS + 1) / STEPS
     load_um = np.round(depth_um * share**_GROWTH, _DIGITS)
     unload_um = load_um[STEPS - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
@@ -49,10 +63,10 @@ def depth_for(needed_um: float) -> float:
 
 
 def _divided(depths_um: FloatArray) -> FloatArray:
-    """The same depths, with more of them between where a step is too large."""
+    """Give the same depths, with more of them between where a step is too large."""
     parts = [depths_um[:1]]
     for start_um, end_um in pairwise(depths_um.tolist()):
         count = int(np.ceil((start_um - end_um) / _DEEP_UNLOAD_STEP_UM))
-        way_um = np.linspace(start_um, end_um, count + 1)[1:]
+        way_um: FloatArray = np.linspace(start_um, end_um, count + 1)[1:]
         parts.append(np.round(way_um, _DIGITS))
     return np.concatenate(parts)

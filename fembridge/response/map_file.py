@@ -8,7 +8,7 @@ import numpy as np
 
 from fembridge.errors import ResponseError
 from fembridge.outputs import write_text
-from fembridge.response.response_map import ResponseMap
+from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.stress import TENSOR
 from fembridge.run_folder import AfferentNode
 from fembridge.typing import Table
@@ -16,8 +16,7 @@ from fembridge.typing import Table
 FORMAT = 1
 MAP_FILE = "response.toml"
 
-# Plane strain: the out-of-plane shears are rounding noise of the solver.
-_STORED = TENSOR[:4]
+_STORED = TENSOR[:IN_PLANE]
 
 
 def write_map(path: Path, response: ResponseMap) -> None:
@@ -32,11 +31,7 @@ def write_map(path: Path, response: ResponseMap) -> None:
         "origin": dict(response.origin),
         "afferents": {
             place.afferent: {
-                "node": place.node,
-                "layer": place.layer,
-                "x_mm": place.x_mm,
-                "y_mm": place.y_mm,
-                "depth_mm": place.depth_mm,
+                **place.to_table(),
                 **{
                     f"{name}_pa": response.tensor_pa[:, column, k].tolist()
                     for k, name in enumerate(_STORED)
@@ -45,8 +40,8 @@ def write_map(path: Path, response: ResponseMap) -> None:
             for column, place in enumerate(response.places)
         },
     }
-    text = tomli_w.dumps({"sha256": _digest(table), **table})
-    write_text(path, text)
+    sealed = tomli_w.dumps(table)
+    write_text(path, f"{_seal(sealed.encode())}\n{sealed}")
 
 
 def read_map(path: Path) -> ResponseMap:
@@ -58,50 +53,48 @@ def read_map(path: Path) -> ResponseMap:
         The file is absent, not a map, or was altered after it was written.
     """
     try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = path.read_bytes()
+        table = tomllib.loads(content.decode())
+    except OSError as error:
+        raise ResponseError(f"{path}: not readable: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
         raise ResponseError(f"{path}: not readable as a response map: {error}") from (
             error
         )
-    stated = table.pop("sha256", None)
     if table.get("format") != FORMAT:
         raise ResponseError(
             f"{path}: format {table.get('format')!r}, expected {FORMAT}"
         )
-    if stated != _digest(table):
+    stated, _, sealed = content.partition(b"\n")
+    if stated != _seal(sealed).encode():
         raise ResponseError(
             f"{path}: its numbers do not match its checksum: it was edited or cut"
         )
     try:
         afferents = table["afferents"]
-        tensor_pa = np.zeros((len(table["depth_um"]), len(afferents), len(TENSOR)))
-        for column, place in enumerate(afferents.values()):
-            for k, name in enumerate(_STORED):
-                tensor_pa[:, column, k] = place[f"{name}_pa"]
+        stored_pa = np.array(  # (afferent, component, K)
+            [[place[f"{name}_pa"] for name in _STORED] for place in afferents.values()],
+            dtype=np.float64,
+        )
+        tensor_pa = np.zeros((stored_pa.shape[-1], len(afferents), len(TENSOR)))
+        tensor_pa[..., :IN_PLANE] = np.moveaxis(stored_pa, -1, 0)
         return ResponseMap(
             depth_um=np.array(table["depth_um"]),
             tensor_pa=tensor_pa,
             force_n_per_mm=np.array(table["force_n_per_mm"]),
             places=tuple(
-                AfferentNode(
-                    name,
-                    place["node"],
-                    place["layer"],
-                    place["x_mm"],
-                    place["y_mm"],
-                    place["depth_mm"],
-                )
+                AfferentNode.from_table(name, place)
                 for name, place in afferents.items()
             ),
-            closure_percent=table["closure_percent"],
+            closure_percent=float(table["closure_percent"]),
             origin=table["origin"],
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ResponseError(f"{path}: not a response map: {error!r}") from error
+    except KeyError as error:
+        raise ResponseError(f"{path}: not a response map: no {error}") from error
+    except (TypeError, ValueError, AttributeError, ResponseError) as error:
+        raise ResponseError(f"{path}: not a response map: {error}") from error
 
 
-def _digest(table: Table) -> str:
-    import tomli_w
-
-    return hashlib.sha256(tomli_w.dumps(table).encode()).hexdigest()
+def _seal(sealed: bytes) -> str:
+    """First line of a map's file: the checksum of all bytes below it."""
+    return f'sha256 = "{hashlib.sha256(sealed).hexdigest()}"'

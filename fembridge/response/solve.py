@@ -9,17 +9,19 @@ not taken: see `acceptance`.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from decks.analysis import Contact
 from fembridge.build import Model, build_run_folder
-from fembridge.errors import ResponseError
+from fembridge.errors import ResponseError, ResultError
 from fembridge.outputs import make_folder
 from fembridge.response.indentation import DEFAULT_DEPTH_UM, indentation
 from fembridge.response.map_file import MAP_FILE, write_map
 from fembridge.response.measured import measured_response
 from fembridge.response.response_map import ResponseMap
+from fembridge.run_folder import RunFolder
 from fembridge.solvers.calculix import attempt_calculix
 from fembridge.solvers.outcome import Cause, Outcome
 from fembridge.solvers.record import finished_outcome
@@ -73,8 +75,8 @@ def solve_response(
 ) -> Solved:
     """Solve the response of `model` in `folder`, one run folder a rung.
 
-    A rung that was solved there before, with the same deck, is read again. The
-    accepted map is written as ``response.toml``.
+    A rung that was solved there before, with the same deck, is read again as long
+    as its files are whole. The accepted map is written as ``response.toml``.
 
     Raises
     ------
@@ -91,24 +93,40 @@ def solve_response(
     for number, contact in enumerate(ladder, start=1):
         place = folder / f"contact_{number}"
         run = build_run_folder(place, replace(model, contact=contact), stimulus)
-        outcome = finished_outcome(run) or attempt_calculix(
-            place, threads=threads, limits=limits, on_progress=on_progress
-        )
-        if outcome.failure is not None:
-            if outcome.failure.cause not in _CONTACT_CAUSES:
-                raise outcome.to_error()
-            rungs.append(Rung(contact, str(outcome.failure)))
-        else:
-            try:
-                response = measured_response(place)
-            except ResponseError as error:
-                problem = str(error).removeprefix(f"{place}: ")
-                rungs.append(Rung(contact, problem))
-            else:
-                rungs.append(Rung(contact, None))
-                write_map(folder / MAP_FILE, response)
-                return Solved(response, tuple(rungs), outcome)
+        outcome, found = _climb(run, threads, limits, on_progress)
+        if isinstance(found, ResponseMap):
+            write_map(folder / MAP_FILE, found)
+            return Solved(found, (*rungs, Rung(contact, None)), outcome)
+        rungs.append(Rung(contact, found))
         if tell is not None:
             tell(f"left {rungs[-1]}")
     listed = "; ".join(str(rung) for rung in rungs)
     raise ResponseError(f"{folder}: no contact model was accepted: {listed}")
+
+
+def _climb(
+    run: RunFolder,
+    threads: int | None,
+    limits: Limits | None,
+    on_progress: OnProgress | None,
+) -> tuple[Outcome, ResponseMap | str]:
+    """Give the response that was accepted, or why the rung is left."""
+    finished = finished_outcome(run)
+    if finished is not None:
+        with suppress(ResultError):  # not all of its files are whole: solve it again
+            return finished, _judged(run.folder)
+    outcome = attempt_calculix(
+        run.folder, threads=threads, limits=limits, on_progress=on_progress
+    )
+    if outcome.failure is None:
+        return outcome, _judged(run.folder)
+    if outcome.failure.cause not in _CONTACT_CAUSES:
+        raise outcome.to_error()
+    return outcome, str(outcome.failure)
+
+
+def _judged(folder: Path) -> ResponseMap | str:
+    try:
+        return measured_response(folder)
+    except ResponseError as error:
+        return str(error).removeprefix(f"{folder}: ")

@@ -4,6 +4,7 @@ Each is what the recorded run ``fixtures/response_NAME`` of the repository gave;
 ``python fixtures/record.py`` makes both again.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -33,9 +34,20 @@ def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
     response = read_map(path)
     made_of = {"finger": asdict(finger), "probe": asdict(probe), "element": element}
     for part, wanted in made_of.items():
-        if response.origin.get(part) != wanted:
+        stored = response.origin.get(part)
+        if stored != wanted:
             raise ResponseError(
-                f"no response is stored for this {part}: the stored one of "
-                f"{finger.name!r} has another"
+                f"no response is stored for this {part}: the one of finger "
+                f"{finger.name!r} has {_difference(stored, wanted)}"
             )
     return response
+
+
+def _difference(stored: object, wanted: object, name: str = "") -> str:
+    """Tell the first entry that differs: what is stored, and what was asked for."""
+    if isinstance(stored, Mapping) and isinstance(wanted, Mapping):
+        for key in [*stored, *wanted]:
+            if stored.get(key) != wanted.get(key):
+                inner = f"{name}.{key}" if name else str(key)
+                return _difference(stored.get(key), wanted.get(key), inner)
+    return f"{name} {stored!r}, asked for is {wanted!r}".strip()

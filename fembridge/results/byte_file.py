@@ -2,7 +2,8 @@
 
 ``pread`` and not ``mmap``: a mapped file that another process cuts short kills
 the reader with SIGBUS; here it is an error with words. The size is taken once,
-when the file is opened: a run that is still writing does not move the end.
+when the file is opened: a run that is still writing does not move the end, and
+`change` tells that it was.
 """
 
 import os
@@ -16,6 +17,7 @@ from fembridge.errors import ResultError
 
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
+_SMALL_BYTES = 1024  # up to so many, look into the window first
 
 
 class ByteFile:
@@ -35,6 +37,7 @@ class ByteFile:
             kind = "a folder" if stat.S_ISDIR(about.st_mode) else "a pipe or a device"
             raise ResultError(f"{kind}, expected a result file", path)
         self.size = about.st_size
+        self._stamp = about.st_size, about.st_mtime_ns
         self._window, self._window_at = b"", 0
 
     def __enter__(self) -> "ByteFile":
@@ -61,7 +64,7 @@ class ByteFile:
                 f"{length} bytes expected at byte {offset}, the file has {self.size}",
                 self.path,
             )
-        found = self._pread(offset, length)
+        found = self.peek(offset, length)
         if len(found) < length:
             raise ResultError(
                 f"ends at byte {offset + len(found)}, it had {self.size} bytes when "
@@ -72,36 +75,75 @@ class ByteFile:
 
     def peek(self, offset: int, length: int) -> bytes:
         """Give up to `length` bytes from `offset`; fewer at the end."""
-        return self._pread(offset, max(0, min(length, self.size - offset)))
+        length = max(0, min(length, self.size - offset))
+        if length > _SMALL_BYTES:
+            return self._pread(offset, length)
+        start = offset - self._window_at
+        if start < 0 or start + length > len(self._window):
+            self._open_window(offset)
+            start = 0
+        return self._window[start : start + length]
+
+    def holds(self, offset: int, text: bytes) -> bool:
+        """Whether `text` stands at `offset`."""
+        start = offset - self._window_at
+        if start < 0 or start + len(text) > len(self._window):
+            return self.peek(offset, len(text)) == text
+        return self._window.startswith(text, start)
 
     def line(self, offset: int) -> tuple[bytes, int] | None:
         """Give the line at `offset` without its end, and where the next begins.
 
-        None when no line end follows within `WINDOW_BYTES`: the line is cut by
-        the end of the file, or this is no text.
+        None when no line end follows within `WINDOW_BYTES`: `why_no_line` says
+        whether the line is cut by the end of the file, or this is no text.
         """
         end = -1
         if self._window_at <= offset:
             end = self._window.find(b"\n", offset - self._window_at)
         if end < 0:
-            self._window, self._window_at = self.peek(offset, WINDOW_BYTES), offset
+            self._open_window(offset)
             end = self._window.find(b"\n")
         if end < 0:
             return None
         line = self._window[offset - self._window_at : end]
         return line.removesuffix(b"\r"), self._window_at + end + 1
 
+    def why_no_line(self, offset: int) -> str:
+        """Say why `line` found none at `offset`."""
+        if self.size - offset > WINDOW_BYTES:
+            return f"a line of more than {WINDOW_BYTES} bytes, which is no line"
+        return "cut inside a line"
+
+    @property
+    def change(self) -> str | None:
+        """How the file has changed since it was opened; None if it has not."""
+        about = os.fstat(self._handle)
+        if (about.st_size, about.st_mtime_ns) == self._stamp:
+            return None
+        if about.st_size == self.size:
+            return "it was written to while it was read"
+        word = "grew" if about.st_size > self.size else "shrank"
+        return (
+            f"it {word} from {self.size} to {about.st_size} bytes while it was read: "
+            "something is still writing it"
+        )
+
     def find(self, markers: Sequence[bytes], offset: int) -> tuple[int, bytes] | None:
         """Give the first place from `offset` where one of `markers` stands."""
         overlap = max(map(len, markers)) - 1
+        length = WINDOW_BYTES  # the place is often near
         while offset < self.size:
-            chunk = self.peek(offset, CHUNK_BYTES + overlap)
-            hits = [(chunk.find(marker), marker) for marker in markers]
-            hits = [(at, marker) for at, marker in hits if at >= 0]
-            if hits:
-                at, marker = min(hits)
-                return offset + at, marker
-            offset += CHUNK_BYTES
+            chunk = self._pread(offset, min(length + overlap, self.size - offset))
+            best: tuple[int, bytes] | None = None
+            for marker in markers:
+                stop = len(chunk) if best is None else best[0] + len(marker)
+                at = chunk.find(marker, 0, stop)
+                if at >= 0 and (best is None or at < best[0]):
+                    best = at, marker
+            if best is not None:
+                return offset + best[0], best[1]
+            offset += length
+            length = min(4 * length, CHUNK_BYTES)
         return None
 
     def count(self, marker: bytes, offset: int, end: int) -> int:
@@ -112,6 +154,10 @@ class ByteFile:
             total += self.peek(offset, length).count(marker)
             offset += CHUNK_BYTES
         return total
+
+    def _open_window(self, offset: int) -> None:
+        length = max(0, min(WINDOW_BYTES, self.size - offset))
+        self._window, self._window_at = self._pread(offset, length), offset
 
     def _pread(self, offset: int, length: int) -> bytes:
         try:

@@ -1,12 +1,15 @@
 """The ``.cvg`` file: one line for each iteration, flushed as it is written."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import ResultError
-from fembridge.results.sta import whole_lines
+from fembridge.results.sta import count, real, whole_lines
 
 _HEADER_LINES = 4
+_OVERFLOW = re.compile(r" *\*+ *")
+_ODD = re.compile(r" *[+-]?(nan|inf|infinity) *", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,22 +44,24 @@ def read_cvg(path: Path) -> list[CvgRow]:
         try:
             rows.append(
                 CvgRow(
-                    int(line[0:6]),
-                    int(line[6:12]),
-                    int(line[12:18]),
+                    count(line[0:6]),
+                    count(line[6:12]),
+                    count(line[12:18]),
                     _count(line[18:24]),
                     _count(line[24:33]),
                     *(_percent(line[at : at + 12]) for at in (33, 45, 57, 69)),
                 )
             )
         except ValueError as error:
-            raise ResultError(f"no iteration: {line!r}", path, number) from error
+            raise ResultError(f"no iteration: {line[:80]!r}", path, number) from error
     return rows
 
 
 def _count(field: str) -> int | None:
-    return None if "*" in field else int(field)
+    return None if _OVERFLOW.fullmatch(field) else count(field)
 
 
 def _percent(field: str) -> float:
-    return float("nan") if "*" in field else float(field)
+    if _OVERFLOW.fullmatch(field) or _ODD.fullmatch(field):
+        return float("inf") if "inf" in field.lower() else float("nan")
+    return real(field)

@@ -16,10 +16,12 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_history import NodeHistory, Want, read_history, why_not_whole
+from fembridge.results.frd_block import FrdBlock
+from fembridge.results.frd_ending import why_not_whole
+from fembridge.results.frd_history import NodeHistory, Want, read_history
 from fembridge.results.frd_index import FrdIndex, index_frd
 from fembridge.results.frd_mesh import materials_at
-from fembridge.results.frd_records import node_ids
+from fembridge.results.frd_records import node_at, node_ids
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
@@ -133,7 +135,8 @@ def describe(path: Path) -> Table:
             "elements": None if index.elements is None else index.elements.records,
             "materials": dict(sorted(index.materials.items())),
             "quantities": [_quantity(file, index, name) for name in index.names],
-            "problem": why_not_whole(index),
+            "remarks": list(index.remarks),
+            "problem": _problem(file, index),
         }
 
 
@@ -188,17 +191,48 @@ def _check_materials(file: ByteFile, index: FrdIndex, nodes: Sequence[int]) -> N
             )
 
 
+def _problem(file: ByteFile, index: FrdIndex) -> str | None:
+    words = (file.change, why_not_whole(index, file.path))
+    return "; ".join(word for word in words if word) or None
+
+
 def _quantity(file: ByteFile, index: FrdIndex, name: str) -> Table:
     blocks = index.named(name)
-    ids = node_ids(file, blocks[0])
+    first, last = blocks[0].output, blocks[-1].output
+    lowest, highest, nodes = _span(file, index, blocks[0])
+    kinds = {block.output.axis for block in blocks}
     return {
         "name": name,
         "components": list(blocks[0].components),
         "increments": len(blocks),
-        "first_ms": blocks[0].time_ms,
-        "last_ms": blocks[-1].time_ms,
-        "nodes": len(np.unique(ids)),
-        "lowest_node": int(ids.min()) if ids.size else None,
-        "highest_node": int(ids.max()) if ids.size else None,
+        "axis": first.axis if len(kinds) == 1 else "total time, and modes",
+        "first_ms": None if first.modal else blocks[0].time_ms,
+        "last_ms": None if last.modal else blocks[-1].time_ms,
+        "first_value": first.value,
+        "last_value": last.value,
+        "steps": sorted({block.step for block in blocks}),
+        "nodes": nodes,
+        "lowest_node": lowest,
+        "highest_node": highest,
         "storage": ("ASCII", "ASCII", "float32", "float64")[blocks[0].flag],
     }
+
+
+def _span(
+    file: ByteFile, index: FrdIndex, block: FrdBlock
+) -> tuple[int | None, int | None, int]:
+    """Lowest and highest node and their count, with little reading.
+
+    A block of the whole mesh ascends, so its ends tell; one of a set is in the
+    order of the deck, with duplicates, and is read if it is not large.
+    """
+    mesh = None if index.nodes is None else index.nodes.records
+    if not block.free and block.records and block.records == mesh:
+        first = node_at(file, block, 0)
+        last = node_at(file, block, block.records - 1)
+        if first is not None and last is not None and first <= last:
+            return first, last, block.records
+    ids = node_ids(file, block)
+    if not ids.size:
+        return None, None, 0
+    return int(ids.min()), int(ids.max()), len(np.unique(ids))

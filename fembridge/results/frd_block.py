@@ -18,6 +18,33 @@ from fembridge.trace import MS_PER_S
 VALUES_A_LINE = 6
 _STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
 _TIME = re.compile(rb"\d+\.\d*(?:[Ee][+-]\d{2,3})?")
+_STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
+_MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
+_KEPT_NAMES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class FrdOutput:
+    """Which output of a job a block belongs to.
+
+    `key` is step and increment; of an eigenmode, step and number of the mode.
+    `value` is the number that a ``100CL`` line holds: the total time, or the
+    frequency of a mode, or its buckling factor.
+    """
+
+    key: tuple[int, int]
+    value: float
+    analysis: int = _STATIC
+    modal: bool = False
+
+    @property
+    def axis(self) -> str:
+        """What `value` is."""
+        if self.analysis == _BUCKLING:
+            return "buckling factor"
+        if self.modal:
+            return "frequency in cycles per time"
+        return "total time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +54,9 @@ class FrdBlock:
     `time_ms` is the total time over all steps. `components` are those stored
     (``ALL``, the length of a vector, is announced and not stored). `free` marks
     ASCII records of unequal length (exponents of three digits): they have to be
-    read line by line. `modal` marks an eigenmode, whose "time" is a frequency.
+    read line by line. `modal` marks a mode of a frequency or buckling analysis:
+    its `increment` is the number of the mode, and it has no time: `output` tells
+    its frequency or factor.
     """
 
     name: str
@@ -41,6 +70,7 @@ class FrdBlock:
     line_end: int = 1
     free: bool = False
     modal: bool = False
+    output: FrdOutput = FrdOutput((0, 0), 0.0)
 
     @property
     def binary(self) -> bool:
@@ -72,7 +102,107 @@ class FrdBlock:
         return self.step, self.increment
 
     def __str__(self) -> str:
-        return f"{self.name} of step {self.step}, increment {self.increment}"
+        what = "mode" if self.modal else "increment"
+        return f"{self.name} of step {self.step}, {what} {self.increment}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Names:
+    """The ``-4`` and ``-5`` lines of a quantity, which every increment repeats."""
+
+    text: bytes
+    name: str
+    components: tuple[str, ...]
+    line_end: int
+
+
+class HeaderReader:
+    """Reads the headers of blocks; the names of a quantity only once."""
+
+    def __init__(self, file: ByteFile) -> None:
+        self._file = file
+        self._known: list[_Names] = []
+
+    def read(self, offset: int, key: tuple[int, int], mode: int | None) -> FrdBlock:
+        """Read the ``100CL`` line at `offset` and the ``-4``, ``-5`` lines below it.
+
+        `records` of the block is -1 where an ASCII header leaves the count blank.
+
+        Raises
+        ------
+        ResultError
+            A line is cut, or is not what stands there in a result block.
+        """
+        where = f"block header of step {key[0]}, increment {key[1]}"
+        line, at = self._line(offset, "100CL", where)
+        try:
+            output = _output(line, key, mode)
+            flag = _count(line[73:75])
+            if flag > 3:
+                raise ValueError(f"format flag {flag}")
+            blank = flag < 2 and not line[24:36].strip()
+            records = -1 if blank else _count(line[24:36])
+            names = self._names(at, where)
+        except ValueError as error:  # also UnicodeDecodeError
+            raise ResultError(
+                f"{where} at byte {offset} cannot be read: {error}", self._file.path
+            ) from error
+        step, increment = output.key
+        return FrdBlock(
+            name=names.name,
+            step=step,
+            increment=increment,
+            time_ms=output.value * MS_PER_S,
+            records=records,
+            components=names.components,
+            flag=flag,
+            offset=at + len(names.text),
+            line_end=names.line_end,
+            modal=output.modal,
+            output=output,
+        )
+
+    def _names(self, offset: int, where: str) -> _Names:
+        for place, names in enumerate(self._known):
+            if self._file.holds(offset, names.text):
+                if place:
+                    self._known.insert(0, self._known.pop(place))
+                return names
+        line, at = self._line(offset, "-4", where)
+        name = line[5:13].decode("ascii").strip()
+        announced = _count(line[13:18])
+        if not line.startswith(b" -4") or not name:
+            raise ValueError(f"{line[:40]!r} where a name is expected")
+        if announced > _MOST_COMPONENTS:
+            raise ValueError(f"{name} announces {announced} components")
+        components, line_end = [], 1
+        for _ in range(announced):
+            before = at
+            line, at = self._line(at, name, where)
+            if not line.startswith(b" -5"):
+                raise ValueError(
+                    f"{name} announces {announced} components, then {line[:40]!r}"
+                )
+            if line[33:38].strip() != b"1":
+                components.append(line[5:13].decode("ascii").strip())
+            line_end = at - before - len(line)
+        if not components:
+            raise ValueError(f"{name} without components")
+        text = self._file.take(offset, at - offset)
+        names = _Names(text, name, tuple(components), line_end)
+        self._known.insert(0, names)
+        del self._known[_KEPT_NAMES:]
+        return names
+
+    def _line(self, offset: int, what: str, where: str) -> tuple[bytes, int]:
+        found = self._file.line(offset)
+        if found is None:
+            raise ResultError(
+                f"{where} is cut in its {what} lines, at byte {offset} of "
+                f"{self._file.size}: {self._file.why_no_line(offset)}",
+                self._file.path,
+            )
+        return found
 
 
 def read_step(line: bytes) -> tuple[int, int]:
@@ -89,74 +219,28 @@ def read_step(line: bytes) -> tuple[int, int]:
     return _count(line[48:60]), _count(line[36:48])
 
 
-def read_header(file: ByteFile, offset: int, key: tuple[int, int]) -> FrdBlock:
-    """Read the ``100CL`` line at `offset` and the ``-4``, ``-5`` lines below it.
+def read_mode(line: bytes) -> int:
+    """Give the number of the mode of a ``1PMODE`` line.
 
     Raises
     ------
-    ResultError
-        A line is cut, or is not what stands there in a result block.
+    ValueError
+        It is not where it should be.
     """
-    step, increment = key
-    line, at = _line(file, offset, "100CL", key)
-    try:
-        if not _TIME.fullmatch(line[12:24].strip()):
-            raise ValueError(f"time {line[12:24]!r}")
-        time_ms = float(line[12:24]) * MS_PER_S
-        records = _count(line[24:36])
-        flag = _count(line[73:75])
-        if flag > 3:
-            raise ValueError(f"format flag {flag}")
-        modal = line[63:73].strip() == b"MODAL"
-        line, at = _line(file, at, "-4", key)
-        name = line[5:13].decode("ascii").strip()
-        announced = _count(line[13:18])
-        if not line.startswith(b" -4") or not name:
-            raise ValueError(f"{line!r} where a name is expected")
-        components, line_end = [], 1
-        for _ in range(announced):
-            before = at
-            line, at = _line(file, at, name, key)
-            if not line.startswith(b" -5"):
-                raise ValueError(
-                    f"{name} announces {announced} components, then {line[:40]!r}"
-                )
-            if line[33:38].strip() != b"1":
-                components.append(line[5:13].decode("ascii").strip())
-            line_end = at - before - len(line)
-        if not components:
-            raise ValueError(f"{name} without components")
-    except ValueError as error:  # also UnicodeDecodeError
-        raise ResultError(
-            f"block header of step {step}, increment {increment} at byte {offset} "
-            f"cannot be read: {error}",
-            file.path,
-        ) from error
-    return FrdBlock(
-        name=name,
-        step=step,
-        increment=increment,
-        time_ms=time_ms,
-        records=records,
-        components=tuple(components),
-        flag=flag,
-        offset=at,
-        line_end=line_end,
-        modal=modal,
-    )
+    return _count(line[24:36])
 
 
-def _line(
-    file: ByteFile, offset: int, what: str, key: tuple[int, int]
-) -> tuple[bytes, int]:
-    found = file.line(offset)
-    if found is None:
-        raise ResultError(
-            f"block header of step {key[0]}, increment {key[1]} is cut in its {what} "
-            f"lines, at byte {offset} of {file.size}",
-            file.path,
-        )
-    return found
+def _output(line: bytes, key: tuple[int, int], mode: int | None) -> FrdOutput:
+    text = line[12:24].strip()
+    if not _TIME.fullmatch(text):
+        raise ValueError(f"time {line[12:24]!r}")
+    word = line[56:58].strip()
+    analysis = _count(word) if word else _STATIC
+    modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
+    if modal:
+        number = _count(line[58:63]) if mode is None else mode
+        key = key[0], number
+    return FrdOutput(key, float(text), analysis, modal)
 
 
 def _count(field: bytes) -> int:

@@ -12,13 +12,14 @@ import numpy as np
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd_block import FrdBlock
+from fembridge.results.frd_ending import failed_attempts, why_not_whole
 from fembridge.results.frd_index import FrdIndex
 from fembridge.results.frd_records import NodeRecords
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.sta import read_sta
 from fembridge.typing import FloatArray
 
 Key = tuple[int, int]
+MODES = 2  # kind of analysis in a block's header from which there is no time axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +55,7 @@ def read_history(
         a node is not there; a value is no finite number; times do not rise.
     """
     _check_end(file, index, options)
-    chosen = {want.name: _history_blocks(file, index, want) for want in wants}
+    chosen = {want.name: _history_blocks(file, index, want, options) for want in wants}
     keys = _joined(file, chosen, options)
     if options.partial and not index.ended:
         keys = _converged(file, index, keys, options)
@@ -77,34 +78,9 @@ def read_history(
     first = chosen[wants[0].name]
     times_ms = np.array([first[key].time_ms for key in kept])
     _check_times(file, kept, times_ms)
+    _check_unchanged(file, options)
     stacked = {name: np.stack(values) for name, values in parts.items()}
     return NodeHistory(times_ms, tuple(kept), stacked)
-
-
-def why_not_whole(index: FrdIndex) -> str | None:
-    """Say what is wrong with a file that is not whole; None if it is."""
-    if not index.blocks and not index.damage and not index.ended:
-        where = "look in the .sta file and the solver's log for its reason"
-        if index.nodes is None:
-            return (
-                f"header only ({index.size} bytes): the solver stopped before its "
-                f"first output; {where}"
-            )
-        return f"mesh only, no results: the solver stopped at its start; {where}"
-    words = [harm.problem for harm in index.damage]
-    if not index.ended:
-        words.append("no end line 9999: the run did not end normally")
-    if not words:
-        return None
-    if index.blocks:
-        last = index.last_whole
-        words.append(
-            "no whole increment"
-            if last is None
-            else f"last whole increment: {last.increment} of step {last.step}, "
-            f"{last.time_ms:g} ms"
-        )
-    return "; ".join(words)
 
 
 class _NotFiniteError(ResultError):
@@ -112,24 +88,39 @@ class _NotFiniteError(ResultError):
 
 
 def _check_end(file: ByteFile, index: FrdIndex, options: ReadOptions) -> None:
-    problem = why_not_whole(index)
+    for remark in index.remarks:
+        options.note(remark)
+    problem = why_not_whole(index, file.path)
     if problem is None:
         return
+    if index.remarks:
+        problem = "; ".join([*index.remarks, problem])
+    if file.change is not None:
+        problem = f"{file.change}; {problem}"
     if not options.partial or not index.blocks:
         hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
         raise ResultError(problem + hint, file.path)
     options.note(problem)
 
 
-def _history_blocks(file: ByteFile, index: FrdIndex, want: Want) -> dict[Key, FrdBlock]:
+def _check_unchanged(file: ByteFile, options: ReadOptions) -> None:
+    change = file.change
+    if change is None:
+        return
+    if not options.partial:
+        raise ResultError(f"{change}; read it again when the run has ended", file.path)
+    options.note(change)
+
+
+def _history_blocks(
+    file: ByteFile, index: FrdIndex, want: Want, options: ReadOptions
+) -> dict[Key, FrdBlock]:
     blocks = index.named(want.name)
     if not blocks:
         held = ", ".join(index.names) or "nothing"
         raise ResultError(f"no {want.name} in it, it holds {held}", file.path)
     by_key: dict[Key, FrdBlock] = {}
-    for block in blocks:
-        if block.modal:
-            raise ResultError(f"{block} is an eigenmode, no history", file.path)
+    for block in _over_time(file, index, want.name, blocks, options):
         absent = [name for name in want.components if name not in block.components]
         if absent:
             raise ResultError(
@@ -145,6 +136,36 @@ def _history_blocks(file: ByteFile, index: FrdIndex, want: Want) -> dict[Key, Fr
             )
         by_key[block.key] = block
     return by_key
+
+
+def _over_time(
+    file: ByteFile,
+    index: FrdIndex,
+    name: str,
+    blocks: Sequence[FrdBlock],
+    options: ReadOptions,
+) -> list[FrdBlock]:
+    """Take the blocks of static and dynamic steps: modes have no time."""
+    found = [b for b in blocks if not b.modal and b.output.analysis < MODES]
+    others = [b for b in blocks if b.modal or b.output.analysis >= MODES]
+    if others:
+        first, last = others[0].output, others[-1].output
+        what = "results of another kind than static or dynamic"
+        if first.modal:
+            what = f"{len(others)} modes ({first.axis} {first.value:g}"
+            what += f" to {last.value:g})" if last.value != first.value else ")"
+        words = f"{name} of step {others[0].step} holds {what}, no history over time"
+        if not found:
+            raise ResultError(f"{words}: there is no trace to take", file.path)
+        options.note(f"left out: {words}")
+    imaginary = {block.key for block in index.named(f"{name}I")}
+    if any(block.key in imaginary for block in found):
+        raise ResultError(
+            f"{name} has an imaginary part, {name}I: amplitudes over frequency, no "
+            "history over time; there is no trace to take",
+            file.path,
+        )
+    return found
 
 
 def _joined(
@@ -174,22 +195,12 @@ def _converged(
     last = index.blocks[-1].key
     if not keys or keys[-1] != last:
         return keys
-    failed = _failed_attempts(file)
+    failed = failed_attempts(file.path)
     has_stress = any(block.key == last for block in index.named("STRESS"))
     if failed.get(last, not has_stress):
         options.note(f"dropped step {last[0]}, increment {last[1]}: not converged")
         return keys[:-1]
     return keys
-
-
-def _failed_attempts(file: ByteFile) -> dict[Key, bool]:
-    """Whether the last attempt at each increment failed, from the ``.sta``."""
-    path = file.path.with_suffix(".sta")
-    try:
-        rows = read_sta(path) if path.exists() else []
-    except ResultError:
-        return {}
-    return {(row.step, row.increment): row.failed for row in rows}
 
 
 def _read(

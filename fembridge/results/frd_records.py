@@ -6,7 +6,6 @@ in front of each record says whether they still hold, and if not they are sought
 again in that block. Only the wanted records are read, unless they lie dense.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -17,17 +16,15 @@ from fembridge.results.fixed_text import (
     FIELD,
     floats,
     integers,
-    number,
     to_characters,
 )
 from fembridge.results.frd_block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_free_records import free_ids, free_values
 from fembridge.results.frd_record import read_record
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 _FEW = 64  # below so many nodes, record by record is faster than arrays
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
-_FREE_VALUE = re.compile(rb" *[+-]?\d\.\d{5}[Ee][+-]\d{3}")
-_ODD_VALUE = re.compile(rb" *[+-]?(?:1\.#\w+|nan\w*|inf\w*)", re.IGNORECASE)
 
 
 class NodeRecords:
@@ -47,7 +44,7 @@ class NodeRecords:
             A node has no record in this block, or a record is not one.
         """
         if block.free:
-            return _free_values(self._file, block, self._nodes)
+            return self._free(block)
         rows = self._rows.get(block.name)
         values = None
         if rows is not None:
@@ -60,6 +57,14 @@ class NodeRecords:
         if values is None:
             raise ResultError(f"{block}: records changed while read", self._file.path)
         return values
+
+    def _free(self, block: FrdBlock) -> FloatArray:
+        try:
+            return free_values(self._file, block, self._nodes)
+        except KeyError as error:
+            ids = free_ids(self._file, block)
+            words = _absent(block, error.args[0], ids)
+            raise ResultError(words, self._file.path) from error
 
     def _few(self, block: FrdBlock, rows: IntArray) -> FloatArray | None:
         if rows.size > _FEW:
@@ -91,7 +96,7 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
         A record does not begin like one.
     """
     if block.free:
-        return np.array(list(_free_records(file, block)), dtype=np.int64)
+        return free_ids(file, block)
     step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
     parts = [np.empty(0, dtype=np.int64)]
     for first in range(0, block.records, step):
@@ -107,6 +112,13 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
             )
         parts.append(ids)
     return np.concatenate(parts)
+
+
+def node_at(file: ByteFile, block: FrdBlock, row: int) -> int | None:
+    """Give the number of the node of record `row`; None if that is no record."""
+    raw = file.take(block.offset + row * block.record_bytes, block.record_bytes)
+    ids, fine = _ids(block, raw)
+    return int(ids[0]) if fine[0] else None
 
 
 def _find_rows(file: ByteFile, block: FrdBlock, nodes: IntArray) -> IntArray:
@@ -128,6 +140,8 @@ def _find_rows(file: ByteFile, block: FrdBlock, nodes: IntArray) -> IntArray:
 
 def _absent(block: FrdBlock, node: int, ids: IntArray) -> str:
     held = np.unique(ids)
+    if not held.size:
+        return f"node {node} has no record in {block}, which has none at all"
     near = held[np.argsort(np.abs(held - node), kind="stable")[:3]]
     return (
         f"node {node} has no record in {block}: {held.size} nodes, "
@@ -196,47 +210,3 @@ def _lines(block: FrdBlock) -> Iterator[tuple[int, int, int]]:
         end = start + FIELD * min(VALUES_A_LINE, len(block.components) - first)
         at = end + block.line_end
         yield start, end, at - 1
-
-
-def _free_records(file: ByteFile, block: FrdBlock) -> dict[int, bytes]:
-    """Text after the id of each record, by node; of duplicates the first."""
-    end = file.find((b"\n -3",), block.offset - 1)
-    stop = file.size if end is None else end[0]
-    records: dict[int, bytes] = {}
-    node, head = None, 3 + block.id_width
-    for line in file.take(block.offset, stop - block.offset).splitlines():
-        if line.startswith(b" -1") and line[3:head].strip().isdigit():
-            node = int(line[3:head])
-            if node in records:
-                node = None
-            else:
-                records[node] = line[head:]
-        elif line.startswith(b" -2"):
-            if node is not None:
-                records[node] += line[head:]
-        else:
-            raise ResultError(f"{block}: {line[:14]!r} is no record", file.path)
-    return records
-
-
-def _free_values(file: ByteFile, block: FrdBlock, nodes: IntArray) -> FloatArray:
-    records, values = _free_records(file, block), []
-    for node in nodes.tolist():
-        if node not in records:
-            ids = np.array(list(records), dtype=np.int64)
-            raise ResultError(_absent(block, node, ids), file.path)
-        text, at, row = records[node], 0, []
-        while at < len(text.rstrip()):
-            found = _FREE_VALUE.match(text, at) or _ODD_VALUE.match(text, at)
-            if found is None:
-                raise ResultError(f"{block}, node {node}: {text!r}", file.path)
-            row.append(number(found[0]))
-            at = found.end()
-        if len(row) != len(block.components):
-            raise ResultError(
-                f"{block}, node {node}: {len(row)} values, expected "
-                f"{len(block.components)}",
-                file.path,
-            )
-        values.append(row)
-    return np.array(values, dtype=np.float64).reshape(len(nodes), -1)

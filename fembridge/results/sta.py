@@ -4,14 +4,17 @@ CalculiX flushes it line by line, so it may be read while the run goes on; a
 last line without its end is still being written and is left out.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import ResultError
+from fembridge.results.text_lines import text_lines
 from fembridge.trace import MS_PER_S
 
 _HEADER_LINES = 2
+_REAL = re.compile(r" *[+-]?\d*\.\d+(?:[Ee][+-]?\d{2,3}|[+-]\d{3})? *")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,32 +46,54 @@ def read_sta(path: Path) -> list[StaRow]:
     rows = []
     for number, line in whole_lines(path, skip=_HEADER_LINES):
         try:
+            if line[23:24] not in ("U", " "):
+                raise ValueError(f"{line[23:24]!r} where U or a blank is expected")
             rows.append(
                 StaRow(
-                    step=int(line[1:6]),
-                    increment=int(line[6:17]),
-                    attempt=int(line[17:23]),
+                    step=count(line[1:6]),
+                    increment=count(line[6:17]),
+                    attempt=count(line[17:23]),
                     failed=line[23:24] == "U",
-                    iterations=int(line[24:29]),
-                    total_time_ms=float(line[29:43]) * MS_PER_S,
-                    step_time_ms=float(line[43:57]) * MS_PER_S,
-                    increment_time_ms=float(line[57:71]) * MS_PER_S,
+                    iterations=count(line[24:29]),
+                    total_time_ms=real(line[29:43]) * MS_PER_S,
+                    step_time_ms=real(line[43:57]) * MS_PER_S,
+                    increment_time_ms=real(line[57:71]) * MS_PER_S,
                 )
             )
         except ValueError as error:
-            raise ResultError(f"no increment: {line!r}", path, number) from error
+            raise ResultError(f"no increment: {line[:80]!r}", path, number) from error
     return rows
 
 
 def whole_lines(path: Path, skip: int) -> Iterator[tuple[int, str]]:
     """Yield number and text of each ended, not blank line after the first `skip`."""
-    try:
-        file = path.open("rb")
-    except FileNotFoundError as error:
-        raise ResultError("no such file", path) from error
-    except OSError as error:
-        raise ResultError(f"cannot be opened: {error.strerror}", path) from error
-    with file:
-        for number, line in enumerate(file, start=1):
-            if number > skip and line.endswith(b"\n") and line.strip():
-                yield number, line.decode("latin-1").rstrip("\r\n")
+    for number, line, ended in text_lines(path):
+        if number > skip and ended and line.strip():
+            yield number, line
+
+
+def count(field: str) -> int:
+    """Read an integer ≥ 0; the whole of `field`, which may have blanks around.
+
+    Raises
+    ------
+    ValueError
+        It is none: not what Python calls an integer, as ``1_0``, either.
+    """
+    text = field.strip(" ")
+    if not (text.isascii() and text.isdigit()):
+        raise ValueError(f"{field!r} is no count")
+    return int(text)
+
+
+def real(field: str) -> float:
+    """Read a Fortran number with a decimal point.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    if not _REAL.fullmatch(field):
+        raise ValueError(f"{field!r} is no number")
+    return float(re.sub(r"(?<=\d)(?=[+-]\d{3})", "E", field))  # 1.000000-101

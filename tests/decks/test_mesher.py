@@ -5,22 +5,18 @@ import signal
 import sys
 import threading
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
-from decks.columns import columns_of, graded
-from decks.finger import LAYERS, AfferentSite, Resolution
+from decks.finger import LAYERS, Resolution
 from decks.finger_file import finger_from
-from decks.half_mesh import HalfMesh
 from decks.mesh import write_mesh
 from decks.mesher import mesh_finger
 from decks.presets import PRESETS, QUICK, mesh_of, stored_mesh
-from decks.section import section_of
 from fembridge.errors import FingerError, MissingError
 
 try:
@@ -34,17 +30,19 @@ needs_gmsh = pytest.mark.skipif(gmsh is None, reason=absence or "gmsh is here")
 FINGERS = {
     "no ridges": {"ridges": {"height_mm": 0}},
     "no papillae": {"papillae": {"height_mm": 0}},
-    "smooth": {"ridges": {"height_mm": 0}, "papillae": {"height_mm": 0}},
     "high ridges": {
         "ridges": {"height_mm": 0.2},
         "papillae": {"height_mm": 0.2},
         "afferents": {"RA": {"depth_mm": 0.48}},
     },
-    "narrow ridges": {"ridges": {"spacing_mm": 0.4}, "resolution": {"ridge_mm": 0.1}},
-    "wide pad": {"ridges": {"half_width_mm": 5}},
     "thick epidermis": {
         "skin": {"epidermis_mm": 0.6},
-        "afferents": {"SA": {"depth_mm": 0.78}, "RA": {"depth_mm": 0.72}},
+        "resolution": {"far_mm": 0.45},
+        "afferents": {
+            "SA": {"depth_mm": 0.78},
+            "RA": {"depth_mm": 0.72},
+            "PC": {"depth_mm": 2.2},
+        },
     },
     "thin skin": {
         "skin": {"stratum_corneum_mm": 0.15, "epidermis_mm": 0.3, "dermis_mm": 0.7},
@@ -75,6 +73,11 @@ FINGERS = {
 }
 
 
+@cache
+def meshed(kind):
+    return mesh_of(finger_from(FINGERS[kind], kind))
+
+
 @needs_gmsh
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_meshed_again_to_the_same_bytes(name, tmp_path):
@@ -91,7 +94,7 @@ def test_another_finger_gets_a_sound_mesh_with_its_afferents(kind):
     """`Mesh` checks shapes and cover when it is made."""
     finger = finger_from(FINGERS[kind], kind)
 
-    mesh = mesh_of(finger)
+    mesh = meshed(kind)
 
     assert {LAYERS[number] for number in mesh.layer} == set(LAYERS)
     assert_array_equal(np.sort(mesh.node_mm[:, 0]), np.sort(-mesh.node_mm[:, 0]) + 0.0)
@@ -104,10 +107,7 @@ def test_another_finger_gets_a_sound_mesh_with_its_afferents(kind):
 
 @needs_gmsh
 def test_more_rows_and_narrower_columns_make_more_elements():
-    counts = [
-        len(mesh_finger(finger_from(FINGERS[kind], kind)).quad)
-        for kind in ("coarser", "finer")
-    ]
+    counts = [len(meshed(kind).quad) for kind in ("coarser", "finer")]
     assert counts[0] < len(mesh_of(QUICK).quad) < counts[1]
 
 
@@ -194,7 +194,7 @@ def test_ctrl_c_stays_with_whoever_had_it_and_a_thread_may_mesh():
 
 @needs_gmsh
 def test_options_in_the_users_home_do_not_change_the_mesh(tmp_path, monkeypatch):
-    (tmp_path / ".gmshrc").write_text("Mesh.Algorithm = 5;\nMesh.MeshSizeFactor = 3;\n")
+    (tmp_path / ".gmshrc").write_text("Mesh.ElementOrder = 2;\n")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("GMSH_HOME", str(tmp_path))
     assert len(mesh_finger(QUICK).quad) == len(mesh_of(QUICK).quad)
@@ -249,97 +249,6 @@ def test_both_presets_need_no_gmsh(monkeypatch):
         "quick": 3100,
         "paper": 17702,
     }
-
-
-# ---- Divisions and halves
-
-
-@pytest.mark.parametrize(("start_mm", "stop_mm"), [(0.1, 0.4), (0.4, 0.1), (0.2, 0.2)])
-def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(
-    start_mm, stop_mm
-):
-    division = graded(6.0, start_mm, stop_mm)
-    steps = division.growth ** np.arange(division.count)
-    steps *= 6.0 / steps.sum()
-    assert division.count % 2 == 0
-    assert abs(steps[0] / start_mm - 1) < 0.1
-    assert abs(steps[-1] / stop_mm - 1) < 0.1
-
-
-def test_patches_follow_each_other_from_the_apex_to_the_back():
-    section = section_of(QUICK)
-    columns = columns_of(section, 0.525)
-    assert columns.break_mm[:3] == (0.0, 0.5, 3.0)
-    assert columns.break_mm[-2:] == (section.nail_arc_mm, section.end_arc_mm)
-    assert (np.diff(columns.break_mm) > 0).all()
-    assert [patch.count % 2 for patch in columns.division] == [0] * 5
-
-
-def half(x_mm=0.0):
-    """Four squares of 0.1 mm, x from `x_mm`, the upper row in the epidermis."""
-    x, y = np.meshgrid([0.0, 0.1, 0.2], [-0.5, -0.6, -0.7])
-    quad = np.array([[3, 4, 1, 0], [4, 5, 2, 1], [6, 7, 4, 3], [7, 8, 5, 4]])
-    nodes = np.stack([x.ravel() + x_mm, y.ravel()], -1)
-    return HalfMesh(nodes, quad, np.array([1, 1, 2, 2]))
-
-
-def test_a_near_node_moves_onto_the_site_alone():
-    before = half()
-    after = before.snapped([AfferentSite("epidermis", 0.12, 0.52)])
-    moved = np.flatnonzero((after.node_mm != before.node_mm).any(axis=1))
-    assert moved.tolist() == [1]
-    assert after.node_mm[1].tolist() == [0.12, -0.52]
-    assert before.node_mm[1].tolist() == [0.1, -0.5]
-
-
-def test_a_node_with_a_longer_way_takes_its_neighbours_along():
-    before = half()
-    after = before.snapped([AfferentSite("epidermis", 0.05, 0.5)])
-    assert after.node_mm[1].tolist() == [0.05, -0.5]
-    assert_allclose(after.node_mm[2], [0.2 - 0.05 * (1 - 1 / 3), -0.5])
-
-
-@given(st.floats(0.0, 0.25), st.floats(0.45, 0.65))
-def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
-    after = half().snapped([AfferentSite("epidermis", x_mm, depth_mm)]).node_mm
-    assert after[3:].tolist() == half().node_mm[3:].tolist()
-    assert after[0, 0] == 0.0
-
-
-@pytest.mark.parametrize(
-    "site",
-    [
-        AfferentSite("epidermis", 0.1, 0.65),  # below the epidermis
-        AfferentSite("nail", 0.1, 0.5),  # no such layer here
-    ],
-)
-def test_nothing_moves_where_elements_would_not_bear_it(site):
-    assert half().snapped([site]).node_mm.tolist() == half().node_mm.tolist()
-
-
-def test_of_two_afferents_side_by_side_none_draws_the_other_away():
-    sites = [
-        AfferentSite("epidermis", 0.08, 0.5),
-        AfferentSite("epidermis", 0.14, 0.5),
-        AfferentSite("epidermis", -0.08, 0.5),  # mirror image of the first
-    ]
-    after = half().snapped(sites).node_mm
-    assert after[:3].tolist() == [[0.0, -0.5], [0.08, -0.5], [0.14, -0.5]]
-
-
-def test_a_site_on_the_left_is_met_by_the_mirror_image():
-    mesh = half().snapped([AfferentSite("epidermis", -0.12, 0.5)]).mirrored()
-    assert [-0.12, -0.5] in mesh.node_mm.tolist()
-    assert [0.12, -0.5] in mesh.node_mm.tolist()
-
-
-def test_a_half_of_clockwise_quads_becomes_a_sound_whole():
-    turned = replace(half(), quad=half().quad[:, ::-1])
-    mesh = turned.mirrored()
-    assert_array_equal(mesh.node_mm, half().mirrored().node_mm)
-    assert mesh.quad.shape == (8, 4)
-    assert (np.diff(mesh.layer) >= 0).all()
-    assert (np.diff(-mesh.node_mm[:, 1]) >= 0).all()
 
 
 def test_nothing_in_the_mesh_tells_where_it_was_made():

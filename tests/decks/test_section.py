@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ellipe
@@ -12,6 +12,7 @@ from scipy.special import ellipe
 from decks.finger import Finger, Nail, Outline, Papillae, Ridges
 from decks.presets import QUICK
 from decks.section import section_of
+from fembridge.errors import FingerError
 
 SECTION = section_of(QUICK)
 
@@ -21,6 +22,7 @@ def half_perimeter_mm(outline):
     return 2 * long * ellipe(1 - (short / long) ** 2)
 
 
+@settings(max_examples=25)
 @given(st.floats(6.5, 12.0), st.floats(6.5, 9.0))
 def test_the_outline_is_half_an_ellipse_from_apex_to_back(width_mm, height_mm):
     outline = Outline(width_mm, height_mm)
@@ -41,14 +43,15 @@ def test_normals_are_of_length_1_across_the_outline_and_point_inwards():
     assert ((middle - SECTION.point_mm) * inward).sum(axis=1).min() > 6.0
 
 
+@settings(max_examples=20)
 @given(st.floats(0.0, 1.75))
 def test_a_curve_at_one_depth_is_that_far_from_the_outline(depth_mm):
-    arc_mm = np.linspace(0.0, SECTION.end_arc_mm, 23)
+    arc_mm = np.linspace(0.0, SECTION.end_arc_mm, 11)
     points = SECTION.curve(lambda arc: np.full_like(arc, depth_mm), arc_mm)
     away_mm = [
         np.linalg.norm(SECTION.point_mm - point, axis=1).min() for point in points
     ]
-    assert_allclose(away_mm, depth_mm, atol=3e-4)  # half of the sampling's step
+    assert_allclose(away_mm, depth_mm, atol=4e-4)  # half of the sampling's step
 
 
 def test_every_curve_begins_and_ends_on_the_axis_to_the_last_bit():
@@ -82,6 +85,7 @@ def test_the_nail_is_as_thick_as_it_says_from_where_it_begins():
     assert_allclose(SECTION.corneum(on_nail), 0.45, rtol=1e-12)
 
 
+@settings(max_examples=25)
 @given(st.floats(95, 170))
 def test_the_nail_begins_at_its_angle(start_deg):
     section = section_of(replace(QUICK, nail=Nail(start_deg=start_deg)))
@@ -113,16 +117,13 @@ def test_without_ridges_and_papillae_layers_are_parallel():
     assert_allclose(section.dermis(arc_mm), 1.75, rtol=1e-12)
 
 
+@settings(max_examples=50)
 @given(
     st.floats(0.0, 0.2), st.floats(0.0, 0.3), st.floats(0.1, 1.0), st.floats(0.3, 1.0)
 )
 def test_no_layer_of_a_finger_that_is_taken_is_thinner_than_nothing(
     ridge_mm, papilla_mm, epidermis_mm, dermis_mm
 ):
-    from hypothesis import assume
-
-    from fembridge.errors import FingerError
-
     skin = replace(QUICK.skin, epidermis_mm=epidermis_mm, dermis_mm=dermis_mm)
     try:
         finger = Finger(

@@ -1,0 +1,196 @@
+"""The files that the readers are timed on: one run, long, in three storages.
+
+``python -m benchmarks.result_files FOLDER --megabytes 300`` writes ``ascii.frd`` of
+that size and its binary twins ``float32.frd`` and ``float64.frd``, with the same
+increments; ``short.frd``, the first increments in ASCII, for readers that are slow;
+``first_*.frd``, one increment of each, for warming up; and ``files.json``, which
+tells what they hold. Increments beyond the recorded ones repeat them at new times,
+by a factor that differs from turn to turn, so that no two have the same numbers.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from benchmarks.recorded_run import Quantity, RecordedRun, record
+
+STORAGES = {"ascii": 1, "float32": 2, "float64": 3}
+ABOUT = "files.json"
+SHORT_INCREMENTS = 10
+PROBED_NODES = 5
+_VALUES_A_LINE = 6
+_NODES_A_LINE = 10
+
+
+def make_files(run: RecordedRun, origin: str, folder: Path, megabytes: float) -> None:
+    """Write all files, and what they hold, unless `folder` has them already."""
+    wanted = {"origin": origin, "megabytes": megabytes, "mesh_nodes": run.nodes.size}
+    about = folder / ABOUT
+    if about.exists():
+        held = json.loads(about.read_text(encoding="utf-8"))
+        if wanted.items() <= held.items():
+            return
+        about.unlink()
+    folder.mkdir(parents=True, exist_ok=True)
+    increments = increments_of(run, megabytes)
+    short = min(SHORT_INCREMENTS, increments)
+    for storage in STORAGES:
+        write_run(run, folder / f"{storage}.frd", storage, increments)
+        write_run(run, folder / f"first_{storage}.frd", storage, 1)
+    write_run(run, folder / "short.frd", "ascii", short)
+    held = wanted | {
+        "increments": increments,
+        "short_increments": short,
+        "nodes": run.inner_nodes(PROBED_NODES),
+        "record_bytes": {name: record_bytes(run, name) for name in STORAGES},
+        "sum_of_stress": sum(
+            float(quantity.values.sum())
+            for _, quantities in history(run, increments)
+            for quantity in quantities
+            if quantity.name == "STRESS"
+        ),
+    }
+    about.write_text(json.dumps(held, indent=2), encoding="utf-8")
+
+
+def record_bytes(run: RecordedRun, storage: str) -> dict[str, int]:
+    """Bytes of each quantity's records at one increment."""
+    sizes = {}
+    for quantity in run.increments[0]:
+        columns = quantity.values.shape[1]
+        if storage == "ascii":
+            size = 14 * math.ceil(columns / _VALUES_A_LINE) + 12 * columns
+        else:
+            size = 4 + {"float32": 4, "float64": 8}[storage] * columns
+        sizes[quantity.name] = size * run.nodes.size
+    return sizes
+
+
+def increments_of(run: RecordedRun, megabytes: float) -> int:
+    """How many increments an ASCII file of `megabytes` (10^6 bytes) has."""
+    mesh = 49 * run.nodes.size + sum(
+        29 + 14 * math.ceil(len(each.nodes) / _NODES_A_LINE) + 10 * len(each.nodes)
+        for each in run.elements
+    )
+    one = sum(record_bytes(run, "ascii").values())
+    return max(2, math.ceil((megabytes * 1e6 - mesh) / one))
+
+
+def history(
+    run: RecordedRun, increments: int
+) -> Iterator[tuple[float, list[Quantity]]]:
+    """Yield time in s and quantities of each increment."""
+    dt_s = run.times_s[1] - run.times_s[0]
+    for row in range(increments):
+        turn, recorded = divmod(row, len(run.increments))
+        time_s = run.times_s[recorded] + turn * len(run.increments) * dt_s
+        factor = 1.0 + turn / 127.0
+        yield (
+            time_s,
+            [
+                Quantity(each.name, each.lines, each.values * factor)
+                for each in run.increments[recorded]
+            ],
+        )
+
+
+def write_run(run: RecordedRun, path: Path, storage: str, increments: int) -> None:
+    """Write a ``.frd`` as ccx does: the same bytes for the increments it solved."""
+    flag = STORAGES[storage]
+    with path.open("wb") as file:
+        file.write(run.heading)
+        _write_mesh(run, file, flag)
+        block = 0
+        for row, (time_s, quantities) in enumerate(history(run, increments), start=1):
+            for quantity in quantities:
+                block += 1
+                time = f"{time_s:12.5E}" if time_s < 1.0 else f"{time_s:<.10g}"
+                if time_s >= 1.0:
+                    time = f"{time_s:.{10 - len(str(int(time_s)))}f}".rjust(12)
+                file.write(
+                    f"    1PSTEP{'':14}{block:12d}{row:12d}{1:12d}          \n"
+                    f"  100CL{100 + row:5d}{time}{run.nodes.size:12d}{'':20}"
+                    f" 0{row:5d}{'':10}{flag:2d}\n".encode("ascii")
+                )
+                file.write(quantity.lines)
+                _write_records(run, quantity, file, storage)
+        file.write(b" 9999\n")
+
+
+def _write_mesh(run: RecordedRun, file: BinaryIO, flag: int) -> None:
+    mesh_flag = 1 if flag == 1 else 3
+    file.write(_mesh_header("2C", run.nodes.size, mesh_flag))
+    if flag == 1:
+        lines = (
+            f" -1{node:10d}{x:12.5E}{y:12.5E}{z:12.5E}\n"
+            for node, (x, y, z) in zip(
+                run.nodes.tolist(), run.xyz_mm.tolist(), strict=True
+            )
+        )
+        file.write("".join(lines).encode("ascii") + b" -3\n")
+    else:
+        table = np.empty(
+            run.nodes.size, [("node", "<i4"), ("xyz_mm", "<f8", (3,))]
+        )
+        table["node"], table["xyz_mm"] = run.nodes, run.xyz_mm
+        file.write(table.tobytes())
+    file.write(_mesh_header("3C", len(run.elements), 1 if flag == 1 else 2))
+    for each in run.elements:
+        if flag == 1:
+            text = f" -1{each.number:10d}{each.type:5d}{0:5d}{each.material:5d}\n"
+            for first in range(0, len(each.nodes), _NODES_A_LINE):
+                some = each.nodes[first : first + _NODES_A_LINE]
+                text += " -2" + "".join(f"{node:10d}" for node in some) + "\n"
+            file.write(text.encode("ascii"))
+        else:
+            numbers = (each.number, each.type, 0, each.material, *each.nodes)
+            file.write(np.array(numbers, "<i4").tobytes())
+    if flag == 1:
+        file.write(b" -3\n")
+
+
+def _mesh_header(mark: str, count: int, flag: int) -> bytes:
+    return f"    {mark}{'':18}{count:12d}{'':37}{flag}\n".encode("ascii")
+
+
+def _write_records(
+    run: RecordedRun, quantity: Quantity, file: BinaryIO, storage: str
+) -> None:
+    columns = quantity.values.shape[1]
+    if storage != "ascii":
+        kind = {"float32": "<f4", "float64": "<f8"}[storage]
+        table = np.empty(
+            run.nodes.size, [("node", "<i4"), ("values", kind, (columns,))]
+        )
+        table["node"], table["values"] = run.nodes, quantity.values
+        file.write(table.tobytes())
+        return
+    form = " -1%10d"
+    for column in range(columns):
+        if column and column % _VALUES_A_LINE == 0:
+            form += "\n -2          "
+        form += "%12.5E"
+    table = np.empty((run.nodes.size, 1 + columns))
+    table[:, 0] = run.nodes
+    table[:, 1:] = quantity.values.astype(np.float32)  # as ccx does before it prints
+    file.write(((form + "\n") * len(table) % tuple(table.ravel().tolist())).encode())
+    file.write(b" -3\n")
+
+
+def main() -> None:
+    """Make the files."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--megabytes", type=float, default=300.0)
+    args = parser.parse_args()
+    run, origin = record(args.folder)
+    make_files(run, origin, args.folder, args.megabytes)
+
+
+if __name__ == "__main__":
+    main()

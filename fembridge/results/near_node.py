@@ -1,0 +1,166 @@
+"""The node nearest to a place: for users who know where, not which.
+
+Places are coordinates of the undeformed mesh, as the file holds them: the deck's
+length unit, mm in ours. Only nodes that have results can be taken.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.frd_block import FrdBlock
+from fembridge.results.frd_index import FrdIndex, index_frd
+from fembridge.results.frd_records import node_ids
+from fembridge.results.frd_table import read_table
+from fembridge.typing import FloatArray, IntArray
+
+_ROWS_AT_ONCE = 1 << 15
+_AXES = ("X", "Y", "Z")
+
+
+@dataclass(frozen=True, slots=True)
+class NearNode:
+    """The node taken for a place: where it is, and how far away.
+
+    `nearer` is the node of the mesh that is nearer and has no results, if there
+    is one: the output was restricted to a set.
+    """
+
+    node: int
+    place_mm: tuple[float, ...]
+    at_mm: tuple[float, float, float]
+    distance_mm: float
+    nearer: int | None = None
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{value:g}" for value in self.place_mm)
+        at = ", ".join(f"{value:g}" for value in self.at_mm[: len(self.place_mm)])
+        words = (
+            f"near {place}: node {self.node} at {at}, {self.distance_mm:.3g} mm away"
+        )
+        if self.nearer is not None:
+            words += f" (node {self.nearer} is nearer and has no results)"
+        return words
+
+
+def near_nodes(
+    path: Path, places_mm: Sequence[Sequence[float]], quantity: str = "STRESS"
+) -> list[NearNode]:
+    """Find the node nearest to each place that has `quantity`; of equals the lowest.
+
+    A place is x, y or x, y, z. Without z the mesh has to lie in one plane of z.
+
+    Raises
+    ------
+    UsageError
+        A place is not two or three finite numbers, or lacks the z it needs.
+    ResultError
+        The file has no nodes, or no such quantity; a coordinate is no number.
+    """
+    for place in places_mm:
+        if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
+            words = ", ".join(map(str, place))
+            raise UsageError(f"place {words}: expected x,y or x,y,z")
+    with ByteFile(path) as file:
+        index = index_frd(file)
+        blocks = [block for block in index.named(quantity) if block.records]
+        if not blocks:
+            held = ", ".join(index.names) or "nothing"
+            raise ResultError(f"no {quantity} in it, it holds {held}", path)
+        return _search(file, index, np.unique(node_ids(file, blocks[0])), places_mm)
+
+
+def _search(
+    file: ByteFile,
+    index: FrdIndex,
+    with_results: IntArray,
+    places_mm: Sequence[Sequence[float]],
+) -> list[NearNode]:
+    flat = any(len(place) == 2 for place in places_mm)
+    best = [_Best() for _ in places_mm]
+    every = [_Best() for _ in places_mm]
+    lowest, highest = math.inf, -math.inf
+    scales = (1.0,) * len(_AXES)
+    for nodes, at_mm in read_table(
+        file, _node_block(file, index), scales, _ROWS_AT_ONCE
+    ):
+        lowest = min(lowest, float(at_mm[:, 2].min()))
+        highest = max(highest, float(at_mm[:, 2].max()))
+        if flat and highest - lowest > 1e-9 * max(1.0, abs(lowest), abs(highest)):
+            raise UsageError(
+                f"{file.path}: nodes have z from {lowest:g} to {highest:g}: "
+                "name a place as x,y,z"
+            )
+        held = np.isin(nodes, with_results)
+        for place, one, mesh in zip(places_mm, best, every, strict=True):
+            away = np.linalg.norm(at_mm[:, : len(place)] - np.array(place), axis=1)
+            mesh.offer(nodes, at_mm, away)
+            if held.any():
+                one.offer(nodes[held], at_mm[held], away[held])
+    if any(one.node == 0 for one in best):
+        raise ResultError("no node of the mesh has results", file.path)
+    return [
+        NearNode(
+            node=one.node,
+            place_mm=tuple(map(float, place)),
+            at_mm=one.at_mm,
+            distance_mm=one.distance_mm,
+            nearer=mesh.node if mesh.distance_mm < one.distance_mm else None,
+        )
+        for place, one, mesh in zip(places_mm, best, every, strict=True)
+    ]
+
+
+class _Best:
+    """The nearest node so far."""
+
+    def __init__(self) -> None:
+        self.node, self.distance_mm = 0, math.inf
+        self.at_mm = (math.nan, math.nan, math.nan)
+
+    def offer(
+        self,
+        nodes: IntArray,
+        at_mm: FloatArray,
+        away_mm: FloatArray,
+    ) -> None:
+        """Take the nearest of `nodes` if it is nearer; of equals the lowest."""
+        row = int(np.lexsort((nodes, away_mm))[0])
+        offered = float(away_mm[row]), int(nodes[row])
+        if self.node == 0 or offered < (self.distance_mm, self.node):
+            self.distance_mm, self.node = offered
+            x_mm, y_mm, z_mm = at_mm[row].tolist()
+            self.at_mm = (x_mm, y_mm, z_mm)
+
+
+def _node_block(file: ByteFile, index: FrdIndex) -> FrdBlock:
+    """Give the node block as one of three components: its records are the same."""
+    nodes = index.nodes
+    if nodes is None:
+        raise ResultError("no node block, so no coordinates", file.path)
+    records = nodes.records
+    if records is None:
+        records = file.count(b"\n -1", nodes.offset - 1, nodes.end)
+    line_end = 2 if file.peek(nodes.offset - 2, 1) == b"\r" else 1
+    block = FrdBlock(
+        "node block", 0, 0, 0.0, records, _AXES, nodes.flag, nodes.offset, line_end
+    )
+    if nodes.binary or file.holds(block.end, b" -3"):
+        return block
+    return FrdBlock(
+        "node block",
+        0,
+        0,
+        0.0,
+        records,
+        _AXES,
+        nodes.flag,
+        nodes.offset,
+        line_end,
+        True,
+    )

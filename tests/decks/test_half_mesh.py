@@ -1,0 +1,103 @@
+"""Divisions of the outline, and the half that is mirrored into a whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.columns import columns_of, graded
+from decks.finger import AfferentSite
+from decks.half_mesh import HalfMesh
+from decks.presets import QUICK
+from decks.section import section_of
+
+
+@pytest.mark.parametrize(("start_mm", "stop_mm"), [(0.1, 0.4), (0.4, 0.1), (0.2, 0.2)])
+def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(
+    start_mm, stop_mm
+):
+    division = graded(6.0, start_mm, stop_mm)
+    steps = division.growth ** np.arange(division.count)
+    steps *= 6.0 / steps.sum()
+    assert division.count % 2 == 0
+    assert abs(steps[0] / start_mm - 1) < 0.1
+    assert abs(steps[-1] / stop_mm - 1) < 0.1
+
+
+def test_patches_follow_each_other_from_the_apex_to_the_back():
+    section = section_of(QUICK)
+    columns = columns_of(section, 0.525)
+    assert columns.break_mm[:3] == (0.0, 0.5, 3.0)
+    assert columns.break_mm[-2:] == (section.nail_arc_mm, section.end_arc_mm)
+    assert (np.diff(columns.break_mm) > 0).all()
+    assert [patch.count % 2 for patch in columns.division] == [0] * 5
+
+
+def half(x_mm=0.0):
+    """Four squares of 0.1 mm, x from `x_mm`, the upper row in the epidermis."""
+    x, y = np.meshgrid([0.0, 0.1, 0.2], [-0.5, -0.6, -0.7])
+    quad = np.array([[3, 4, 1, 0], [4, 5, 2, 1], [6, 7, 4, 3], [7, 8, 5, 4]])
+    nodes = np.stack([x.ravel() + x_mm, y.ravel()], -1)
+    return HalfMesh(nodes, quad, np.array([1, 1, 2, 2]))
+
+
+def test_a_near_node_moves_onto_the_site_alone():
+    before = half()
+    after = before.snapped([AfferentSite("epidermis", 0.12, 0.52)])
+    moved = np.flatnonzero((after.node_mm != before.node_mm).any(axis=1))
+    assert moved.tolist() == [1]
+    assert after.node_mm[1].tolist() == [0.12, -0.52]
+    assert before.node_mm[1].tolist() == [0.1, -0.5]
+
+
+def test_a_node_with_a_longer_way_takes_its_neighbours_along():
+    before = half()
+    after = before.snapped([AfferentSite("epidermis", 0.05, 0.5)])
+    assert after.node_mm[1].tolist() == [0.05, -0.5]
+    assert_allclose(after.node_mm[2], [0.2 - 0.05 * (1 - 1 / 3), -0.5])
+
+
+@given(st.floats(0.0, 0.25), st.floats(0.45, 0.65))
+def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
+    after = half().snapped([AfferentSite("epidermis", x_mm, depth_mm)]).node_mm
+    assert after[3:].tolist() == half().node_mm[3:].tolist()
+    assert after[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    "site",
+    [
+        AfferentSite("epidermis", 0.1, 0.65),  # below the epidermis
+        AfferentSite("nail", 0.1, 0.5),  # no such layer here
+    ],
+)
+def test_nothing_moves_where_elements_would_not_bear_it(site):
+    assert half().snapped([site]).node_mm.tolist() == half().node_mm.tolist()
+
+
+def test_of_two_afferents_side_by_side_none_draws_the_other_away():
+    sites = [
+        AfferentSite("epidermis", 0.08, 0.5),
+        AfferentSite("epidermis", 0.14, 0.5),
+        AfferentSite("epidermis", -0.08, 0.5),  # mirror image of the first
+    ]
+    after = half().snapped(sites).node_mm
+    assert after[:3].tolist() == [[0.0, -0.5], [0.08, -0.5], [0.14, -0.5]]
+
+
+def test_a_site_on_the_left_is_met_by_the_mirror_image():
+    mesh = half().snapped([AfferentSite("epidermis", -0.12, 0.5)]).mirrored()
+    assert [-0.12, -0.5] in mesh.node_mm.tolist()
+    assert [0.12, -0.5] in mesh.node_mm.tolist()
+
+
+def test_a_half_of_clockwise_quads_becomes_a_sound_whole():
+    turned = replace(half(), quad=half().quad[:, ::-1])
+    mesh = turned.mirrored()
+    assert_array_equal(mesh.node_mm, half().mirrored().node_mm)
+    assert mesh.quad.shape == (8, 4)
+    assert (np.diff(mesh.layer) >= 0).all()
+    assert (np.diff(-mesh.node_mm[:, 1]) >= 0).all()

@@ -1,0 +1,194 @@
+"""From recorded indentations to the maps that the package ships."""
+
+import hashlib
+import shutil
+import struct
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from fembridge.errors import ResponseError, ResultError
+from fembridge.response.map_file import read_map, write_map
+from fembridge.response.measured import measured_response
+from fembridge.response.stored import FOLDER
+from fembridge.results.frd import read_stress_and_displacement
+from fembridge.run_folder import read_run_folder, read_waveform
+from fembridge.trace import PA_PER_MPA
+
+FIXTURES = Path(__file__).parents[3] / "fixtures"
+RECORDED = sorted(path.parent for path in FIXTURES.glob("*/RUN.toml"))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Give a copy of the recorded indentation of the quick finger."""
+    return Path(shutil.copytree(FIXTURES / "response_quick", tmp_path / "run"))
+
+
+@pytest.mark.parametrize("folder", RECORDED, ids=lambda folder: folder.name)
+def test_a_recording_is_what_its_checksums_say(folder):
+    record = tomllib.loads((folder / "RUN.toml").read_text(encoding="utf-8"))
+    checksums = record.get("files") or record["sha256"]
+
+    found = {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.iterdir()
+        if path.name in checksums
+    }
+
+    assert found == checksums
+    assert (record["solver"], str(record["version"])[:4]) == ("CalculiX", "2.20")
+    unlisted = {path.name for path in folder.iterdir()} - set(checksums)
+    assert unlisted <= {"RUN.toml", "expected.json"}
+
+
+@pytest.mark.parametrize("name", ["response_quick", "response_paper"])
+def test_the_shipped_map_is_the_recorded_run(name, tmp_path):
+    measured = measured_response(FIXTURES / name)
+    shipped = FOLDER / f"{name.removeprefix('response_')}.toml"
+
+    read = read_map(shipped)
+    for part in ("depth_um", "tensor_pa", "force_n_per_mm"):
+        np.testing.assert_array_equal(getattr(measured, part), getattr(read, part))
+    assert measured.places == read.places
+    assert measured.closure_percent == read.closure_percent
+    write_map(tmp_path / "again.toml", measured)
+    assert (tmp_path / "again.toml").read_bytes() == shipped.read_bytes()
+
+
+def test_the_recorded_finger_pushes_back_harder_the_deeper():
+    response = measured_response(FIXTURES / "response_quick")
+    assert (np.diff(response.force_n_per_mm) > 0).all()
+    assert response.deepest_um == 400.0
+
+
+def scale(path, number, factor):
+    """Multiply a number that stands once in a binary file."""
+    old, new = (struct.pack("<d", value) for value in (number, number * factor))
+    content = path.read_bytes()
+    assert content.count(old) == 1
+    path.write_bytes(content.replace(old, new))
+
+
+def results_of(folder):
+    """Stress and displacement of the SA node and the apex, and the deepest row."""
+    run = read_run_folder(folder)
+    nodes = [run.node_of()["SA"]], [run.apex_node]
+    deepest = int(read_waveform(folder)[1].argmax()) - 1  # a file holds no rest state
+    return read_stress_and_displacement(run.results, *nodes), deepest
+
+
+@pytest.mark.parametrize(("percent", "refused"), [(3.0, True), (0.1, False)])
+def test_a_run_whose_unloading_was_tampered_with_is_refused(folder, percent, refused):
+    """One component of SA's stress at the first increment on the way back."""
+    read, deepest = results_of(folder)
+    stress_mpa = read.tensor_pa[deepest + 1, 0, 0] / PA_PER_MPA
+
+    scale(folder / "job.frd", stress_mpa, 1 + percent / 100)
+
+    if refused:
+        with pytest.raises(ResponseError) as caught:
+            measured_response(folder)
+        assert f"{folder}: unloading differs from loading by 2." in str(caught.value)
+    else:
+        assert 0.05 < measured_response(folder).closure_percent < 0.15
+
+
+def test_stress_at_the_deepest_point_is_met_once_and_goes_into_the_map(folder):
+    """No unloading passes there: the map shows the change, in that entry alone."""
+    read, deepest = results_of(folder)
+    before = measured_response(folder)
+
+    scale(folder / "job.frd", read.tensor_pa[deepest, 0, 0] / PA_PER_MPA, 1.03)
+
+    changed = np.argwhere(before.tensor_pa != measured_response(folder).tensor_pa)
+    assert changed.tolist() == [[deepest + 1, 0, 0]]
+
+
+def test_out_of_plane_shear_that_is_no_rounding_noise_is_refused(folder):
+    read, deepest = results_of(folder)
+    scale(folder / "job.frd", read.tensor_pa[deepest, 0, 4] / PA_PER_MPA, 1e12)
+    with pytest.raises(
+        ResultError, match=r"out-of-plane shear of .* Pa, expected none"
+    ):
+        measured_response(folder)
+
+
+def test_a_probe_that_the_skin_did_not_follow_is_refused(folder):
+    read, deepest = results_of(folder)
+    scale(folder / "job.frd", read.displacement_mm[deepest, 0, 1], 0.4)
+    with pytest.raises(ResponseError, match="the probe did not push: at 400 um the"):
+        measured_response(folder)
+
+
+def rewrite_run(folder, **changes):
+    table = tomllib.loads((folder / "run.toml").read_text(encoding="utf-8"))
+    (folder / "run.toml").write_text(tomli_w.dumps(table | changes), encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["job.frd", "job.dat", "stimulus.csv", "run.toml"])
+def test_a_missing_file_is_told(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(ResultError):
+        measured_response(folder)
+
+
+@pytest.mark.parametrize("name", ["job.frd", "job.dat", "stimulus.csv"])
+@pytest.mark.parametrize("share", [0.3, 0.8])
+def test_a_file_that_was_cut_is_refused(folder, name, share):
+    content = (folder / name).read_bytes()
+    (folder / name).write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ResultError):
+        measured_response(folder)
+
+
+def test_a_waveform_of_other_times_is_refused(folder):
+    lines = (folder / "stimulus.csv").read_text().splitlines()
+    moved = [
+        lines[0],
+        *(f"{10 * float(a)},{b}" for a, b in (line.split(",") for line in lines[1:])),
+    ]
+    (folder / "stimulus.csv").write_text("\n".join(moved) + "\n")
+
+    with pytest.raises(
+        ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"
+    ):
+        measured_response(folder)
+
+
+def test_a_waveform_of_another_length_is_refused(folder):
+    with (folder / "stimulus.csv").open("a") as file:
+        file.write("99.5,0.0\n")
+    with pytest.raises(ResultError, match="39 increments, expected 40"):
+        measured_response(folder)
+
+
+def test_a_run_without_afferents_is_refused(folder):
+    rewrite_run(folder, afferents={})
+    with pytest.raises(ResultError, match="names no afferent"):
+        measured_response(folder)
+
+
+def test_a_run_without_an_apex_is_refused(folder):
+    """0 stands for unknown: then nothing shows that the probe pushed."""
+    rewrite_run(folder, apex_node=0)
+    with pytest.raises(ResultError, match="node 0"):
+        measured_response(folder)
+
+
+def test_a_vibration_that_comes_back_answers_as_well():
+    """What is asked for is a way in and a way out over the same depths."""
+    vibrated = measured_response(FIXTURES / "transient_sine")
+    mapped = measured_response(FIXTURES / "response_quick")
+
+    assert vibrated.deepest_um == pytest.approx(250.0)
+    assert 0 < vibrated.closure_percent < 0.1
+    np.testing.assert_allclose(
+        vibrated.tensors(np.array([100.0, 200.0])),
+        mapped.tensors(np.array([100.0, 200.0])),
+        rtol=2e-3,
+        atol=20.0,
+    )

@@ -1,0 +1,208 @@
+"""Run folders as they are built: same inputs, same bytes, and ``run.toml`` last."""
+
+import dataclasses
+import hashlib
+
+import numpy as np
+import pytest
+
+from decks.analysis import Contact
+from decks.catalogue import resolve
+from decks.presets import PRESETS
+from decks.waveform import make_stimulus
+from fembridge import build
+from fembridge.build import Model, build_run_folder, model_of
+from fembridge.errors import DeckError, OutputError
+from fembridge.run_folder import read_run_folder, read_waveform
+
+FILES = ["job.inp", "run.toml", "stimulus.csv"]
+
+
+def stimulus_of(word, **options):
+    [entry] = resolve(word)
+    return make_stimulus(entry, **options)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(PRESETS["quick"])
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_run_folder_holds_a_deck_its_waveform_and_its_run(tmp_path, model):
+    stimulus = stimulus_of("sine_50_250")
+
+    built = build_run_folder(tmp_path / "run", model, stimulus)
+
+    assert sorted(contents(tmp_path / "run")) == FILES
+    assert read_run_folder(tmp_path / "run") == built
+    assert built.increments == 500
+    assert (built.dt_ms, built.start_ms) == (0.5, 0.0)
+    deck = (tmp_path / "run" / "job.inp").read_bytes()
+    assert built.deck_sha256 == hashlib.sha256(deck).hexdigest()
+    np.testing.assert_array_equal(
+        read_waveform(tmp_path / "run")[1], stimulus.displacement_um
+    )
+
+
+def test_the_same_inputs_give_the_same_bytes(tmp_path, model):
+    stimulus = stimulus_of("noise_25_250_10")
+
+    build_run_folder(tmp_path / "first", model, stimulus)
+    build_run_folder(tmp_path / "second", model_of(PRESETS["quick"]), stimulus)
+
+    assert contents(tmp_path / "first") == contents(tmp_path / "second")
+
+
+def test_building_again_touches_nothing(tmp_path, model):
+    """A solver at work there, or its results, keep what they were started with."""
+    stimulus = stimulus_of("sine_50_250")
+    build_run_folder(tmp_path, model, stimulus)
+    before = {path.name: path.stat().st_ino for path in tmp_path.iterdir()}
+
+    build_run_folder(tmp_path, model, stimulus)
+
+    assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("change", "same_deck"),
+    [
+        ({"contact": Contact(friction=0.0)}, False),
+        ({"contact": Contact("surface-to-surface")}, False),
+        ({"element": "CPE8R"}, False),
+        ({}, True),
+    ],
+)
+def test_the_deck_changes_with_the_model(tmp_path, model, change, same_deck):
+    stimulus = stimulus_of("sine_300_1.7")
+    plain = build_run_folder(tmp_path / "plain", model, stimulus)
+    other = build_run_folder(
+        tmp_path / "other", dataclasses.replace(model, **change), stimulus
+    )
+    assert (plain.deck_sha256 == other.deck_sha256) is same_deck
+
+
+def test_ascii_or_binary_results_are_a_matter_of_the_deck_alone(tmp_path, model):
+    stimulus = stimulus_of("sine_50_250")
+    build_run_folder(tmp_path / "binary", model, stimulus)
+    build_run_folder(tmp_path / "ascii", model, stimulus, binary=False)
+
+    binary, text = contents(tmp_path / "binary"), contents(tmp_path / "ascii")
+    assert binary["stimulus.csv"] == text["stimulus.csv"]
+    differing = {
+        (one, other)
+        for one, other in zip(
+            binary["job.inp"].splitlines(), text["job.inp"].splitlines(), strict=True
+        )
+        if one != other
+    }
+    assert differing == {
+        (b"*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE", b"*NODE FILE, NSET=OUTPUT_NODES"),
+        (b"*ELEMENT OUTPUT, NSET=OUTPUT_NODES, DOUBLE", b"*EL FILE, NSET=OUTPUT_NODES"),
+    }
+
+
+def test_the_afferents_are_nodes_of_the_mesh_inside_their_layers(tmp_path, model):
+    built = build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
+
+    assert [place.afferent for place in built.afferents] == ["SA", "RA", "PC"]
+    for place in built.afferents:
+        row = place.node - 1
+        np.testing.assert_array_equal(model.mesh.node_mm[row], [place.x_mm, place.y_mm])
+        assert place.depth_mm == -place.y_mm
+        inside = np.unique(model.mesh.quad[model.mesh.in_layer(place.layer)])
+        assert row in inside
+        assert place.layer == model.finger.afferents[place.afferent].layer
+
+
+def test_the_apex_is_the_skin_under_the_probe(tmp_path, model):
+    built = build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
+
+    x_mm, y_mm = model.mesh.node_mm[built.apex_node - 1]
+    assert abs(x_mm) < 0.05
+    assert y_mm == pytest.approx(model.mesh.node_mm[:, 1].max(), abs=1e-3)
+
+
+def test_a_preindentation_is_reached_before_the_stimulus_begins(tmp_path, model):
+    stimulus = stimulus_of("sine_50_250", preindent_um=120.0)
+
+    built = build_run_folder(tmp_path, model, stimulus)
+
+    assert built.start_ms == 10.0
+    assert built.increments == 520
+    assert built.inputs["stimulus"]["preindent_um"] == 120.0
+    assert read_waveform(tmp_path)[1][0] == 120.0
+
+
+def test_a_waveform_that_begins_elsewhere_than_the_probe_is_no_deck(tmp_path, model):
+    stimulus = stimulus_of("sine_50_250")
+    jump = dataclasses.replace(stimulus, displacement_um=stimulus.displacement_um + 9.0)
+
+    with pytest.raises(DeckError, match="starts at 9 um, expected 0 um"):
+        build_run_folder(tmp_path / "run", model, jump)
+
+    assert not (tmp_path / "run").exists()
+
+
+def test_run_toml_stands_only_where_all_was_written(tmp_path, model, monkeypatch):
+    """A disk that is full at the waveform leaves what was there, all of it."""
+    build_run_folder(tmp_path / "old", model, stimulus_of("sine_50_250"))
+    before = contents(tmp_path / "old")
+    other = stimulus_of("sine_100_85.98")
+
+    def disk_full(stimulus, path):
+        raise OutputError("cannot write: No space left on device", path)
+
+    monkeypatch.setattr(build, "write_csv", disk_full)
+    for name in ("old", "new"):
+        with pytest.raises(OutputError) as caught:
+            build_run_folder(tmp_path / name, model, other)
+        assert caught.value.path == tmp_path / name / "stimulus.csv"
+
+    assert contents(tmp_path / "old") == before
+    assert contents(tmp_path / "new") == {}
+
+
+def test_what_the_solver_left_stays_beside_a_new_deck(tmp_path, model):
+    """That its results are another deck's is for readers to find: `check_deck`."""
+    build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
+    (tmp_path / "job.frd").write_bytes(b"results")
+
+    build_run_folder(tmp_path, model, stimulus_of("sine_50_250", preindent_um=9.0))
+
+    assert (tmp_path / "job.frd").read_bytes() == b"results"
+
+
+def test_inputs_tell_what_the_deck_was_made_from(tmp_path, model):
+    contact = Contact("surface-to-surface", stiffness_mpa_per_mm=1000.0)
+    noise = stimulus_of("noise_25_250_10", seed=77)
+
+    build_run_folder(tmp_path, dataclasses.replace(model, contact=contact), noise)
+
+    inputs = read_run_folder(tmp_path).inputs
+    assert inputs["element"] == "CPE4"
+    assert inputs["contact"]["formulation"] == "surface-to-surface"
+    assert inputs["contact"]["stiffness_mpa_per_mm"] == 1000.0
+    assert inputs["stimulus"]["id"] == "noise_25_250_10"
+    assert inputs["stimulus"]["seed"] == 77
+    assert inputs["probe"]["diameter_mm"] == 1.0
+    assert inputs["finger"]["name"] == "quick"
+
+
+def test_a_model_has_defaults_of_the_paper():
+    model = model_of(PRESETS["quick"])
+    assert isinstance(model, Model)
+    assert (model.probe.shape, model.probe.diameter_mm) == ("cylinder", 1.0)
+    assert model.contact.friction == 0.4
+    assert model.element == "CPE4"
+
+
+def test_a_run_folder_where_a_file_stands_is_told(tmp_path, model):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
+        build_run_folder(tmp_path / "file", model, stimulus_of("sine_50_250"))
+    assert (tmp_path / "file").read_text() == "mine"

@@ -1,0 +1,215 @@
+"""``fembridge build-deck``: a run folder a stimulus, and what it refuses."""
+
+import json
+
+import pytest
+
+from fembridge.cli import main
+from fembridge.run_folder import read_run_folder, sha256_of
+
+LEVELS = ["0.25", "1", "5", "10", "20"]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def decks(folder):
+    return {path: path.read_bytes() for path in sorted(folder.glob("*/*"))}
+
+
+def test_a_set_gives_a_folder_a_level(here, capsys):
+    assert main(["build-deck", "--stimulus", "noise_25_250", "-o", "runs"]) == 0
+
+    streams = capsys.readouterr()
+    folders = [f"runs/noise_25_250_{level}" for level in LEVELS]
+    assert streams.out.splitlines() == [
+        f"{folder}  500 increments of 0.5 ms" for folder in folders
+    ]
+    assert streams.err == ""
+    assert sorted(path.name for path in (here / "runs").iterdir()) == sorted(
+        folder.removeprefix("runs/") for folder in folders
+    )
+    for folder in folders:
+        run = read_run_folder(here / folder)
+        assert f"runs/{run.inputs['stimulus']['id']}" == folder
+        assert sha256_of(here / folder / "job.inp") == run.deck_sha256
+
+
+def test_a_second_run_of_the_command_changes_no_byte(here):
+    words = ["build-deck", "--stimulus", "noise_25_250_10,sine_20_250"]
+    assert main(words) == 0
+    first = decks(here / "runs")
+    assert main(words) == 0
+
+    assert len(first) == 6
+    assert decks(here / "runs") == first
+
+
+def test_the_summary_lists_the_folders(here, capsys):
+    assert main(["build-deck", "--stimulus", "sine_20_250", "--json"]) == 0
+
+    summary = json.loads(capsys.readouterr().out)
+    run = read_run_folder(here / "runs/sine_20_250")
+    assert summary == {
+        "finger": "quick",
+        "folders": [
+            {
+                "stimulus": "sine_20_250",
+                "folder": "runs/sine_20_250",
+                "increments": 500,
+                "deck_sha256": run.deck_sha256,
+            }
+        ],
+    }
+
+
+def test_a_preindentation_adds_its_ramp(here, capsys):
+    words = ["build-deck", "--stimulus", "sine_20_250", "--preindent-um", "100"]
+    assert main(words) == 0
+    assert "520 increments of 0.5 ms" in capsys.readouterr().out
+    assert read_run_folder(here / "runs/sine_20_250").start_ms == 10.0
+
+
+def test_ascii_results_are_asked_for_in_the_deck(here):
+    words = ["build-deck", "--stimulus", "sine_20_250"]
+    assert main([*words, "-o", "binary"]) == 0
+    assert main([*words, "-o", "ascii", "--ascii"]) == 0
+
+    binary, text = (
+        (here / name / "sine_20_250/job.inp").read_text()
+        for name in ("binary", "ascii")
+    )
+    assert "*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE" in binary
+    assert "*NODE FILE, NSET=OUTPUT_NODES" in text
+    assert "DOUBLE" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "inputs"),
+    [
+        (["--friction", "0"], {"contact": {"friction": 0.0}}),
+        (
+            ["--contact", "surface-to-surface", "--stiffness-mpa-per-mm", "1000"],
+            {
+                "contact": {
+                    "formulation": "surface-to-surface",
+                    "stiffness_mpa_per_mm": 1000.0,
+                }
+            },
+        ),
+        (["--element", "CPE8R"], {"element": "CPE8R"}),
+        (
+            [
+                "--probe-shape",
+                "flat",
+                "--probe-diameter-mm",
+                "2",
+                "--probe-x-mm",
+                "0.5",
+            ],
+            {"probe": {"shape": "flat", "diameter_mm": 2.0, "x_mm": 0.5}},
+        ),
+        (["--seed", "7"], {"stimulus": {"seed": 7}}),
+    ],
+)
+def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
+    build = ["build-deck", "--stimulus", "noise_25_250_10"]
+    assert main([*build, "-o", "plain"]) == 0
+    assert main([*build, "-o", "changed", *words]) == 0
+
+    plain, changed = (
+        read_run_folder(here / name / "noise_25_250_10")
+        for name in ("plain", "changed")
+    )
+    for key, value in inputs.items():
+        found = changed.inputs[key]
+        if isinstance(value, dict):
+            assert value.items() <= found.items()
+        else:
+            assert found == value
+    assert changed.deck_sha256 != plain.deck_sha256
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--stimulus", "sine_20_-5"], "sine_20_-5"),
+        (["--stimulus", "nois_25_250"], "did you mean noise_25_250"),
+        (["--stimulus", "sine_20_250", "--friction", "-1"], "friction must be >= 0"),
+        (["--stimulus", "sine_20_250", "--friction", "nan"], "friction must be finite"),
+        (
+            ["--stimulus", "sine_20_250", "--stiffness-mpa-per-mm", "0"],
+            "contact: stiffness_mpa_per_mm must be > 0",
+        ),
+        (
+            ["--stimulus", "sine_20_250", "--preindent-um", "nan"],
+            "preindent_um must be",
+        ),
+        (
+            ["--stimulus", "sine_20_250", "--probe-diameter-mm", "-1"],
+            "probe: diameter_mm must be 0.01 to 20",
+        ),
+        (["--stimulus", "sine_20_250", "--seed", "-1"], "seed is -1, expected 0 or"),
+    ],
+)
+def test_a_number_without_meaning_is_misuse_in_one_line(here, capsys, words, told):
+    assert main(["build-deck", *words]) == 2
+
+    streams = capsys.readouterr()
+    assert told in streams.err
+    assert streams.err.count("\n") == 1
+    assert streams.out == ""
+    assert list(here.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--friction", "much"],
+        ["--contact", "magic"],
+        ["--solver", "marx"],
+        ["-o", ""],
+    ],
+)
+def test_a_word_without_meaning_is_misuse(here, capsys, words):
+    assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 2
+    assert "fembridge build-deck: error: argument" in capsys.readouterr().err
+    assert list(here.iterdir()) == []
+
+
+def test_a_probe_beside_the_finger_is_told(here, capsys):
+    words = ["build-deck", "--stimulus", "sine_20_250", "--probe-x-mm", "50"]
+    assert main(words) == 1
+    assert "the probe spans x = " in capsys.readouterr().err
+    assert list(here.iterdir()) == []
+
+
+def test_an_output_that_is_a_file_is_told_and_stays(here, capsys):
+    (here / "runs").write_text("mine")
+
+    assert main(["build-deck", "--stimulus", "sine_20_250"]) == 1
+
+    told = capsys.readouterr().err
+    assert told == "fembridge: runs: a file stands where a folder is wanted\n"
+    assert (here / "runs").read_text() == "mine"
+
+
+def test_a_finger_of_ten_lines_is_built_with_its_own_name(here):
+    (here / "soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.03\n")
+
+    words = ["build-deck", "--stimulus", "sine_20_250", "--finger", "soft.toml"]
+    assert main(words) == 0
+
+    inputs = read_run_folder(here / "runs/sine_20_250").inputs
+    assert inputs["finger"]["name"] == "soft"
+    assert inputs["finger"]["materials"]["dermis"]["young_mpa"] == 0.03
+
+
+def test_help_shows_an_example_that_runs(here, capsys):
+    assert main(["build-deck", "--help"]) == 0
+    example = capsys.readouterr().out.split("example: fembridge ")[1].split()
+    assert main(example) == 0
+    assert len(list((here / "runs").iterdir())) == 5

@@ -1,0 +1,86 @@
+"""The tree of errors: as it is drawn, through a pickle, and on the command line."""
+
+import pickle
+import re
+from pathlib import Path
+
+import pytest
+
+from fembridge import errors
+from fembridge.errors import FembridgeError, StimulusError, UsageError
+
+CLASSES = {
+    name: thing
+    for name, thing in vars(errors).items()
+    if isinstance(thing, type) and issubclass(thing, FembridgeError)
+}
+PUBLIC = [thing for name, thing in CLASSES.items() if not name.startswith("_")]
+PLACED = [thing for thing in PUBLIC if issubclass(thing, errors._PlacedError)]
+PLAIN = [thing for thing in PUBLIC if thing not in PLACED]
+LINE = re.compile(r"^(?P<bars>[│ ├└─]*)(?P<name>[A-Z]\w+Error)\b")
+
+
+def drawn_tree():
+    """Give ``{error: parent}`` as the docstring of the module draws it."""
+    above, parents = [], {}
+    for line in errors.__doc__.splitlines():
+        if match := LINE.match(line):
+            depth = len(match["bars"]) // 4
+            parents[match["name"]] = above[depth - 1] if depth else None
+            above[depth:] = [match["name"]]
+    return parents
+
+
+def nearest_public(thing):
+    return next(base.__name__ for base in thing.__mro__[1:] if base in PUBLIC)
+
+
+def test_the_drawn_tree_is_the_real_one():
+    real = {
+        thing.__name__: None if thing is FembridgeError else nearest_public(thing)
+        for thing in PUBLIC
+    }
+    assert drawn_tree() == real
+
+
+@pytest.mark.parametrize("error", PLAIN, ids=lambda error: error.__name__)
+def test_a_plain_error_survives_a_pickle(error):
+    again = pickle.loads(pickle.dumps(error("node 7: not this")))
+    assert type(again) is error
+    assert str(again) == "node 7: not this"
+
+
+@pytest.mark.parametrize("line", [None, 12])
+@pytest.mark.parametrize("error", PLACED, ids=lambda error: error.__name__)
+def test_an_error_with_a_place_survives_a_pickle(error, line):
+    again = pickle.loads(pickle.dumps(error("cut short", Path("runs/job.frd"), line)))
+    assert type(again) is error
+    assert (again.problem, again.path, again.line) == (
+        "cut short",
+        Path("runs/job.frd"),
+        line,
+    )
+    assert str(again) == f"runs/job.frd{':12' if line else ''}: cut short"
+
+
+def test_an_error_has_a_place_or_has_none():
+    assert {error.__name__ for error in PLACED} == {
+        "TableError",
+        "ResultError",
+        "SolverError",
+        "OutputError",
+    }
+
+
+def test_misuse_is_2_and_all_else_is_1():
+    codes = {error: error.exit_code for error in PUBLIC}
+    assert {error for error, code in codes.items() if code == 2} == {
+        UsageError,
+        StimulusError,
+    }
+    assert set(codes.values()) == {1, 2}
+
+
+@pytest.mark.parametrize("error", PUBLIC, ids=lambda error: error.__name__)
+def test_every_error_says_what_it_is_for(error):
+    assert error.__doc__.strip()

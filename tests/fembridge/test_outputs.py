@@ -1,0 +1,283 @@
+"""Output files are whole or not there, and what is not a file stays what it is."""
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from fembridge.errors import OutputError
+from fembridge.outputs import filling, make_folder, replacing, write_text
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def permissions(path):
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+@pytest.fixture
+def umask():
+    """Set the umask as told, and put it back."""
+    before = os.umask(0o022)
+    yield os.umask
+    os.umask(before)
+
+
+def test_the_draft_takes_the_name_only_at_the_end(tmp_path):
+    path = tmp_path / "deep" / "rates.csv"
+
+    with replacing(path) as draft:
+        draft.write_text("new")
+        assert not path.exists()
+        assert draft.parent == path.parent
+        assert draft.suffix == ".csv"
+        assert draft.name.startswith(".")
+
+    assert path.read_text() == "new"
+    assert names_in(path.parent) == ["rates.csv"]
+
+
+def test_a_reader_that_has_the_old_file_open_reads_it_to_the_end(tmp_path):
+    path = tmp_path / "rates.csv"
+    path.write_text("old")
+
+    with path.open() as reader:
+        write_text(path, "new")
+        assert reader.read() == "old"
+
+    assert path.read_text() == "new"
+
+
+@pytest.mark.parametrize("error", [ValueError("ours"), KeyboardInterrupt()])
+def test_a_failure_inside_leaves_the_old_content_and_no_draft(tmp_path, error):
+    path = tmp_path / "rates.csv"
+    path.write_text("old")
+
+    with pytest.raises(type(error)), replacing(path) as draft:
+        draft.write_text("half")
+        raise error
+
+    assert path.read_text() == "old"
+    assert names_in(tmp_path) == ["rates.csv"]
+
+
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path):
+    path = tmp_path / "rates.csv"
+    path.write_text("old")
+
+    with (
+        pytest.raises(OutputError, match=r"rates\.csv: cannot write: No space left"),
+        replacing(path) as draft,
+        open("/dev/full", "w") as full,  # noqa: PTH123 - a device, no file of ours
+    ):
+        draft.write_text("half")
+        full.write("x")
+        full.flush()
+
+    assert path.read_text() == "old"
+    assert names_in(tmp_path) == ["rates.csv"]
+
+
+def test_a_folder_in_the_way_is_told_before_any_work(tmp_path):
+    (tmp_path / "rates.csv").mkdir()
+
+    with (
+        pytest.raises(OutputError, match=r"rates\.csv: a folder stands where a"),
+        replacing(tmp_path / "rates.csv"),
+    ):
+        pytest.fail("the work was begun")
+
+    assert names_in(tmp_path) == ["rates.csv"]
+
+
+@pytest.mark.parametrize("name", ["pipe", "link"])
+def test_a_pipe_or_a_device_is_not_replaced(tmp_path, name):
+    """Else root's ``-o /dev/null`` would leave the machine without one."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+
+    with pytest.raises(OutputError, match="a device or a pipe, expected the name of"):
+        write_text(tmp_path / name, "new")
+
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "link").is_symlink()
+    assert names_in(tmp_path) == ["link", "pipe"]
+
+
+def test_what_a_link_points_to_is_replaced_and_the_link_stays(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "rates.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("real/rates.csv")
+
+    write_text(tmp_path / "link.csv", "new")
+
+    assert (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "real" / "rates.csv").read_text() == "new"
+    assert names_in(tmp_path / "real") == ["rates.csv"]
+
+
+@pytest.mark.parametrize("below", ["file/rates.csv", "file/a/b/rates.csv"])
+def test_a_file_where_a_folder_is_wanted_is_named(tmp_path, below):
+    (tmp_path / "file").write_text("mine")
+
+    with pytest.raises(OutputError) as caught:
+        write_text(tmp_path / below, "new")
+
+    assert str(caught.value) == (
+        f"{tmp_path / 'file'}: a file stands where a folder is wanted"
+    )
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_place_where_no_folder_can_be_made_is_told():
+    """Not even root makes one in /proc."""
+    with pytest.raises(OutputError, match="/proc/fembridge: cannot make this folder"):
+        make_folder(Path("/proc/fembridge"))
+
+
+def test_a_place_where_no_file_can_be_made_is_told():
+    with pytest.raises(OutputError, match=r"/proc/self/rates\.csv: cannot write here"):
+        write_text(Path("/proc/self/rates.csv"), "new")
+
+
+@pytest.mark.parametrize(("mask", "expected"), [(0o022, 0o644), (0o077, 0o600)])
+def test_a_file_has_the_permissions_of_any_new_one(tmp_path, umask, mask, expected):
+    umask(mask)
+
+    write_text(tmp_path / "a.csv", "new")
+    with filling(tmp_path / "full", last="b.csv") as draft:
+        write_text(draft / "b.csv", "new")
+
+    assert permissions(tmp_path / "a.csv") == expected
+    assert permissions(tmp_path / "full" / "b.csv") == expected
+
+
+def test_writing_does_not_move_the_umask_of_the_process(tmp_path, umask, monkeypatch):
+    """It belongs to all threads: moving it for a moment would be seen by others."""
+    monkeypatch.setattr(os, "umask", lambda mask: pytest.fail("the umask was moved"))
+    try:
+        write_text(tmp_path / "a.csv", "new")
+    finally:
+        monkeypatch.undo()
+
+
+def test_text_is_utf8_with_lf_whatever_the_locale(tmp_path):
+    write_text(tmp_path / "a.txt", "σ′ of 20 µm\nsecond\n")
+
+    content = (tmp_path / "a.txt").read_bytes()
+    assert content == "σ′ of 20 µm\nsecond\n".encode()
+
+
+def test_a_very_long_name_can_be_written(tmp_path):
+    path = tmp_path / ("n" * 250 + ".csv")
+
+    write_text(path, "new")
+
+    assert path.read_text() == "new"
+
+
+def test_files_that_belong_together_take_their_places_together(tmp_path):
+    with filling(tmp_path / "out", last="run.toml") as draft:
+        write_text(draft / "run.toml", "new")
+        write_text(draft / "job.inp", "new")
+        assert not (tmp_path / "out" / "run.toml").exists()
+        assert not (tmp_path / "out" / "job.inp").exists()
+
+    assert names_in(tmp_path / "out") == ["job.inp", "run.toml"]
+
+
+def test_a_failure_between_two_files_leaves_both_old_ones(tmp_path):
+    for name in ("job.inp", "run.toml"):
+        write_text(tmp_path / name, "old")
+
+    with pytest.raises(ValueError), filling(tmp_path, last="run.toml") as draft:
+        write_text(draft / "job.inp", "new")
+        raise ValueError
+
+    assert names_in(tmp_path) == ["job.inp", "run.toml"]
+    assert (tmp_path / "job.inp").read_text() == "old"
+
+
+def test_a_folder_in_the_way_of_one_file_leaves_all(tmp_path):
+    write_text(tmp_path / "a.csv", "old")
+    (tmp_path / "b.csv").mkdir()
+
+    with pytest.raises(OutputError) as caught, filling(tmp_path, last="c") as draft:
+        for name in ("a.csv", "b.csv", "c"):
+            write_text(draft / name, "new")
+
+    assert str(caught.value).startswith(f"{tmp_path / 'b.csv'}: a folder stands")
+    assert (tmp_path / "a.csv").read_text() == "old"
+    assert names_in(tmp_path) == ["a.csv", "b.csv"]
+
+
+def test_an_error_inside_names_the_place_the_user_knows(tmp_path):
+    with pytest.raises(OutputError) as caught, filling(tmp_path, last="c") as draft:
+        raise OutputError("cannot write: disk full", draft / "a.csv")
+
+    assert str(caught.value) == f"{tmp_path / 'a.csv'}: cannot write: disk full"
+
+
+def test_an_error_about_another_place_keeps_its_place(tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    with pytest.raises(OutputError) as caught, filling(tmp_path / "out", last="c"):
+        raise OutputError("cannot write: disk full", elsewhere)
+
+    assert caught.value.path == elsewhere
+
+
+def test_the_last_file_is_never_beside_files_of_two_kinds(tmp_path, monkeypatch):
+    """Stopped between two renames: the old last one is gone, the new one not there."""
+    for name in ("a", "b", "last"):
+        write_text(tmp_path / name, "old")
+    moved, replace = [], Path.replace
+
+    def stop_at_second(self, target):
+        if target.parent == tmp_path:
+            moved.append(target.name)
+            if len(moved) == 2:
+                raise KeyboardInterrupt
+        return replace(self, target)
+
+    with pytest.raises(KeyboardInterrupt), filling(tmp_path, last="last") as draft:
+        for name in ("last", "b", "a"):
+            write_text(draft / name, "new")
+        monkeypatch.setattr(Path, "replace", stop_at_second)
+    monkeypatch.undo()
+
+    assert moved == ["a", "b"]
+    assert names_in(tmp_path) == ["a", "b"]
+
+
+def test_the_same_content_again_touches_nothing(tmp_path):
+    def fill(text):
+        with filling(tmp_path, last="b") as draft:
+            write_text(draft / "a", "same")
+            write_text(draft / "b", text)
+
+    fill("first")
+    before = {name: (tmp_path / name).stat().st_ino for name in ("a", "b")}
+    fill("first")
+    assert {name: (tmp_path / name).stat().st_ino for name in ("a", "b")} == before
+    fill("other")
+    assert (tmp_path / "b").read_text() == "other"
+
+
+def test_what_else_is_in_the_folder_stays(tmp_path):
+    write_text(tmp_path / "mine.txt", "mine")
+
+    with filling(tmp_path, last="a") as draft:
+        write_text(draft / "a", "new")
+
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+
+
+def test_a_draft_folder_that_cannot_be_made_is_told():
+    with (
+        pytest.raises(OutputError, match="/proc/self: cannot write here: "),
+        filling(Path("/proc/self"), last="a"),
+    ):
+        pytest.fail("the work was begun")

@@ -1,0 +1,311 @@
+"""The whole pipeline as a function: where its stress comes from, and who is told."""
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from decks.analysis import Contact
+from decks.catalogue import resolve
+from decks.presets import PRESETS
+from decks.probe import Probe
+from decks.waveform import make_stimulus
+from fembridge import simulate as module
+from fembridge.build import model_of
+from fembridge.errors import (
+    MissingError,
+    ResponseError,
+    SolverError,
+    UsageError,
+)
+from fembridge.machine import SOLVER_INSTALL_LINE
+from fembridge.response import solve
+from fembridge.response.map_file import read_map
+from fembridge.response.solve import Rung, Solved
+from fembridge.response.stored import FOLDER
+from fembridge.run_folder import JOB, read_run_folder
+from fembridge.simulate import SolverSettings, simulate
+from fembridge.solvers.outcome import Cause, Failure, Outcome
+from fembridge.trace import StressTrace
+from neural import PUBLISHED
+
+RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
+
+
+def stimuli_of(*words, **options):
+    return [make_stimulus(entry, **options) for entry in resolve(words)]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(PRESETS["quick"])
+
+
+@pytest.fixture
+def no_ccx(monkeypatch):
+    monkeypatch.setattr(module, "find_ccx", lambda: None)
+
+
+@pytest.fixture
+def ccx(monkeypatch):
+    """A solver is there, and solves the response with the second contact tried."""
+    calls = []
+
+    def solved(folder, model, **options):
+        calls.append((folder, model, options))
+        frictionless = Contact(friction=0.0)
+        rungs = (Rung(Contact(), "diverged"), Rung(frictionless, None))
+        outcome = Outcome(folder, wall_s=12.3, increments=39)
+        return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
+
+    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
+    monkeypatch.setattr(module, "solve_response", solved)
+    return calls
+
+
+def test_without_a_solver_the_stored_response_answers_and_it_is_told(
+    tmp_path, model, no_ccx
+):
+    told, stimuli = [], stimuli_of("noise_25_250")
+
+    found = simulate(stimuli, model, tmp_path / "out", tell=told.append)
+
+    assert told == [
+        "no ccx on the PATH: stored response of finger 'quick'; "
+        f"to solve it here: {SOLVER_INSTALL_LINE}"
+    ]
+    assert found.origin["source"] == "stored response"
+    response = read_map(FOLDER / "quick.toml")
+    for stimulus, row in zip(stimuli, found.traces, strict=True):
+        for trace, expected in zip(row, response.traces(stimulus), strict=True):
+            assert_array_equal(trace.stress_pa, expected.stress_pa)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, ccx):
+    told = []
+    found = simulate(
+        stimuli_of("sine_20_250"), model, tmp_path, stored=True, tell=told.append
+    )
+    assert told == ["stored response of finger 'quick'"]
+    assert found.origin["source"] == "stored response"
+    assert ccx == []
+
+
+def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, ccx):
+    told = []
+
+    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+
+    [(folder, solved_model, options)] = ccx
+    assert folder == tmp_path / "response"
+    assert solved_model is model
+    assert options["depth_um"] == 400.0
+    assert found.origin["source"] == "CalculiX"
+    assert told == [
+        "response of finger 'quick' solved in 12 s: 39 increments, contact "
+        "node-to-surface, 200 MPa/mm, no friction, unloading within "
+        "1e-06 % of loading"
+    ]
+
+
+def test_the_indentation_goes_as_deep_as_the_deepest_stimulus(tmp_path, model, ccx):
+    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=210.0)
+    with pytest.raises(ResponseError, match="goes 460 um deep, the response map"):
+        simulate(stimuli, model, tmp_path)  # the play's map is shallower than asked
+    assert ccx[0][2]["depth_um"] == 500.0
+
+
+def test_the_record_tells_all_that_the_result_depends_on(tmp_path, model, no_ccx):
+    origin = simulate(stimuli_of("sine_20_250"), model, tmp_path).origin
+    assert origin["method"] == "map"
+    assert origin["response"]["finger"]["name"] == "quick"
+    assert origin["parameters"]["SA"]["tau_ms"] == PUBLISHED["SA"].tau_ms
+    assert origin["closure_percent"] == 1e-6
+
+
+def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
+    stronger = dict(PUBLISHED)
+    stronger["SA"] = dataclasses.replace(PUBLISHED["SA"], alpha_mv_per_ms=9.0)
+    plain, strong = (
+        simulate(stimuli_of("sine_20_250"), model, tmp_path, parameters=chosen)
+        for chosen in (PUBLISHED, stronger)
+    )
+    assert strong.rates[0].rate_ips > plain.rates[0].rate_ips
+    assert strong.rates[1:] == plain.rates[1:]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"probe": Probe(diameter_mm=2.0)}, "no response is stored for this probe"),
+        ({"element": "CPE8R"}, "no response is stored for this element"),
+    ],
+)
+def test_what_is_not_stored_takes_a_solver(tmp_path, model, no_ccx, change, told):
+    with pytest.raises(MissingError) as caught:
+        simulate(
+            stimuli_of("sine_20_250"), dataclasses.replace(model, **change), tmp_path
+        )
+    assert str(caught.value).startswith("no ccx on the PATH, and ")
+    assert told in str(caught.value)
+    assert str(caught.value).endswith(SOLVER_INSTALL_LINE)
+
+
+def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, ccx):
+    other = dataclasses.replace(model, element="CPE8R")
+    with pytest.raises(ResponseError, match="for this element") as caught:
+        simulate(stimuli_of("sine_20_250"), other, tmp_path, stored=True)
+    assert "install" not in str(caught.value)
+
+
+def test_too_deep_for_the_stored_response_names_the_stimulus_and_both_depths(
+    tmp_path, model, no_ccx
+):
+    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=200.0)
+    with pytest.raises(MissingError) as caught:
+        simulate(stimuli, model, tmp_path)
+    assert str(caught.value) == (
+        "no ccx on the PATH, and sine_20_250 goes 450 um deep, the stored response of "
+        f"finger 'quick' reaches 400 um; install the solver: {SOLVER_INSTALL_LINE}"
+    )
+
+
+def test_a_transient_takes_a_solver(tmp_path, model, no_ccx):
+    with pytest.raises(MissingError) as caught:
+        simulate(stimuli_of("sine_20_250"), model, tmp_path, method="transient")
+    assert str(caught.value).endswith(f"install it: {SOLVER_INSTALL_LINE}")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "magic"}, "method 'magic', expected map or transient"),
+        ({"method": "transient", "stored": True}, "a stored response answers no"),
+    ],
+)
+def test_options_that_mean_nothing_are_misuse(tmp_path, model, options, message):
+    with pytest.raises(UsageError, match=message):
+        simulate(stimuli_of("sine_20_250"), model, tmp_path, **options)
+
+
+def test_no_stimulus_is_misuse(tmp_path, model):
+    with pytest.raises(UsageError, match="no stimulus to simulate"):
+        simulate([], model, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["jobs", "threads"])
+@pytest.mark.parametrize("number", [0, -1])
+def test_settings_below_one_are_misuse(name, number):
+    with pytest.raises(UsageError, match=f"{name} is {number}, expected 1 or more"):
+        SolverSettings(**{name: number})
+
+
+@pytest.mark.parametrize(
+    ("threads", "asked", "runs", "expected"),
+    [
+        (None, None, 1, 8),
+        (None, None, 3, 2),
+        (None, None, 20, 1),
+        (None, "5", 1, None),
+        (3, "5", 2, 3),
+        (3, None, 1, 3),
+    ],
+)
+def test_cores_are_shared_unless_someone_said_otherwise(
+    monkeypatch, threads, asked, runs, expected
+):
+    """OMP_NUM_THREADS is the user's word about the machine: None leaves it alone."""
+    monkeypatch.setattr(module, "_cores", lambda: 8)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if asked is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    assert SolverSettings(threads=threads).threads_each(runs) == expected
+
+
+@pytest.fixture
+def transients(monkeypatch, ccx):
+    """Solver and reader of whole transients, played; calls are kept."""
+    calls = []
+
+    def run_folders(places, **options):
+        calls.append((list(places), options))
+        return [Outcome(place, wall_s=20.0, increments=500) for place in places]
+
+    def read(place):
+        run = read_run_folder(place)
+        wave = np.linspace(0, 1e4, run.increments + 1)
+        return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
+
+    monkeypatch.setattr(module, "run_folders", run_folders)
+    monkeypatch.setattr(module, "read", read)
+    return calls
+
+
+def test_a_transient_uses_the_contact_that_the_indentation_accepted(
+    tmp_path, model, transients
+):
+    told = []
+
+    found = simulate(
+        stimuli_of("sine_20_12.5,sine_20_250"),
+        model,
+        tmp_path,
+        method="transient",
+        settings=SolverSettings(threads=2, jobs=2),
+        tell=told.append,
+    )
+
+    [(places, options)] = transients
+    assert [place.name for place in places] == ["sine_20_12.5", "sine_20_250"]
+    assert {place.parent for place in places} == {tmp_path / "runs"}
+    for place in places:
+        assert read_run_folder(place).inputs["contact"]["friction"] == 0.0
+        assert (place / f"{JOB}.inp").is_file()
+    assert (options["jobs"], options["threads"]) == (2, 2)
+    assert told[-1] == "2 transients solved in 40 s"
+    assert found.origin["method"] == "transient"
+    assert found.traces[0][0].stress_pa[-1] == 1e4
+
+
+def test_a_transient_that_fails_ends_the_simulation(
+    tmp_path, model, transients, monkeypatch
+):
+    def failing(places, **options):
+        failure = Failure(Cause.DIVERGED, "increment 30")
+        return [Outcome(places[0]), Outcome(places[1], failure)]
+
+    monkeypatch.setattr(module, "run_folders", failing)
+    with pytest.raises(SolverError, match="sine_20_250: an increment did not converge"):
+        simulate(
+            stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient"
+        )
+
+
+def test_results_that_are_there_answer_without_another_solve(
+    tmp_path, model, monkeypatch
+):
+    """The real ladder, over the recorded run: told as read again."""
+    told = []
+
+    def attempt(folder, **options):
+        for name in ("job.frd", "job.dat"):
+            shutil.copy(RECORDED / name, folder)
+        return Outcome(folder, wall_s=9.6, increments=39)
+
+    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
+    monkeypatch.setattr(solve, "attempt_calculix", attempt)
+    simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+    monkeypatch.setattr(
+        solve,
+        "finished_outcome",
+        lambda run: Outcome(run.folder, skipped=True, increments=39),
+    )
+    monkeypatch.setattr(solve, "attempt_calculix", None)
+    simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+
+    assert "solved in 10 s: 39 increments" in told[0]
+    assert "read again: 39 increments" in told[1]

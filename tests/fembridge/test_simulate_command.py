@@ -1,0 +1,357 @@
+"""``fembridge simulate``: files, words and exit codes, with and without a solver."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from decks.catalogue import resolve
+from decks.waveform import make_stimulus
+from fembridge.cli import main
+from fembridge.machine import CCX_VARIABLE, SOLVER_INSTALL_LINE
+from fembridge.response.map_file import read_map
+from fembridge.response.stored import FOLDER
+from fembridge.tables import read_rates, read_spikes
+from neural import PUBLISHED, encode
+
+FILES = ["raster.png", "rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
+NOTE = (
+    "no ccx on the PATH: stored response of finger 'quick'; "
+    f"to solve it here: {SOLVER_INSTALL_LINE}\n"
+)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Work in an empty folder of a machine that has no solver."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(CCX_VARIABLE, raising=False)
+    monkeypatch.setenv("PATH", "")
+    return tmp_path
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def refused(capsys, *words):
+    """Run, expect one line on stderr and nothing else; give code and line."""
+    code = main(["simulate", *words])
+    streams = capsys.readouterr()
+    assert streams.out == ""
+    lines = streams.err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("fembridge: ")
+    return code, lines[0].removeprefix("fembridge: ")
+
+
+def test_a_set_of_stimuli_gives_five_files_and_one_note(here, capsys):
+    assert main(["simulate", "--stimulus", "noise_25_250", "-o", "out"]) == 0
+
+    streams = capsys.readouterr()
+    assert streams.err == NOTE
+    assert sorted(contents(here / "out")) == FILES
+    rates = read_rates(here / "out/rates.csv")
+    assert len(rates) == 15
+    assert {rate.afferent for rate in rates} == {"SA", "RA", "PC"}
+    assert (here / "out/raster.png").read_bytes()[:4] == b"\x89PNG"
+    table = streams.out.splitlines()
+    assert table[0].split() == ["stimulus", "SA", "RA", "PC", "impulses/s"]
+    assert len(table) == 7
+    for k, line in enumerate(table[1:6]):
+        name, *cells = line.split()
+        assert {rate.stimulus for rate in rates[3 * k : 3 * k + 3]} == {name}
+        expected = [f"{rate.rate_ips:.1f}" for rate in rates[3 * k : 3 * k + 3]]
+        assert cells == expected
+    assert table[-1] == "rates.csv, spikes.csv, traces.npz, raster.png: out"
+
+
+def test_the_rates_are_those_of_the_stored_map_worked_out_apart(here):
+    """Catalogue, map and encoder put together by hand."""
+    main(["simulate", "--stimulus", "noise_25_250", "-o", "out"])
+
+    response = read_map(FOLDER / "quick.toml")
+    expected = {}
+    for entry in resolve(["noise_25_250"]):
+        for trace in response.traces(make_stimulus(entry)):
+            [times_ms] = encode(trace.stress_pa, 0.5, PUBLISHED[trace.afferent])
+            count = ((times_ms > 5.0) & (times_ms <= 250.0)).sum()
+            expected[entry.id, trace.afferent] = count / 0.245
+    rates = read_rates(here / "out/rates.csv")
+    found = {(rate.stimulus, rate.afferent): rate.rate_ips for rate in rates}
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert sum(found.values()) > 500
+    spikes = read_spikes(here / "out/spikes.csv")
+    assert all((train.times_ms > 0).all() for train in spikes)
+
+
+def test_the_traces_are_those_of_the_stored_map(here):
+    main(["simulate", "--stimulus", "sine_50_250", "-o", "out", "--no-plot"])
+
+    [entry] = resolve(["sine_50_250"])
+    expected = read_map(FOLDER / "quick.toml").traces(make_stimulus(entry))
+    with np.load(here / "out/traces.npz", allow_pickle=False) as bulk:
+        for column, trace in enumerate(expected):
+            np.testing.assert_array_equal(
+                bulk["von_mises_pa"][0, :, column], trace.stress_pa
+            )
+
+
+def test_json_is_all_that_stdout_holds(here, capsys):
+    words = ["--stimulus", "sine_20_250", "-o", "out", "--json", "--no-plot"]
+    assert main(["simulate", *words]) == 0
+
+    streams = capsys.readouterr()
+    summary = json.loads(streams.out)
+    assert streams.err == NOTE
+    assert summary["output"] == "out"
+    assert summary["method"] == "map"
+    assert summary["notes"] == [NOTE.strip()]
+    assert summary["rates"] == [
+        {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
+        for r in read_rates(here / "out/rates.csv")
+    ]
+
+
+def test_the_record_can_be_read_and_names_its_source(here):
+    main(["simulate", "--stimulus", "noise_25_250_10", "--seed", "7", "--no-plot"])
+
+    record = tomllib.loads((here / "out/simulation.toml").read_text(encoding="utf-8"))
+    assert record["source"] == "stored response"
+    assert record["stimuli"]["noise_25_250_10"]["seed"] == 7
+    assert record["parameters"]["PC"]["tau_ms"] == PUBLISHED["PC"].tau_ms
+
+
+def test_the_whole_catalogue_is_answered_at_once(here, capsys):
+    assert main(["simulate", "--stimulus", "all", "-o", "out", "--no-plot"]) == 0
+
+    rates = read_rates(here / "out/rates.csv")
+    assert len(rates) == 82 * 3
+    assert len({rate.stimulus for rate in rates}) == 82
+    out = capsys.readouterr().out.splitlines()
+    assert out[-2] == "... 52 more in rates.csv"
+
+
+def test_the_same_command_gives_the_same_bytes(here):
+    for folder in ("first", "second"):
+        main(["simulate", "--stimulus", "noise_25_250_10", "-o", folder])
+    assert contents(here / "first") == contents(here / "second")
+
+
+def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(here, capsys):
+    main(["simulate", "--stimulus", "sine_20_250", "-o", "out"])
+    main(["simulate", "--stimulus", "sine_50_250", "-o", "out", "--no-plot"])
+
+    assert sorted(contents(here / "out")) == FILES[1:]
+    assert "raster" not in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_own_parameters_are_used(here):
+    (here / "own.toml").write_text("[SA]\nalpha_mv_per_ms = 9.0\n", encoding="utf-8")
+    words = ["simulate", "--stimulus", "sine_20_250", "--no-plot"]
+    main([*words, "-o", "plain"])
+    main([*words, "-o", "own", "--parameters", "own.toml"])
+
+    plain, own = (read_rates(here / name / "rates.csv") for name in ("plain", "own"))
+    assert own[0].rate_ips > plain[0].rate_ips
+    assert own[1:] == plain[1:]
+
+
+def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
+    words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot"]
+    assert main(["simulate", *words]) == 0
+    assert capsys.readouterr().err == "stored response of finger 'paper'\n"
+
+
+def test_a_probe_that_stands_deeper_fires_sa_between_cycles(here):
+    words = ["simulate", "--stimulus", "sine_20_12.5", "--no-plot"]
+    main([*words, "-o", "touch"])
+    main([*words, "-o", "held", "--preindent-um", "300"])
+
+    touch, held = (read_rates(here / name / "rates.csv") for name in ("touch", "held"))
+    assert held[0].rate_ips > touch[0].rate_ips
+
+
+def test_an_unknown_stimulus_is_misuse_and_the_near_ones_are_named(here, capsys):
+    code, line = refused(capsys, "--stimulus", "nois_25_250")
+    assert code == 2
+    assert "no stimulus 'nois_25_250'; did you mean noise_25_250" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--preindent-um", "nan"], "preindent_um must be from 0 to 10000, got nan"),
+        (["--preindent-um", "-3"], "preindent_um must be from 0 to 10000, got -3"),
+        (["--seed", "-1"], "seed is -1, expected 0 or more"),
+        (["--jobs", "0"], "jobs is 0, expected 1 or more"),
+        (["--jobs", "-1"], "jobs is -1, expected 1 or more"),
+        (["--threads", "0"], "threads is 0, expected 1 or more"),
+        (["--time-limit", "nan"], "time_limit_s is nan, expected more than 0"),
+        (["--probe-x-mm", "nan"], "probe: x_mm must be finite, got nan"),
+        (["--probe-diameter-mm", "0"], "probe: diameter_mm must be 0.01 to 20, got 0"),
+        (["--stored", "--method", "transient"], "a stored response answers no"),
+    ],
+)
+def test_a_number_without_meaning_is_misuse_and_nothing_is_written(
+    here, capsys, words, told
+):
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
+    assert (code, told in line) == (2, True), line
+    assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["-o", ""],
+        ["--method", "magic"],
+        ["--preindent-um", "deep"],
+        ["--element", "C3D8"],
+        ["--jobs", "two"],
+    ],
+)
+def test_a_word_without_meaning_is_misuse(here, capsys, words):
+    assert main(["simulate", "--stimulus", "sine_20_250", *words]) == 2
+    assert "fembridge simulate: error: argument" in capsys.readouterr().err
+    assert contents(here) == {}
+
+
+def test_a_stimulus_is_asked_for(capsys):
+    assert main(["simulate"]) == 2
+    assert "--stimulus" in capsys.readouterr().err
+
+
+SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ["--preindent-um", "500"],
+            "sine_20_250 goes 750 um deep, the stored response",
+        ),
+        (["--method", "transient"], "--method transient takes a solver"),
+        (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
+        (["--finger", "named.toml"], "young_mpa 0.05, asked for is 0.08"),
+        (["--element", "CPE8R"], "no response is stored for this element"),
+        (["--probe-diameter-mm", "2"], "diameter_mm 1.0, asked for is 2.0"),
+    ],
+)
+def test_what_takes_a_solver_ends_in_the_line_that_installs_one(
+    here, capsys, words, told
+):
+    (here / "soft.toml").write_text(SOFT, encoding="utf-8")
+    (here / "named.toml").write_text('name = "quick"\n' + SOFT, encoding="utf-8")
+
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
+
+    assert code == 1
+    assert told in line
+    assert line.endswith(SOLVER_INSTALL_LINE)
+    assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--finger", "absent.toml"], "neither a preset (quick, paper) nor a file"),
+        (["--parameters", "absent.toml"], "absent.toml: cannot read: No such file"),
+        (["--parameters", ""], "cannot read"),
+        (["--parameters", "wrong.toml"], "wrong.toml: SA: unknown key 'tau', expected"),
+        (["--parameters", "never.toml"], "never.toml: not TOML"),
+    ],
+)
+def test_a_file_that_is_wrong_is_named(here, capsys, words, told):
+    (here / "wrong.toml").write_text("[SA]\ntau = 3.0\n", encoding="utf-8")
+    (here / "never.toml").write_text("[SA\n", encoding="utf-8")
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
+    assert (code, told in line) == (1, True), line
+    assert not (here / "out").exists()
+
+
+def test_a_solver_that_is_asked_for_and_not_there_is_told(here, capsys, monkeypatch):
+    monkeypatch.setenv(CCX_VARIABLE, "/opt/ccx")
+    code, line = refused(capsys, "--stimulus", "sine_20_250")
+    assert code == 1
+    assert line == "FEMBRIDGE_CCX is '/opt/ccx', which is no program here"
+
+
+@pytest.mark.parametrize("output", ["file", "file/deeper"])
+def test_an_output_that_is_a_file_is_told_and_stays(here, capsys, output):
+    (here / "file").write_text("mine")
+
+    assert main(["simulate", "--stimulus", "sine_20_250", "-o", output]) == 1
+
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "fembridge: file: a file stands where a folder is wanted"
+    assert (here / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--stimulus", "sine_20_250", "--preindent-um", "500"],
+        ["--stimulus", "sine_20_250", "--method", "transient"],
+        ["--stimulus", "sine_20_250", "--parameters", "absent.toml"],
+        ["--stimulus", "nois"],
+    ],
+)
+def test_an_earlier_result_survives_a_run_that_fails(here, words):
+    main(["simulate", "--stimulus", "sine_50_250", "-o", "out"])
+    before = contents(here / "out")
+
+    assert main(["simulate", "-o", "out", *words]) != 0
+
+    assert contents(here / "out") == before
+
+
+def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
+    here, capsys, monkeypatch
+):
+    from fembridge.errors import OutputError
+    from fembridge.plots import raster
+
+    main(["simulate", "--stimulus", "sine_50_250", "-o", "out"])
+    before = contents(here / "out")
+
+    def disk_full(trains, path, **options):
+        raise OutputError("cannot write: No space left on device", path)
+
+    monkeypatch.setattr(raster, "draw_raster", disk_full)
+    assert main(["simulate", "--stimulus", "sine_20_250", "-o", "out"]) == 1
+
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "fembridge: out/raster.png: cannot write: No space left on device"
+    assert contents(here / "out") == before
+
+
+def test_help_shows_an_example_that_runs(here, capsys):
+    assert main(["simulate", "--help"]) == 0
+    told = capsys.readouterr().out
+    example = told.split("example: fembridge ")[1].split()
+    assert main(example) == 0
+    assert (here / "out/rates.csv").exists()
+
+
+@pytest.mark.solver
+def test_with_a_solver_the_response_is_solved_and_then_read_again(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    words = ["simulate", "--stimulus", "noise_25_250", "-o"]
+    assert main([*words, "out"]) == 0
+    first = capsys.readouterr().err
+    assert main([*words, "out", "--no-plot"]) == 0
+    second = capsys.readouterr().err
+    assert main([*words, "stored", "--stored", "--no-plot"]) == 0
+
+    assert "response of finger 'quick' solved in " in first
+    assert "response of finger 'quick' read again: 39 increments" in second
+    solved, stored = (tmp_path / name / "rates.csv" for name in ("out", "stored"))
+    assert solved.read_bytes() == stored.read_bytes()
+    record = tomllib.loads((tmp_path / "out/simulation.toml").read_text("utf-8"))
+    assert record["source"] == "CalculiX"
+    assert read_map(tmp_path / "out/response/response.toml").closure_percent < 0.5

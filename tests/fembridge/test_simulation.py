@@ -1,0 +1,201 @@
+"""What a simulation gives: spikes of the stress it was given, and its files."""
+
+import dataclasses
+import tomllib
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from decks.catalogue import resolve
+from decks.waveform import make_stimulus
+from fembridge.errors import OutputError, ParameterError, TraceError
+from fembridge.simulation import Simulation, encode_all
+from fembridge.tables import Rate, SpikeTrain, read_rates, read_spikes
+from fembridge.trace import StressTrace
+from neural import PUBLISHED, encode
+
+GAIN_PA_PER_UM = {"SA": 120.0, "RA": 75.0, "PC": 4.0}
+FILES = ["rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
+STIMULI = tuple(
+    make_stimulus(entry) for entry in resolve(["sine_20_250,noise_25_250_20"])
+)
+
+
+def trace_of(stimulus, afferent, **more):
+    stress_pa = GAIN_PA_PER_UM.get(afferent, 1.0) * np.maximum(
+        stimulus.displacement_um, 0.0
+    )
+    return StressTrace(stress_pa, 0.5, 7, afferent, **more)
+
+
+def traces_of(stimuli=STIMULI, afferents=("SA", "RA", "PC")):
+    return [[trace_of(stimulus, name) for name in afferents] for stimulus in stimuli]
+
+
+@pytest.fixture(scope="module")
+def simulation():
+    return encode_all(STIMULI, traces_of(), PUBLISHED, {"method": "map"})
+
+
+def test_spikes_are_those_of_each_trace_alone(simulation):
+    """All stimuli are encoded in one batch; here one by one."""
+    expected = [
+        (stimulus.id, trace.afferent, encode(trace.stress_pa, 0.5, PUBLISHED[name])[0])
+        for stimulus, row in zip(STIMULI, traces_of(), strict=True)
+        for trace, name in zip(row, PUBLISHED, strict=True)
+    ]
+
+    assert len(simulation.trains) == 6
+    for train, (stimulus_id, afferent, times_ms) in zip(
+        simulation.trains, expected, strict=True
+    ):
+        assert (train.stimulus, train.afferent) == (stimulus_id, afferent)
+        assert_array_equal(train.times_ms, times_ms)
+    assert sum(train.times_ms.size for train in simulation.trains) > 50
+
+
+def test_rates_count_the_spikes_of_the_stimulus_s_own_window(simulation):
+    for train, rate in zip(simulation.trains, simulation.rates, strict=True):
+        inside = (train.times_ms > 5.0) & (train.times_ms <= 250.0)
+        assert (rate.stimulus, rate.afferent) == (train.stimulus, train.afferent)
+        assert rate.rate_ips == pytest.approx(inside.sum() / 0.245, rel=1e-12)
+
+
+def test_windows_may_differ_from_stimulus_to_stimulus():
+    stimuli = [make_stimulus(e) for e in resolve(["sine_20_250,sine_100_85.98"])]
+    assert [s.window_ms for s in stimuli] == [(5.0, 250.0), (100.0, 200.0)]
+
+    found = encode_all(stimuli, traces_of(stimuli), PUBLISHED, {})
+
+    last, train = found.rates[-1], found.trains[-1]
+    inside = (train.times_ms > 100.0) & (train.times_ms <= 200.0)
+    assert last.rate_ips == pytest.approx(inside.sum() / 0.1, rel=1e-12)
+    assert inside.any()
+
+
+def test_the_files_hold_the_simulation(tmp_path, simulation):
+    simulation.write(tmp_path / "out")
+
+    folder = tmp_path / "out"
+    assert sorted(path.name for path in folder.iterdir()) == FILES
+    assert read_rates(folder / "rates.csv") == list(simulation.rates)
+    spiking = [train for train in simulation.trains if train.times_ms.size]
+    for read, train in zip(read_spikes(folder / "spikes.csv"), spiking, strict=True):
+        assert (read.stimulus, read.afferent) == (train.stimulus, train.afferent)
+        assert_array_equal(read.times_ms, train.times_ms)
+    with np.load(folder / "traces.npz", allow_pickle=False) as bulk:
+        assert bulk["stimulus"].tolist() == [stimulus.id for stimulus in STIMULI]
+        assert bulk["afferent"].tolist() == ["SA", "RA", "PC"]
+        assert bulk["dt_ms"] == 0.5
+        assert bulk["displacement_um"].shape == (2, 501)
+        assert bulk["von_mises_pa"].shape == (2, 501, 3)
+        for s, row in enumerate(simulation.traces):
+            assert_array_equal(bulk["displacement_um"][s], STIMULI[s].displacement_um)
+            for a, trace in enumerate(row):
+                assert_array_equal(bulk["von_mises_pa"][s, :, a], trace.stress_pa)
+
+
+def test_the_record_tells_origin_windows_and_the_noise_s_seed(tmp_path, simulation):
+    simulation.write(tmp_path)
+
+    record = tomllib.loads((tmp_path / "simulation.toml").read_text(encoding="utf-8"))
+    assert record["method"] == "map"
+    noise = record["stimuli"]["noise_25_250_20"]
+    assert noise["seed"] == STIMULI[1].origin["seed"]
+    assert noise["window_ms"] == [5.0, 250.0]
+
+
+def test_the_same_simulation_gives_the_same_bytes(tmp_path, simulation):
+    simulation.write(tmp_path / "first")
+    simulation.write(tmp_path / "second")
+    for name in FILES:
+        first, second = (tmp_path / which / name for which in ("first", "second"))
+        assert first.read_bytes() == second.read_bytes()
+
+
+@pytest.mark.parametrize("blocked", FILES)
+def test_a_result_that_cannot_be_written_leaves_the_earlier_one(
+    tmp_path, simulation, blocked
+):
+    """Whichever of the four it is: no file of the new one beside three old ones."""
+    simulation.write(tmp_path)
+    (tmp_path / blocked).unlink()
+    (tmp_path / blocked).mkdir()
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
+    other = dataclasses.replace(simulation, trains=(), rates=(), origin={"method": "x"})
+
+    with pytest.raises(OutputError, match=f"{blocked}: a folder stands where a file"):
+        other.write(tmp_path)
+
+    after = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
+    assert after == before
+    assert len(before) == 3
+
+
+def other_clock(**changes):
+    rows = traces_of()
+    rows[1][2] = dataclasses.replace(rows[1][2], **changes)
+    return rows
+
+
+def without(row, column):
+    rows = traces_of()
+    del rows[row][column]
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("traces", "message"),
+    [
+        ([], "0 rows of traces for 2 stimuli"),
+        (traces_of()[:1], "1 rows of traces for 2 stimuli"),
+        ([[], []], "sine_20_250: traces of nothing, expected of SA, RA, PC"),
+        (without(1, 0), "noise_25_250_20: traces of RA, PC, expected of SA, RA, PC"),
+        (
+            [traces_of()[0], traces_of()[1][::-1]],
+            "traces of PC, RA, SA, expected of SA",
+        ),
+        (
+            traces_of(afferents=("SA", None)),
+            "traces of SA, no class, expected of SA, RA",
+        ),
+        (traces_of(afferents=("SA", "XY")), "traces of SA, XY, expected of SA, RA, PC"),
+        (other_clock(dt_ms=1.0), "501 samples every 1 ms from 0 ms, expected one time"),
+        (other_clock(start_ms=0.5), "501 samples every 0.5 ms from 0.5 ms"),
+        (other_clock(stress_pa=np.zeros(500)), "500 samples every 0.5 ms from 0 ms"),
+    ],
+)
+def test_traces_that_do_not_fit_the_stimuli_are_refused(traces, message):
+    with pytest.raises(TraceError, match=message):
+        encode_all(STIMULI, traces, PUBLISHED, {})
+
+
+def test_nothing_to_encode_is_refused():
+    with pytest.raises(TraceError, match="0 rows of traces for 0 stimuli"):
+        encode_all([], [], PUBLISHED, {})
+
+
+def test_a_clock_with_the_rounding_of_a_solver_is_the_same_clock(simulation):
+    """Times of six digits: the mean step of 500 is off in the ninth."""
+    rounded = other_clock(dt_ms=0.5 * (1 + 1e-9))
+    found = encode_all(STIMULI, rounded, PUBLISHED, {})
+    assert_array_equal(found.trains[-1].times_ms, simulation.trains[-1].times_ms)
+
+
+def test_a_step_that_the_parameters_were_not_made_for_is_refused():
+    slow = [dataclasses.replace(s, dt_ms=1.0, window_ms=(5.0, 500.0)) for s in STIMULI]
+    traces = [[dataclasses.replace(t, dt_ms=1.0) for t in row] for row in traces_of()]
+    with pytest.raises(ParameterError, match="a sample every 1 ms"):
+        encode_all(slow, traces, PUBLISHED, {})
+
+
+def test_a_simulation_may_be_put_together_by_hand(tmp_path):
+    by_hand = Simulation(
+        stimuli=STIMULI[:1],
+        traces=(tuple(traces_of()[0]),),
+        trains=(SpikeTrain("sine_20_250", "SA", np.array([14.5])),),
+        rates=(Rate("sine_20_250", "SA", 4.0),),
+    )
+    by_hand.write(tmp_path)
+    assert read_rates(tmp_path / "rates.csv") == [Rate("sine_20_250", "SA", 4.0)]

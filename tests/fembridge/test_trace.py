@@ -1,0 +1,110 @@
+"""A stress trace: what it refuses to be, and the even grid it is made from."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fembridge.errors import ResultError, TraceError
+from fembridge.trace import STEP_TOLERANCE, StressTrace
+
+FILE = Path("job.frd")
+
+
+@pytest.mark.parametrize(
+    ("stress_pa", "message"),
+    [
+        ([1.0], r"node 7: expected \(T,\), got \(1,\)"),
+        (3.0, r"expected \(T,\), got \(\)"),
+        (np.zeros((4, 2)), r"expected \(T,\), got \(4, 2\)"),
+        ([0.0, 1.0, np.nan], "node 7: stress is nan at sample 2"),
+        ([0.0, -np.inf, np.nan], "node 7: stress is -inf at sample 1"),
+    ],
+)
+def test_samples_that_are_no_history_are_refused(stress_pa, message):
+    with pytest.raises(TraceError, match=message):
+        StressTrace(stress_pa, 0.5, 7)
+
+
+@pytest.mark.parametrize("dt_ms", [0.0, -0.5, np.nan, np.inf])
+def test_a_step_that_is_no_time_is_refused(dt_ms):
+    with pytest.raises(TraceError, match="node 7: dt_ms must be > 0, got "):
+        StressTrace([0.0, 1.0], dt_ms, 7)
+
+
+@pytest.mark.parametrize("start_ms", [np.nan, np.inf])
+def test_a_start_that_is_no_time_is_refused(start_ms):
+    with pytest.raises(TraceError, match="node 7: trace starts at "):
+        StressTrace([0.0, 1.0], 0.5, 7, start_ms=start_ms)
+
+
+def test_a_trace_keeps_its_own_samples_and_lets_nobody_write():
+    stress_pa = np.array([0.0, 1.0, 2.0])
+    trace = StressTrace(stress_pa, 0.5, 7)
+
+    stress_pa[1] = 99.0
+
+    np.testing.assert_array_equal(trace.stress_pa, [0.0, 1.0, 2.0])
+    with pytest.raises(ValueError, match="read-only"):
+        trace.stress_pa[0] = 1.0
+    with pytest.raises(AttributeError):
+        trace.dt_ms = 1.0
+
+
+def test_integers_become_float64():
+    assert StressTrace([0, 1, 2], 0.5, 7).stress_pa.dtype == np.float64
+
+
+def test_the_last_sample_is_steps_after_the_first():
+    trace = StressTrace(np.zeros(5), 0.5, 7, start_ms=10.0)
+    np.testing.assert_array_equal(trace.times_ms, [10.0, 10.5, 11.0, 11.5, 12.0])
+
+
+@given(
+    dt_ms=st.floats(1e-3, 10),
+    start_ms=st.floats(0, 100),
+    count=st.integers(2, 50),
+    digits=st.integers(6, 10),
+)
+def test_times_printed_with_six_digits_or_more_are_an_even_grid(
+    dt_ms, start_ms, count, digits
+):
+    exact_ms = start_ms + dt_ms * np.arange(count)
+    printed_ms = [float(f"{time_ms:.{digits - 1}e}") for time_ms in exact_ms]
+    rounding_ms = 10.0 ** (1 - digits) * exact_ms[-1]
+    if 2 * rounding_ms > 0.9 * STEP_TOLERANCE * dt_ms:
+        return  # a clock so late that its digits do not show the step
+
+    samples = list(zip(printed_ms, np.arange(count), strict=True))
+    trace = StressTrace.on_grid(7, samples, FILE, "SA")
+
+    assert trace.afferent == "SA"
+    np.testing.assert_allclose(trace.dt_ms, dt_ms, rtol=STEP_TOLERANCE)
+    np.testing.assert_allclose(trace.times_ms, printed_ms, atol=2 * rounding_ms)
+    np.testing.assert_array_equal(trace.stress_pa, np.arange(count))
+
+
+@pytest.mark.parametrize(
+    ("times_ms", "message"),
+    [
+        ([], "node 7: 0 samples, expected two or more"),
+        ([0.5], "node 7: 1 samples, expected two or more"),
+        ([0.5, 1.0, 2.0, 2.5], "uneven time step, 0.5 to 1 ms"),
+        ([0.5, 0.5, 0.5], "uneven time step, 0.5 to 0.5 ms where 0 ms"),
+        ([1.5, 1.0, 0.5], "uneven time step, 1.5 to 1 ms where -0.5 ms"),
+        ([0.5, np.nan, 1.5], "uneven time step, 0.5 to nan ms"),
+    ],
+)
+def test_times_that_are_no_even_grid_are_refused(times_ms, message):
+    samples = [(time_ms, 1.0) for time_ms in times_ms]
+    with pytest.raises(ResultError, match=message) as caught:
+        StressTrace.on_grid(7, samples, FILE)
+    assert caught.value.path == FILE
+
+
+def test_a_missing_increment_is_found_among_many():
+    times_ms = np.delete(0.5 * np.arange(1, 501), 250)
+    with pytest.raises(ResultError, match="uneven time step"):
+        StressTrace.on_grid(7, [(t, 1.0) for t in times_ms.tolist()], FILE)
