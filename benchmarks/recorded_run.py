@@ -71,8 +71,10 @@ class RecordedRun:
         return [inner[(2 * k + 1) * len(inner) // (2 * count)] for k in range(count)]
 
 
-def record(folder: Path) -> tuple[RecordedRun, str]:
-    """Give the run, solved in `folder` if ccx is here, and a sentence on its origin."""
+def record(folder: Path, source: Path | None = None) -> tuple[RecordedRun, str]:
+    """Give the run and a sentence on its origin: `source`, or solved in `folder`."""
+    if source is not None:
+        return read_run(source), f"the increments of {source.name}"
     if shutil.which("ccx") is None:
         return read_run(FIXTURE / "job.frd"), (
             "no ccx on the PATH: the results at the afferents' nodes of "

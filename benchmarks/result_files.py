@@ -3,7 +3,7 @@
 ``python -m benchmarks.result_files FOLDER --megabytes 300`` writes ``ascii.frd`` of
 that size and its binary twins ``float32.frd`` and ``float64.frd``, with the same
 increments; ``short.frd``, the first increments in ASCII, for readers that are slow;
-``first_*.frd``, one increment of each, for warming up; and ``files.json``, which
+``first_*.frd``, two increments of each, for warming up; and ``files.json``, which
 tells what they hold. Increments beyond the recorded ones repeat them at new times,
 by a factor that differs from turn to turn, so that no two have the same numbers.
 """
@@ -22,6 +22,7 @@ from benchmarks.recorded_run import Quantity, RecordedRun, record
 STORAGES = {"ascii": 1, "float32": 2, "float64": 3}
 ABOUT = "files.json"
 SHORT_INCREMENTS = 10
+WARMING_INCREMENTS = 2
 PROBED_NODES = 5
 _VALUES_A_LINE = 6
 _NODES_A_LINE = 10
@@ -32,8 +33,7 @@ def make_files(run: RecordedRun, origin: str, folder: Path, megabytes: float) ->
     wanted = {"origin": origin, "megabytes": megabytes, "mesh_nodes": run.nodes.size}
     about = folder / ABOUT
     if about.exists():
-        held = json.loads(about.read_text(encoding="utf-8"))
-        if wanted.items() <= held.items():
+        if wanted.items() <= json.loads(about.read_text(encoding="utf-8")).items():
             return
         about.unlink()
     folder.mkdir(parents=True, exist_ok=True)
@@ -41,21 +41,27 @@ def make_files(run: RecordedRun, origin: str, folder: Path, megabytes: float) ->
     short = min(SHORT_INCREMENTS, increments)
     for storage in STORAGES:
         write_run(run, folder / f"{storage}.frd", storage, increments)
-        write_run(run, folder / f"first_{storage}.frd", storage, 1)
+        write_run(run, folder / f"first_{storage}.frd", storage, WARMING_INCREMENTS)
     write_run(run, folder / "short.frd", "ascii", short)
+    nodes = run.inner_nodes(PROBED_NODES)
+    rows = np.searchsorted(run.nodes, nodes)
     held = wanted | {
-        "increments": increments,
-        "short_increments": short,
-        "nodes": run.inner_nodes(PROBED_NODES),
+        "increments": {
+            "first": WARMING_INCREMENTS,
+            "short": short,
+            **dict.fromkeys(STORAGES, increments),
+        },
         "record_bytes": {name: record_bytes(run, name) for name in STORAGES},
-        "sum_of_stress": sum(
-            float(quantity.values.sum())
+        "nodes": nodes,
+        "rows": rows.tolist(),
+        "stress_mpa": [
+            quantity.values[rows].tolist()
             for _, quantities in history(run, increments)
             for quantity in quantities
             if quantity.name == "STRESS"
-        ),
+        ],
     }
-    about.write_text(json.dumps(held, indent=2), encoding="utf-8")
+    about.write_text(json.dumps(held), encoding="utf-8")
 
 
 def record_bytes(run: RecordedRun, storage: str) -> dict[str, int]:
@@ -109,17 +115,20 @@ def write_run(run: RecordedRun, path: Path, storage: str, increments: int) -> No
         for row, (time_s, quantities) in enumerate(history(run, increments), start=1):
             for quantity in quantities:
                 block += 1
-                time = f"{time_s:12.5E}" if time_s < 1.0 else f"{time_s:<.10g}"
-                if time_s >= 1.0:
-                    time = f"{time_s:.{10 - len(str(int(time_s)))}f}".rjust(12)
                 file.write(
                     f"    1PSTEP{'':14}{block:12d}{row:12d}{1:12d}          \n"
-                    f"  100CL{100 + row:5d}{time}{run.nodes.size:12d}{'':20}"
+                    f"  100CL{100 + row:5d}{_time(time_s)}{run.nodes.size:12d}{'':20}"
                     f" 0{row:5d}{'':10}{flag:2d}\n".encode("ascii")
                 )
                 file.write(quantity.lines)
                 _write_records(run, quantity, file, storage)
         file.write(b" 9999\n")
+
+
+def _time(time_s: float) -> str:
+    if time_s < 1.0:
+        return f"{time_s:12.5E}"
+    return f"{time_s:12.{10 - len(str(int(time_s)))}f}"
 
 
 def _write_mesh(run: RecordedRun, file: BinaryIO, flag: int) -> None:
@@ -134,9 +143,7 @@ def _write_mesh(run: RecordedRun, file: BinaryIO, flag: int) -> None:
         )
         file.write("".join(lines).encode("ascii") + b" -3\n")
     else:
-        table = np.empty(
-            run.nodes.size, [("node", "<i4"), ("xyz_mm", "<f8", (3,))]
-        )
+        table = np.empty(run.nodes.size, [("node", "<i4"), ("xyz_mm", "<f8", (3,))])
         table["node"], table["xyz_mm"] = run.nodes, run.xyz_mm
         file.write(table.tobytes())
     file.write(_mesh_header("3C", len(run.elements), 1 if flag == 1 else 2))
@@ -187,8 +194,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--megabytes", type=float, default=300.0)
+    parser.add_argument(
+        "--source",
+        type=Path,
+        metavar="FRD",
+        help="a float64 result of ccx (DOUBLE) with all fields, instead of the "
+        "recorded run",
+    )
     args = parser.parse_args()
-    run, origin = record(args.folder)
+    run, origin = record(args.folder, args.source)
     make_files(run, origin, args.folder, args.megabytes)
 
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from decks.waveform import make_stimulus
     from fembridge.errors import FembridgeError
     from fembridge.results import read
+    from fembridge.results.frd_field import read_fields
+    from fembridge.results.vtu import write_vtu_series
     from fembridge.stimulus import Stimulus
     from fembridge.trace import StressTrace
 
@@ -25,7 +27,9 @@ _HOMES = {
     "StressTrace": "fembridge.trace",
     "make_stimulus": "decks.waveform",
     "read": "fembridge.results",
+    "read_fields": "fembridge.results.frd_field",
     "resolve": "decks.catalogue",
+    "write_vtu_series": "fembridge.results.vtu",
 }
 
 __all__ = [
@@ -34,7 +38,9 @@ __all__ = [
     "StressTrace",
     "make_stimulus",
     "read",
+    "read_fields",
     "resolve",
+    "write_vtu_series",
 ]
 
 

@@ -72,7 +72,7 @@ def judge(
         problem = "the run does not come back over depths that it loaded to"
     elif not closure <= CLOSURE_PERCENT:
         problem = (
-            f"unloading differs from loading by {closure:.2g} % at the same depth, "
+            f"unloading differs from loading by {closure:.3g} % at the same depth, "
             f"expected at most {CLOSURE_PERCENT} %"
         )
     return Acceptance(closure, force, followed, problem)

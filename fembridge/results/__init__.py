@@ -11,7 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from fembridge.errors import ResultError
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.node_choice import NodeChoice
 from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import JOB, RUN_FILE, RunFolder, read_run_folder
 from fembridge.trace import StressTrace
@@ -19,6 +20,7 @@ from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.readers"
 _FIRST_BYTES = 64
+_PRINTS = (".dat", ".sta", ".cvg")
 _KNOWN_STARTS = (
     (b"\x1f\x8b", "gzip: unpack it first"),
     (b"PK\x03\x04", "zip: unpack it first"),
@@ -68,6 +70,9 @@ def read(
     path: Path | str,
     nodes: Sequence[int] | None = None,
     *,
+    node_set: str | None = None,
+    near_mm: Sequence[Sequence[float]] = (),
+    deck: Path | str | None = None,
     partial: bool = False,
     across_materials: bool = False,
     stress_unit: str = "MPa",
@@ -83,7 +88,15 @@ def read(
     path
         A result file, or a run folder.
     nodes
-        Numbers of nodes. None takes the afferents that ``run.toml`` names.
+        Numbers of nodes. None takes the afferents that ``run.toml`` names, unless
+        `node_set` or `near_mm` choose.
+    node_set
+        Name of a set in the deck, case-blind: all its nodes.
+    near_mm
+        Places, x, y or x, y, z of the undeformed mesh: the nearest node that has
+        a stress. `tell` hears which it is and how far away.
+    deck
+        Where `node_set` is. None takes the ``.inp`` with the stem of `path`.
     partial
         Take what is whole of a run that did not end well; `tell` hears what
         was left out.
@@ -103,8 +116,16 @@ def read(
     options = ReadOptions(partial, across_materials, stress_unit, tell)
     reader = reader_of(path)
     run = run_folder_of(path)
-    if nodes is not None:
-        places: list[tuple[str | None, int]] = [(None, int(node)) for node in nodes]
+    chosen = NodeChoice(
+        nodes=() if nodes is None else nodes,
+        sets=() if node_set is None else (node_set,),
+        places_mm=near_mm,
+        deck=None if deck is None else Path(deck),
+    )
+    if nodes is not None or chosen:
+        places: list[tuple[str | None, int]] = [
+            (None, node) for node in chosen.resolve(path, tell)
+        ]
     elif run is not None:
         places = [(place.afferent, place.node) for place in run.afferents]
     else:
@@ -112,6 +133,8 @@ def read(
     if not places:
         raise ResultError("no nodes to read", path)
     if run is not None:
+        if stress_unit != "MPa":
+            raise UsageError(f"{path}: a run folder of fembridge is in MPa, always")
         from fembridge.results.run_traces import (
             check_deck,
             check_reach,
@@ -170,6 +193,11 @@ def reader_of(path: Path) -> Reader:
 
 
 def _foreign(path: Path, start: bytes) -> str:
+    if path.suffix.lower() in _PRINTS:
+        return (
+            "prints of CalculiX, no nodal results: fembridge ingest makes a table of "
+            "them, and --point traces of a .dat's integration points"
+        )
     for reader in READERS:
         if start.startswith(reader.first_bytes):
             return (

@@ -16,11 +16,11 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
+from fembridge.results.frd_block import FrdBlock, FrdOutput
 from fembridge.results.frd_ending import why_not_whole
 from fembridge.results.frd_history import NodeHistory, Want, read_history
 from fembridge.results.frd_index import FrdIndex, index_frd
-from fembridge.results.frd_mesh import materials_at
+from fembridge.results.frd_mesh import MeshBlock, materials_at
 from fembridge.results.frd_records import node_at, node_ids
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
@@ -131,8 +131,8 @@ def describe(path: Path) -> Table:
         return {
             "format": "ccx-frd",
             "bytes": index.size,
-            "mesh_nodes": None if index.nodes is None else index.nodes.records,
-            "elements": None if index.elements is None else index.elements.records,
+            "mesh_nodes": _count(file, index.nodes),
+            "elements": _count(file, index.elements),
             "materials": dict(sorted(index.materials.items())),
             "quantities": [_quantity(file, index, name) for name in index.names],
             "remarks": list(index.remarks),
@@ -191,6 +191,12 @@ def _check_materials(file: ByteFile, index: FrdIndex, nodes: Sequence[int]) -> N
             )
 
 
+def _count(file: ByteFile, block: MeshBlock | None) -> int | None:
+    if block is None or block.records is not None:
+        return None if block is None else block.records
+    return file.count(b"\n -1", block.offset - 1, block.end)
+
+
 def _problem(file: ByteFile, index: FrdIndex) -> str | None:
     words = (file.change, why_not_whole(index, file.path))
     return "; ".join(word for word in words if word) or None
@@ -198,24 +204,35 @@ def _problem(file: ByteFile, index: FrdIndex) -> str | None:
 
 def _quantity(file: ByteFile, index: FrdIndex, name: str) -> Table:
     blocks = index.named(name)
-    first, last = blocks[0].output, blocks[-1].output
+    complex_of = {name, f"{name}I", name.removesuffix("I")} & set(index.names)
+    timed = [b for b in blocks if b.output.over_time and len(complex_of) == 1]
+    others = [] if timed else [b.output for b in blocks]
+    if timed:
+        others = [b.output for b in blocks if not b.output.over_time]
     lowest, highest, nodes = _span(file, index, blocks[0])
-    kinds = {block.output.axis for block in blocks}
     return {
         "name": name,
         "components": list(blocks[0].components),
-        "increments": len(blocks),
-        "axis": first.axis if len(kinds) == 1 else "total time, and modes",
-        "first_ms": None if first.modal else blocks[0].time_ms,
-        "last_ms": None if last.modal else blocks[-1].time_ms,
-        "first_value": first.value,
-        "last_value": last.value,
+        "increments": len(timed),
+        "first_ms": timed[0].time_ms if timed else None,
+        "last_ms": timed[-1].time_ms if timed else None,
+        "modes": len(others),
+        "axis": _axis(others),
+        "first_value": others[0].value if others else None,
+        "last_value": others[-1].value if others else None,
         "steps": sorted({block.step for block in blocks}),
         "nodes": nodes,
         "lowest_node": lowest,
         "highest_node": highest,
         "storage": ("ASCII", "ASCII", "float32", "float64")[blocks[0].flag],
     }
+
+
+def _axis(others: Sequence[FrdOutput]) -> str:
+    """Say what the values of outputs without time are: of steady states, too."""
+    if not others:
+        return "total time"
+    return "frequency in cycles per time" if others[0].over_time else others[0].axis
 
 
 def _span(

@@ -38,13 +38,18 @@ class FrdOutput:
     modal: bool = False
 
     @property
+    def over_time(self) -> bool:
+        """Whether `value` is a time: in static and dynamic steps alone."""
+        return not self.modal and self.analysis in (_STATIC, _DYNAMIC)
+
+    @property
     def axis(self) -> str:
         """What `value` is."""
         if self.analysis == _BUCKLING:
             return "buckling factor"
         if self.modal:
             return "frequency in cycles per time"
-        return "total time"
+        return "total time" if self.over_time else "number of the analysis"
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,6 @@ from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray
 
 Key = tuple[int, int]
-MODES = 2  # kind of analysis in a block's header from which there is no time axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,8 +145,8 @@ def _over_time(
     options: ReadOptions,
 ) -> list[FrdBlock]:
     """Take the blocks of static and dynamic steps: modes have no time."""
-    found = [b for b in blocks if not b.modal and b.output.analysis < MODES]
-    others = [b for b in blocks if b.modal or b.output.analysis >= MODES]
+    found = [block for block in blocks if block.output.over_time]
+    others = [block for block in blocks if not block.output.over_time]
     if others:
         first, last = others[0].output, others[-1].output
         what = "results of another kind than static or dynamic"

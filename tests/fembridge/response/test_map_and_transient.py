@@ -59,10 +59,10 @@ def test_the_recorded_transient_makes_every_class_fire():
 
 @pytest.mark.solver
 def test_map_and_transient_agree_on_noise_solved_here(tmp_path):
-    """The first 30 ms of a noise, on a pre-indentation and without a stored number."""
+    """The first 20 ms of a noise, on a pre-indentation and without a stored number."""
     whole = make_stimulus(*resolve("noise_25_250_20"), preindent_um=60.0)
     stimulus = dataclasses.replace(
-        whole, displacement_um=whole.displacement_um[:61], window_ms=(0.0, 30.0)
+        whole, displacement_um=whole.displacement_um[:41], window_ms=(0.0, 20.0)
     )
     model = model_of(PRESETS["quick"])
     solved = solve_response(tmp_path / "response", model)

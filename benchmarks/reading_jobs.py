@@ -1,0 +1,231 @@
+"""What is timed: each job reads a file in one way.
+
+`Job.prepare` is not timed, what it gives is. A job returns what it found at five
+nodes, to be held against what the file was made of.
+"""
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+BLOCK_BYTES = 1 << 22
+Held = dict[str, Any]
+Answer = list[tuple[int, np.ndarray]]  # row of the increment, (node, 6) or (node,)
+Task = Callable[[], Answer]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """`prepare(path, held)` gives what is timed; the file is ``{file}.frd``."""
+
+    reader: str
+    does: str
+    file: str
+    prepare: Callable[[Path, Held], Task]
+    quantities: tuple[str, ...] = ()  # whose bytes count; none: the whole file
+    one_increment: bool = False
+    package: str | None = None
+    module: str | None = None
+
+    @property
+    def absent(self) -> bool:
+        """Whether its reader is not installed."""
+        return self.module is not None and find_spec(self.module) is None
+
+    def bytes_read(self, held: Held, path: Path) -> int:
+        """Bytes that the job has to go through."""
+        if not self.quantities:
+            return path.stat().st_size
+        size = sum(
+            held["record_bytes"][storage_of(self.file)][name]
+            for name in self.quantities
+        )
+        return size if self.one_increment else size * held["increments"][self.file]
+
+
+def storage_of(file: str) -> str:
+    """How the numbers of `file` are stored."""
+    return "ascii" if file == "short" else file
+
+
+def ours_at_nodes(path: Path, held: Held) -> Task:
+    """``fembridge.read``: von Mises stress at five nodes."""
+    import fembridge
+
+    def task() -> Answer:
+        traces = fembridge.read(path, held["nodes"])
+        stress_mpa = np.stack([trace.stress_pa for trace in traces], axis=1) / 1e6
+        return list(enumerate(stress_mpa))
+
+    return task
+
+
+def ours_fields(path: Path, held: Held) -> Task:
+    """``fembridge.read_fields``: STRESS at every node, an increment at a time."""
+    from fembridge.results.frd_field import read_fields
+
+    def task() -> Answer:
+        return [
+            (row, field.values[held["rows"]] / 1e6)
+            for row, field in enumerate(read_fields(path, "STRESS"))
+        ]
+
+    return task
+
+
+def ours_list(path: Path, held: Held) -> Task:
+    """Describe a file, as ``--list`` does, without the start of a process."""
+    from fembridge.results import describe
+
+    def task() -> Answer:
+        found = [each["increments"] for each in describe(path)["quantities"]]
+        if set(found) != {increments_in(path, held)}:
+            raise ValueError(f"{path}: --list finds {found} increments")
+        return []
+
+    return task
+
+
+def list_command(path: Path, held: Held) -> Task:
+    """``fembridge ingest --list`` with the start of its process."""
+    words = [sys.executable, "-m", "fembridge.cli", "ingest", str(path), "--list"]
+
+    def task() -> Answer:
+        subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+        return []
+
+    return task
+
+
+def pyvista_at_nodes(path: Path, held: Held) -> Task:
+    """Open, then read each increment and take five rows of its von Mises stress."""
+    import pyvista_frd
+
+    def task() -> Answer:
+        reader = pyvista_frd.FRDReader(str(path))
+        answer = []
+        for row in range(reader.number_time_points):
+            reader.set_active_time_point(row)
+            data = reader.read().point_data
+            answer.append((row, np.asarray(data["STRESS_Mises"])[held["rows"]]))
+        return answer
+
+    return task
+
+
+def pyvista_last_step(path: Path, held: Held) -> Task:
+    """Read the last increment, the file open and its mesh read before."""
+    import pyvista_frd
+
+    reader = pyvista_frd.FRDReader(str(path))
+    reader.set_active_time_point(0)
+    reader.read()
+    last = reader.number_time_points - 1
+    reader.set_active_time_point(last)
+
+    def task() -> Answer:
+        stress = reader.read().point_data["STRESS"]
+        return [(last, np.asarray(stress)[held["rows"]])]
+
+    return task
+
+
+def ccx2paraview_conversion(path: Path, held: Held) -> Task:
+    """Convert all increments to ``.vtu``, in a folder that is removed after."""
+    import logging
+
+    from ccx2paraview import Converter
+
+    logging.disable(logging.CRITICAL)
+
+    def task() -> Answer:
+        with tempfile.TemporaryDirectory() as folder:
+            link = Path(folder) / "job.frd"
+            link.symlink_to(path.resolve())
+            Converter(str(link), ["vtu"]).run()
+            found = len(list(Path(folder).glob("*.vtu")))
+        if found != increments_in(path, held):
+            raise ValueError(f"{path}: {found} .vtu files")
+        return []
+
+    return task
+
+
+def whole_read(path: Path, held: Held) -> Task:
+    """``read()`` of the whole file into memory, block after block."""
+
+    def task() -> Answer:
+        with path.open("rb", buffering=0) as file:
+            kept = list(iter(lambda: file.read(BLOCK_BYTES), b""))
+        if sum(map(len, kept)) != path.stat().st_size:
+            raise ValueError(f"{path} changed")
+        return []
+
+    return task
+
+
+def passing_read(path: Path, held: Held) -> Task:
+    """``readinto()`` one block that stays in the processor's cache: no new memory."""
+    block = bytearray(BLOCK_BYTES)
+
+    def task() -> Answer:
+        with path.open("rb", buffering=0) as file:
+            while file.readinto(block):
+                pass
+        return []
+
+    return task
+
+
+def nothing(path: Path, held: Held) -> Task:
+    """Do nothing: the interpreter with NumPy is what peak memory is counted from."""
+    return list
+
+
+PYVISTA = {"package": "pyvista-frd-reader", "module": "pyvista_frd"}
+CCX2PARAVIEW = {"package": "ccx2paraview", "module": "ccx2paraview"}
+EVERY = ("DISP", "STRESS", "ERROR")
+JOBS = {
+    "nothing": Job("Python", "NumPy imported", "ascii", nothing),
+    "nodes": Job("fembridge", "five nodes", "ascii", ours_at_nodes),
+    "nodes_pyvista": Job(
+        "pyvista-frd-reader", "five nodes", "ascii", pyvista_at_nodes, **PYVISTA
+    ),
+    "nodes_float32": Job("fembridge", "five nodes", "float32", ours_at_nodes),
+    "nodes_float64": Job("fembridge", "five nodes", "float64", ours_at_nodes),
+    "fields": Job("fembridge", "STRESS", "ascii", ours_fields, ("STRESS",)),
+    "step_pyvista": Job(
+        "pyvista-frd-reader",
+        "last increment",
+        "ascii",
+        pyvista_last_step,
+        EVERY,
+        one_increment=True,
+        **PYVISTA,
+    ),
+    "convert_ccx2paraview": Job(
+        "ccx2paraview", "all to .vtu", "short", ccx2paraview_conversion, **CCX2PARAVIEW
+    ),
+    "fields_float32": Job("fembridge", "STRESS", "float32", ours_fields, ("STRESS",)),
+    "read_float32": Job("`read()`", "into memory", "float32", whole_read),
+    "pass_float32": Job("`readinto()`", "one block", "float32", passing_read),
+    "fields_float64": Job("fembridge", "STRESS", "float64", ours_fields, ("STRESS",)),
+    "read_float64": Job("`read()`", "into memory", "float64", whole_read),
+    "pass_float64": Job("`readinto()`", "one block", "float64", passing_read),
+    "list": Job("fembridge", "what is in it", "ascii", ours_list),
+    "list_float32": Job("fembridge", "what is in it", "float32", ours_list),
+    "list_command": Job("fembridge", "`ingest --list`", "ascii", list_command),
+}
+
+
+def increments_in(path: Path, held: Held) -> int:
+    """How many increments were written to `path`."""
+    found: int = held["increments"][path.stem.partition("_")[0]]
+    return found

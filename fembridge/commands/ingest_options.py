@@ -1,0 +1,179 @@
+"""What ``fembridge ingest`` understands: its words, and which go together."""
+
+import argparse
+from pathlib import Path
+
+KINDS = ("list", "vtu", "field")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument(
+        "result",
+        type=Path,
+        metavar="RESULT",
+        help="a .frd, .dat, .sta or .cvg of CalculiX, or a run folder",
+    )
+    parser.add_argument(
+        "--list", action="store_true", help="show what the file holds, write nothing"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="table to write (default: RESULT's name and what it is, here); "
+        "for --field .npz or .csv",
+    )
+    parser.add_argument(
+        "--stress-unit",
+        choices=("MPa", "kPa", "Pa"),
+        help="unit of the file's stress (default: MPa, which is N and mm)",
+    )
+    parser.add_argument(
+        "--partial",
+        action="store_true",
+        help="take what is whole of a run that did not end normally",
+    )
+    _add_nodes(parser.add_argument_group("traces at nodes of a .frd"))
+    _add_fields(parser.add_argument_group("whole fields of a .frd"))
+    _add_prints(parser.add_argument_group("prints in a .dat"))
+
+
+def place(text: str) -> tuple[float, ...]:
+    """Read ``X,Y`` or ``X,Y,Z``."""
+    values = tuple(float(word) for word in text.split(","))
+    if len(values) not in (2, 3):
+        raise ValueError(text)
+    return values
+
+
+def point(text: str) -> tuple[int, int]:
+    """Read ``ELEMENT:POINT``."""
+    element, _, number = text.partition(":")
+    return int(element), int(number)
+
+
+def _add_nodes(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--node",
+        type=int,
+        nargs="+",
+        action="extend",
+        metavar="N",
+        help="nodes by number",
+    )
+    group.add_argument(
+        "--set",
+        nargs="+",
+        action="extend",
+        metavar="NAME",
+        dest="sets",
+        help="nodes of a set in the deck",
+    )
+    group.add_argument(
+        "--near",
+        type=place,
+        nargs="+",
+        action="extend",
+        metavar="X,Y[,Z]",
+        help="the node with results nearest to a place in mm of the undeformed mesh; "
+        "before a negative X write --near=-X,Y",
+    )
+    group.add_argument(
+        "--deck",
+        type=Path,
+        metavar="INP",
+        help="where --set looks (default: RESULT's name in .inp)",
+    )
+    group.add_argument(
+        "--afferents",
+        action="store_true",
+        help="the nodes of run.toml's afferents (the default where there is one)",
+    )
+    group.add_argument(
+        "--across-materials",
+        action="store_true",
+        help="allow nodes between two materials, where stress is a mean over both",
+    )
+
+
+def _add_fields(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--field", metavar="QUANTITY", help="all nodes at one increment: STRESS, DISP"
+    )
+    group.add_argument(
+        "--increment",
+        default="last",
+        metavar="[STEP:]N",
+        help="which increment, or mode, --field takes (default: last)",
+    )
+    group.add_argument(
+        "--vtu",
+        type=Path,
+        metavar="FOLDER",
+        help="every increment as VTU, and a PVD, for ParaView",
+    )
+    group.add_argument(
+        "--quantity",
+        nargs="+",
+        action="extend",
+        metavar="NAME",
+        help="only these: of a .frd for --vtu, of a .dat one for its table",
+    )
+
+
+def _add_prints(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--point",
+        type=point,
+        nargs="+",
+        action="extend",
+        metavar="ELEMENT:POINT",
+        help="stress traces at integration points, which no averaging has touched; "
+        "in the table their node is ELEMENT times 100 plus POINT",
+    )
+    group.add_argument(
+        "--print-set", metavar="NAME", help="of which set, if several are printed"
+    )
+
+
+def kind_of(args: argparse.Namespace, printed: bool) -> str:
+    """Say what is asked for: list, vtu, field, table, points or traces.
+
+    Raises
+    ------
+    UsageError
+        Words that do not go together, or not with this kind of file.
+    """
+    from fembridge.errors import UsageError
+
+    by_node = [
+        word
+        for word, given in (
+            ("--node", args.node),
+            ("--set", args.sets),
+            ("--near", args.near),
+            ("--afferents", args.afferents),
+        )
+        if given
+    ]
+    asked = [f"--{kind}" for kind in KINDS if getattr(args, kind)]
+    asked += ["--point"] if args.point else []
+    if args.afferents and len(by_node) > 1:
+        asked += by_node
+    elif by_node:
+        asked.append(by_node[0])
+    if len(asked) > 1:
+        raise UsageError(f"{asked[0]} and {asked[1]} do not go together")
+    word = asked[0] if asked else ""
+    of_a_print = word in ("", "--list", "--point")
+    if printed and not of_a_print:
+        raise UsageError(f"{args.result}: {word} is for a .frd")
+    if not printed and args.point:
+        raise UsageError(f"{args.result}: --point is for a .dat")
+    if word in ("--list", "--vtu", "--field"):
+        return word.removeprefix("--")
+    if printed:
+        return "points" if args.point else "table"
+    return "traces"
