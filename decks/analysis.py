@@ -11,7 +11,7 @@ import numpy as np
 
 from decks.checks import not_negative, positive
 from decks.finger import Finger
-from decks.mesh import Mesh
+from decks.meshing.mesh import Mesh
 from decks.probe import Probe, ProbeMesh, mesh_probe, touched_node
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from decks.catalogue import resolve
-    from decks.waveform import make_stimulus
+    from decks.stimuli.catalogue import resolve
+    from decks.stimuli.waveform import make_stimulus
     from fembridge.errors import FembridgeError
     from fembridge.results import read
     from fembridge.results.frd_field import read_fields
@@ -25,10 +25,10 @@ _HOMES = {
     "FembridgeError": "fembridge.errors",
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",
-    "make_stimulus": "decks.waveform",
+    "make_stimulus": "decks.stimuli.waveform",
     "read": "fembridge.results",
     "read_fields": "fembridge.results.frd_field",
-    "resolve": "decks.catalogue",
+    "resolve": "decks.stimuli.catalogue",
     "write_vtu_series": "fembridge.results.vtu",
 }
 

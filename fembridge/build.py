@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from decks.analysis import Analysis, Contact, analyse
-from decks.calculix import calculix_deck
+from decks.calculix.deck import calculix_deck
 from decks.finger import Finger
-from decks.mesh import Mesh
+from decks.meshing.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
 from fembridge.exports import write_csv

@@ -93,8 +93,8 @@ def model_from(args: argparse.Namespace) -> "Model":
 
 def stimuli_from(args: argparse.Namespace) -> "list[Stimulus]":
     """Make the stimuli that the options name, each once."""
-    from decks.catalogue import resolve
-    from decks.waveform import make_stimulus
+    from decks.stimuli.catalogue import resolve
+    from decks.stimuli.waveform import make_stimulus
     from fembridge.errors import UsageError
 
     if args.seed is not None and args.seed < 0:

@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.analysis import ELEMENTS, RAMP_INCREMENTS, Contact, analyse, motion_of
-from decks.catalogue import resolve
 from decks.finger import SITES, AfferentSite, Finger
 from decks.presets import PRESETS, QUICK, mesh_of
 from decks.probe import Probe
-from decks.waveform import make_stimulus
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import DeckError, FingerError
 from fembridge.stimulus import Stimulus
 

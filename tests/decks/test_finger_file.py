@@ -224,12 +224,12 @@ def test_any_table_is_a_finger_or_a_finger_error(table):
 
 
 def test_other_materials_alone_need_no_mesher(monkeypatch):
-    import decks.mesher
+    import decks.meshing.mesher
 
     def refuse(finger):
         raise AssertionError(finger)
 
-    monkeypatch.setattr(decks.mesher, "mesh_finger", refuse)
+    monkeypatch.setattr(decks.meshing.mesher, "mesh_finger", refuse)
     table = {"base": "quick", "materials": {"dermis": {"young_mpa": 1}}}
     finger = finger_from(table, "soft")
     assert len(mesh_of(finger).quad) == 3100

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import Ridges
 from decks.finger_file import finger_from
-from decks.mesh_checks import scaled_jacobian
+from decks.meshing.mesh_checks import scaled_jacobian
 from decks.presets import PRESETS, mesh_of
 from decks.probe import SHAPES, Probe, mesh_probe, touched_node
 from decks.section import section_of

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact
-from decks.catalogue import resolve
 from decks.presets import PRESETS
-from decks.waveform import make_stimulus
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
 from fembridge import build
 from fembridge.build import Model, build_run_folder, model_of
 from fembridge.errors import DeckError, OutputError

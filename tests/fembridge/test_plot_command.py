@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import fembridge
-from decks.catalogue import resolve
 from decks.presets import QUICK, mesh_of
+from decks.stimuli.catalogue import resolve
 from fembridge.cli import main
 from fembridge.response.map_file import write_map
 from fembridge.response.response_map import ResponseMap

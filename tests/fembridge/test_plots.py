@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.catalogue import resolve
 from decks.finger import LAYERS, AfferentSite, Material
-from decks.mesh import Mesh
+from decks.meshing.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
-from decks.waveform import make_stimulus
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import OutputError, UsageError
 from fembridge.plots.layer_palette import LAYER_COLOURS, line_colour
 from fembridge.plots.mesh import (

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.catalogue import resolve
 from decks.presets import PRESETS
-from decks.waveform import make_stimulus
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
+from fembridge.response.map_file import read_map
 from fembridge.response.solve import solve_response
 from fembridge.response.stored import FOLDER, stored_response
-from fembridge.response.map_file import read_map
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.solvers.calculix import run_calculix

@@ -6,9 +6,9 @@ Plain ASCII, so that no terminal and no pipe stumbles over a Greek letter.
 from collections.abc import Sequence
 from itertools import groupby
 
-from decks.catalogue import CATALOGUE, set_name
-from decks.stimulus_appendix import MISPRINT_NOTE
-from decks.stimulus_entry import Diharmonic, Entry, Noise, Sine, number_text
+from decks.stimuli.appendix import MISPRINT_NOTE
+from decks.stimuli.catalogue import CATALOGUE, set_name
+from decks.stimuli.entry import Diharmonic, Entry, Noise, Sine, number_text
 
 TITLES = {
     "sine": "Sinusoids",

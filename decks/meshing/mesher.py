@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from decks.columns import columns_of
 from decks.finger import LAYERS, Finger
-from decks.gmsh_session import gmsh_session
-from decks.half_mesh import DIGITS, HalfMesh
-from decks.mesh import Mesh
+from decks.meshing.columns import columns_of
+from decks.meshing.gmsh_session import gmsh_session
+from decks.meshing.half_mesh import DIGITS, HalfMesh
+from decks.meshing.mesh import Mesh
+from decks.meshing.section_drawing import SectionDrawing, Surface
 from decks.section import Section, section_of
-from decks.section_drawing import SectionDrawing, Surface
 from fembridge.errors import FingerError
 
 # More than a solver can take in a day, and than gmsh makes in minutes.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from decks.finger import LAYERS, AfferentSite
-from decks.mesh import Mesh
-from decks.mesh_checks import MIN_SCALED_JACOBIAN, scaled_jacobian
+from decks.meshing.mesh import Mesh
+from decks.meshing.mesh_checks import MIN_SCALED_JACOBIAN, scaled_jacobian
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # Closer to x = 0 than this is on it.

@@ -11,12 +11,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import ELEMENTS, analyse
-from decks.calculix import calculix_deck
-from decks.calculix_lines import LONGEST_NUMBER
-from decks.catalogue import resolve
+from decks.calculix.deck import calculix_deck
+from decks.calculix.lines import LONGEST_NUMBER
 from decks.finger import LAYERS, Material
 from decks.presets import QUICK, mesh_of
-from decks.waveform import make_stimulus
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
 
 SKIN = mesh_of(QUICK)
 

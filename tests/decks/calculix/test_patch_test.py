@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.calculix_lines import element_lines, node_lines, real
-from decks.mesh import Mesh
+from decks.calculix.lines import element_lines, node_lines, real
+from decks.meshing.mesh import Mesh
 from fembridge.machine import find_ccx
 from fembridge.results.dat import read_point_stress
 from fembridge.results.frd import read_stress_and_displacement

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.calculix import calculix_deck, watched_nodes
-from decks.calculix_lines import LONGEST_NUMBER
-from decks.catalogue import resolve
+from decks.calculix.deck import calculix_deck, watched_nodes
+from decks.calculix.lines import LONGEST_NUMBER
 from decks.finger import LAYERS, SITES
-from decks.mesh import Mesh
-from decks.waveform import make_stimulus
+from decks.meshing.mesh import Mesh
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 

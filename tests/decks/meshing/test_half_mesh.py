@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.columns import columns_of, graded
 from decks.finger import AfferentSite
-from decks.half_mesh import HalfMesh
+from decks.meshing.columns import columns_of, graded
+from decks.meshing.half_mesh import HalfMesh
 from decks.presets import QUICK
 from decks.section import section_of
 

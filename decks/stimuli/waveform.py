@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from decks.stimulus_entry import (
+from decks.stimuli.entry import (
     DECIMALS,
     DT_MS,
     DURATION_MS,

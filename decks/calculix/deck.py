@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from decks.analysis import Analysis
-from decks.calculix_lines import (
+from decks.calculix.lines import (
     element_lines,
     fixed,
     list_lines,

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import LAYERS, AfferentSite
-from decks.mesh import write_mesh
-from decks.mesh_checks import MIN_SCALED_JACOBIAN
+from decks.meshing.mesh import write_mesh
+from decks.meshing.mesh_checks import MIN_SCALED_JACOBIAN
 from decks.presets import PRESETS, mesh_of, stored_mesh
 from decks.section import section_of
 from fembridge.errors import FingerError

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar, TypeAlias
 
-from decks.stimulus_appendix import (
+from decks.stimuli.appendix import (
     DIHARMONIC_AMPLITUDES_UM,
     NOISE_RMS_UM,
     SINE_AMPLITUDES_UM,

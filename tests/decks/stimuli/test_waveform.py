@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
-from decks.catalogue import CATALOGUE, resolve
-from decks.stimulus_entry import Diharmonic, Noise, Sine
-from decks.waveform import (
+from decks.stimuli.catalogue import CATALOGUE, resolve
+from decks.stimuli.entry import Diharmonic, Noise, Sine
+from decks.stimuli.waveform import (
     MARGIN_SAMPLES,
     band_noise,
     butterworth_power,

@@ -7,18 +7,18 @@ appendix does not have is welcome where the id tells all: ``sine_40_100``,
 ``diharm_10_50_20_20``. Numbers may be spelled in any way: ``sine_20_250.00``.
 
 Two of the ids keep an amplitude that is probably a misprint: ``sine_20_12.5``
-and ``sine_100_85.98``, see :mod:`decks.stimulus_appendix`.
+and ``sine_100_85.98``, see :mod:`decks.stimuli.appendix`.
 """
 
 from collections.abc import Callable, Iterable
 from typing import NoReturn
 
-from decks.stimulus_appendix import (
+from decks.stimuli.appendix import (
     DIHARMONIC_AMPLITUDES_UM,
     NOISE_RMS_UM,
     SINE_AMPLITUDES_UM,
 )
-from decks.stimulus_entry import Diharmonic, Entry, Noise, Sine, number_text
+from decks.stimuli.entry import Diharmonic, Entry, Noise, Sine, number_text
 from fembridge.errors import StimulusError
 
 CATALOGUE: tuple[Entry, ...] = (

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from decks.columns import Columns, Division, columns_of, even, graded
 from decks.finger import LAYERS
+from decks.meshing.columns import Columns, Division, columns_of, even, graded
 from decks.section import Section
 
 Surface = tuple[int, int]

@@ -42,9 +42,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import Analysis, Contact, motion_of
-from decks.calculix import calculix_deck, watched_nodes
+from decks.calculix.deck import calculix_deck, watched_nodes
 from decks.finger import AfferentSite, Bone, Finger, Material, Outline
-from decks.mesh import Mesh
+from decks.meshing.mesh import Mesh
 from decks.presets import QUICK
 from decks.probe import Probe, mesh_probe, touched_node
 from fembridge.machine import find_ccx

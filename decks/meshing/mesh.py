@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from decks.finger import LAYERS, AfferentSite
-from decks.mesh_checks import (
+from decks.meshing.mesh_checks import (
     MIN_SCALED_JACOBIAN,
     check_cover,
     check_tables,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from decks.calculix_lines import (
+from decks.calculix.lines import (
     LONGEST_NUMBER,
     element_lines,
     fixed,

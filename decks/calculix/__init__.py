@@ -1,0 +1,1 @@
+"""CalculiX: the dialect of ccx 2.20. Another solver is a folder like this one."""

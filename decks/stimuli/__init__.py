@@ -1,0 +1,1 @@
+"""The stimuli of the paper: ids, numbers, samples. No NumPy but for samples."""
