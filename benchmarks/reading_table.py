@@ -102,7 +102,9 @@ def report(rounds: Rounds, held: Held, facts: Mapping[str, Any]) -> str:
         f"{size_mb:.0f} MB in ASCII, {held['increments']['ascii']} increments of "
         f"{held['mesh_nodes']} nodes ({held['origin']}); {repeats} rounds, each "
         "reader in a fresh process, in turn, with the file in the page cache. Where "
-        "a cell has three numbers, they are the median, the least and the most.",
+        "a cell has three numbers, they are the median, the least and the most. "
+        "pyvista-frd-reader and ccx2paraview also derive von Mises and principal "
+        "stress, and ccx2paraview writes files; neither can be asked not to.",
         "; ".join(f"{name} {value}" for name, value in facts.items()) + ".",
     ]
     if size_mb < GOALS_FROM_MB:

@@ -9,6 +9,7 @@ by a factor that differs from turn to turn, so that no two have the same numbers
 """
 
 import argparse
+import hashlib
 import json
 import math
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from benchmarks.recorded_run import Quantity, RecordedRun, record
 
 STORAGES = {"ascii": 1, "float32": 2, "float64": 3}
 ABOUT = "files.json"
+LAYOUT = 1  # of what is in it: files made by another program are made anew
 SHORT_INCREMENTS = 10
 WARMING_INCREMENTS = 2
 PROBED_NODES = 5
@@ -30,7 +32,13 @@ _NODES_A_LINE = 10
 
 def make_files(run: RecordedRun, origin: str, folder: Path, megabytes: float) -> None:
     """Write all files, and what they hold, unless `folder` has them already."""
-    wanted = {"origin": origin, "megabytes": megabytes, "mesh_nodes": run.nodes.size}
+    wanted = {
+        "layout": LAYOUT,
+        "origin": origin,
+        "megabytes": megabytes,
+        "mesh_nodes": run.nodes.size,
+        "run_sha256": _sha256(run),
+    }
     about = folder / ABOUT
     if about.exists():
         if wanted.items() <= json.loads(about.read_text(encoding="utf-8")).items():
@@ -123,6 +131,13 @@ def write_run(run: RecordedRun, path: Path, storage: str, increments: int) -> No
                 file.write(quantity.lines)
                 _write_records(run, quantity, file, storage)
         file.write(b" 9999\n")
+
+
+def _sha256(run: RecordedRun) -> str:
+    parts = [run.heading, run.nodes.tobytes(), run.xyz_mm.tobytes()]
+    for quantities in run.increments:
+        parts += [each.values.tobytes() for each in quantities]
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def _time(time_s: float) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.dat_section import DatSection, dat_sections
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import StressTrace
 from fembridge.typing import FloatArray, IntArray, Table
@@ -102,7 +102,7 @@ def read_point_stress(
     times_ms, points, values = _history(path, STRESSES, set_name, options)
     if values.shape[2] != 6 or points.shape[1] != 2:
         raise ResultError(f"{values.shape[2]} stress components, expected 6", path)
-    tensor_pa: FloatArray = values[:, :, _FRD_ORDER] * options.pa_per_unit
+    tensor_pa = in_pa(values[:, :, _FRD_ORDER], options, path)
     return times_ms, points, tensor_pa
 
 
@@ -123,7 +123,8 @@ def read_point_traces(
     """
     times_ms, held, tensor_pa = read_point_stress(path, set_name, options)
     rows = {(int(e), int(p)): row for row, (e, p) in reversed([*enumerate(held)])}
-    stress_pa = von_mises_pa(tensor_pa)
+    with np.errstate(over="ignore"):  # a trace refuses what is not finite
+        stress_pa = von_mises_pa(tensor_pa)
     traces = []
     for element, point in points:
         row = rows.get((element, point))

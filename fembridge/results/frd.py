@@ -22,7 +22,7 @@ from fembridge.results.frd_history import NodeHistory, Want, read_history
 from fembridge.results.frd_index import FrdIndex, index_frd
 from fembridge.results.frd_mesh import MeshBlock, materials_at
 from fembridge.results.frd_records import node_at, node_ids
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
 from fembridge.typing import FloatArray, Table
@@ -54,7 +54,8 @@ def read(
     """
     times_ms, tensor_pa = read_stress_tensor(path, nodes, options)
     times_ms = unrounded(times_ms)
-    stress_pa = von_mises_pa(tensor_pa)
+    with np.errstate(over="ignore"):  # a trace refuses what is not finite
+        stress_pa = von_mises_pa(tensor_pa)
     return [
         StressTrace.on_grid(
             node, list(zip(times_ms.tolist(), column.tolist(), strict=True)), path
@@ -78,7 +79,7 @@ def read_stress_tensor(
         is no finite number.
     """
     history = _read(path, {STRESS: nodes}, options)
-    return history.times_ms, history.values[STRESS] * options.pa_per_unit
+    return history.times_ms, in_pa(history.values[STRESS], options, path)
 
 
 def read_displacement(
@@ -113,7 +114,7 @@ def read_stress_and_displacement(
     history = _read(path, wanted, options)
     return StressAndDisplacement(
         times_ms=history.times_ms,
-        tensor_pa=history.values[STRESS] * options.pa_per_unit,
+        tensor_pa=in_pa(history.values[STRESS], options, path),
         displacement_mm=history.values[DISPLACEMENT],
     )
 

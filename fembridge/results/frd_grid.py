@@ -63,6 +63,20 @@ class Grid:
         rows: IntArray = order[np.minimum(place, order.size - 1)]
         return np.where(self.nodes[rows] == nodes, rows, -1)
 
+    def materials_met(self) -> IntArray:
+        """How many materials meet at each node, ``(N,)``: stress is a mean over them.
+
+        1 inside a layer, 2 on its boundary, 0 at a node of no element.
+        """
+        met = np.zeros(self.nodes.size, dtype=np.int64)
+        kinds = np.unique(np.concatenate([[0], *(c.material for c in self.cells)]))
+        for number in kinds:
+            touched = np.zeros(self.nodes.size, dtype=np.bool_)
+            for cells in self.cells:
+                touched[self.rows_of(cells.corners[cells.material == number])] = True
+            met += touched
+        return met
+
     def materials_of(self, node: int) -> tuple[int, ...]:
         """Materials of the elements at `node`, ascending."""
         met = [

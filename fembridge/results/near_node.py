@@ -98,12 +98,13 @@ def _search(
             )
         held = np.isin(nodes, with_results)
         for place, one, mesh in zip(places_mm, best, every, strict=True):
-            away = np.linalg.norm(at_mm[:, : len(place)] - np.array(place), axis=1)
+            with np.errstate(over="ignore"):  # a place out of reach is at infinity
+                away = np.linalg.norm(at_mm[:, : len(place)] - np.array(place), axis=1)
             mesh.offer(nodes, at_mm, away)
             if held.any():
                 one.offer(nodes[held], at_mm[held], away[held])
-    if any(one.node == 0 for one in best):
-        raise ResultError("no node of the mesh has results", file.path)
+    if any(not math.isfinite(one.distance_mm) for one in best):
+        raise ResultError("no node of the mesh has a place and results", file.path)
     return [
         NearNode(
             node=one.node,

@@ -19,7 +19,7 @@ from fembridge.errors import ResultError
 from fembridge.outputs import replacing
 from fembridge.results.cvg import CvgRow, read_cvg
 from fembridge.results.dat_section import DatSection, dat_sections
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.sta import StaRow, read_sta
 from fembridge.results.text_lines import text_lines
 from fembridge.typing import Table
@@ -144,7 +144,6 @@ def _section_rows(
     section: DatSection, path: Path, options: ReadOptions
 ) -> Iterator[Row]:
     unit = unit_of(section.quantity, options)
-    scale = options.pa_per_unit if unit == PA else 1.0
     bad = np.argwhere(~np.isfinite(section.values))
     if bad.size:
         row, column = bad[0]
@@ -158,6 +157,9 @@ def _section_rows(
             raise ResultError(words, path)
         options.note(f"dropped the section: {words}")
         return
+    stored = section.values
+    if unit == PA:
+        stored = in_pa(stored, options, path)
     time_ms = section.time_ms if section.over_time else ""
     mode = "" if section.mode is None else section.mode
     places = [
@@ -165,7 +167,7 @@ def _section_rows(
         for name in _LABELS
     ]
     for labels_row, values in zip(
-        section.labels.tolist(), (section.values * scale).tolist(), strict=True
+        section.labels.tolist(), stored.tolist(), strict=True
     ):
         label = ["" if at is None else labels_row[at] for at in places]
         for name, value in zip(section.columns, values, strict=True):

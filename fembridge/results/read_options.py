@@ -2,9 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-from fembridge.errors import UsageError
+import numpy as np
+
+from fembridge.errors import ResultError, UsageError
 from fembridge.trace import PA_PER_MPA
+from fembridge.typing import FloatArray
 
 PA_PER_UNIT = {"MPa": PA_PER_MPA, "kPa": 1.0e3, "Pa": 1.0}
 
@@ -40,3 +44,19 @@ class ReadOptions:
         """Pass `words` on to whoever wants to know."""
         if self.tell is not None:
             self.tell(words)
+
+
+def in_pa(stress: FloatArray, options: ReadOptions, path: Path) -> FloatArray:
+    """Give stress of a file in Pa.
+
+    Raises
+    ------
+    ResultError
+        A number is too large to be one.
+    """
+    with np.errstate(over="ignore"):
+        stress_pa: FloatArray = stress * options.pa_per_unit
+    if not np.isfinite(stress_pa).all():
+        worst = float(stress.flat[np.abs(stress).argmax()])
+        raise ResultError(f"a stress of {worst:g} {options.stress_unit}", path)
+    return stress_pa

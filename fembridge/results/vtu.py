@@ -4,10 +4,10 @@ One file an increment, compressed; the PVD has the times, in ms. Only one
 increment is in memory. This is the one module that knows meshio.
 
 Point data: each quantity of the increment, its components in the file's order
-(that of a symmetric tensor is VTK's too), what is derived from it, and the node
-numbers. Cell data: the numbers of element and material, and for each material by
-name whether a cell is of it. A node that has no value (an output restricted to a
-set) is NaN, never 0. Units are ours: mm, Pa.
+(that of a symmetric tensor is VTK's too), what is derived from it, the numbers of
+the nodes, and how many materials meet there. Cell data: the numbers of element and
+material, and for each material by name whether a cell is of it. A node that has no
+value (an output restricted to a set) is NaN, never 0. Units are ours: mm, Pa.
 """
 
 import re
@@ -31,10 +31,11 @@ from fembridge.results.frd_table import NotFiniteError
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray, IntArray
 
-# Kind of element: meshio's name, and its nodes in the order of VTK.
+# Kind of element: meshio's name, and its nodes in the order of VTK. A wedge is
+# turned over for meshio, which turns it back: VTK's has a positive volume as it is.
 _VTK = {
     "he8": ("hexahedron", range(8)),
-    "pe6": ("wedge", range(6)),
+    "pe6": ("wedge", [0, 2, 1, 3, 5, 4]),
     "te4": ("tetra", range(4)),
     "he20": ("hexahedron20", [*range(12), *range(16, 20), *range(12, 16)]),
     "pe15": ("wedge15", [*range(9), *range(12, 15), *range(9, 12)]),
@@ -95,6 +96,12 @@ def write_vtu_series(
         if quantities is not None:
             outputs = having(file, outputs, quantities, options)
         shape = _Shape(read_grid_of(file, index))
+        if shape.between:
+            options.note(
+                f"{shape.between} nodes lie between materials ('materials' is 2 or "
+                "more there): nodal stress and strain are a mean over them and belong "
+                "to none"
+            )
         series = f"{path.stem}.pvd"
         entries: list[tuple[float, str]] = []
         with filling(folder, series) as draft:
@@ -132,6 +139,8 @@ class _Shape:
                 self._cell_data[f"material {_plain(name)}"] = [
                     (cells.material == number).astype(np.uint8) for cells in grid.cells
                 ]
+        self._met = grid.materials_met()
+        self.between: int = int((self._met > 1).sum())
         self._grid = grid
 
     def rows_of(self, nodes: IntArray) -> IntArray:
@@ -146,7 +155,7 @@ class _Shape:
         mesh = meshio.Mesh(
             self._points,
             self._cells,
-            point_data={"node": self.nodes, **points},
+            point_data={"node": self.nodes, "materials": self._met, **points},
             cell_data=self._cell_data,
         )
         meshio.write(path, mesh, file_format="vtu", binary=True, compression="zlib")

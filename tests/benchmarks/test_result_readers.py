@@ -96,7 +96,12 @@ def test_files_that_are_there_are_taken_and_others_made_anew(files, run, tmp_pat
     files.make_files(run, "a sample", tmp_path, 0.1)
     assert (tmp_path / "ascii.frd").stat().st_mtime_ns == small.st_mtime_ns
 
-    files.make_files(run, "a sample", tmp_path, 0.3)
+    turned = replace(run, increments=run.increments[1:] + run.increments[:1])
+    files.make_files(turned, "a sample", tmp_path, 0.1)
+    other = (tmp_path / "ascii.frd").stat()
+    assert other.st_mtime_ns != small.st_mtime_ns
+
+    files.make_files(turned, "a sample", tmp_path, 0.3)
     assert (tmp_path / "ascii.frd").stat().st_size > 2 * small.st_size
 
 

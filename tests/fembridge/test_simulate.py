@@ -4,7 +4,6 @@ import dataclasses
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -18,7 +17,6 @@ from fembridge.build import model_of
 from fembridge.errors import (
     MissingError,
     ResponseError,
-    SolverError,
     UsageError,
 )
 from fembridge.machine import SOLVER_INSTALL_LINE
@@ -26,10 +24,8 @@ from fembridge.response import solve
 from fembridge.response.map_file import read_map
 from fembridge.response.solve import Rung, Solved
 from fembridge.response.stored import FOLDER
-from fembridge.run_folder import JOB, read_run_folder
 from fembridge.simulate import SolverSettings, simulate
-from fembridge.solvers.outcome import Cause, Failure, Outcome
-from fembridge.trace import StressTrace
+from fembridge.solvers.outcome import Outcome
 from neural import PUBLISHED
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
@@ -224,65 +220,6 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     if asked is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", asked)
     assert SolverSettings(threads=threads).threads_each(runs) == expected
-
-
-@pytest.fixture
-def transients(monkeypatch, ccx):
-    """Solver and reader of whole transients, played; calls are kept."""
-    calls = []
-
-    def run_folders(places, **options):
-        calls.append((list(places), options))
-        return [Outcome(place, wall_s=20.0, increments=500) for place in places]
-
-    def read(place):
-        run = read_run_folder(place)
-        wave = np.linspace(0, 1e4, run.increments + 1)
-        return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
-
-    monkeypatch.setattr(module, "run_folders", run_folders)
-    monkeypatch.setattr(module, "read", read)
-    return calls
-
-
-def test_a_transient_uses_the_contact_that_the_indentation_accepted(
-    tmp_path, model, transients
-):
-    told = []
-
-    found = simulate(
-        stimuli_of("sine_20_12.5,sine_20_250"),
-        model,
-        tmp_path,
-        method="transient",
-        settings=SolverSettings(threads=2, jobs=2),
-        tell=told.append,
-    )
-
-    [(places, options)] = transients
-    assert [place.name for place in places] == ["sine_20_12.5", "sine_20_250"]
-    assert {place.parent for place in places} == {tmp_path / "runs"}
-    for place in places:
-        assert read_run_folder(place).inputs["contact"]["friction"] == 0.0
-        assert (place / f"{JOB}.inp").is_file()
-    assert (options["jobs"], options["threads"]) == (2, 2)
-    assert told[-1] == "2 transients solved in 40 s"
-    assert found.origin["method"] == "transient"
-    assert found.traces[0][0].stress_pa[-1] == 1e4
-
-
-def test_a_transient_that_fails_ends_the_simulation(
-    tmp_path, model, transients, monkeypatch
-):
-    def failing(places, **options):
-        failure = Failure(Cause.DIVERGED, "increment 30")
-        return [Outcome(places[0]), Outcome(places[1], failure)]
-
-    monkeypatch.setattr(module, "run_folders", failing)
-    with pytest.raises(SolverError, match="sine_20_250: an increment did not converge"):
-        simulate(
-            stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient"
-        )
 
 
 def test_results_that_are_there_answer_without_another_solve(

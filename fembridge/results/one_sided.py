@@ -1,0 +1,180 @@
+"""Stress at a node as each layer has it: the two sides of a layer boundary.
+
+A ``.frd`` holds one stress a node, the mean over all elements there. What the
+solver computed stands in the ``.dat``, at integration points inside elements
+(``*EL PRINT, ELSET=...`` with S): here they are extrapolated to the node, element
+by element, and averaged over the elements of one material, never over two.
+
+The points of an element lie as those of the brick that CalculiX makes of it: x
+fastest, then y, then z. In a plane element the layers through the thickness are
+equal but for rounding, and their mean is taken. Values are the element's own
+system where it has one (``*ORIENTATION``); without one they are global.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import ResultError
+from fembridge.results import result_file
+from fembridge.results.dat import read_point_stress
+from fembridge.results.frd_grid import Cells, Grid, read_grid
+from fembridge.results.read_options import ReadOptions
+from fembridge.typing import FloatArray, IntArray
+
+_DEFAULTS = ReadOptions()
+# Where the Gauss points lie along one side of a brick, by their number.
+_GAUSS = {
+    1: (0.0,),
+    2: (-((1 / 3) ** 0.5), (1 / 3) ** 0.5),
+    3: (-(0.6**0.5), 0.0, 0.6**0.5),
+}
+_POINTS_A_SIDE = {1: 1, 8: 2, 27: 3}
+_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0))
+_BOTTOM = tuple((x, y, -1) for x, y in _SQUARE)
+_TOP = tuple((x, y, 1) for x, y in _SQUARE)
+_BETWEEN = tuple((x, y, 0) for x, y in _SQUARE[:4])
+# Where each node lies in its element, in the order of the file.
+_PLACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "qu4": _SQUARE[:4],
+    "qu8": _SQUARE,
+    "he8": (*_BOTTOM[:4], *_TOP[:4]),
+    "he20": (*_BOTTOM[:4], *_TOP[:4], *_BOTTOM[4:], *_BETWEEN, *_TOP[4:]),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OneSidedStress:
+    """Stress at `node` in one material: `tensor_pa` ``(T, 6)`` in Pa.
+
+    At `times_ms` ``(T,)``, in the order xx yy zz xy yz zx; it is the mean over the
+    `elements` of that material at the node.
+    """
+
+    node: int
+    material: int
+    name: str
+    elements: tuple[int, ...]
+    times_ms: FloatArray
+    tensor_pa: FloatArray
+
+
+def one_sided_stress(
+    path: Path | str,
+    node: int,
+    set_name: str,
+    *,
+    dat: Path | str | None = None,
+    options: ReadOptions = _DEFAULTS,
+) -> tuple[OneSidedStress, ...]:
+    """Read the stress at `node`, for each material there, lowest number first.
+
+    Parameters
+    ----------
+    path
+        The ``.frd``, which has the mesh, or a run folder.
+    set_name
+        The set of elements whose points the ``.dat`` has.
+    dat
+        The ``.dat``; None takes the one beside `path`.
+
+    Raises
+    ------
+    ResultError
+        A file is absent or damaged; the node is not in the mesh; an element there
+        is not in the set, or of a kind whose points are not extrapolated here.
+    """
+    path = result_file(path)
+    grid = read_grid(path)
+    around = _elements_at(grid, node, path)
+    beside = path.with_suffix(".dat") if dat is None else Path(dat)
+    times_ms, points, tensor_pa = read_point_stress(beside, set_name, options)
+    sides: dict[int, list[tuple[int, FloatArray]]] = {}
+    for element, material, kind, corner in around:
+        rows = np.flatnonzero(points[:, 0] == element)
+        if not rows.size:
+            raise ResultError(
+                f"set {set_name} has no stress of element {element}, which is at node "
+                f"{node}: its side would be a guess",
+                beside,
+            )
+        weights = _weights(kind, corner, points[rows, 1], element, beside)
+        there = np.einsum("p,tpc->tc", weights, tensor_pa[:, rows])
+        sides.setdefault(material, []).append((element, there))
+    return tuple(
+        OneSidedStress(
+            node=node,
+            material=material,
+            name=grid.materials.get(material, f"material {material}"),
+            elements=tuple(element for element, _ in sides[material]),
+            times_ms=times_ms,
+            tensor_pa=np.mean([tensor for _, tensor in sides[material]], axis=0),
+        )
+        for material in sorted(sides)
+    )
+
+
+def extrapolation(kind: str, points: int, corner: int) -> FloatArray:
+    """Weights ``(points,)`` that carry stress from the points to a node.
+
+    Notes
+    -----
+    The polynomial through the points, product of one a direction: constant of one
+    point, linear of two, quadratic of three. Exact for a stress that varies so.
+
+    Raises
+    ------
+    ValueError
+        The kind, or the number of its points, is none of those known here.
+    """
+    if kind not in _PLACES or points not in _POINTS_A_SIDE:
+        raise ValueError(
+            f"{kind} with {points} integration points is not extrapolated; known are "
+            f"{', '.join(_PLACES)} with {', '.join(map(str, _POINTS_A_SIDE))}"
+        )
+    side = _POINTS_A_SIDE[points]
+    place = _PLACES[kind][corner]
+    along = [_lagrange(_GAUSS[side], x) for x in place]
+    if len(along) == 2:  # plane: all layers alike
+        along.append(np.full(side, 1.0 / side))
+    weights: FloatArray = np.einsum("x,y,z->zyx", *along).ravel()
+    return weights
+
+
+def _lagrange(nodes: tuple[float, ...], x: float) -> FloatArray:
+    """Values at `x` of the polynomials that are 1 at one of `nodes`, 0 at others."""
+    return np.array(
+        [np.prod([(x - b) / (a - b) for b in nodes if b != a]) for a in nodes]
+    )
+
+
+def _elements_at(grid: Grid, node: int, path: Path) -> list[tuple[int, int, str, int]]:
+    """Element, material, kind and place of the node in it, for each at `node`."""
+    found = [hit for cells in grid.cells for hit in _hits(cells, node)]
+    if not found:
+        raise ResultError(f"node {node} is at no element of the mesh", path)
+    return found
+
+
+def _hits(cells: Cells, node: int) -> list[tuple[int, int, str, int]]:
+    return [
+        (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
+        for row, corner in np.argwhere(cells.corners == node).tolist()
+    ]
+
+
+def _weights(
+    kind: str, corner: int, order: IntArray, element: int, path: Path
+) -> FloatArray:
+    """Weights in the order in which the points of an element are printed."""
+    if not np.array_equal(np.sort(order), np.arange(1, order.size + 1)):
+        raise ResultError(
+            f"element {element} has the integration points "
+            f"{', '.join(map(str, order.tolist()))}, expected 1 to {order.size}",
+            path,
+        )
+    try:
+        return extrapolation(kind, order.size, corner)[order - 1]
+    except ValueError as error:
+        raise ResultError(f"element {element}: {error}", path) from error

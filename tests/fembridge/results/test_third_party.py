@@ -1,0 +1,134 @@
+"""The reference files of Debian's calculix-ccx-test, where it is installed.
+
+They were written by other people with CalculiX 2.11 and are GPL: they are read
+where they stand and never copied. Frequency, buckling and cyclic modes, beams and
+shells expanded to bricks, contact, fluid networks, up to sixty components.
+"""
+
+import gzip
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from fembridge.errors import ResultError
+from fembridge.results import frd
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.dat_section import dat_sections
+from fembridge.results.deck_sets import read_node_sets
+from fembridge.results.frd_index import index_frd
+from fembridge.results.frd_records import NodeRecords, node_ids
+from fembridge.results.read_options import ReadOptions
+
+FOLDER = Path("/usr/share/doc/calculix-ccx-test/examples/test")
+FRD = sorted(path.name for path in FOLDER.glob("*.frd*") if "check" not in path.name)
+DAT = sorted(path.name for path in FOLDER.glob("*.dat.ref*"))
+DECKS = sorted(path.name for path in FOLDER.glob("*.inp*"))
+HERE = pytest.mark.skipif(not FRD, reason="calculix-ccx-test is not installed")
+LENIENT = ReadOptions(across_materials=True, stress_unit="Pa")
+
+
+def unpacked(name, folder):
+    """Write the file to `folder`, without ``.ref`` and ``.gz`` in its name."""
+    content = (FOLDER / name).read_bytes()
+    if name.endswith(".gz"):
+        content = gzip.decompress(content)
+    path = folder / re.sub(r"(\.ref)?(\.gz)?$", "", name)
+    path.write_bytes(content)
+    return path
+
+
+def slow_blocks(path):
+    """Read a file line by line, slowly and plainly: name and values by node."""
+    blocks, now, node = [], None, 0
+    for line in path.read_text("latin-1").splitlines():
+        if line.startswith(" -4"):
+            now = {}
+            blocks.append((line[5:13].strip(), now))
+        elif line.startswith(" -3"):
+            now = None
+        elif now is not None and line.startswith((" -1", " -2")):
+            if line.startswith(" -1"):
+                node = int(line[3:13])
+                now[node] = []
+            fields = line[13:].rstrip()
+            now[node] += [float(fields[k : k + 12]) for k in range(0, len(fields), 12)]
+    return blocks
+
+
+@HERE
+@pytest.mark.parametrize("name", FRD or ["absent"])
+def test_every_value_of_every_file_is_what_a_plain_reader_reads(name, tmp_path):
+    path = unpacked(name, tmp_path)
+    expected = slow_blocks(path)
+    with ByteFile(path) as file:
+        index = index_frd(file)
+        assert (index.ended, index.damage) == (True, ())
+        assert [block.name for block in index.blocks] == [name for name, _ in expected]
+        for block, (_, table) in zip(index.blocks, expected, strict=True):
+            nodes = node_ids(file, block)
+            assert_array_equal(nodes, list(table))
+            values = NodeRecords(file, nodes.tolist()).read(block)
+            assert_array_equal(values, np.array(list(table.values())))
+
+
+@HERE
+@pytest.mark.parametrize("name", FRD or ["absent"])
+def test_every_file_is_described_and_has_a_mesh(name, tmp_path):
+    held = frd.describe(unpacked(name, tmp_path))
+    assert held["problem"] is None
+    assert held["mesh_nodes"] > 0
+    assert held["elements"] > 0
+    assert held["quantities"]
+
+
+@HERE
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("segment.frd.ref.gz", r"5 modes \(frequency in cycles per time 2.66198 to "),
+        ("twobeam.frd.gz", None),
+        ("planestrain.frd.ref", None),
+    ],
+)
+def test_modes_are_refused_as_a_history_and_increments_are_not(name, words, tmp_path):
+    path = unpacked(name, tmp_path)
+    with ByteFile(path) as file:
+        node = int(node_ids(file, index_frd(file).named("STRESS")[0])[0])
+    if words is None:
+        assert frd.read_stress_tensor(path, [node], LENIENT)[1].shape[1:] == (1, 6)
+        return
+    with pytest.raises(ResultError, match=words):
+        frd.read_stress_tensor(path, [node], LENIENT)
+
+
+@HERE
+@pytest.mark.parametrize("name", ["shell3.frd.ref.gz", "concretebeam.frd.ref.gz"])
+def test_layers_of_composite_shells_are_told(name, tmp_path):
+    held = frd.describe(unpacked(name, tmp_path))
+    assert "layers of composite shells" in held["remarks"][0]
+
+
+@HERE
+def test_every_print_is_read_to_its_end(tmp_path):
+    count = 0
+    for name in DAT:
+        path = unpacked(name, tmp_path)
+        for section in dat_sections(path, lambda *_: True, ReadOptions()):
+            count += len(section.values)
+            assert np.isfinite(section.values).all()
+            assert len(section.labels) == len(section.values)
+        path.unlink()
+    assert count > 100_000
+
+
+@HERE
+def test_the_sets_of_every_deck_are_read(tmp_path):
+    count = 0
+    for name in DECKS:
+        path = unpacked(name, tmp_path)
+        count += len(read_node_sets(path))
+        path.unlink()
+    assert count > 1000

@@ -1,0 +1,106 @@
+"""Whole transients in the pipeline: which contact they get, and what ends them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decks.analysis import Contact
+from decks.presets import PRESETS
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
+from fembridge import simulate as module
+from fembridge.build import model_of
+from fembridge.errors import SolverError
+from fembridge.response.map_file import read_map
+from fembridge.response.solve import Rung, Solved
+from fembridge.response.stored import FOLDER
+from fembridge.run_folder import JOB, read_run_folder
+from fembridge.simulate import SolverSettings, simulate
+from fembridge.solvers.outcome import Cause, Failure, Outcome
+from fembridge.trace import StressTrace
+
+
+def stimuli_of(*words, **options):
+    return [make_stimulus(entry, **options) for entry in resolve(words)]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(PRESETS["quick"])
+
+
+@pytest.fixture
+def ccx(monkeypatch):
+    """A solver is there, and solves the response with the second contact tried."""
+    calls = []
+
+    def solved(folder, model, **options):
+        calls.append((folder, model, options))
+        frictionless = Contact(friction=0.0)
+        rungs = (Rung(Contact(), "diverged"), Rung(frictionless, None))
+        outcome = Outcome(folder, wall_s=12.3, increments=39)
+        return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
+
+    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
+    monkeypatch.setattr(module, "solve_response", solved)
+    return calls
+
+
+@pytest.fixture
+def transients(monkeypatch, ccx):
+    """Solver and reader of whole transients, played; calls are kept."""
+    calls = []
+
+    def run_folders(places, **options):
+        calls.append((list(places), options))
+        return [Outcome(place, wall_s=20.0, increments=500) for place in places]
+
+    def read(place):
+        run = read_run_folder(place)
+        wave = np.linspace(0, 1e4, run.increments + 1)
+        return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
+
+    monkeypatch.setattr(module, "run_folders", run_folders)
+    monkeypatch.setattr(module, "read", read)
+    return calls
+
+
+def test_a_transient_uses_the_contact_that_the_indentation_accepted(
+    tmp_path, model, transients
+):
+    told = []
+
+    found = simulate(
+        stimuli_of("sine_20_12.5,sine_20_250"),
+        model,
+        tmp_path,
+        method="transient",
+        settings=SolverSettings(threads=2, jobs=2),
+        tell=told.append,
+    )
+
+    [(places, options)] = transients
+    assert [place.name for place in places] == ["sine_20_12.5", "sine_20_250"]
+    assert {place.parent for place in places} == {tmp_path / "runs"}
+    for place in places:
+        assert read_run_folder(place).inputs["contact"]["friction"] == 0.0
+        assert (place / f"{JOB}.inp").is_file()
+    assert (options["jobs"], options["threads"]) == (2, 2)
+    assert told[-1] == "2 transients solved in 40 s"
+    assert found.origin["method"] == "transient"
+    assert found.traces[0][0].stress_pa[-1] == 1e4
+
+
+def test_a_transient_that_fails_ends_the_simulation(
+    tmp_path, model, transients, monkeypatch
+):
+    def failing(places, **options):
+        failure = Failure(Cause.DIVERGED, "increment 30")
+        return [Outcome(places[0]), Outcome(places[1], failure)]
+
+    monkeypatch.setattr(module, "run_folders", failing)
+    with pytest.raises(SolverError, match="sine_20_250: an increment did not converge"):
+        simulate(
+            stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient"
+        )
