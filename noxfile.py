@@ -1,4 +1,4 @@
-"""What CI runs: ``nox -s check``; and the oldest versions we claim: ``nox -s lowest``."""
+"""What CI runs, ``nox -s check``; the oldest versions we claim, ``nox -s lowest``."""
 
 import nox
 
@@ -36,7 +36,9 @@ def wheel(session: nox.Session) -> None:
     """Build the wheel and look inside it."""
     session.install("-c", "constraints.txt", "build", "hatchling")
     folder = session.create_tmp()
-    session.run("python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation")
+    session.run(
+        "python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation"
+    )
     session.run("python", "tests/look_inside_wheel.py", folder)
 
 

@@ -80,10 +80,7 @@ def record(folder: Path, source: Path | None = None) -> tuple[RecordedRun, str]:
             "no ccx on the PATH: the results at the afferents' nodes of "
             "fixtures/response_paper, dealt out over its mesh"
         )
-    result = folder / "solved" / "job.frd"
-    if not (result.exists() and result.read_bytes().endswith(b" 9999\n")):
-        _solve(result.parent)
-    run = read_run(result)
+    run = read_run(_solved(folder / "solved", _deck_with_all_output()))
     return run, (
         f"{len(run.times_s)} increments of the deck of fixtures/response_paper, "
         "solved with output at every node"
@@ -157,18 +154,32 @@ def _count_and_start(content: bytes, at: int) -> tuple[int, int]:
     return int(line[24:36]), start
 
 
-def _solve(folder: Path) -> None:
-    deck = (FIXTURE / "job.inp").read_text(encoding="ascii")
+def _deck_with_all_output() -> str:
+    """Give the recorded deck with output at every node, and few increments."""
+    path = FIXTURE / "job.inp"
+    deck = path.read_text(encoding="ascii")
     if _RESTRICTED not in deck:
-        raise ValueError(f"{FIXTURE / 'job.inp'}: no {_RESTRICTED!r}, expected in it")
+        raise ValueError(f"{path}: no {_RESTRICTED!r}, expected in it")
     deck = deck.replace(_RESTRICTED, ", DOUBLE")
     deck, changed = _STEP.subn(
         lambda found: f"{found[1]}{found[2]}, {INCREMENTS * float(found[2]):.7f}", deck
     )
     if changed != 1:
-        raise ValueError(f"{FIXTURE / 'job.inp'}: {changed} steps, expected 1")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "job.inp").write_text(deck, encoding="ascii", newline="\n")
-    subprocess.run(
-        ["ccx", "-i", "job"], cwd=folder, check=True, stdout=subprocess.DEVNULL
-    )
+        raise ValueError(f"{path}: {changed} steps, expected 1")
+    return deck
+
+
+def _solved(folder: Path, deck: str) -> Path:
+    """Give the result of `deck`, solved in `folder` unless it was before."""
+    inputs, result = folder / "job.inp", folder / "job.frd"
+    if not (
+        result.exists()
+        and result.read_bytes().endswith(b" 9999\n")
+        and inputs.read_text(encoding="ascii") == deck
+    ):
+        folder.mkdir(parents=True, exist_ok=True)
+        inputs.write_text(deck, encoding="ascii", newline="\n")
+        subprocess.run(
+            ["ccx", "-i", "job"], cwd=folder, check=True, stdout=subprocess.DEVNULL
+        )
+    return result

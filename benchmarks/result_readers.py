@@ -66,7 +66,7 @@ def facts() -> dict[str, str]:
         "Python": platform.python_version(),
     }
     if hasattr(os, "getloadavg"):
-        found["Machine:"] += f", load {os.getloadavg()[0]:.1f} at the end"
+        found["Machine:"] += f", load {os.getloadavg()[0]:.1f} before"
     for package in _PACKAGES:
         try:
             found[package] = version(package)
@@ -127,7 +127,8 @@ def main() -> None:
         words = [str(folder), "--megabytes", str(megabytes), *source]
         python("benchmarks.result_files", *words)
         held = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        text = report(measure(folder, rounds, args.alone), held, facts())
+        about = facts()  # the load among them, before our own
+        text = report(measure(folder, rounds, args.alone), held, about)
     print(text)
     if args.update_docs:
         update_page(args.update_docs, text)

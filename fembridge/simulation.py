@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
 from neural import Parameters, encode, rate_ips
+
+if TYPE_CHECKING:
+    import pandas
 
 RATES_FILE = "rates.csv"
 SPIKES_FILE = "spikes.csv"
@@ -53,6 +57,15 @@ class Simulation:
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.rates)
             write_text(draft / RECORD_FILE, tomli_w.dumps(self._record()))
+
+    def rates_frame(self) -> "pandas.DataFrame":
+        """Give the rates as pandas has them: ``stimulus``, ``afferent``, ``rate_ips``."""
+        import pandas
+
+        return pandas.DataFrame(
+            [(r.stimulus, r.afferent, r.rate_ips) for r in self.rates],
+            columns=["stimulus", "afferent", "rate_ips"],
+        )
 
     def _write_traces(self, path: Path) -> None:
         displacement_um = [stimulus.displacement_um for stimulus in self.stimuli]

@@ -23,7 +23,9 @@ def main(folder: str) -> int:
     missing = [name for name in WANTED if name not in names]
     tops = {name.split("/")[0] for name in names}
     strange = sorted(
-        top for top in tops if top not in ("fembridge", "decks", "neural")
+        top
+        for top in tops
+        if top not in ("fembridge", "decks", "neural")
         and not top.endswith(".dist-info")
     )
     if missing or strange:

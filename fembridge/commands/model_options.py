@@ -4,6 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from decks.probe import Probe
     from fembridge.build import Model
     from fembridge.stimulus import Stimulus
 
@@ -30,18 +31,23 @@ def add_stimulus_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """Which finger, of which elements, and which probe."""
+    add_finger_options(parser)
+    parser.add_argument(
+        "--element",
+        choices=("CPE4", "CPE4R", "CPE8R"),
+        default="CPE4",
+        help="element of the finger (default: CPE4)",
+    )
+
+
+def add_finger_options(parser: argparse.ArgumentParser) -> None:
     """Which finger and which probe."""
     parser.add_argument(
         "--finger",
         default="quick",
         metavar="NAME|FILE.toml",
         help="quick (3 100 elements), paper (17 702) or a file (default: quick)",
-    )
-    parser.add_argument(
-        "--element",
-        choices=("CPE4", "CPE4R", "CPE8R"),
-        default="CPE4",
-        help="element of the finger (default: CPE4)",
     )
     parser.add_argument(
         "--probe-shape",
@@ -51,6 +57,12 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
+    )
+    parser.add_argument(
+        "--probe-fillet-mm",
+        type=float,
+        metavar="R",
+        help="of a flat probe's edges (default: 0.1, at most a quarter of its width)",
     )
     parser.add_argument(
         "--probe-x-mm",
@@ -76,19 +88,34 @@ def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
 def model_from(args: argparse.Namespace) -> "Model":
     """Make the model that the options describe."""
     from decks.finger_file import read_finger
-    from decks.probe import Probe
     from fembridge.build import model_of
+
+    return model_of(
+        read_finger(args.finger), probe=probe_from(args), element=args.element
+    )
+
+
+def probe_from(args: argparse.Namespace) -> "Probe":
+    """Make the probe that the options describe."""
+    from decks.probe import Probe
     from fembridge.errors import FingerError, UsageError
 
+    fillet_mm = args.probe_fillet_mm
+    if fillet_mm is None:
+        fillet_mm = min(Probe().fillet_mm, 0.25 * abs(args.probe_diameter_mm))
+    elif args.probe_shape != "flat":
+        raise UsageError("--probe-fillet-mm is for --probe-shape flat")
+    if args.probe_shape == "cylinder":
+        fillet_mm = Probe().fillet_mm  # of no meaning; one value, one stored response
     try:
-        probe = Probe(
+        return Probe(
             shape=args.probe_shape,
             diameter_mm=args.probe_diameter_mm,
+            fillet_mm=fillet_mm,
             x_mm=args.probe_x_mm,
         )
     except FingerError as error:
         raise UsageError(f"probe: {error}") from error
-    return model_of(read_finger(args.finger), probe=probe, element=args.element)
 
 
 def stimuli_from(args: argparse.Namespace) -> "list[Stimulus]":

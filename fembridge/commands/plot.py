@@ -57,15 +57,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:
     from decks.finger_file import read_finger
     from decks.presets import mesh_of
-    from decks.probe import Probe
+    from fembridge.commands.model_options import probe_from
     from fembridge.plots.mesh import afferent_nodes, draw_mesh
 
-    probe = Probe(
-        shape=args.probe_shape, diameter_mm=args.probe_diameter_mm, x_mm=args.probe_x_mm
-    )
     finger = read_finger(args.finger)
     mesh = mesh_of(finger)
-    draw_mesh(finger, mesh, probe, args.output)
+    draw_mesh(finger, mesh, probe_from(args), args.output)
     return {
         "finger": finger.name,
         "elements": len(mesh.quad),

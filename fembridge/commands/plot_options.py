@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TypeAlias
 
+from fembridge.commands.model_options import add_finger_options
+
 Pictures: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
@@ -15,28 +17,7 @@ def add_mesh(pictures: Pictures) -> None:
         "the finger's layers and elements, its afferents, and the probe",
         "fembridge plot mesh --finger paper -o mesh.pdf",
     )
-    parser.add_argument(
-        "--finger",
-        default="quick",
-        metavar="NAME|FILE.toml",
-        help="quick, paper or a file (default: quick)",
-    )
-    parser.add_argument(
-        "--probe-shape",
-        choices=("cylinder", "flat"),
-        default="cylinder",
-        help="default: cylinder",
-    )
-    parser.add_argument(
-        "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
-    )
-    parser.add_argument(
-        "--probe-x-mm",
-        type=float,
-        default=0.0,
-        metavar="X",
-        help="where the probe stands across the finger (default: 0)",
-    )
+    add_finger_options(parser)
 
 
 def add_response(

@@ -136,6 +136,8 @@ class ByteFile:
             chunk = self._pread(offset, min(length + overlap, self.size - offset))
             best: tuple[int, bytes] | None = None
             for marker in markers:
+                if chunk.find(marker[:1].strip(b" ") or marker[-1:]) < 0:
+                    continue  # a single byte is sought ten times as fast
                 stop = len(chunk) if best is None else best[0] + len(marker)
                 at = chunk.find(marker, 0, stop)
                 if at >= 0 and (best is None or at < best[0]):

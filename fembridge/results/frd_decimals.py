@@ -45,7 +45,8 @@ def decimals(
     """
     shape, strides = (rows, columns), (width, FIELD)
     head, middle, tail = (
-        np.ndarray(shape, "<u4", text, first + at, strides).ravel() for at in (0, 4, 8)
+        np.ndarray(shape, "<u4", text, first + at, strides).flatten()
+        for at in (0, 4, 8)
     )
     odd = _odd(head, middle, tail)
     power = tail  # no longer needed as it was

@@ -123,6 +123,22 @@ def test_results_at_few_nodes_are_dealt_out_over_the_mesh(recorded):
     assert len(np.unique(stress[:, 0])) > 0.9 * run.nodes.size
 
 
+def test_the_deck_that_is_solved_asks_for_every_node_of_few_increments(recorded):
+    recorded_deck = (recorded.FIXTURE / "job.inp").read_text(encoding="ascii")
+    deck = recorded._deck_with_all_output()
+
+    changed = [
+        (old, new)
+        for old, new in zip(recorded_deck.splitlines(), deck.splitlines(), strict=True)
+        if old != new
+    ]
+    assert [new for _, new in changed] == [
+        "0.0005000, 0.0040000",
+        "*NODE OUTPUT, DOUBLE",
+        "*ELEMENT OUTPUT, DOUBLE",
+    ]
+
+
 def test_a_result_that_is_not_float64_is_refused(recorded):
     with pytest.raises(ValueError, match="expected 3"):
         recorded.read_run(SAMPLES / "cpe4_bin_f32.frd")

@@ -1,6 +1,7 @@
 """``fembridge build-deck``: a run folder a stimulus, and what it refuses."""
 
 import json
+import tomllib
 
 import pytest
 
@@ -213,3 +214,19 @@ def test_help_shows_an_example_that_runs(here, capsys):
     example = capsys.readouterr().out.split("example: fembridge ")[1].split()
     assert main(example) == 0
     assert len(list((here / "runs").iterdir())) == 5
+
+
+def test_a_narrow_flat_probe_gets_a_fillet_that_fits(tmp_path):
+    words = ["build-deck", "--stimulus", "sine_20_250", "-o", str(tmp_path)]
+    flat = ["--probe-shape", "flat", "--probe-diameter-mm", "0.1"]
+
+    assert main([*words, *flat]) == 0
+    run = tomllib.loads((tmp_path / "sine_20_250" / "run.toml").read_text())
+    assert run["inputs"]["probe"]["fillet_mm"] == 0.025
+
+
+def test_a_fillet_is_for_a_flat_probe(tmp_path, capsys):
+    words = ["build-deck", "--stimulus", "sine_20_250", "-o", str(tmp_path)]
+
+    assert main([*words, "--probe-fillet-mm", "0.05"]) == 2
+    assert "--probe-shape flat" in capsys.readouterr().err

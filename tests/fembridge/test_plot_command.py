@@ -204,6 +204,7 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
         (["stimulus", "noise_5_25_1", "--seed", "-1"], "seed must be >= 0"),
         (["trace", "traces.csv", "--stimulus", "sine_20"], "12 stimuli, expected one"),
         (["raster", "spikes.csv", "--stimulus", "sin"], "did you mean sine"),
+        (["mesh", "--probe-diameter-mm", "0"], "diameter_mm"),
     ],
 )
 def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
@@ -221,7 +222,6 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
     [
         (["mesh", "--finger", "nobody"], "neither a preset (quick, paper) nor a file"),
         (["mesh", "--probe-x-mm", "20"], "the probe spans x = "),
-        (["mesh", "--probe-diameter-mm", "0"], "diameter_mm"),
         (["response", "nothing.toml"], "nothing.toml: not readable"),
         (["trace", "nothing.csv"], "nothing.csv: cannot read"),
         (["trace", "spikes.csv"], "no column"),

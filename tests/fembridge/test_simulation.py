@@ -199,3 +199,12 @@ def test_a_simulation_may_be_put_together_by_hand(tmp_path):
     )
     by_hand.write(tmp_path)
     assert read_rates(tmp_path / "rates.csv") == [Rate("sine_20_250", "SA", 4.0)]
+
+
+def test_rates_as_pandas_has_them_are_those_of_the_table(simulation):
+    frame = simulation.rates_frame()
+
+    assert list(frame.columns) == ["stimulus", "afferent", "rate_ips"]
+    assert list(frame.itertuples(index=False, name=None)) == [
+        (rate.stimulus, rate.afferent, rate.rate_ips) for rate in simulation.rates
+    ]

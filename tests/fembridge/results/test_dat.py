@@ -86,7 +86,9 @@ def test_an_old_spelling_and_a_fortran_exponent_are_read(tmp_path):
 
 
 def test_a_set_that_is_absent_is_named_beside_those_there(samples):
-    with pytest.raises(ResultError, match=r"no total force for set NBOT.*total force for set NTOP"):
+    with pytest.raises(
+        ResultError, match=r"no total force for set NBOT.*total force for set NTOP"
+    ):
         dat.read_total_force(samples / "cpe4_ascii.dat", "NBOT")
 
 

@@ -102,7 +102,9 @@ def test_a_partial_reading_tells_what_is_wrong_with_the_file():
 
 def test_iterations_of_one_increment_are_no_history():
     path = SAMPLES / "cpe4_lastiter_ResultsForLastIterations.frd"
-    with pytest.raises(ResultError, match="DISP of step 1 holds results of another kind"):
+    with pytest.raises(
+        ResultError, match="DISP of step 1 holds results of another kind"
+    ):
         frd.read_displacement(path, [11], LENIENT)
     with pytest.raises(ResultError, match="no STRESS in it, it holds DISP"):
         frd.read_stress_tensor(path, [11], LENIENT)
