@@ -1,4 +1,4 @@
-"""How long the commands take, process start included: ``python -m benchmarks.commands``.
+"""How long the commands take with process start: ``python -m benchmarks.commands``.
 
 Each is run several times in a fresh process; the median, the extremes and the
 goal are printed as a Markdown table. Needs fembridge installed beside this Python.

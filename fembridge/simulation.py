@@ -59,7 +59,7 @@ class Simulation:
             write_text(draft / RECORD_FILE, tomli_w.dumps(self._record()))
 
     def rates_frame(self) -> "pandas.DataFrame":
-        """Give the rates as pandas has them: ``stimulus``, ``afferent``, ``rate_ips``."""
+        """Give the rates with columns ``stimulus``, ``afferent``, ``rate_ips``."""
         import pandas
 
         return pandas.DataFrame(
