@@ -253,3 +253,9 @@ def _read(
                 options.note(
                     f"dropped step {step}, increment {increment}: {error.problem}"
                 )
+        if file.change is not None and not options.partial:
+            raise ResultError(
+                f"{file.change}; read it again when the run has ended", path
+            )
+        if file.change is not None:
+            options.note(file.change)

@@ -284,14 +284,34 @@ def test_a_damaged_record_is_named(write_frd, block, old, new, words):
         list(read_fields(path, partial=True))
 
 
-def test_a_file_that_shrinks_while_it_is_read_is_told(write_frd, block):
-    blocks = [block("STRESS", k, k * 1e-3, [(1, range(6))]) for k in range(1, 9)]
-    path = write_frd(blocks)
+@pytest.mark.parametrize("records", [1, 500])
+def test_a_file_that_shrinks_while_it_is_read_is_told(write_frd, block, records):
+    rows = [(node, range(6)) for node in range(1, records + 1)]
+    path = write_frd([block("STRESS", k, k * 1e-3, rows) for k in range(1, 9)])
     fields = read_fields(path)
     next(fields)
-    path.write_bytes(path.read_bytes()[:2000])
-    with pytest.raises(ResultError, match="byte"):
+    path.write_bytes(path.read_bytes()[:-1000])
+    with pytest.raises(
+        ResultError, match=r"shrank|it had \d+ bytes when it was opened"
+    ):
         list(fields)
+
+
+def test_a_file_that_grows_is_read_as_far_as_it_was_with_partial(write_frd, block):
+    rows = [(node, range(6)) for node in range(1, 9)]
+    path = write_frd([block("STRESS", k, k * 1e-3, rows) for k in (1, 2)])
+    said = []
+    strict, lenient = (
+        read_fields(path),
+        read_fields(path, partial=True, tell=said.append),
+    )
+    next(strict), next(lenient)
+    with path.open("ab") as file:
+        file.write(b"more")
+    assert len(list(lenient)) == 1
+    assert "grew" in said[0]
+    with pytest.raises(ResultError, match="it grew"):
+        list(strict)
 
 
 @pytest.mark.parametrize("flag", [1, 2])

@@ -1,0 +1,205 @@
+"""What follows from a tensor: closed forms, and the two sides of a layer boundary."""
+
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.testing import assert_allclose
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.derived import (
+    DERIVED,
+    derived_of,
+    max_shear_pa,
+    mean_stress_pa,
+    principal_stresses_pa,
+    strain_energy_density_pa,
+    tensor_of,
+)
+from fembridge.results.frd_field import read_fields, read_joined_fields
+from fembridge.results.one_sided import extrapolation, one_sided_stress
+from fembridge.results.stress import von_mises_pa
+
+TENSORS = hnp.arrays(np.float64, (7, 6), elements=st.floats(-1e6, 1e6))
+BOUNDARY = (29, 30, 31, 32, 33, 34, 35, 36, 37)  # nodes of interface_cpe8r at y = 0.5
+
+
+def matrices_of(tensor):
+    xx, yy, zz, xy, yz, zx = np.moveaxis(tensor, -1, 0)
+    rows = [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+@given(tensor=TENSORS)
+def test_principal_stresses_keep_the_invariants_and_descend(tensor):
+    principal = principal_stresses_pa(tensor)
+    matrix = matrices_of(tensor)
+    scale = np.abs(tensor).max() + 1.0
+    assert (np.diff(principal, axis=-1) <= 0).all()
+    assert_allclose(principal.sum(-1), np.trace(matrix, axis1=1, axis2=2),
+                    atol=1e-12 * scale)  # fmt: skip
+    assert_allclose((principal**2).sum(-1), (matrix**2).sum((1, 2)), 1e-12, 1e-12)
+    assert_allclose(principal.prod(-1), np.linalg.det(matrix), atol=1e-12 * scale**3)
+
+
+@given(
+    values=hnp.arrays(np.float64, 3, elements=st.floats(-1e6, 1e6)),
+    angles=hnp.arrays(np.float64, 3, elements=st.floats(-3.2, 3.2)),
+)
+def test_principal_stresses_do_not_change_when_the_axes_are_turned(values, angles):
+    turn = np.eye(3)
+    for (a, b), angle in zip(((0, 1), (1, 2), (0, 2)), angles, strict=True):
+        one = np.eye(3)
+        one[[a, b], [a, b]] = np.cos(angle)
+        one[a, b], one[b, a] = -np.sin(angle), np.sin(angle)
+        turn = turn @ one
+    m = turn @ np.diag(values) @ turn.T
+    tensor = np.array([m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[1, 2], m[2, 0]])
+    scale = np.abs(values).max() + 1e-300
+    found = principal_stresses_pa(tensor)
+    assert_allclose(found, np.sort(values)[::-1], atol=1e-13 * scale)
+    s1, s2, s3 = found
+    mises = np.sqrt(((s1 - s2) ** 2 + (s2 - s3) ** 2 + (s3 - s1) ** 2) / 2)
+    assert_allclose(von_mises_pa(tensor), mises, atol=1e-12 * scale)
+
+
+def test_closed_forms_of_simple_states():
+    pull, shear, pressure = np.eye(6)[0], np.eye(6)[4], -np.array([1, 1, 1, 0, 0, 0.0])
+    assert_allclose(principal_stresses_pa(pull), [1, 0, 0], atol=1e-15)
+    assert_allclose(principal_stresses_pa(shear), [1, 0, -1], atol=1e-15)
+    assert_allclose(max_shear_pa(np.stack([pull, shear, pressure])), [0.5, 1, 0])
+    assert_allclose(mean_stress_pa(np.stack([pull, shear, pressure])), [1 / 3, 0, -1])
+
+
+@given(
+    strain=hnp.arrays(np.float64, 6, elements=st.floats(-1e-3, 1e-3)),
+    young_pa=st.floats(1e3, 1e9),
+    poisson=st.floats(0.0, 0.45),
+)
+def test_strain_energy_is_that_of_a_linear_material(strain, young_pa, poisson):
+    """W = λ/2 (tr ε)² + μ ε:ε, with each tensor shear in it twice."""
+    mu = young_pa / (2 * (1 + poisson))
+    lame = young_pa * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    trace = strain[:3].sum()
+    stress = 2 * mu * strain + lame * trace * np.array([1, 1, 1, 0, 0, 0])
+    square = (matrices_of(strain) ** 2).sum()
+    assert_allclose(
+        strain_energy_density_pa(stress, strain),
+        lame / 2 * trace**2 + mu * square,
+        rtol=1e-9,
+        atol=1e-12 * young_pa * 1e-6,
+    )
+
+
+def test_strain_energy_of_the_stretched_layers_is_the_closed_form(samples):
+    """interface_cpe8r: 1 % stretch along x, plane strain, free along y; no NLGEOM."""
+    fields = next(
+        read_joined_fields(samples / "interface_cpe8r.frd", ("STRESS", "TOSTRAIN"))
+    )
+    energy = derived_of("strain_energy_density", fields)
+    inside = fields["STRESS"].nodes < min(BOUNDARY)
+    stress_pa = fields["STRESS"].component("SXX")[inside]
+    strain = fields["TOSTRAIN"].component("EXX")[inside]
+    assert_allclose(energy[inside], 0.5 * stress_pa * strain, rtol=1e-5)
+
+
+def test_wrong_shapes_and_names_are_refused(samples):
+    with pytest.raises(ValueError, match=r"expected \(\.\.\., 6\), got \(3,\)"):
+        principal_stresses_pa(np.zeros(3))
+    disp = next(read_fields(samples / "cpe4_ascii.frd", "DISP"))
+    with pytest.raises(UsageError, match="it is no tensor"):
+        tensor_of(disp)
+    with pytest.raises(UsageError, match="von_mises takes STRESS"):
+        derived_of("von_mises", {"DISP": disp})
+    with pytest.raises(UsageError, match=f"there are {', '.join(DERIVED)}"):
+        derived_of("tresca", {})
+
+
+def test_components_in_another_order_are_put_in_order(write_frd, block):
+    names = ("SZX", "SXX", "SYY", "SZZ", "SXY", "SYZ")
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [6, 1, 2, 3, 4, 5])],
+                            components=names)])  # fmt: skip
+    field = next(read_fields(path, stress_unit="Pa"))
+    assert tensor_of(field).tolist() == [[1, 2, 3, 4, 5, 6]]
+
+
+@pytest.mark.parametrize("node", BOUNDARY)
+def test_each_side_of_a_layer_boundary_has_its_own_stress(samples, node):
+    """Uniform stretch: 0.000549 MPa below and 0.02198 above, by closed form; the
+    ``.frd`` has the mean of both at these nodes."""
+    path = samples / "interface_cpe8r.frd"
+    below, above = one_sided_stress(path, node, "EALL")
+    assert (below.name, above.name) == ("A", "B")
+    assert below.times_ms.tolist() == above.times_ms.tolist() == [1000.0]
+    for side, young_pa in ((below, 0.05e6), (above, 2.0e6)):
+        assert side.tensor_pa.shape == (1, 6)
+        sxx = 0.01 * young_pa / (1 - 0.3**2)
+        expected = [sxx, 0, 0.3 * sxx, 0, 0, 0]
+        assert_allclose(side.tensor_pa[0], expected, atol=1e-6 * sxx)
+    mean = next(read_fields(path)).at([node])[0, 0]
+    assert_allclose(mean, (below.tensor_pa + above.tensor_pa)[0, 0] / 2, rtol=1e-4)
+
+
+def test_a_node_inside_a_layer_has_one_side(samples):
+    (only,) = one_sided_stress(samples / "interface_cpe8r.frd", 10, "EALL")
+    assert (only.node, only.material, only.elements) == (10, 1, (1,))
+
+
+def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
+    for suffix in ("frd", "dat"):
+        name = f"interface_cpe8r.{suffix}"
+        shutil.copy(samples / name, tmp_path / name)
+    path = tmp_path / "interface_cpe8r.frd"
+    with pytest.raises(ResultError, match="node 999 is at no element"):
+        one_sided_stress(path, 999, "EALL")
+    dat = path.with_suffix(".dat")
+    lines = dat.read_text().splitlines(keepends=True)
+    dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d} ")))
+    with pytest.raises(ResultError, match=r"no stress of element 10.*node 33"):
+        one_sided_stress(path, 33, "EALL")
+    dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d}   8")))
+    with pytest.raises(ResultError, match="qu8 with 7 integration points"):
+        one_sided_stress(path, 33, "EALL")
+
+
+PLACES = {
+    "qu4": [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+    "he8": [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1),
+            (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["qu4", "qu8", "he8", "he20"])
+@pytest.mark.parametrize(("points", "order"), [(1, 0), (8, 1), (27, 2)])
+def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(
+    kind, points, order
+):
+    corners = PLACES["qu4" if kind.startswith("qu") else "he8"]
+    places = list(corners)
+    if kind == "qu8":
+        places += [(0, -1), (1, 0), (0, 1), (-1, 0)]
+    if kind == "he20":  # bottom, between, top: the order of a .frd
+        mids = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7),
+                (4, 5), (5, 6), (6, 7), (7, 4)]  # fmt: skip
+        places += [tuple(np.add(corners[a], corners[b]) / 2) for a, b in mids]
+    gauss = {1: [0.0], 8: [-(3**-0.5), 3**-0.5], 27: [-(0.6**0.5), 0.0, 0.6**0.5]}
+    lie = [
+        (x, y, z) for z in gauss[points] for y in gauss[points] for x in gauss[points]
+    ]
+
+    def stress(x, y, z=0.0):
+        return (2 + 3 * x**order) * (1 - 4 * y**order) * (5 + z**order * len(corners))
+
+    plane = kind.startswith("qu")
+    printed = [stress(x, y, 0.0 if plane else z) for x, y, z in lie]
+    for corner, place in enumerate(places):
+        weights = extrapolation(kind, points, corner)
+        assert_allclose(weights @ printed, stress(*place), rtol=1e-12, atol=1e-12)
+
+
+def test_an_unknown_kind_of_element_is_not_extrapolated():
+    with pytest.raises(ValueError, match="tr6 with 9 integration points"):
+        extrapolation("tr6", 9, 0)
