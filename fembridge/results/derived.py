@@ -17,6 +17,7 @@ from fembridge.typing import FloatArray
 
 STRESS, STRAIN = "STRESS", "TOSTRAIN"
 _NORMAL = 3
+_ROWS_AT_ONCE = 1 << 15  # matrices in memory
 _IN_ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))  # component at row and column
 
 
@@ -30,10 +31,12 @@ def principal_stresses_pa(tensor_pa: FloatArray) -> FloatArray:
     flat.
     """
     tensor = _checked(tensor_pa)
-    ascending: FloatArray = np.asarray(
-        np.linalg.eigvalsh(tensor[..., _IN_ROWS]), np.float64
-    )
-    return ascending[..., ::-1]
+    rows = tensor.reshape(-1, len(TENSOR))
+    values = np.empty((len(rows), 3), dtype=np.float64)
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        some = slice(first, first + _ROWS_AT_ONCE)
+        values[some] = np.linalg.eigvalsh(rows[some][:, _IN_ROWS])[:, ::-1]
+    return values.reshape(*tensor.shape[:-1], 3)
 
 
 def max_shear_pa(tensor_pa: FloatArray) -> FloatArray:

@@ -27,12 +27,10 @@ _KEPT_NAMES = 32
 class FrdOutput:
     """Which output of a job a block belongs to.
 
-    `key` is step and increment; of an eigenmode, step and number of the mode.
     `value` is the number that a ``100CL`` line holds: the total time, or the
     frequency of a mode, or its buckling factor.
     """
 
-    key: tuple[int, int]
     value: float
     analysis: int = _STATIC
     modal: bool = False
@@ -75,7 +73,7 @@ class FrdBlock:
     line_end: int = 1
     free: bool = False
     modal: bool = False
-    output: FrdOutput = FrdOutput((0, 0), 0.0)
+    output: FrdOutput = FrdOutput(0.0)
 
     @property
     def binary(self) -> bool:
@@ -127,6 +125,7 @@ class HeaderReader:
     def __init__(self, file: ByteFile) -> None:
         self._file = file
         self._known: list[_Names] = []
+        self._place = 0  # in _known, of the quantity before
 
     def read(self, offset: int, key: tuple[int, int], mode: int | None) -> FrdBlock:
         """Read the ``100CL`` line at `offset` and the ``-4``, ``-5`` lines below it.
@@ -141,18 +140,20 @@ class HeaderReader:
         where = f"block header of step {key[0]}, increment {key[1]}"
         line, at = self._line(offset, "100CL", where)
         try:
-            output = _output(line, key, mode)
+            output = _output(line)
             flag = _count(line[73:75])
             if flag > 3:
                 raise ValueError(f"format flag {flag}")
             blank = flag < 2 and not line[24:36].strip()
             records = -1 if blank else _count(line[24:36])
+            if output.modal:
+                key = key[0], _count(line[58:63]) if mode is None else mode
             names = self._names(at, where)
         except ValueError as error:  # also UnicodeDecodeError
             raise ResultError(
                 f"{where} at byte {offset} cannot be read: {error}", self._file.path
             ) from error
-        step, increment = output.key
+        step, increment = key
         return FrdBlock(
             name=names.name,
             step=step,
@@ -168,10 +169,11 @@ class HeaderReader:
         )
 
     def _names(self, offset: int, where: str) -> _Names:
-        for place, names in enumerate(self._known):
+        count = len(self._known)
+        for place in range(self._place + 1, self._place + 1 + count):
+            names = self._known[place % count]  # quantities follow in turn
             if self._file.holds(offset, names.text):
-                if place:
-                    self._known.insert(0, self._known.pop(place))
+                self._place = place % count
                 return names
         line, at = self._line(offset, "-4", where)
         name = line[5:13].decode("ascii").strip()
@@ -195,8 +197,9 @@ class HeaderReader:
             raise ValueError(f"{name} without components")
         text = self._file.take(offset, at - offset)
         names = _Names(text, name, tuple(components), line_end)
-        self._known.insert(0, names)
-        del self._known[_KEPT_NAMES:]
+        del self._known[: 1 - _KEPT_NAMES]
+        self._known.append(names)
+        self._place = len(self._known) - 1
         return names
 
     def _line(self, offset: int, what: str, where: str) -> tuple[bytes, int]:
@@ -235,17 +238,14 @@ def read_mode(line: bytes) -> int:
     return _count(line[24:36])
 
 
-def _output(line: bytes, key: tuple[int, int], mode: int | None) -> FrdOutput:
+def _output(line: bytes) -> FrdOutput:
     text = line[12:24].strip()
     if not _TIME.fullmatch(text):
         raise ValueError(f"time {line[12:24]!r}")
     word = line[56:58].strip()
     analysis = _count(word) if word else _STATIC
     modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
-    if modal:
-        number = _count(line[58:63]) if mode is None else mode
-        key = key[0], number
-    return FrdOutput(key, float(text), analysis, modal)
+    return FrdOutput(float(text), analysis, modal)
 
 
 def _count(field: bytes) -> int:

@@ -3,8 +3,9 @@
 >>> for field in read_fields("job.frd", "STRESS"):  # doctest: +SKIP
 ...     print(field.time_ms, field.component("SXX").max())
 
-What is held in memory is one increment, whatever the size of the file; with
-`nodes_at_once` a part of one. Times are the solver's, over all steps.
+What is held in memory is the increment that is read and, as long as the caller
+keeps it, the one before, whatever the size of the file; with `nodes_at_once` a part
+of one. Times are the solver's, over all steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -118,7 +119,7 @@ def read_fields(
     """Read one quantity, an increment at a time, in file order.
 
     Stress comes in Pa; it is CalculiX's nodal stress, which at the boundary of two
-    materials is a mean over both (`derived.one_sided_stress_pa` is not).
+    materials is a mean over both: `one_sided.one_sided_stress` gives each side's.
 
     Parameters
     ----------
@@ -132,7 +133,8 @@ def read_fields(
     stress_unit
         Unit of the file: "MPa" (N and mm), "kPa" or "Pa".
     nodes_at_once
-        Give an increment in fields of so many records at most.
+        Give an increment in fields of so many records at most. With `partial` one
+        that turns out not to be finite has then been given as far as it is.
 
     Raises
     ------
@@ -142,7 +144,7 @@ def read_fields(
     """
     options = ReadOptions(partial=partial, stress_unit=stress_unit, tell=tell)
     fields = _fields(result_file(path), (quantity,), options, nodes_at_once)
-    return (field[quantity] for field in fields)
+    return (output.pop(quantity) for output in fields)  # kept by the caller alone
 
 
 def read_joined_fields(

@@ -6,10 +6,8 @@ record looks like; a number that is not finite is an error with its node.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
@@ -84,7 +82,7 @@ def _printed(
     """Read records of text into `nodes` and `values`; tell which are records."""
     rows, width = len(nodes), block.record_bytes
     fine = _ids(text, block, nodes)
-    mark, at = b" -1", 0
+    mark, at, any_odd = b" -1", 0, False
     for column in range(0, len(block.components), VALUES_A_LINE):
         columns = slice(column, min(column + VALUES_A_LINE, len(block.components)))
         count = columns.stop - column
@@ -96,9 +94,12 @@ def _printed(
             found, odd = decimals(text, rows, width, start, count)
             if odd is not None:
                 _replace(text, block, found, odd, start, column, nodes, file)
+                any_odd = True
             values[:, columns] = found
         mark, at = b" -2", end
     _scale(values, factor)
+    if any_odd and fine.all():  # the others are all finite
+        _check_finite(file, block, nodes, values)
     return fine
 
 
@@ -122,8 +123,6 @@ def _replace(
                 f"{error}",
                 file.path,
             ) from error
-        if not np.isfinite(value):
-            raise _not_finite(file, block, int(nodes[row]), column + place, value)
         found[row, place] = value
 
 
@@ -141,10 +140,9 @@ def _packed(
     table = np.frombuffer(text, dtype=[("node", "<i4"), ("values", together)])
     nodes[...] = table["node"]
     flat = values.reshape(-1)  # a view: parts of an array made here
-    packed = np.ascontiguousarray(table["values"]).view(kind)
-    _check_finite(file, block, nodes, packed.reshape(values.shape))
-    flat[...] = packed
+    flat[...] = np.ascontiguousarray(table["values"]).view(kind)
     _scale(values, factor)
+    _check_finite(file, block, nodes, values)
     fine: BoolArray = nodes > 0
     return fine
 
@@ -163,10 +161,11 @@ def _free_parts(
         while filled < rows:
             if not nodes.size:
                 nodes, values = next(pieces)
+                _scale(values, factor)
                 _check_finite(file, block, nodes, values)
             some = min(nodes.size, rows - filled)
             part_nodes[filled : filled + some] = nodes[:some]
-            part_values[filled : filled + some] = values[:some] * factor
+            part_values[filled : filled + some] = values[:some]
             nodes, values, filled = nodes[some:], values[some:], filled + some
         yield part_nodes, part_values
 
@@ -192,29 +191,25 @@ def _holds(text: bytes, rows: int, width: int, at: int, mark: bytes) -> BoolArra
 
 def _scale(values: FloatArray, factor: FloatArray) -> None:
     """Multiply each column by its factor; all at once where they are the same."""
-    if (factor == factor[0]).all():
-        if factor[0] != 1.0:
+    with np.errstate(over="ignore"):  # a number that overflows is not finite
+        if not (factor == factor[0]).all():
+            values *= factor
+        elif factor[0] != 1.0:
             values *= float(factor[0])
-    else:
-        values *= factor
 
 
 def _check_finite(
-    file: ByteFile, block: FrdBlock, nodes: IntArray, values: NDArray[np.floating[Any]]
+    file: ByteFile, block: FrdBlock, nodes: IntArray, values: FloatArray
 ) -> None:
     finite = np.isfinite(values)
     if not finite.all():
         row, column = np.argwhere(~finite)[0].tolist()
-        found = float(values[row, column])
-        raise _not_finite(file, block, int(nodes[row]), column, found)
-
-
-def _not_finite(
-    file: ByteFile, block: FrdBlock, node: int, column: int, value: float
-) -> NotFiniteError:
-    output = block.output
-    when = f"{output.axis} {output.value:g}" if block.modal else f"{block.time_ms:g} ms"
-    return NotFiniteError(
-        f"node {node} at {when}: {block.name} {block.components[column]} is {value}",
-        file.path,
-    )
+        output = block.output
+        when = f"{block.time_ms:g} ms"
+        if block.modal:
+            when = f"{output.axis} {output.value:g}"
+        raise NotFiniteError(
+            f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
+            f"{values[row, column]}",
+            file.path,
+        )

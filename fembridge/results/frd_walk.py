@@ -211,7 +211,8 @@ class FrdWalk:
                     records,
                 )
                 return after
-        begun = self.file.count(b"\n -1", block.offset - 1, at)
+        last = at if block.records < 0 else min(at, block.end)
+        begun = self.file.count(b"\n -1", block.offset - 1, last)
         whole = min((at - block.offset) // block.record_bytes, begun)
         self._cut(block, whole if block.records < 0 else min(whole, block.records), at)
         if marker == _NEXT_STEP:

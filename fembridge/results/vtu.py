@@ -207,7 +207,8 @@ def _point_data(
     for name in derived:
         takes = DERIVED[name][0]
         if all(quantity in fields for quantity in takes):
-            values = derived_of(name, fields)
+            with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
+                values = derived_of(name, fields)
             rows = shape.rows_of(fields[takes[0]].nodes)
             points[name] = _spread(values, rows, shape.nodes.size)
     return points

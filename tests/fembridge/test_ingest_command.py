@@ -83,7 +83,7 @@ def test_without_nodes_the_file_is_listed_and_nothing_written(here, capsys):
     heard = capsys.readouterr()
     assert "STRESS: SXX, SYY, SZZ, SXY, SYZ, SZX; 4 increments" in heard.out
     assert "47 nodes, 1 to 47; ASCII" in heard.out
-    assert "choose with --node N" in heard.err
+    assert "choose with --node N, --set NAME or --near X,Y" in heard.err
     assert list(here.iterdir()) == []
 
 

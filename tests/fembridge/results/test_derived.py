@@ -1,15 +1,17 @@
 """What follows from a tensor: closed forms, and the two sides of a layer boundary."""
 
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.machine import find_ccx
 from fembridge.results.derived import (
     DERIVED,
     derived_of,
@@ -41,8 +43,12 @@ def test_principal_stresses_keep_the_invariants_and_descend(tensor):
     assert (np.diff(principal, axis=-1) <= 0).all()
     assert_allclose(principal.sum(-1), np.trace(matrix, axis1=1, axis2=2),
                     atol=1e-12 * scale)  # fmt: skip
-    assert_allclose((principal**2).sum(-1), (matrix**2).sum((1, 2)), 1e-12, 1e-12)
-    assert_allclose(principal.prod(-1), np.linalg.det(matrix), atol=1e-12 * scale**3)
+    assert_allclose((principal**2).sum(-1), (matrix**2).sum((1, 2)),
+                    atol=1e-12 * scale**2)  # fmt: skip
+    xx, yy, zz, xy, yz, zx = tensor.T
+    determinant = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * zx)
+    determinant += zx * (xy * yz - yy * zx)
+    assert_allclose(principal.prod(-1), determinant, atol=1e-12 * scale**3)
 
 
 @given(
@@ -94,16 +100,78 @@ def test_strain_energy_is_that_of_a_linear_material(strain, young_pa, poisson):
     )
 
 
-def test_strain_energy_of_the_stretched_layers_is_the_closed_form(samples):
-    """interface_cpe8r: 1 % stretch along x, plane strain, free along y; no NLGEOM."""
-    fields = next(
-        read_joined_fields(samples / "interface_cpe8r.frd", ("STRESS", "TOSTRAIN"))
-    )
-    energy = derived_of("strain_energy_density", fields)
-    inside = fields["STRESS"].nodes < min(BOUNDARY)
-    stress_pa = fields["STRESS"].component("SXX")[inside]
-    strain = fields["TOSTRAIN"].component("EXX")[inside]
-    assert_allclose(energy[inside], 0.5 * stress_pa * strain, rtol=1e-5)
+def test_strain_energy_is_the_ener_of_a_recorded_shear(write_frd, block):
+    """CalculiX 2.20, C3D20, E 1000, nu 0.3, u = 0.001 x + 0.002 y: node 1 of the
+    ``.frd``, whose EXY is 0.001, half of the angle."""
+    stress = [1.3461, 0.5769, 0.5769, 0.7692, 0.0, 0.0]
+    strain = [9.9996e-4, 0.0, 0.0, 9.9996e-4, 0.0, 0.0]
+    names = ("EXX", "EYY", "EZZ", "EXY", "EYZ", "EZX")
+    blocks = [
+        block("STRESS", 1, 1.0, [(1, stress)]),
+        block("TOSTRAIN", 1, 1.0, [(1, strain)], components=names),
+        block("ENER", 1, 1.0, [(1, [1.44225e-3])], components=("ENER",)),
+    ]
+    quantities = ("STRESS", "TOSTRAIN", "ENER")
+    fields = next(read_joined_fields(write_frd(blocks), quantities))
+    assert fields["ENER"].units == ("Pa",)
+    energy_pa = derived_of("strain_energy_density", fields)
+    assert_allclose(energy_pa, fields["ENER"].component("ENER"), rtol=1e-4)
+
+
+DECK = """*NODE, NSET=ALL
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+5, 0, 0, 1
+6, 1, 0, 1
+7, 1, 1, 1
+8, 0, 1, 1
+*ELEMENT, TYPE=C3D8, ELSET=CUBE
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*MATERIAL, NAME=M
+*ELASTIC
+1000., 0.3
+*SOLID SECTION, ELSET=CUBE, MATERIAL=M
+*STEP
+*STATIC
+*BOUNDARY
+ALL, 2, 3, 0.
+1, 1, 1, 0.
+5, 1, 1, 0.
+2, 1, 1, 0.001
+6, 1, 1, 0.001
+3, 1, 1, 0.003
+7, 1, 1, 0.003
+4, 1, 1, 0.002
+8, 1, 1, 0.002
+*NODE FILE
+U
+*EL FILE
+S, E, ENER
+*END STEP
+"""
+
+
+@pytest.mark.solver
+def test_calculix_prints_tensor_shears_and_the_energy_that_follows(tmp_path):
+    (tmp_path / "cube.inp").write_text(DECK)
+    command = [str(find_ccx()), "-i", "cube"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    quantities = ("STRESS", "TOSTRAIN", "ENER")
+    (fields,) = read_joined_fields(tmp_path / "cube.frd", quantities)
+    shear = fields["TOSTRAIN"].component("EXY")
+    assert_allclose(shear, 0.001, rtol=1e-4)  # u = 0.002 y
+    energy_pa = derived_of("strain_energy_density", fields)
+    assert_allclose(energy_pa, fields["ENER"].component("ENER"), rtol=1e-4)
+
+
+def test_many_tensors_are_taken_in_blocks_of_any_shape(monkeypatch):
+    monkeypatch.setattr("fembridge.results.derived._ROWS_AT_ONCE", 4)
+    tensor = np.random.default_rng(5).normal(size=(3, 5, 6))
+    expected = np.linalg.eigvalsh(matrices_of(tensor))[..., ::-1]
+    assert_array_equal(principal_stresses_pa(tensor), expected)
+    assert principal_stresses_pa(tensor[:0]).shape == (0, 5, 3)
 
 
 def test_wrong_shapes_and_names_are_refused(samples):

@@ -36,6 +36,7 @@ def test_traces_come_in_the_order_asked_for_in_pa_and_ms(samples):
         ("job.frd", b"   ", "no result file we read"),
         ("job.txt", b"    1C\n", r"begins like ccx-frd .* rename it to \.frd"),
         ("job", b"    1C\n", "named nothing: rename it"),
+        ("job.dat", b"\n", "prints of CalculiX, no nodal results: fembridge ingest"),
     ],
 )
 def test_a_foreign_file_is_told_by_its_first_bytes(tmp_path, name, content, words):

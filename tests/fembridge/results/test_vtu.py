@@ -1,0 +1,237 @@
+"""VTU and PVD: read back with meshio, and held against the file they came from."""
+
+import tracemalloc
+from xml.etree import ElementTree
+
+import meshio
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from fembridge import read_fields, write_vtu_series
+from fembridge.errors import OutputError, ResultError, UsageError
+from fembridge.results.derived import principal_stresses_pa, tensor_of
+from fembridge.results.frd_grid import read_grid
+from fembridge.results.stress import von_mises_pa
+
+# Pairs of nodes between which the later nodes of each VTK cell lie, in its order
+# (vtkCellType.h and the pages of the classes).
+EDGES = {
+    "hexahedron20": "01 12 23 30 45 56 67 74 04 15 26 37",
+    "wedge15": "01 12 20 34 45 53 03 14 25",
+    "tetra10": "01 12 20 03 13 23",
+    "triangle6": "01 12 20",
+    "quad8": "01 12 23 30",
+    "line3": "01",
+}
+# The same in the order of a .frd: he20 and pe15 have those between before the top.
+FRD_EDGES = {
+    4: (8, "01 12 23 30 04 15 26 37 45 56 67 74"),
+    5: (6, "01 12 20 03 14 25 34 45 53"),
+    6: (4, "01 12 20 03 13 23"),
+    8: (3, "01 12 20"),
+    10: (4, "01 12 23 30"),
+    12: (2, "01"),
+}
+
+
+def pairs(text):
+    return [(int(a), int(b)) for a, b in text.split()]
+
+
+def written(path):
+    """File and time of each increment that a PVD lists."""
+    entries = ElementTree.parse(path).getroot().iter("DataSet")
+    return [(float(x.get("timestep")), path.parent / x.get("file")) for x in entries]
+
+
+@pytest.mark.parametrize("name", ["cpe4_ascii", "cpe4_bin_f64", "cpe4_time_ge_1"])
+def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
+    path = samples / f"{name}.frd"
+    derived = ("von_mises", "principal")
+    series = written(write_vtu_series(path, tmp_path / "out", derived=derived))
+    grid, fields = read_grid(path), list(read_fields(path))
+    assert [time_ms for time_ms, _ in series] == [field.time_ms for field in fields]
+    for (_, file), field in zip(series, fields, strict=True):
+        mesh = meshio.read(file)
+        assert_array_equal(mesh.points, grid.coordinates_mm)
+        assert_array_equal(mesh.point_data["node"], grid.nodes)
+        assert_array_equal(mesh.point_data["STRESS"], field.values)
+        tensor_pa = tensor_of(field)
+        assert_array_equal(mesh.point_data["von_mises"], von_mises_pa(tensor_pa))
+        assert_array_equal(
+            mesh.point_data["principal"], principal_stresses_pa(tensor_pa)
+        )
+        (cells,) = mesh.cells
+        assert cells.type == "quad"
+        assert_array_equal(grid.nodes[cells.data], grid.cells[0].corners)
+        assert_array_equal(mesh.cell_data["material"][0], grid.cells[0].material)
+        for number, layer in ((1, "EPI"), (2, "DER"), (3, "STEEL")):
+            assert_array_equal(
+                mesh.cell_data[f"material {layer}"][0], grid.cells[0].material == number
+            )
+    assert {"DISP", "TOSTRAIN", "FORC", "CONTACT", "ERROR"} <= set(mesh.point_data)
+    assert "material SI" not in mesh.cell_data  # a contact, no material
+
+
+def test_nodes_between_materials_are_marked_and_told(samples, tmp_path):
+    path, said = samples / "interface_cpe8r.frd", []
+    (entry,) = written(write_vtu_series(path, tmp_path, tell=said.append))
+    mesh = meshio.read(entry[1])
+    met = mesh.point_data["materials"]
+    assert_array_equal(met == 2, mesh.points[:, 1] == 0.5)
+    assert "9 nodes lie between materials" in said[0]
+
+
+def test_a_node_without_a_value_is_nan_and_told(samples, tmp_path):
+    path, said = samples / "cpe4_nset_unsorted_dup.frd", []
+    series = written(write_vtu_series(path, tmp_path, tell=said.append))
+    mesh = meshio.read(series[0][1])
+    values = mesh.point_data["STRESS"]
+    field = next(read_fields(path))
+    for node, row in zip(mesh.point_data["node"], values, strict=True):
+        if node in (11, 18, 25):
+            assert_array_equal(row, field.at([int(node)])[0])
+        else:
+            assert np.isnan(row).all()
+    assert "STRESS of step 1, increment 1 has 3 of 47 nodes; the others are NaN" in said
+
+
+def test_blocks_without_records_leave_nothing_to_write(samples, tmp_path):
+    said = []
+    with pytest.raises(ResultError, match="no increment with a value is left"):
+        write_vtu_series(
+            samples / "cpe8r_3d_nset_zero.frd", tmp_path / "out", tell=said.append
+        )
+    assert any("STRESS of step 1, increment 1 has 0 records" in words for words in said)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", sorted(FRD_EDGES))
+@pytest.mark.parametrize("mesh_flag", [1, 2])
+def test_mid_side_nodes_lie_where_vtk_looks_for_them(
+    write_frd, block, tmp_path, kind, mesh_flag
+):
+    """A node's x is its number here, and so a name for it."""
+    corners, edges = FRD_EDGES[kind]
+    first = [2 * 3**k for k in range(corners)]  # so that no two sums are equal
+    mids = [(first[a] + first[b]) // 2 for a, b in pairs(edges)]
+    nodes = sorted({*first, *mids})
+    assert len(nodes) == corners + len(mids)
+    values = [(node, (node, 0, 0)) for node in nodes]
+    path = write_frd(
+        [block("DISP", 1, 1e-3, values)],
+        nodes=nodes,
+        elements=[(kind, 1, [*first, *mids])],
+        mesh_flag=mesh_flag,
+    )
+    ((_, file),) = written(write_vtu_series(path, tmp_path / f"{kind}{mesh_flag}"))
+    (cells,) = meshio.read(file).cells
+    found = meshio.read(file).points[cells.data[0], 0]
+    middle = [(found[a] + found[b]) / 2 for a, b in pairs(EDGES[cells.type])]
+    assert found[:corners].tolist() == first
+    assert found[corners:].tolist() == middle
+
+
+def test_a_wedge_stands_in_the_file_as_vtk_has_it(write_frd, block, tmp_path):
+    """VTK's wedge has its parametric corners in the order of a .frd; meshio turns
+    wedges over when it writes, which must not reach the file."""
+    nodes = list(range(1, 7))
+    path = write_frd(
+        [block("DISP", 1, 1e-3, [(n, (0, 0, 0)) for n in nodes])],
+        nodes=nodes,
+        elements=[(2, 1, nodes)],
+    )
+    ((_, file),) = written(write_vtu_series(path, tmp_path))
+    (cells,) = meshio.read(file).cells  # which turns it over once more
+    assert cells.type == "wedge"
+    assert cells.data[0][[0, 2, 1, 3, 5, 4]].tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_only_what_was_asked_for_is_written(samples, tmp_path):
+    path = samples / "cpe4_ascii.frd"
+    series = write_vtu_series(path, tmp_path, quantities=["DISP"], derived=())
+    mesh = meshio.read(written(series)[0][1])
+    assert set(mesh.point_data) == {"node", "materials", "DISP"}
+    with pytest.raises(ResultError, match="no HEAT in it"):
+        write_vtu_series(path, tmp_path / "other", quantities=["HEAT"])
+    with pytest.raises(UsageError, match="no quantity 'tresca'"):
+        write_vtu_series(path, tmp_path / "other", derived=["tresca"])
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_run_that_ended_badly_is_written_as_far_as_it_is_whole(samples, tmp_path):
+    path, said = samples / "cpe4_diverged.frd", []
+    with pytest.raises(ResultError, match="no end line 9999"):
+        write_vtu_series(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    series = write_vtu_series(path, tmp_path / "out", partial=True, tell=said.append)
+    assert [time_ms for time_ms, _ in written(series)] == [0.5]
+    assert any("not converged" in words for words in said)
+
+
+def test_damage_on_the_way_leaves_what_was_there_before(write_frd, block, tmp_path):
+    rows = [(node, [1.0] * 6) for node in (1, 2, 3, 4)]
+    blocks = [block("STRESS", k, k * 1e-3, rows) for k in (1, 2)]
+    path = write_frd(blocks)
+    series = write_vtu_series(path, tmp_path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    at = path.read_bytes().rindex(b"1.00000E+00")
+    content = bytearray(path.read_bytes())
+    content[at : at + 4] = b"1.zz"
+    path.write_bytes(content)
+    with pytest.raises(ResultError, match="is no number"):
+        write_vtu_series(path, tmp_path)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+    assert series.name in before
+
+
+def test_a_value_that_is_not_finite_is_refused_or_leaves_its_increment_out(
+    write_frd, block, tmp_path
+):
+    rows = [[(n, [x, 1, 1, 1, 1, 1]) for n in (1, 2, 3, 4)] for x in (1.0, np.nan)]
+    path = write_frd(
+        [block("STRESS", k, k * 1e-3, rows[k == 2], 2) for k in (1, 2, 3)], mesh_flag=2
+    )
+    with pytest.raises(ResultError, match="node 1 at 2 ms: STRESS SXX is nan"):
+        write_vtu_series(path, tmp_path / "out")
+    said = []
+    series = write_vtu_series(path, tmp_path / "out", partial=True, tell=said.append)
+    assert [time_ms for time_ms, _ in written(series)] == [1.0, 3.0]
+    assert any("dropped step 1, increment 2" in words for words in said)
+
+
+def test_names_that_xml_cannot_hold_are_made_plain(write_frd, block, tmp_path):
+    path = write_frd(
+        [block("A<&\x01B", 1, 1e-3, [(1, [2.0])], components=("X",))],
+        nodes=(1, 2, 3, 4),
+    )
+    content = path.read_bytes().replace(b"1EPI", b"1E\xe9\x02")
+    path.write_bytes(content)
+    mesh = meshio.read(written(write_vtu_series(path, tmp_path))[0][1])
+    assert "A___B" in mesh.point_data
+    assert "material E__" in mesh.cell_data
+
+
+def test_a_place_that_cannot_be_written_is_an_error_of_ours(samples, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
+        write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "file" / "out")
+
+
+def test_memory_does_not_grow_with_the_number_of_increments(write_frd, block, tmp_path):
+    nodes = range(1, 3001)
+    rows = [(node, [float(node)] * 6) for node in nodes]
+    elements = [(9, 1, range(k, k + 4)) for k in range(1, 2997)]
+    peaks = []
+    for count in (2, 8):
+        blocks = [block("STRESS", k, k * 1e-3, rows, 3) for k in range(1, count + 1)]
+        path = write_frd(blocks, nodes=nodes, elements=elements, mesh_flag=2)
+        write_vtu_series(path, tmp_path / "warm")
+        tracemalloc.start()
+        try:
+            write_vtu_series(path, tmp_path / f"{count}")
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
