@@ -69,7 +69,7 @@ def ours_at_nodes(path: Path, held: Held) -> Task:
 
 def ours_fields(path: Path, held: Held) -> Task:
     """``fembridge.read_fields``: STRESS at every node, an increment at a time."""
-    from fembridge.results.frd_field import read_fields
+    from fembridge.results.frd_format.field import read_fields
 
     def task() -> Answer:
         return [

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from decks.stimuli.waveform import make_stimulus
     from fembridge.errors import FembridgeError
     from fembridge.results import read
-    from fembridge.results.frd_field import read_fields
+    from fembridge.results.frd_format.field import read_fields
     from fembridge.results.vtu import write_vtu_series
     from fembridge.stimulus import Stimulus
     from fembridge.trace import StressTrace
@@ -27,7 +27,7 @@ _HOMES = {
     "StressTrace": "fembridge.trace",
     "make_stimulus": "decks.stimuli.waveform",
     "read": "fembridge.results",
-    "read_fields": "fembridge.results.frd_field",
+    "read_fields": "fembridge.results.frd_format.field",
     "resolve": "decks.stimuli.catalogue",
     "write_vtu_series": "fembridge.results.vtu",
 }

@@ -29,7 +29,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List, or read and write; the summary tells what was written."""
     from fembridge.results import describe, result_file
-    from fembridge.results.print_tables import print_table_of
+    from fembridge.results.printed.print_tables import print_table_of
 
     path = result_file(args.result)
     printed = print_table_of(path)
@@ -77,7 +77,7 @@ def _traces(args: argparse.Namespace, path: Path) -> dict[str, Any]:
 
 
 def _points(args: argparse.Namespace, path: Path) -> dict[str, Any]:
-    from fembridge.results.dat import read_point_traces
+    from fembridge.results.printed.dat import read_point_traces
     from fembridge.tables import write_traces
 
     traces = read_point_traces(path, args.point, args.print_set, _options(args, path))
@@ -88,7 +88,7 @@ def _points(args: argparse.Namespace, path: Path) -> dict[str, Any]:
 
 def _table(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     from fembridge.errors import UsageError
-    from fembridge.results.print_tables import print_table_of, write_print_table
+    from fembridge.results.printed.print_tables import print_table_of, write_print_table
 
     table = print_table_of(path)
     assert table is not None  # kind_of looked

@@ -7,8 +7,8 @@ import numpy as np
 from fembridge.errors import ResponseError, ResultError
 from fembridge.response.acceptance import judge
 from fembridge.response.response_map import IN_PLANE, ResponseMap
-from fembridge.results.dat import read_total_force
 from fembridge.results.frd import read_stress_and_displacement
+from fembridge.results.printed.dat import read_total_force
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import JOB, read_run_folder, read_waveform
 from fembridge.trace import MS_PER_S

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.text_lines import text_lines
+from fembridge.results.printed.text_lines import text_lines
 
 _DEEPEST_INCLUDE = 10
 _MOST_PIECES = 1_000_000  # runs of consecutive numbers, over all sets

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.results.frd_field import Field
+from fembridge.results.frd_format.field import Field
 from fembridge.results.stress import TENSOR, von_mises_pa
 from fembridge.typing import FloatArray
 

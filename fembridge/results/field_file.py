@@ -9,9 +9,9 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.outputs import replacing
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_field import Field, FieldReader
-from fembridge.results.frd_index import index_frd
-from fembridge.results.frd_output import having, outputs_of
+from fembridge.results.frd_format.field import Field, FieldReader
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.frd_format.output import having, outputs_of
 from fembridge.results.read_options import ReadOptions
 
 LAST = "last"

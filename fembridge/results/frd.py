@@ -16,12 +16,12 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock, FrdOutput
-from fembridge.results.frd_ending import why_not_whole
-from fembridge.results.frd_history import NodeHistory, Want, read_history
-from fembridge.results.frd_index import FrdIndex, index_frd
-from fembridge.results.frd_mesh import MeshBlock, materials_at
-from fembridge.results.frd_records import node_at, node_ids
+from fembridge.results.frd_format.block import FrdBlock, FrdOutput
+from fembridge.results.frd_format.ending import why_not_whole
+from fembridge.results.frd_format.history import NodeHistory, Want, read_history
+from fembridge.results.frd_format.index import FrdIndex, index_frd
+from fembridge.results.frd_format.mesh import MeshBlock, materials_at
+from fembridge.results.frd_format.records import node_at, node_ids
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace

@@ -13,10 +13,10 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
-from fembridge.results.frd_index import FrdIndex, index_frd
-from fembridge.results.frd_records import node_ids
-from fembridge.results.frd_table import read_table
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.index import FrdIndex, index_frd
+from fembridge.results.frd_format.records import node_ids
+from fembridge.results.frd_format.table import read_table
 from fembridge.typing import FloatArray, IntArray
 
 _ROWS_AT_ONCE = 1 << 15

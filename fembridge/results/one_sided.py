@@ -18,8 +18,8 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results import result_file
-from fembridge.results.dat import read_point_stress
-from fembridge.results.frd_grid import Cells, Grid, read_grid
+from fembridge.results.frd_format.grid import Cells, Grid, read_grid
+from fembridge.results.printed.dat import read_point_stress
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray, IntArray
 

@@ -23,11 +23,11 @@ from fembridge.outputs import filling
 from fembridge.results import result_file
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.derived import DERIVED, derived_of
-from fembridge.results.frd_field import Field, FieldReader
-from fembridge.results.frd_grid import Grid, read_grid_of
-from fembridge.results.frd_index import index_frd
-from fembridge.results.frd_output import Output, having, outputs_of
-from fembridge.results.frd_table import NotFiniteError
+from fembridge.results.frd_format.field import Field, FieldReader
+from fembridge.results.frd_format.grid import Grid, read_grid_of
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.frd_format.output import Output, having, outputs_of
+from fembridge.results.frd_format.table import NotFiniteError
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray, IntArray
 

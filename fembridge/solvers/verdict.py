@@ -13,8 +13,8 @@ from pathlib import Path
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_index import index_frd
-from fembridge.results.sta import StaRow, read_sta
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.printed.sta import StaRow, read_sta
 from fembridge.run_folder import JOB, RunFolder
 from fembridge.solvers.guard import CANNOT_RUN
 from fembridge.solvers.outcome import Cause, Failure

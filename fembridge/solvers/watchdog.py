@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Protocol
 
 from fembridge.errors import OutputError, ResultError, UsageError
-from fembridge.results.cvg import CvgRow, read_cvg
-from fembridge.results.sta import StaRow, read_sta
+from fembridge.results.printed.cvg import CvgRow, read_cvg
+from fembridge.results.printed.sta import StaRow, read_sta
 from fembridge.run_folder import JOB, RunFolder
 from fembridge.solvers.outcome import Cause, Failure
 

@@ -21,8 +21,8 @@ from numpy.testing import assert_allclose
 from decks.calculix.lines import element_lines, node_lines, real
 from decks.meshing.mesh import Mesh
 from fembridge.machine import find_ccx
-from fembridge.results.dat import read_point_stress
 from fembridge.results.frd import read_stress_and_displacement
+from fembridge.results.printed.dat import read_point_stress
 
 pytestmark = pytest.mark.solver
 

@@ -10,13 +10,13 @@ from numpy.testing import assert_allclose
 from fembridge.errors import FembridgeError, ResultError, TraceError
 from fembridge.results import frd, read
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.cvg import read_cvg
-from fembridge.results.dat import read_total_force
 from fembridge.results.deck_sets import read_node_sets
-from fembridge.results.frd_field import read_fields
-from fembridge.results.frd_index import index_frd
+from fembridge.results.frd_format.field import read_fields
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.printed.cvg import read_cvg
+from fembridge.results.printed.dat import read_total_force
+from fembridge.results.printed.sta import read_sta
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.sta import read_sta
 
 NO_END = "no end line 9999: the run did not end normally"
 LAST_1 = r"last whole increment: 1 of step 1, 0\.5 ms"
@@ -128,7 +128,7 @@ def test_a_run_that_goes_on_while_its_history_is_read_is_refused_or_told(
 ):
     blocks = [block("STRESS", k, k * 1e-3, [(1, [1.0] * 6)]) for k in (1, 2)]
     path = write_frd(blocks)
-    node_ids = "fembridge.results.frd_records.node_ids"
+    node_ids = "fembridge.results.frd_format.records.node_ids"
     original = frd.node_ids
 
     def growing(file, one):

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fembridge.errors import ResultError
-from fembridge.results import dat
 from fembridge.results.frd import read_displacement
+from fembridge.results.printed import dat
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 

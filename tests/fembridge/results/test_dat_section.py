@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import ResultError
-from fembridge.results.dat import read_point_traces
-from fembridge.results.dat_section import dat_sections
-from fembridge.results.print_tables import print_table_of
+from fembridge.results.printed.dat import read_point_traces
+from fembridge.results.printed.dat_section import dat_sections
+from fembridge.results.printed.print_tables import print_table_of
 from fembridge.results.read_options import ReadOptions
 
 AT = "and time  0.5000000E-03"

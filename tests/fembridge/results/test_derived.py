@@ -21,7 +21,7 @@ from fembridge.results.derived import (
     strain_energy_density_pa,
     tensor_of,
 )
-from fembridge.results.frd_field import read_fields, read_joined_fields
+from fembridge.results.frd_format.field import read_fields, read_joined_fields
 from fembridge.results.one_sided import extrapolation, one_sided_stress
 from fembridge.results.stress import von_mises_pa
 

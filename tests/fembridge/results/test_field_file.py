@@ -7,7 +7,7 @@ import pytest
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.field_file import column_names, read_field, write_field
-from fembridge.results.frd_field import read_fields
+from fembridge.results.frd_format.field import read_fields
 from fembridge.results.read_options import ReadOptions
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fembridge.results.frd_decimals import decimals, odd_number, whole_numbers
+from fembridge.results.frd_format.decimals import decimals, odd_number, whole_numbers
 
 PRINTED = st.builds(
     "{}{}.{:05d}{}{}{:02d}".format,

@@ -14,9 +14,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge import read_fields
 from fembridge.errors import ResultError, UsageError
-from fembridge.results import frd_table
 from fembridge.results.derived import tensor_of
-from fembridge.results.frd_field import Field, read_joined_fields
+from fembridge.results.frd_format import table as frd_table
+from fembridge.results.frd_format.field import Field, read_joined_fields
 from fembridge.results.stress import von_mises_pa
 
 SAMPLES = Path(__file__).parents[3] / "fixtures" / "frd_samples"
@@ -134,7 +134,9 @@ def three_digits(value):
 def test_exponents_of_three_digits_are_read(
     write_frd, block, sign, line_end, chunk_bytes, monkeypatch
 ):
-    monkeypatch.setattr("fembridge.results.frd_irregular.CHUNK_BYTES", chunk_bytes)
+    monkeypatch.setattr(
+        "fembridge.results.frd_format.irregular.CHUNK_BYTES", chunk_bytes
+    )
     values = [sign * 5.28012e-3, 3.06745e-3, sign, 0.0, 2e10, -1e-12, 7.5]
     names = tuple(f"SDV{k}" for k in range(7))
     records = [(node, [node * x for x in values]) for node in range(1, 30)]

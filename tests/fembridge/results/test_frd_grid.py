@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError
-from fembridge.results.frd_element import NODES_OF_TYPE
-from fembridge.results.frd_grid import KIND_OF_TYPE, read_grid
+from fembridge.results.frd_format.element import NODES_OF_TYPE
+from fembridge.results.frd_format.grid import KIND_OF_TYPE, read_grid
 
 ELEMENTS = st.lists(
     st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)),
@@ -67,8 +67,8 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
 def test_a_mesh_larger_than_a_chunk_is_read_whole(
     write_frd, mesh_flag, chunk_bytes, monkeypatch
 ):
-    monkeypatch.setattr("fembridge.results.frd_element.CHUNK_BYTES", chunk_bytes)
-    monkeypatch.setattr("fembridge.results.frd_table.CHUNK_BYTES", chunk_bytes)
+    monkeypatch.setattr("fembridge.results.frd_format.element.CHUNK_BYTES", chunk_bytes)
+    monkeypatch.setattr("fembridge.results.frd_format.table.CHUNK_BYTES", chunk_bytes)
     nodes = list(range(1, 130))
     elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
     elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from fembridge.errors import ResultError
 from fembridge.results import frd
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_index import index_frd
-from fembridge.results.frd_mesh import NODES_OF_TYPE, materials_at
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.frd_format.mesh import NODES_OF_TYPE, materials_at
 from fembridge.results.read_options import ReadOptions
 
 ELEMENTS = st.lists(
@@ -45,7 +45,7 @@ def test_any_mix_of_element_types_gives_what_a_plain_loop_gives(
 
 @pytest.mark.parametrize("mesh_flag", [1, 2])
 def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, monkeypatch):
-    monkeypatch.setattr("fembridge.results.frd_element.CHUNK_BYTES", 256)
+    monkeypatch.setattr("fembridge.results.frd_format.element.CHUNK_BYTES", 256)
     elements = [(9, 1 + (k == 77), (k, k + 1, k + 2, k + 3)) for k in range(1, 99)]
     path = write_frd([], elements=elements, mesh_flag=mesh_flag)
     with ByteFile(path) as file:

@@ -9,8 +9,8 @@ from numpy.testing import assert_array_equal
 from fembridge.errors import ResultError
 from fembridge.results import frd
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_index import index_frd
-from fembridge.results.frd_records import NodeRecords, node_ids
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.frd_format.records import NodeRecords, node_ids
 from fembridge.results.read_options import ReadOptions
 
 AS_IS = ReadOptions(stress_unit="Pa")

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from fembridge.errors import ResultError
 from fembridge.results import frd, read
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_index import index_frd
+from fembridge.results.frd_format.index import index_frd
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 

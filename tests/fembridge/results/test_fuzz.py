@@ -14,15 +14,15 @@ import pytest
 
 from fembridge.errors import FembridgeError
 from fembridge.results import frd, read
-from fembridge.results.cvg import read_cvg
-from fembridge.results.dat import describe as describe_dat
-from fembridge.results.dat import read_point_stress, read_point_traces
 from fembridge.results.deck_sets import read_node_sets
-from fembridge.results.frd_field import read_fields
+from fembridge.results.frd_format.field import read_fields
 from fembridge.results.near_node import near_nodes
-from fembridge.results.print_tables import print_table_of
+from fembridge.results.printed.cvg import read_cvg
+from fembridge.results.printed.dat import describe as describe_dat
+from fembridge.results.printed.dat import read_point_stress, read_point_traces
+from fembridge.results.printed.print_tables import print_table_of
+from fembridge.results.printed.sta import read_sta
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.sta import read_sta
 
 MUTATIONS = 10_000 if os.environ.get("CI") == "true" else 600
 LONGEST_S = 1.0

@@ -5,7 +5,7 @@ import csv
 import pytest
 
 from fembridge.errors import ResultError
-from fembridge.results.print_tables import print_table_of, write_print_table
+from fembridge.results.printed.print_tables import print_table_of, write_print_table
 from fembridge.results.read_options import ReadOptions
 
 MOVED = " displacements (vx,vy,vz) for set N and time  0.5000000E-03\n\n"

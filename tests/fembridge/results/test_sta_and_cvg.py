@@ -3,8 +3,8 @@
 import pytest
 
 from fembridge.errors import ResultError
-from fembridge.results.cvg import CvgRow, read_cvg
-from fembridge.results.sta import StaRow, read_sta
+from fembridge.results.printed.cvg import CvgRow, read_cvg
+from fembridge.results.printed.sta import StaRow, read_sta
 
 
 def test_increments_of_a_run_are_listed_in_ms(samples):

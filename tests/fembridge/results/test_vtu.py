@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import OutputError, ResultError, UsageError
 from fembridge.results.derived import principal_stresses_pa, tensor_of
-from fembridge.results.frd_grid import read_grid
+from fembridge.results.frd_format.grid import read_grid
 from fembridge.results.stress import von_mises_pa
 
 # Pairs of nodes between which the later nodes of each VTK cell lie, in its order

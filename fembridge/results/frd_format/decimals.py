@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fembridge.results.fixed_text import FIELD, number
+from fembridge.results.frd_format.fixed_text import FIELD, number
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Words = NDArray[np.uint32]

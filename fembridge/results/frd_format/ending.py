@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from fembridge.errors import ResultError
-from fembridge.results.frd_index import FrdIndex
-from fembridge.results.sta import StaRow, read_sta
+from fembridge.results.frd_format.index import FrdIndex
+from fembridge.results.printed.sta import StaRow, read_sta
 
 Key = tuple[int, int]
 _WORDS_AT_MOST = 3

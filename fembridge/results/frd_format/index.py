@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
-from fembridge.results.frd_mesh import MeshBlock
-from fembridge.results.frd_walk import END_LINE, FrdDamage, FrdWalk
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.mesh import MeshBlock
+from fembridge.results.frd_format.walk import END_LINE, FrdDamage, FrdWalk
 
 FIRST_BYTES = b"    1C"
 

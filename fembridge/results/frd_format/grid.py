@@ -13,11 +13,11 @@ import numpy as np
 from fembridge.errors import ResultError
 from fembridge.results import result_file
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
-from fembridge.results.frd_element import NODES_OF_TYPE, ElementRows
-from fembridge.results.frd_index import FrdIndex, index_frd
-from fembridge.results.frd_mesh import MeshBlock, element_rows
-from fembridge.results.frd_table import read_table
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.element import NODES_OF_TYPE, ElementRows
+from fembridge.results.frd_format.index import FrdIndex, index_frd
+from fembridge.results.frd_format.mesh import MeshBlock, element_rows
+from fembridge.results.frd_format.table import read_table
 from fembridge.typing import FloatArray, IntArray
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.dat_section import DatSection, dat_sections
+from fembridge.results.printed.dat_section import DatSection, dat_sections
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import StressTrace

@@ -18,8 +18,8 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
-from fembridge.results.fixed_text import integers
-from fembridge.results.frd_decimals import ID_WIDTH, whole_numbers
+from fembridge.results.frd_format.decimals import ID_WIDTH, whole_numbers
+from fembridge.results.frd_format.fixed_text import integers
 from fembridge.typing import BoolArray, IntArray
 
 # Nodes of each element type: he8 pe6 te4 he20 pe15 te10 tr3 tr6 qu4 qu8 be2 be3.

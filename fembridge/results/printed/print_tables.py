@@ -17,11 +17,11 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.outputs import replacing
-from fembridge.results.cvg import CvgRow, read_cvg
-from fembridge.results.dat_section import DatSection, dat_sections
+from fembridge.results.printed.cvg import CvgRow, read_cvg
+from fembridge.results.printed.dat_section import DatSection, dat_sections
+from fembridge.results.printed.sta import StaRow, read_sta
+from fembridge.results.printed.text_lines import text_lines
 from fembridge.results.read_options import ReadOptions, in_pa
-from fembridge.results.sta import StaRow, read_sta
-from fembridge.results.text_lines import text_lines
 from fembridge.typing import Table
 
 DAT_COLUMNS = (
@@ -61,7 +61,7 @@ class PrintTable:
     def describe(self, path: Path) -> Table:
         """Tell what `path` holds."""
         if self.suffix == ".dat":
-            from fembridge.results.dat import describe
+            from fembridge.results.printed.dat import describe
 
             return describe(path)
         rows = list(self.rows(path, ReadOptions(partial=True), None))

@@ -11,15 +11,15 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fixed_text import FIELD, integers
-from fembridge.results.frd_block import VALUES_A_LINE, FrdBlock
-from fembridge.results.frd_decimals import (
+from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_format.decimals import (
     ID_WIDTH,
     decimals,
     odd_number,
     whole_numbers,
 )
-from fembridge.results.frd_irregular import irregular_records
+from fembridge.results.frd_format.fixed_text import FIELD, integers
+from fembridge.results.frd_format.irregular import irregular_records
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 CHUNK_BYTES = 3 << 17

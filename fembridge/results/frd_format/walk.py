@@ -12,8 +12,13 @@ from dataclasses import dataclass, replace
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock, HeaderReader, read_mode, read_step
-from fembridge.results.frd_mesh import MeshBlock, read_mesh_block
+from fembridge.results.frd_format.block import (
+    FrdBlock,
+    HeaderReader,
+    read_mode,
+    read_step,
+)
+from fembridge.results.frd_format.mesh import MeshBlock, read_mesh_block
 
 END_LINE = b" 9999"
 _NEXT_STEP = b"    1PSTEP"

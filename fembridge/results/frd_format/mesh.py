@@ -12,7 +12,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_element import (
+from fembridge.results.frd_format.element import (
     NODES_OF_TYPE,
     UNKNOWN_MATERIAL,
     ElementRows,

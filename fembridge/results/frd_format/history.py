@@ -11,10 +11,10 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
-from fembridge.results.frd_ending import failed_attempts, why_not_whole
-from fembridge.results.frd_index import FrdIndex
-from fembridge.results.frd_records import NodeRecords
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.ending import failed_attempts, why_not_whole
+from fembridge.results.frd_format.index import FrdIndex
+from fembridge.results.frd_format.records import NodeRecords
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
-from fembridge.results.frd_ending import failed_attempts, why_not_whole
-from fembridge.results.frd_index import FrdIndex
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.ending import failed_attempts, why_not_whole
+from fembridge.results.frd_format.index import FrdIndex
 from fembridge.results.read_options import ReadOptions
 
 Output = dict[str, FrdBlock]  # by quantity

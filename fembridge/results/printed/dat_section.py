@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
+from fembridge.results.printed.text_lines import text_lines
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.text_lines import text_lines
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray
 

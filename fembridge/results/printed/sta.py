@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import ResultError
-from fembridge.results.text_lines import text_lines
+from fembridge.results.printed.text_lines import text_lines
 from fembridge.trace import MS_PER_S
 
 _HEADER_LINES = 2

@@ -10,8 +10,8 @@ import struct
 from functools import lru_cache
 
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fixed_text import FIELD
-from fembridge.results.frd_block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_format.fixed_text import FIELD
 
 
 def read_record(

@@ -12,15 +12,15 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
-from fembridge.results.fixed_text import (
+from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_format.fixed_text import (
     FIELD,
     floats,
     integers,
     to_characters,
 )
-from fembridge.results.frd_block import VALUES_A_LINE, FrdBlock
-from fembridge.results.frd_free_records import free_ids, free_values
-from fembridge.results.frd_record import read_record
+from fembridge.results.frd_format.free_records import free_ids, free_values
+from fembridge.results.frd_format.record import read_record
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 _FEW = 64  # below so many nodes, record by record is faster than arrays

@@ -5,7 +5,7 @@ here is Pa for stresses and for energy densities (1 Pa is 1 J/m³), mm, mm/s, N.
 A quantity that is not listed is left as the file has it, with the unit "".
 """
 
-from fembridge.results.frd_block import FrdBlock
+from fembridge.results.frd_format.block import FrdBlock
 from fembridge.results.read_options import ReadOptions
 
 PA, AS_IS = "Pa", ""

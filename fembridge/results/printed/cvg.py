@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import ResultError
-from fembridge.results.sta import count, real, whole_lines
+from fembridge.results.printed.sta import count, real, whole_lines
 
 _HEADER_LINES = 4
 _OVERFLOW = re.compile(r" *\*+ *")

@@ -17,11 +17,11 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import result_file
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_block import FrdBlock
-from fembridge.results.frd_index import index_frd
-from fembridge.results.frd_output import Output, having, outputs_of
-from fembridge.results.frd_table import NotFiniteError, read_table
-from fembridge.results.frd_unit import scales_of, units_of
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.index import index_frd
+from fembridge.results.frd_format.output import Output, having, outputs_of
+from fembridge.results.frd_format.table import NotFiniteError, read_table
+from fembridge.results.frd_format.unit import scales_of, units_of
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray, IntArray
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
-from fembridge.results.fixed_text import number
-from fembridge.results.frd_block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
+from fembridge.results.frd_format.fixed_text import number
 from fembridge.typing import FloatArray, IntArray
 
 _NUMBER = rb" *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"  # then may touch: 3.067

@@ -11,8 +11,8 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, WINDOW_BYTES, ByteFile
-from fembridge.results.fixed_text import number
-from fembridge.results.frd_block import FrdBlock
+from fembridge.results.frd_format.block import FrdBlock
+from fembridge.results.frd_format.fixed_text import number
 from fembridge.typing import FloatArray, IntArray
 
 _VALUE = re.compile(rb" *[+-]?\d\.\d{5}[Ee][+-]\d{3}")

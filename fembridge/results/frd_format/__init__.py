@@ -1,0 +1,1 @@
+"""The ``.frd``, block by block; `fembridge.results.frd` reads traces through it."""

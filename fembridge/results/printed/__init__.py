@@ -1,0 +1,1 @@
+"""What CalculiX prints beside the ``.frd``: ``.dat``, ``.sta`` and ``.cvg``."""
