@@ -97,6 +97,7 @@ def report(rounds: Rounds, held: Held, facts: Mapping[str, Any]) -> str:
     """Give the whole output."""
     absent = sorted({job.package for job in JOBS.values() if job.absent} - {None})
     repeats = len(rounds["nothing"])
+    turns = "1 round" if repeats == 1 else f"{repeats} rounds"
     size_mb = rounds["list"][0]["bytes"] / 1e6
     parts = [
         f"{size_mb:.0f} MB in ASCII, {held['increments']['ascii']} increments of "
