@@ -21,6 +21,7 @@ from benchmarks.reading_jobs import JOBS, Answer, Held, storage_of
 from benchmarks.result_files import ABOUT
 
 RTOL = 1e-3  # of the largest component: tells a wrong record, not a rounding
+SETTLE_S = 0.2  # NumPy's threads spin for a while before they sleep
 _BLOCK_BYTES = 1 << 16
 _KB_PER_MB = 1e6 / 1024
 
@@ -33,6 +34,7 @@ def measured(name: str, folder: Path) -> dict[str, float]:
     with path.open("rb", buffering=0) as file:
         while file.read(_BLOCK_BYTES):
             pass
+    time.sleep(SETTLE_S)
     warm_mb = peak_mb()
     task = job.prepare(path, held)
     wall, cpu = time.perf_counter(), processor_s()

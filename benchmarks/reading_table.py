@@ -102,7 +102,7 @@ def report(rounds: Rounds, held: Held, facts: Mapping[str, Any]) -> str:
     parts = [
         f"{size_mb:.0f} MB in ASCII, {held['increments']['ascii']} increments of "
         f"{held['mesh_nodes']} nodes ({held['origin']}); "
-        f"{repeats} round{'s' * (repeats > 1)}, each "
+        f"{turns}, each "
         "reader in a fresh process, in turn, with the file in the page cache. Where "
         "a cell has three numbers, they are the median, the least and the most. "
         "pyvista-frd-reader and ccx2paraview also derive von Mises and principal "

@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     run_kind = {
         "traces": _traces,
         "points": _points,
+        "sides": _sides,
         "table": _table,
         "field": _field,
         "vtu": _vtu,
@@ -84,6 +85,39 @@ def _points(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     output: Path = args.output or Path(f"{path.stem}_traces.csv")
     write_traces(output, traces)
     return _told_traces(args, output, traces, True)
+
+
+def _sides(args: argparse.Namespace, path: Path) -> dict[str, Any]:
+    from fembridge.results.one_sided import one_sided_stress, write_sides
+
+    options = _options(args, path)
+    sides = [
+        side
+        for node in dict.fromkeys(args.node)
+        for side in one_sided_stress(path, node, args.one_sided, options=options)
+    ]
+    output: Path = args.output or Path(f"{path.stem}_sides.csv")
+    write_sides(output, sides)
+    if not args.json:
+        print(f"{output}: {len(sides)} sides; {_unit(args, True)}")
+        for side in sides:
+            print(
+                f"  node {side.node} in {side.name}: "
+                f"peak {side.von_mises_pa.max():.6g} Pa"
+            )
+    return {
+        "output": str(output),
+        "stress_unit": args.stress_unit or "MPa",
+        "sides": [
+            {
+                "node": side.node,
+                "material": side.name,
+                "elements": list(side.elements),
+                "peak_pa": float(side.von_mises_pa.max()),
+            }
+            for side in sides
+        ],
+    }
 
 
 def _table(args: argparse.Namespace, path: Path) -> dict[str, Any]:
@@ -145,6 +179,7 @@ def _vtu(args: argparse.Namespace, path: Path) -> dict[str, Any]:
         path,
         args.vtu,
         quantities=args.quantity,
+        derived=tuple(dict.fromkeys(args.derived or ("von_mises",))),
         partial=args.partial,
         stress_unit=args.stress_unit or "MPa",
         tell=_teller(path),

@@ -96,6 +96,12 @@ def _add_nodes(group: argparse._ArgumentGroup) -> None:
         action="store_true",
         help="allow nodes between two materials, where stress is a mean over both",
     )
+    group.add_argument(
+        "--one-sided",
+        metavar="ELSET",
+        help="of such --node, the stress in each material for itself, from the points "
+        "that the .dat beside it prints of this element set",
+    )
 
 
 def _add_fields(group: argparse._ArgumentGroup) -> None:
@@ -113,6 +119,14 @@ def _add_fields(group: argparse._ArgumentGroup) -> None:
         type=Path,
         metavar="FOLDER",
         help="every increment as VTU, and a PVD, for ParaView",
+    )
+    group.add_argument(
+        "--derived",
+        nargs="+",
+        action="extend",
+        metavar="NAME",
+        help="what --vtu computes beside them: von_mises (the default), principal, "
+        "max_shear, mean_stress, strain_energy_density",
     )
     group.add_argument(
         "--quantity",
@@ -139,7 +153,7 @@ def _add_prints(group: argparse._ArgumentGroup) -> None:
 
 
 def kind_of(args: argparse.Namespace, printed: bool) -> str:
-    """Say what is asked for: list, vtu, field, table, points or traces.
+    """Say what is asked for: list, vtu, field, table, points, sides or traces.
 
     Raises
     ------
@@ -172,6 +186,12 @@ def kind_of(args: argparse.Namespace, printed: bool) -> str:
         raise UsageError(f"{args.result}: {word} is for a .frd")
     if not printed and args.point:
         raise UsageError(f"{args.result}: --point is for a .dat")
+    if args.derived and word != "--vtu":
+        raise UsageError("--derived is for --vtu")
+    if args.one_sided is not None:
+        if printed or by_node != ["--node"]:
+            raise UsageError("--one-sided is for the --node of a .frd")
+        return "sides"
     if word in ("--list", "--vtu", "--field"):
         return word.removeprefix("--")
     if printed:

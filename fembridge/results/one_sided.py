@@ -11,16 +11,19 @@ equal but for rounding, and their mean is taken. Values are the element's own
 system where it has one (``*ORIENTATION``); without one they are global.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import ResultError
+from fembridge.outputs import write_text
 from fembridge.results import result_file
 from fembridge.results.frd_format.grid import Cells, Grid, read_grid
 from fembridge.results.printed.dat import read_point_stress
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import TENSOR, von_mises_pa
 from fembridge.typing import FloatArray, IntArray
 
 _DEFAULTS = ReadOptions()
@@ -58,6 +61,27 @@ class OneSidedStress:
     elements: tuple[int, ...]
     times_ms: FloatArray
     tensor_pa: FloatArray
+
+    @property
+    def von_mises_pa(self) -> FloatArray:
+        """Von Mises stress on this side, ``(T,)`` in Pa."""
+        return von_mises_pa(self.tensor_pa)
+
+
+def write_sides(path: Path, sides: Iterable[OneSidedStress]) -> None:
+    """Write a long CSV, one row a time and side; floats come back exactly."""
+    columns = ["time_ms", "node", "material", "von_mises_pa"]
+    rows = [",".join(columns + [f"{name}_pa" for name in TENSOR])]
+    for side in sides:
+        for time_ms, stress_pa, tensor_pa in zip(
+            side.times_ms.tolist(),
+            side.von_mises_pa.tolist(),
+            side.tensor_pa.tolist(),
+            strict=True,
+        ):
+            values = ",".join(map(repr, (stress_pa, *tensor_pa)))
+            rows.append(f"{time_ms!r},{side.node},{side.name},{values}")
+    write_text(path, "\n".join(rows) + "\n")
 
 
 def one_sided_stress(

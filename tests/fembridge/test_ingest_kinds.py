@@ -14,6 +14,9 @@ from fembridge.run_folder import AfferentNode, RunFolder
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "frd_samples"
 ASCII = str(SAMPLES / "cpe4_ascii.frd")
 DAT = str(SAMPLES / "cpe4_ascii.dat")
+# On the boundary between the two layers of `interface_cpe8r`.
+NODES = ("29", "33", "37")
+STRETCH = 0.01
 FOREIGN_UNIT = "stress in the file taken as MPa (--stress-unit says otherwise)"
 
 
@@ -161,3 +164,48 @@ def test_a_run_folder_is_in_mpa_always(here, capsys):
     assert "a run folder of fembridge is in MPa, always" in capsys.readouterr().err
     assert main(["ingest", "run"]) == 0
     assert "stress in the file taken as MPa\n" in capsys.readouterr().out
+
+
+def test_one_sided_stress_has_a_row_a_material_and_none_of_the_mean(capsys):
+    """Two layers stretched by 1 %, free above: E/(1 - nu^2) of each, nu 0.3."""
+    interface = str(SAMPLES / "interface_cpe8r.frd")
+
+    assert main(["ingest", interface, "--node", *NODES, "--one-sided", "EALL"]) == 0
+
+    rows = rows_of("interface_cpe8r_sides.csv")
+    for node in NODES:
+        sides = [row for row in rows if row["node"] == node]
+        for side, young_mpa in zip(sides, (0.05, 2.0), strict=True):
+            pull_pa = 1e6 * young_mpa / (1 - 0.3**2) * STRETCH
+            out_of_plane_pa = 0.3 * pull_pa
+            mises_pa = (
+                pull_pa**2 - pull_pa * out_of_plane_pa + out_of_plane_pa**2
+            ) ** 0.5
+            assert float(side["xx_pa"]) == pytest.approx(pull_pa, rel=1e-5)
+            assert float(side["von_mises_pa"]) == pytest.approx(mises_pa, rel=1e-5)
+    assert "sides" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [ASCII, "--set", "PROBES", "--one-sided", "EALL"],
+        [DAT, "--one-sided", "EALL"],
+        [ASCII, "--node", "11", "--derived", "principal"],
+    ],
+)
+def test_words_that_need_others_are_misuse(words):
+    assert main(["ingest", *words]) == 2
+
+
+def test_vtu_computes_what_was_asked_for(here):
+    import meshio
+
+    words = ["--quantity", "STRESS", "--derived", "principal", "max_shear"]
+    assert main(["ingest", ASCII, "--vtu", "vtu", *words]) == 0
+
+    mesh = meshio.read(here / "vtu" / "cpe4_ascii.0004.vtu")
+    names = " ".join(mesh.point_data)
+    assert "principal" in names
+    assert "max_shear" in names
+    assert "von_mises" not in names
