@@ -69,12 +69,12 @@ def ours_at_nodes(path: Path, held: Held) -> Task:
 
 def ours_fields(path: Path, held: Held) -> Task:
     """``fembridge.read_fields``: STRESS at every node, an increment at a time."""
-    from fembridge.results.frd_format.field import read_fields
+    import fembridge
 
     def task() -> Answer:
         return [
             (row, field.values[held["rows"]] / 1e6)
-            for row, field in enumerate(read_fields(path, "STRESS"))
+            for row, field in enumerate(fembridge.read_fields(path, "STRESS"))
         ]
 
     return task
