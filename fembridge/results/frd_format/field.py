@@ -28,6 +28,13 @@ from fembridge.typing import FloatArray, IntArray
 STRESS = "STRESS"
 
 
+# An array of this size is made and dropped, untouched, before fields are read: glibc
+# then keeps memory of up to that size for the next field, instead of handing its
+# pages back and faulting them in again at each increment (benchmarks: half the time
+# of a float64 file, a quarter of an ASCII one). Elsewhere it does nothing.
+_KEPT_BYTES = 1 << 23
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
     """A quantity at all its nodes: `values` ``(N, component)`` at `nodes` ``(N,)``.
@@ -240,6 +247,7 @@ def _read(
         if file.size != size:
             raise ResultError(f"had {size} bytes, now {file.size}: it changes", path)
         reader = FieldReader(file, options)
+        np.empty(_KEPT_BYTES, dtype=np.uint8)
         for output in wanted:
             try:
                 if at_once is None:

@@ -254,8 +254,12 @@ def test_a_block_larger_than_a_chunk_is_read_whole(write_frd, block, flag, monke
 
 
 @pytest.mark.parametrize("flag", [1, 2])
-def test_memory_beside_the_arrays_that_come_out_does_not_grow(write_frd, block, flag):
+def test_memory_beside_the_arrays_that_come_out_does_not_grow(
+    write_frd, block, flag, monkeypatch
+):
     """20 increments of 20 000 nodes: 35 MB of text, 1.1 MB an increment here."""
+    # Made and dropped untouched: no memory, though it is counted as if it were.
+    monkeypatch.setattr("fembridge.results.frd_format.field._KEPT_BYTES", 0)
     nodes = 20_000
     records = [(node, [float(node)] * 6) for node in range(1, nodes + 1)]
     body = [block("STRESS", 1, 1e-3, records, flag)]
