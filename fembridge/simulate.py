@@ -7,21 +7,23 @@
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from decks.analysis import Contact
 from fembridge import __version__
 from fembridge.build import Model, build_run_folder
 from fembridge.errors import MissingError, ResponseError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.indentation import depth_for
 from fembridge.response.response_map import ResponseMap
-from fembridge.response.solve import solve_response
+from fembridge.response.solve import CONTACT_CAUSES, LADDER, solve_response
 from fembridge.response.stored import stored_response
 from fembridge.results import read
 from fembridge.simulation import Simulation, encode_all
 from fembridge.solvers.batch import run_folders
+from fembridge.solvers.outcome import Outcome
 from fembridge.solvers.process import THREAD_VARIABLE
 from fembridge.solvers.watchdog import Limits, OnProgress
 from fembridge.stimulus import Stimulus
@@ -106,10 +108,11 @@ def simulate(
         response = _stored(model, deepest, method, stored, tell)
         origin = {"source": "stored response"}
     else:
-        model, response = _solved(model, _depth_um(deepest), folder, settings, tell)
+        place = folder / RESPONSE_FOLDER
+        model, response = _solved(model, _depth_um(deepest), place, settings, tell)
         origin = {"source": "CalculiX"}
     if method == "transient":
-        traces = _transients(stimuli, model, folder / RUNS_FOLDER, settings, tell)
+        traces = _transients(stimuli, model, folder, settings, tell)
     else:
         traces = [response.traces(stimulus) for stimulus in stimuli]
     return encode_all(
@@ -159,13 +162,19 @@ def _stored(
 
 
 def _solved(
-    model: Model, needed_um: float, folder: Path, settings: SolverSettings, tell: Tell
+    model: Model,
+    needed_um: float,
+    folder: Path,
+    settings: SolverSettings,
+    tell: Tell,
+    ladder: Sequence[Contact] = LADDER,
 ) -> tuple[Model, ResponseMap]:
     """Give the model with the contact that was accepted, and its response."""
     solved = solve_response(
-        folder / RESPONSE_FOLDER,
+        folder,
         model,
         depth_um=depth_for(needed_um),
+        ladder=ladder,
         threads=settings.threads_each(1),
         limits=settings.limits,
         on_progress=settings.on_progress,
@@ -188,22 +197,58 @@ def _transients(
     settings: SolverSettings,
     tell: Tell,
 ) -> list[list[StressTrace]]:
-    places = [folder / stimulus.id for stimulus in stimuli]
-    for place, stimulus in zip(places, stimuli, strict=True):
+    """Solve each waveform; one that does not converge gets the next contact model.
+
+    A contact model of the ladder is tried only after its own indentation was
+    accepted.
+    """
+    deepest_um = max(map(_depth_um, stimuli))
+    waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}
+    places, failure = list(waiting), None
+    for number, contact in enumerate(_from(model.contact), start=1):
+        if contact != model.contact:
+            again = folder / f"{RESPONSE_FOLDER}_{number}"
+            try:
+                model, _ = _solved(model, deepest_um, again, settings, tell, (contact,))
+            except ResponseError as error:
+                tell(f"left {contact}: {error}")
+                continue
+        outcomes = _solve_transients(waiting, model, settings)
+        wall_s = sum(outcome.wall_s for outcome in outcomes)
+        for outcome in outcomes:
+            if outcome.failure is None:
+                del waiting[outcome.folder]
+                continue
+            failure = outcome.to_error()
+            if outcome.failure.cause not in CONTACT_CAUSES:
+                raise failure
+            tell(f"left {contact} for {outcome.folder.name}: {outcome.failure}")
+        solved = sum(outcome.accepted for outcome in outcomes)
+        if solved:
+            tell(f"{solved} transients solved in {wall_s:.0f} s, contact {contact}")
+        if not waiting:
+            return [read(place) for place in places]
+    raise failure or ResponseError(f"{folder}: no contact model was accepted")
+
+
+def _solve_transients(
+    waiting: Mapping[Path, Stimulus], model: Model, settings: SolverSettings
+) -> list[Outcome]:
+    for place, stimulus in waiting.items():
         build_run_folder(place, model, stimulus)
-    outcomes = run_folders(
-        places,
+    return run_folders(
+        waiting,
         jobs=settings.jobs,
-        threads=settings.threads_each(min(settings.jobs, len(places))),
+        threads=settings.threads_each(min(settings.jobs, len(waiting))),
         limits=settings.limits,
         on_progress=settings.on_progress,
     )
-    for outcome in outcomes:
-        if not outcome.accepted:
-            raise outcome.to_error()
-    wall_s = sum(outcome.wall_s for outcome in outcomes)
-    tell(f"{len(places)} transients solved in {wall_s:.0f} s")
-    return [read(place) for place in places]
+
+
+def _from(contact: Contact) -> tuple[Contact, ...]:
+    """Give `contact` and what comes after it on the ladder."""
+    below = LADDER[LADDER.index(contact) + 1 :] if contact in LADDER else ()
+    return (contact, *below)
 
 
 def _depth_um(stimulus: Stimulus) -> float:

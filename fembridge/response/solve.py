@@ -37,7 +37,7 @@ LADDER = (
 
 # Ends of a run that another contact model may avoid. A missing solver, a full
 # disk or an interrupt are no reason to try the next rung.
-_CONTACT_CAUSES = frozenset(
+CONTACT_CAUSES = frozenset(
     {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN}
 )
 
@@ -120,7 +120,7 @@ def _climb(
     )
     if outcome.failure is None:
         return outcome, _judged(run.folder)
-    if outcome.failure.cause not in _CONTACT_CAUSES:
+    if outcome.failure.cause not in CONTACT_CAUSES:
         raise outcome.to_error()
     return outcome, str(outcome.failure)
 

@@ -13,7 +13,7 @@ from fembridge import simulate as module
 from fembridge.build import model_of
 from fembridge.errors import SolverError
 from fembridge.response.map_file import read_map
-from fembridge.response.solve import Rung, Solved
+from fembridge.response.solve import LADDER, Rung, Solved
 from fembridge.response.stored import FOLDER
 from fembridge.run_folder import JOB, read_run_folder
 from fembridge.simulate import SolverSettings, simulate
@@ -87,20 +87,84 @@ def test_a_transient_uses_the_contact_that_the_indentation_accepted(
         assert read_run_folder(place).inputs["contact"]["friction"] == 0.0
         assert (place / f"{JOB}.inp").is_file()
     assert (options["jobs"], options["threads"]) == (2, 2)
-    assert told[-1] == "2 transients solved in 40 s"
+    assert told[-1].startswith("2 transients solved in 40 s, contact node-to-surface")
+    assert told[-1].endswith("no friction")
     assert found.origin["method"] == "transient"
     assert found.traces[0][0].stress_pa[-1] == 1e4
 
 
-def test_a_transient_that_fails_ends_the_simulation(
-    tmp_path, model, transients, monkeypatch
-):
+def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, monkeypatch):
+    calls = []
+
     def failing(places, **options):
-        failure = Failure(Cause.DIVERGED, "increment 30")
-        return [Outcome(places[0]), Outcome(places[1], failure)]
+        calls.append(list(places))
+        failure = Failure(Cause.DISK_FULL, "increment 30")
+        return [Outcome(calls[0][0]), Outcome(calls[0][1], failure)]
 
     monkeypatch.setattr(module, "run_folders", failing)
-    with pytest.raises(SolverError, match="sine_20_250: an increment did not converge"):
+    with pytest.raises(SolverError, match="sine_20_250: the results could not"):
         simulate(
             stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient"
         )
+    assert len(calls) == 1
+
+
+@pytest.fixture
+def accepting(monkeypatch, transients):
+    """A solver whose indentation is accepted with whatever contact comes first."""
+
+    def solved(folder, model, *, ladder, **options):
+        outcome = Outcome(folder, wall_s=12.3, increments=39)
+        rungs = (Rung(ladder[0], None),)
+        return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
+
+    monkeypatch.setattr(module, "solve_response", solved)
+
+
+def diverging(times, seen):
+    """Play a solver on which the last run diverges the first `times` times."""
+
+    def run_folders(places, **options):
+        seen.append([place.name for place in places])
+        outcomes = [Outcome(place, wall_s=20.0) for place in places]
+        if len(seen) <= times:
+            failure = Failure(Cause.DIVERGED, "increment 30")
+            outcomes[-1] = Outcome(outcomes[-1].folder, failure)
+        return outcomes
+
+    return run_folders
+
+
+def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
+    tmp_path, model, accepting, monkeypatch
+):
+    seen, told = [], []
+    monkeypatch.setattr(module, "run_folders", diverging(1, seen))
+
+    found = simulate(
+        stimuli_of("sine_20_12.5,sine_20_250"),
+        model,
+        tmp_path,
+        method="transient",
+        tell=told.append,
+    )
+
+    assert seen == [["sine_20_12.5", "sine_20_250"], ["sine_20_250"]]
+    used = [
+        read_run_folder(tmp_path / "runs" / name).inputs["contact"]
+        for name in ("sine_20_12.5", "sine_20_250")
+    ]
+    assert [contact["stiffness_mpa_per_mm"] for contact in used] == [200.0, 50.0]
+    assert any("left node-to-surface, 200 MPa/mm" in line for line in told)
+    assert [stimulus.id for stimulus in found.stimuli] == seen[0]
+
+
+def test_a_transient_that_diverges_with_every_contact_is_an_error(
+    tmp_path, model, accepting, monkeypatch
+):
+    seen = []
+    monkeypatch.setattr(module, "run_folders", diverging(99, seen))
+
+    with pytest.raises(SolverError, match="sine_20_250: an increment did not converge"):
+        simulate(stimuli_of("sine_20_250"), model, tmp_path, method="transient")
+    assert len(seen) == len(LADDER)
