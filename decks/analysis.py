@@ -25,6 +25,8 @@ FORMULATIONS = ("node-to-surface", "surface-to-surface")
 _CONTACT_MARGIN_MM = 1.5
 # A pre-indentation is reached in this many increments before the stimulus.
 RAMP_INCREMENTS = 20
+# Stiffness of sticking springs, as a share of the normal ones.
+STICK_SHARE = 0.1
 _MM_PER_UM = 1.0e-3
 # Depths are written to a picometre.
 _SAME_UM = 1.0e-6
@@ -43,7 +45,7 @@ class Contact:
     formulation: str = "node-to-surface"
     stiffness_mpa_per_mm: float = 200.0
     friction: float = 0.4
-    stick_share: float = 0.1
+    stick_share: float = STICK_SHARE
 
     def __post_init__(self) -> None:
         if self.formulation not in FORMULATIONS:
@@ -56,6 +58,8 @@ class Contact:
 
     def __str__(self) -> str:
         rub = f"friction {self.friction:g}" if self.friction else "no friction"
+        if self.friction and self.stick_share != STICK_SHARE:
+            rub += f", stick springs {self.stick_share:g}"
         return f"{self.formulation}, {self.stiffness_mpa_per_mm:g} MPa/mm, {rub}"
 
 
