@@ -21,6 +21,7 @@ from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import CONTACT_CAUSES, LADDER, solve_response
 from fembridge.response.stored import stored_response
 from fembridge.results import read
+from fembridge.run_folder import read_run_folder
 from fembridge.simulation import Simulation, encode_all
 from fembridge.solvers.batch import run_folders
 from fembridge.solvers.outcome import Outcome
@@ -28,6 +29,7 @@ from fembridge.solvers.process import THREAD_VARIABLE
 from fembridge.solvers.watchdog import Limits, OnProgress
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
+from fembridge.typing import Table
 from neural import PUBLISHED, Parameters, parameters_to_table
 
 METHODS = ("map", "transient")
@@ -106,13 +108,14 @@ def simulate(
     deepest = max(stimuli, key=_depth_um)
     if stored or find_ccx() is None:
         response = _stored(model, deepest, method, stored, tell)
-        origin = {"source": "stored response"}
+        origin: Table = {"source": "stored response"}
     else:
         place = folder / RESPONSE_FOLDER
         model, response = _solved(model, _depth_um(deepest), place, settings, tell)
         origin = {"source": "CalculiX"}
     if method == "transient":
         traces = _transients(stimuli, model, folder, settings, tell)
+        origin = {**origin, "contacts": _contacts(stimuli, folder)}
     else:
         traces = [response.traces(stimulus) for stimulus in stimuli]
     return encode_all(
@@ -243,6 +246,16 @@ def _solve_transients(
         limits=settings.limits,
         on_progress=settings.on_progress,
     )
+
+
+def _contacts(stimuli: Sequence[Stimulus], folder: Path) -> Table:
+    """Give the contact that each transient was solved with, as its folder has it."""
+    return {
+        stimulus.id: read_run_folder(folder / RUNS_FOLDER / stimulus.id).inputs[
+            "contact"
+        ]
+        for stimulus in stimuli
+    }
 
 
 def _from(contact: Contact) -> tuple[Contact, ...]:

@@ -156,6 +156,7 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
     ]
     assert [contact["stiffness_mpa_per_mm"] for contact in used] == [200.0, 200.0]
     assert [contact["stick_share"] for contact in used] == [0.1, 0.01]
+    assert list(found.origin["contacts"].values()) == used
     assert any("left node-to-surface, 200 MPa/mm" in line for line in told)
     assert [stimulus.id for stimulus in found.stimuli] == seen[0]
 
