@@ -13,10 +13,12 @@ if TYPE_CHECKING:
     from decks.stimuli.catalogue import resolve
     from decks.stimuli.waveform import make_stimulus
     from fembridge.errors import FembridgeError
+    from fembridge.observed import read_observed
     from fembridge.results import read
     from fembridge.results.frd_format.field import read_fields
     from fembridge.results.vtu import write_vtu_series
     from fembridge.stimulus import Stimulus
+    from fembridge.touchsim import touchsim_rates
     from fembridge.trace import StressTrace
 
 __version__ = "0.1.0"
@@ -28,7 +30,9 @@ _HOMES = {
     "make_stimulus": "decks.stimuli.waveform",
     "read": "fembridge.results",
     "read_fields": "fembridge.results.frd_format.field",
+    "read_observed": "fembridge.observed",
     "resolve": "decks.stimuli.catalogue",
+    "touchsim_rates": "fembridge.touchsim",
     "write_vtu_series": "fembridge.results.vtu",
 }
 
@@ -39,7 +43,9 @@ __all__ = [
     "make_stimulus",
     "read",
     "read_fields",
+    "read_observed",
     "resolve",
+    "touchsim_rates",
     "write_vtu_series",
 ]
 

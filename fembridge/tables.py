@@ -10,16 +10,15 @@ many digits as bring them back exactly; lines end in LF.
 
 import csv
 import io
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from fembridge.errors import TableError, TraceError
 from fembridge.outputs import write_text
+from fembridge.table_rows import read_rows
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray
 
@@ -28,8 +27,6 @@ AFFERENTS = ("SA", "RA", "PC")
 TRACE_COLUMNS = ("time_ms", "afferent", "node", "von_mises_pa")
 SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
-
-_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +77,9 @@ def read_traces(path: Path) -> list[StressTrace]:
         Not a table of traces: names the line, what is there, what is expected.
     """
     found: dict[tuple[str | None, int], _Samples] = {}
-    for row in _rows(path, TRACE_COLUMNS):
-        afferent = row.afferent() if row.cells["afferent"] else None
-        samples = found.setdefault((afferent, row.whole("node", 1)), _Samples())
+    for row in read_rows(path, TRACE_COLUMNS):
+        afferent = row.choice("afferent", AFFERENTS) if row.cells["afferent"] else None
+        samples = found.setdefault((afferent, row.whole("node", least=1)), _Samples())
         samples.pairs.append((row.number("time_ms"), row.number("von_mises_pa")))
         samples.lines.append(row.line)
     if not found:
@@ -117,8 +114,12 @@ def read_spikes(path: Path) -> list[SpikeTrain]:
         Not a table of spikes, or the same spike twice.
     """
     found: dict[tuple[str, str, int], dict[float, int]] = {}
-    for row in _rows(path, SPIKE_COLUMNS):
-        name = (row.text("stimulus"), row.afferent(), row.whole("repeat", 0))
+    for row in read_rows(path, SPIKE_COLUMNS):
+        name = (
+            row.text("stimulus"),
+            row.choice("afferent", AFFERENTS),
+            row.whole("repeat", least=0),
+        )
         lines = found.setdefault(name, {})
         first = lines.setdefault(row.number("spike_time_ms"), row.line)
         if first != row.line:
@@ -151,10 +152,9 @@ def read_rates(path: Path) -> list[Rate]:
         Not a table of rates, a negative rate, or two for the same afferent.
     """
     found: dict[tuple[str, str], tuple[Rate, int]] = {}
-    for row in _rows(path, RATE_COLUMNS):
-        rate = Rate(row.text("stimulus"), row.afferent(), row.number("rate_ips"))
-        if rate.rate_ips < 0:
-            raise row.error(f"rate_ips is {rate.rate_ips:g}, expected >= 0")
+    for row in read_rows(path, RATE_COLUMNS):
+        afferent = row.choice("afferent", AFFERENTS)
+        rate = Rate(row.text("stimulus"), afferent, row.number("rate_ips", least=0))
         _, first = found.setdefault((rate.stimulus, rate.afferent), (rate, row.line))
         if first != row.line:
             raise row.error(
@@ -170,101 +170,6 @@ def write_rates(path: Path, rates: Iterable[Rate]) -> None:
     """Write a table of rates in the order given."""
     rows = ((each.stimulus, each.afferent, each.rate_ips) for each in rates)
     _write(path, RATE_COLUMNS, rows)
-
-
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """One line of a table, its cells by column."""
-
-    path: Path
-    line: int
-    cells: Mapping[str, str]
-
-    def error(self, problem: str) -> TableError:
-        return TableError(problem, self.path, self.line)
-
-    def text(self, column: str) -> str:
-        if not self.cells[column]:
-            raise self.error(f"{column} is empty")
-        return self.cells[column]
-
-    def afferent(self) -> str:
-        word = self.cells["afferent"]
-        if word not in AFFERENTS:
-            raise self.error(
-                f"afferent is {word!r}, expected one of {', '.join(AFFERENTS)}"
-            )
-        return word
-
-    def number(self, column: str) -> float:
-        number = self._converted(column, float, "a number")
-        if not math.isfinite(number):
-            raise self.error(f"{column} is {number}, expected a finite number")
-        return number
-
-    def whole(self, column: str, least: int) -> int:
-        number = self._converted(column, int, "a whole number")
-        if number < least:
-            raise self.error(f"{column} is {number}, expected {least} or more")
-        return number
-
-    def _converted(
-        self, column: str, convert: Callable[[str], _Value], kind: str
-    ) -> _Value:
-        cell = self.cells[column]
-        try:
-            if "_" in cell:  # Python's digit groups, nobody else's
-                raise ValueError
-            return convert(cell)
-        except ValueError:
-            raise self.error(f"{column} is {cell!r}, expected {kind}") from None
-
-
-def _rows(path: Path, columns: Sequence[str]) -> Iterator[_Row]:
-    """Give the rows that hold something, after a look at file and header."""
-    table = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
-    expected = f"expected a header with {','.join(columns)}"
-    try:
-        if not (header := [name.strip() for name in next(table, [])]):
-            raise TableError(f"empty, {expected}", path)
-        missing = [name for name in columns if name not in header]
-        if missing:
-            raise TableError(
-                f"no column {', '.join(missing)} in {','.join(header)!r}, {expected}",
-                path,
-                1,
-            )
-        twice = [name for name in columns if header.count(name) > 1]
-        if twice:
-            raise TableError(f"column {twice[0]} stands there twice", path, 1)
-        for cells in table:
-            if not any(cells):
-                continue
-            if len(cells) != len(header):
-                raise TableError(
-                    f"{len(cells)} cells, expected {len(header)} as in the header",
-                    path,
-                    table.line_num,
-                )
-            stripped = (cell.strip() for cell in cells)
-            yield _Row(path, table.line_num, dict(zip(header, stripped, strict=True)))
-    except csv.Error as error:
-        raise TableError(f"not CSV: {error}", path, table.line_num) from error
-
-
-def _text(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise TableError(f"cannot read: {error.strerror}", path) from error
-    if b"\0" in content:
-        raise TableError("a binary file, expected a CSV table", path)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        found = f"byte 0x{content[error.start]:02x}"
-        raise TableError(f"{found} is not UTF-8", path, line) from error
 
 
 def _trace(

@@ -2,8 +2,17 @@
 
 ``encode`` is the way in; ``neural.drive``, ``neural.current`` and ``neural.lif`` are
 its three steps, ``neural.candidates`` is the same for many parameters at once.
+``neural.agreement``, ``neural.threshold`` and ``neural.spike_distance`` judge it.
 """
 
+from neural.agreement import (
+    Agreement,
+    Regression,
+    agreement,
+    bias_ips,
+    regression,
+    rmse_ips,
+)
 from neural.candidates import candidate_counts
 from neural.drive import DERIVATIVES
 from neural.encoder import (
@@ -26,19 +35,34 @@ from neural.parameters import (
     read_parameters,
 )
 from neural.rate import impulses_per_cycle, rate_ips, spikes_inside, window_rows
+from neural.spike_distance import van_rossum_distance, victor_purpura_distance
+from neural.threshold import (
+    Plateau,
+    entrainment_plateau,
+    entrainment_threshold_um,
+    threshold_amplitude_um,
+    vector_strength,
+)
 
 __all__ = [
     "AFFERENTS",
     "DERIVATIVES",
     "PUBLISHED",
     "AfferentParameters",
+    "Agreement",
     "Parameters",
     "PcParameters",
+    "Plateau",
     "RaParameters",
+    "Regression",
     "SaParameters",
     "afferent_drives",
+    "agreement",
+    "bias_ips",
     "candidate_counts",
     "encode",
+    "entrainment_plateau",
+    "entrainment_threshold_um",
     "impulses_per_cycle",
     "membrane_current",
     "membrane_potential",
@@ -46,8 +70,14 @@ __all__ = [
     "parameters_to_table",
     "rate_ips",
     "read_parameters",
+    "regression",
+    "rmse_ips",
     "spike_counts",
     "spike_times",
     "spikes_inside",
+    "threshold_amplitude_um",
+    "van_rossum_distance",
+    "vector_strength",
+    "victor_purpura_distance",
     "window_rows",
 ]

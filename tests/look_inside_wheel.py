@@ -12,6 +12,7 @@ WANTED = (
     "decks/meshes/paper.npz",
     "fembridge/response/maps/quick.toml",
     "fembridge/response/maps/paper.toml",
+    "fembridge/touchsim/rates.csv",
     "fembridge/cli.py",
 )
 

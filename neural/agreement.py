@@ -1,0 +1,198 @@
+"""How well predicted rates follow observed ones: regression line, RMSE and bias.
+
+A point is one stimulus: its observed rate across, its predicted rate up. The paper
+judges a model by "the regression line of all plots of each tactile afferent", so by
+one line through all stimuli of a family and a class (Figs. 3 (c), 4 (d) and 5 (d)).
+Its R² is a squared correlation: a model that fires twice as often as the skin has
+R² = 1. RMSE and bias stand beside it because they see that.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fembridge.errors import ParameterError
+from fembridge.typing import FloatArray
+
+# Rates are means of counts over windows; closer than this they differ by rounding.
+EQUAL_IPS = 1.0e-9
+
+# A line through two points has no degree of freedom left to be tested with.
+_LEAST_TESTED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """The line ``predicted = slope * observed + intercept_ips``, and how sure it is.
+
+    `r_squared` is the squared Pearson correlation, `p_value` that of a two-sided
+    t test against a slope of 0, `count` the number of points. NaN is what the points
+    do not determine; see `regression`.
+    """
+
+    slope: float
+    intercept_ips: float
+    r_squared: float
+    p_value: float
+    count: int
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise ParameterError(f"regression of {self.count} points, expected >= 1")
+        for name in ("slope", "intercept_ips"):
+            if math.isinf(value := getattr(self, name)):
+                raise ParameterError(f"{name} must be finite or NaN, got {value}")
+        for name in ("r_squared", "p_value"):
+            value = getattr(self, name)
+            if not (math.isnan(value) or 0.0 <= value <= 1.0):
+                raise ParameterError(f"{name} must be 0 to 1 or NaN, got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """All that a table says of a model against a recording."""
+
+    regression: Regression
+    rmse_ips: float
+    bias_ips: float
+
+    def __post_init__(self) -> None:
+        # The mean square is the variance and the square of the mean. The negation
+        # also refuses NaN.
+        slack = 1.0e-9 * abs(self.bias_ips) + EQUAL_IPS
+        if not abs(self.bias_ips) <= self.rmse_ips + slack < math.inf:
+            raise ParameterError(
+                f"rmse_ips {self.rmse_ips} and bias_ips {self.bias_ips}, expected "
+                "finite numbers and a bias no larger than the RMSE"
+            )
+
+    def to_row(self) -> dict[str, float]:
+        """Give every number under its name, the regression's first."""
+        return {
+            **asdict(self.regression),
+            "rmse_ips": self.rmse_ips,
+            "bias_ips": self.bias_ips,
+        }
+
+
+def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
+    """Compare predicted rates with observed ones, in every way of this module.
+
+    Parameters
+    ----------
+    observed_ips, predicted_ips
+        Rates of the same stimuli in the same order, ``(N,)`` each.
+
+    Returns
+    -------
+    Agreement
+        The regression line, RMSE and bias.
+
+    Raises
+    ------
+    ParameterError
+        No rates, not as many of one as of the other, or one that is not finite.
+
+    Examples
+    --------
+    >>> from neural.agreement import agreement
+    >>> judged = agreement([0.0, 10.0, 20.0, 30.0], [1.0, 21.0, 41.0, 61.0])
+    >>> judged.regression.r_squared, judged.regression.slope, judged.bias_ips
+    (1.0, 2.0, 16.0)
+    """
+    return Agreement(
+        regression(observed_ips, predicted_ips),
+        rmse_ips(observed_ips, predicted_ips),
+        bias_ips(observed_ips, predicted_ips),
+    )
+
+
+def regression(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Regression:
+    """Lay the line of least squares through predicted against observed rates.
+
+    Parameters
+    ----------
+    observed_ips, predicted_ips
+        Rates of the same stimuli in the same order, ``(N,)`` each.
+
+    Returns
+    -------
+    Regression
+        A silent model, or any that gives every stimulus one rate, has slope 0 and
+        neither R² nor p: both NaN. Observed rates that are all equal determine no
+        line: everything NaN but the count. Below three points p is NaN.
+
+    Raises
+    ------
+    ParameterError
+        As `agreement`.
+
+    Notes
+    -----
+    The paper gives R² and p of "the regression line" and leaves the axes open; both
+    are the same either way. The slope is not: observed across is ours.
+    """
+    observed, predicted = checked_pair(
+        observed_ips, predicted_ips, ("observed_ips", "predicted_ips")
+    )
+    nan, count = math.nan, observed.size
+    if _all_equal(observed):
+        return Regression(nan, nan, nan, nan, count)
+    if _all_equal(predicted):
+        return Regression(0.0, float(predicted.mean()), nan, nan, count)
+
+    from scipy.stats import linregress
+
+    line = linregress(observed, predicted)
+    return Regression(
+        slope=float(line.slope),
+        intercept_ips=float(line.intercept),
+        r_squared=min(1.0, float(line.rvalue) ** 2),
+        p_value=float(line.pvalue) if count >= _LEAST_TESTED else nan,
+        count=count,
+    )
+
+
+def rmse_ips(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> float:
+    """Give the root of the mean squared difference, in impulses a second."""
+    error_ips = _errors_ips(observed_ips, predicted_ips)
+    return math.sqrt(float(np.mean(error_ips**2)))
+
+
+def bias_ips(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> float:
+    """Give the mean of predicted minus observed: > 0 where the model overrates."""
+    return float(np.mean(_errors_ips(observed_ips, predicted_ips)))
+
+
+def checked_pair(
+    first: ArrayLike, second: ArrayLike, names: tuple[str, str]
+) -> tuple[FloatArray, FloatArray]:
+    """Give two columns as float64 ``(N,)``, N ≥ 1, all finite, or refuse by name."""
+    columns = tuple(np.asarray(column, dtype=np.float64) for column in (first, second))
+    for name, column in zip(names, columns, strict=True):
+        if column.ndim != 1 or not column.size:
+            raise ParameterError(
+                f"{name} of shape {column.shape}, expected (N,) with N >= 1"
+            )
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            raise ParameterError(f"{name} is {column[bad[0]]} at row {bad[0]}")
+    if columns[0].size != columns[1].size:
+        raise ParameterError(
+            f"{columns[0].size} {names[0]} and {columns[1].size} {names[1]}, "
+            "expected one of each a stimulus"
+        )
+    return columns[0], columns[1]
+
+
+def _errors_ips(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> FloatArray:
+    observed, predicted = checked_pair(
+        observed_ips, predicted_ips, ("observed_ips", "predicted_ips")
+    )
+    return predicted - observed
+
+
+def _all_equal(rate_ips: FloatArray) -> bool:
+    return bool(np.ptp(rate_ips) <= EQUAL_IPS)

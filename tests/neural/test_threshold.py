@@ -1,0 +1,267 @@
+"""Thresholds and plateaus of curves drawn by hand and by formula."""
+
+import doctest
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import neural.threshold
+from fembridge.errors import ParameterError
+from neural.rate import rate_ips
+from neural.threshold import (
+    CRITERION_IPS,
+    Plateau,
+    entrainment_plateau,
+    entrainment_threshold_um,
+    threshold_amplitude_um,
+)
+
+few = settings(max_examples=40)  # drawing them is what takes the time
+curves = st.lists(
+    st.tuples(st.integers(1, 2000), st.integers(0, 60)),
+    min_size=1,
+    max_size=9,
+    unique_by=lambda point: point[0],
+)
+
+
+def plain_rate_ips(amplitude_um, curve):
+    """The curve's rate at any amplitude: straight lines over the logarithm."""
+    curve = sorted(curve)
+    for (low, low_ips), (high, high_ips) in pairwise(curve):
+        if low <= amplitude_um <= high:
+            share = math.log(amplitude_um / low) / math.log(high / low)
+            return low_ips + share * (high_ips - low_ips)
+    raise AssertionError(f"{amplitude_um} is outside the curve")
+
+
+def test_halfway_in_rate_is_halfway_in_the_logarithm():
+    assert threshold_amplitude_um(
+        [10.0, 1000.0], [0.0, 50.0], criterion_ips=25.0
+    ) == pytest.approx(100.0, rel=1e-14)
+    assert threshold_amplitude_um(
+        [1.0, 2.0, 32.0], [0.0, 10.0, 60.0], criterion_ips=20.0
+    ) == pytest.approx(2.0 * 16.0**0.2, rel=1e-14)
+
+
+@given(
+    slope_ips=st.floats(1.0, 100.0),
+    threshold_um=st.floats(6.0, 200.0),
+    criterion_ips=st.floats(0.5, 20.0),
+)
+def test_a_rate_straight_over_the_logarithm_has_its_exact_threshold(
+    slope_ips, threshold_um, criterion_ips
+):
+    """rate = criterion + slope log10(a / threshold): the samples do not matter."""
+    amplitude_um = np.geomspace(5.0, 250.0, 12)
+    rate = criterion_ips + slope_ips * np.log10(amplitude_um / threshold_um)
+
+    found_um = threshold_amplitude_um(amplitude_um, rate, criterion_ips)
+
+    assert found_um == pytest.approx(threshold_um, rel=1e-9)
+
+
+@few
+@given(curves, st.integers(1, 60))
+def test_a_threshold_is_where_the_curve_first_has_the_criterion(curve, criterion_ips):
+    amplitude_um, rate = zip(*curve, strict=True)
+
+    found_um = threshold_amplitude_um(amplitude_um, rate, criterion_ips)
+
+    if max(rate) < criterion_ips:
+        assert found_um == math.inf
+        return
+    below = [a for a, ips in sorted(curve) if a < found_um * (1 - 1e-12)]
+    assert all(ips < criterion_ips for a, ips in curve if a in below)
+    if below:
+        assert plain_rate_ips(found_um, curve) == pytest.approx(criterion_ips, rel=1e-9)
+    else:
+        assert found_um == min(amplitude_um)
+        assert dict(curve)[found_um] >= criterion_ips
+
+
+@few
+@given(curves, st.integers(1, 60), st.randoms())
+def test_the_order_of_the_points_does_not_matter(curve, criterion_ips, random):
+    shuffled = random.sample(curve, len(curve))
+
+    both = [
+        threshold_amplitude_um(*zip(*points, strict=True), criterion_ips)
+        for points in (curve, shuffled)
+    ]
+
+    assert both[0] == both[1]
+
+
+@few
+@given(curves, st.integers(1, 59))
+def test_a_higher_criterion_has_no_lower_threshold(curve, criterion_ips):
+    points = list(zip(*curve, strict=True))
+
+    low_um = threshold_amplitude_um(*points, criterion_ips)
+    high_um = threshold_amplitude_um(*points, criterion_ips + 1)
+
+    assert low_um <= high_um
+
+
+def test_an_amplitude_whose_rate_is_the_criterion_is_given_exactly():
+    amplitude_um = [6.71, 9.32, 12.5, 18.0]
+
+    for tie in (10.0, 10.0 - 1e-12):
+        found_um = threshold_amplitude_um(
+            amplitude_um, [0.0, 3.0, tie, 40.0], criterion_ips=10.0
+        )
+        assert found_um == 12.5
+
+
+def test_a_curve_that_falls_again_counts_by_its_first_rise():
+    found_um = threshold_amplitude_um(
+        [1.0, 10.0, 100.0, 1000.0], [0.0, 20.0, 0.0, 90.0], criterion_ips=10.0
+    )
+
+    assert found_um == pytest.approx(math.sqrt(10.0), rel=1e-14)
+
+
+def test_a_silent_afferent_has_its_threshold_above_all():
+    assert threshold_amplitude_um([5.0, 50.0], [0.0, 0.0]) == math.inf
+    assert entrainment_threshold_um([5.0, 50.0], [0.0, 19.0], 20.0) == math.inf
+
+
+def test_an_afferent_that_always_answers_has_its_threshold_at_the_first_or_below():
+    assert threshold_amplitude_um([50.0, 5.0], [90.0, 30.0]) == 5.0
+    assert threshold_amplitude_um([5.0], [30.0]) == 5.0
+
+
+@pytest.mark.parametrize("end_ms", [250.0, 105.0])
+def test_one_impulse_in_a_window_of_the_paper_reaches_the_criterion(end_ms):
+    one = rate_ips([60.0], (5.0, end_ms))
+
+    assert one >= CRITERION_IPS
+    assert threshold_amplitude_um([20.0], [one]) == 20.0
+    assert threshold_amplitude_um([20.0], [0.99 * CRITERION_IPS]) == math.inf
+
+
+def test_the_entrainment_threshold_is_that_of_one_impulse_a_cycle():
+    """50 Hz: 40 ips at 10 µm, 60 ips at 1000 µm, so 50 ips at 100 µm."""
+    found_um = entrainment_threshold_um([1.0, 10.0, 1000.0], [0.0, 40.0, 60.0], 50.0)
+
+    assert found_um == pytest.approx(100.0, rel=1e-14)
+
+
+def test_a_plateau_reaches_to_where_the_curve_leaves_its_range():
+    """45 and 55 ips are 0.9 of the way up and 0.1 of the way on, a decade each."""
+    plateau = entrainment_plateau(
+        [1.0, 10.0, 100.0, 1000.0], [0.0, 50.0, 50.0, 100.0], 50.0
+    )
+
+    assert plateau.low_um == pytest.approx(10.0**0.9, rel=1e-14)
+    assert plateau.high_um == pytest.approx(10.0**2.1, rel=1e-14)
+    assert plateau.decades == pytest.approx(1.2, rel=1e-13)
+
+
+def test_a_plateau_that_falls_off_ends_at_its_lower_rate():
+    plateau = entrainment_plateau([10.0, 100.0, 1000.0], [100.0, 50.0, 40.0], 50.0)
+
+    assert plateau.low_um == pytest.approx(10.0**1.9, rel=1e-14)
+    assert plateau.high_um == pytest.approx(10.0**2.5, rel=1e-14)
+
+
+def test_a_plateau_is_open_where_the_amplitudes_end():
+    assert entrainment_plateau([10.0, 20.0, 40.0], [48.0, 50.0, 52.0], 50.0) == Plateau(
+        10.0, 40.0
+    )
+    assert entrainment_plateau([10.0], [50.0], 50.0) == Plateau(10.0, 10.0)
+
+
+def test_a_curve_that_leaps_across_one_to_one_was_not_held_there():
+    assert entrainment_plateau([1.0, 10.0], [0.0, 100.0], 50.0) is None
+    assert entrainment_plateau([1.0, 10.0], [0.0, 0.0], 50.0) is None
+
+
+def test_of_two_plateaus_the_wider_is_given():
+    amplitude_um = [1.0, 2.0, 4.0, 8.0, 80.0, 160.0]
+    rate = [50.0, 50.0, 0.0, 50.0, 50.0, 0.0]
+
+    plateau = entrainment_plateau(amplitude_um, rate, 50.0)
+
+    assert plateau.low_um == pytest.approx(4.0 * 2.0**0.9, rel=1e-14)
+    assert plateau.high_um == pytest.approx(80.0 * 2.0**0.1, rel=1e-14)
+
+
+def test_the_edges_of_the_range_belong_to_it():
+    """0.9 · 50 and 1.1 · 50 are 45 and 55.000000000000007: rounding has no say."""
+    plateau = entrainment_plateau([1.0, 2.0, 4.0, 8.0], [0.0, 45.0, 55.0, 100.0], 50.0)
+
+    assert (plateau.low_um, plateau.high_um) == pytest.approx((2.0, 4.0), rel=1e-12)
+    assert entrainment_plateau([2.0, 4.0], [44.9, 55.1], 50.0) is None
+    narrow = entrainment_plateau(
+        [1.0, 2.0, 4.0], [0.0, 50.0, 55.0], 50.0, impulses_per_cycle=(1.0, 1.0)
+    )
+    assert narrow == Plateau(2.0, 2.0)
+
+
+@few
+@given(curves)
+def test_within_a_plateau_the_curve_stays_in_its_range(curve):
+    plateau = entrainment_plateau(*zip(*curve, strict=True), 30.0)
+
+    if plateau is None:
+        assert not any(27 <= ips <= 33 for _, ips in curve)
+        return
+    assume(plateau.high_um > plateau.low_um)
+    inside_um = np.geomspace(plateau.low_um, plateau.high_um, 21)[1:-1]
+    within = [plain_rate_ips(amplitude_um, curve) for amplitude_um in inside_um]
+    assert min(within) >= 27.0 - 1e-6
+    assert max(within) <= 33.0 + 1e-6
+    for edge_um in (plateau.low_um, plateau.high_um):
+        if edge_um not in (min(curve)[0], max(curve)[0]):
+            edge_ips = plain_rate_ips(edge_um, curve)
+            assert min(abs(edge_ips - 27), abs(edge_ips - 33)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("amplitude_um", "rate", "words"),
+    [
+        ([], [], r"amplitude_um of shape \(0,\)"),
+        ([1.0, 2.0], [1.0], "2 amplitude_um and 1 rate_ips"),
+        ([1.0, 0.0], [1.0, 2.0], "amplitude_um must be > 0, got 0"),
+        ([-1.0, 2.0], [1.0, 2.0], "amplitude_um must be > 0, got -1"),
+        ([5.0, 2.0, 5.0], [1.0, 2.0, 3.0], "amplitude_um 5 stands twice"),
+        ([1.0, math.nan], [1.0, 2.0], "amplitude_um is nan at row 1"),
+        ([1.0, 2.0], [math.nan, 2.0], "rate_ips is nan at row 0"),
+    ],
+)
+def test_columns_that_are_no_curve_are_refused(amplitude_um, rate, words):
+    for measure in (entrainment_plateau, entrainment_threshold_um):
+        with pytest.raises(ParameterError, match=words):
+            measure(amplitude_um, rate, 50.0)
+    with pytest.raises(ParameterError, match=words):
+        threshold_amplitude_um(amplitude_um, rate)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+def test_a_criterion_or_frequency_that_is_none_is_refused(bad):
+    curve = ([1.0, 2.0], [0.0, 50.0])
+    with pytest.raises(ParameterError, match="criterion_ips must be finite and > 0"):
+        threshold_amplitude_um(*curve, bad)
+    for measure in (entrainment_threshold_um, entrainment_plateau):
+        with pytest.raises(ParameterError, match="frequency_hz must be finite and > 0"):
+            measure(*curve, bad)
+
+
+def test_a_range_or_plateau_that_ends_before_it_starts_is_refused():
+    with pytest.raises(ParameterError, match=r"from 1\.1 to 0\.9, expected 0 < least"):
+        entrainment_plateau([1.0, 2.0], [0.0, 50.0], 50.0, (1.1, 0.9))
+    with pytest.raises(ParameterError, match=r"plateau from 5\.0 to 2\.0 um"):
+        Plateau(5.0, 2.0)
+
+
+def test_the_examples_of_the_docstrings_are_true():
+    outcome = doctest.testmod(neural.threshold)
+
+    assert outcome.attempted > 0
+    assert outcome.failed == 0
