@@ -19,6 +19,8 @@ from fembridge.typing import FloatArray, IntArray
 
 ELEMENTS = ("CPE4", "CPE4R", "CPE8R")
 FORMULATIONS = ("node-to-surface", "surface-to-surface")
+# How stress follows from large strain; for small ones both are Hooke's law.
+LAWS = ("linear", "neo-hookean")
 
 # Skin beyond this is never reached by the probe; the search for contact is
 # limited to what is within it, beyond the probe's own half width.
@@ -113,6 +115,11 @@ class Analysis:
     the skin's node that the probe touches first, which shows that it pushed.
     `held` ``(C,)`` are nodes that do not move. `contact_edge` ``(K, 2)`` are
     (element row, face from 0) of the skin that the probe can reach.
+
+    `law` is that of skin and tissue, bone and nail stay linear: ``linear`` takes the
+    second Piola–Kirchhoff stress to be linear in Green's strain, which gives way
+    under strong compression; ``neo-hookean`` has the same moduli at rest and does
+    not. `watched` ``(W,)`` are rows of further nodes whose results are written.
     """
 
     title: str
@@ -128,6 +135,8 @@ class Analysis:
     contact_edge: IntArray
     large_strain: bool = True
     notes: tuple[str, ...] = field(default_factory=tuple)
+    law: str = "linear"
+    watched: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def analyse(
@@ -138,16 +147,27 @@ def analyse(
     probe: Probe | None = None,
     contact: Contact | None = None,
     element: str = "CPE4",
+    law: str = "linear",
+    watched: IntArray | None = None,
 ) -> Analysis:
     """Put a finger, its mesh and a stimulus together.
 
     Raises
     ------
     DeckError, FingerError
-        An unknown element, an afferent without a node, a probe beside the pad.
+        An unknown element or law, a node to be watched that the mesh has not, an
+        afferent without a node, a probe beside the pad.
     """
     if element not in ELEMENTS:
         raise DeckError(f"element {element!r}, expected one of {', '.join(ELEMENTS)}")
+    if law not in LAWS:
+        raise DeckError(f"law {law!r}, expected one of {', '.join(LAWS)}")
+    rows = np.array([] if watched is None else watched, dtype=np.int64)
+    if rows.size and not 0 <= rows.min() <= rows.max() < len(mesh.node_mm):
+        raise DeckError(
+            f"nodes to be watched from row {rows.min()} to {rows.max()}, expected "
+            f"within 0 to {len(mesh.node_mm) - 1}"
+        )
     probe = probe or Probe()
     probe_mesh = mesh_probe(probe, mesh)
     edge, owner, face = mesh.outline()
@@ -177,4 +197,6 @@ def analyse(
             f"probe: {probe.shape}, {probe.diameter_mm:g} mm",
             f"contact: {contact or Contact()}",
         ),
+        law=law,
+        watched=rows,
     )

@@ -68,7 +68,23 @@ def build_run_folder(
     DeckError, FingerError
         The model or the stimulus cannot be put into a deck.
     """
-    analysis = model.analysis(stimulus)
+    return build_analysis_folder(
+        folder, model.analysis(stimulus), stimulus, inputs_of(model, stimulus), binary
+    )
+
+
+def build_analysis_folder(
+    folder: Path,
+    analysis: Analysis,
+    stimulus: Stimulus,
+    inputs: Table,
+    binary: bool = True,
+) -> RunFolder:
+    """Do what `build_run_folder` does for an analysis that was put together already.
+
+    `inputs` tells in ``run.toml`` what it was made from; `stimulus` is what it
+    prescribes. Errors are the same.
+    """
     deck = calculix_deck(analysis, binary=binary)
     run = RunFolder(
         folder=folder,
@@ -79,7 +95,7 @@ def build_run_folder(
         afferents=_places(analysis),
         apex_node=analysis.apex + 1,
         deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
-        inputs=_inputs(model, stimulus),
+        inputs=inputs,
     )
     with filling(folder, last=RUN_FILE) as draft:
         write_text(draft / run.deck.name, deck)
@@ -97,7 +113,8 @@ def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
     return tuple(places)
 
 
-def _inputs(model: Model, stimulus: Stimulus) -> Table:
+def inputs_of(model: Model, stimulus: Stimulus) -> Table:
+    """Tell what a run is made from: element, stimulus, probe, contact, finger."""
     origin: Mapping[str, object] = stimulus.origin
     return {
         "element": model.element,

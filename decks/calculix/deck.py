@@ -18,7 +18,7 @@ from decks.calculix.lines import (
     plain,
     real,
 )
-from decks.finger import LAYERS
+from decks.finger import LAYERS, Material
 from fembridge.errors import DeckError
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
@@ -30,6 +30,8 @@ _HEADING_WIDTH = 78
 # elements carry no unknown; ccx still wants a material.
 _PROBE_MPA = 2.1e5
 _TENSION_MPA = 0.001
+# Layers that are strained strongly: what `Analysis.law` is about.
+_SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
 
 
 def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
@@ -117,8 +119,11 @@ def _materials(analysis: Analysis) -> Iterator[str]:
             continue
         material = analysis.finger.materials[layer]
         yield f"*MATERIAL, NAME={layer.upper()}"
-        yield "*ELASTIC"
-        yield f"{real(material.young_mpa)}, {real(material.poisson)}"
+        if analysis.law == "neo-hookean" and layer in _SOFT:
+            yield from _neo_hookean(material)
+        else:
+            yield "*ELASTIC"
+            yield f"{real(material.young_mpa)}, {real(material.poisson)}"
         yield f"*SOLID SECTION, ELSET={layer.upper()}, MATERIAL={layer.upper()}"
         yield "1.0"
     yield "*MATERIAL, NAME=PROBE_BODY"
@@ -126,6 +131,21 @@ def _materials(analysis: Analysis) -> Iterator[str]:
     yield f"{real(_PROBE_MPA)}, 0.3"
     yield "*SOLID SECTION, ELSET=PROBE_BODY, MATERIAL=PROBE_BODY"
     yield "1.0"
+
+
+def _neo_hookean(material: Material) -> Iterator[str]:
+    """``U = C10 (I1 − 3) + (J − 1)²/D1``, I1 of the strain without its volume part.
+
+    Equal to Hooke's law for small strain: C10 = G/2, D1 = 2/K.
+    """
+    shear_mpa = material.young_mpa / (2 * (1 + material.poisson))
+    bulk_mpa = material.young_mpa / (3 * (1 - 2 * material.poisson))
+    yield (
+        f"** C10 in MPa, D1 in 1/MPa: E = {material.young_mpa:g}, "
+        f"nu = {material.poisson:g} at rest"
+    )
+    yield "*HYPERELASTIC, NEO HOOKE"
+    yield f"{real(shear_mpa / 2)}, {real(2 / bulk_mpa)}"
 
 
 def _contact(analysis: Analysis) -> Iterator[str]:
@@ -203,7 +223,7 @@ def _step(analysis: Analysis, binary: bool) -> Iterator[str]:
 
 def watched_nodes(analysis: Analysis) -> list[int]:
     """Solver's numbers of the nodes whose results are written, no node twice."""
-    rows = [*analysis.afferent.values(), analysis.apex]
+    rows = [*analysis.afferent.values(), analysis.apex, *analysis.watched.tolist()]
     return [row + 1 for row in dict.fromkeys(rows)]
 
 

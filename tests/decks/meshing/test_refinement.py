@@ -1,0 +1,118 @@
+"""A mesh made finer around a point: the same section, nothing hanging, no worse."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import KDTree
+
+from decks.finger import LAYERS
+from decks.meshing.mesh import Mesh
+from decks.meshing.refinement import refined
+from decks.presets import PRESETS, mesh_of
+from fembridge.errors import FingerError
+
+MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
+
+
+def grid(columns, rows, width=1.0, height=1.0):
+    """Rectangles in the epidermis; node 0 is the lower left one."""
+    x, y = np.meshgrid(np.arange(columns + 1) * width, np.arange(rows + 1) * height)
+    low = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    high = low + columns + 1
+    quad = np.stack([low, low + 1, high + 1, high], -1)
+    return Mesh(np.stack([x.ravel(), y.ravel()], -1), quad, np.ones(len(quad), int))
+
+
+def layer_areas(mesh):
+    return [mesh.area_mm2()[mesh.layer == k].sum() for k in range(len(LAYERS))]
+
+
+def test_around_a_node_four_become_nine_each_and_their_eight_neighbours_four():
+    """Of 6 x 6 around the middle node; the four at the corners of the block stay."""
+    fine = refined(grid(6, 6), (3.0, 3.0), 0.1)
+    assert len(fine.quad) == 4 * 9 + 8 * 4 + (36 - 4 - 8)
+
+
+def test_an_edge_of_the_fine_part_has_two_nodes_at_its_thirds():
+    fine = refined(grid(6, 6), (3.0, 3.0), 0.1)
+    on_row = fine.node_mm[fine.node_mm[:, 1] == 3.0, 0]
+    assert_allclose(np.sort(on_row), [0, 1, *(2 + np.arange(7) / 3), 5, 6], atol=1e-9)
+
+
+def test_at_a_border_the_border_itself_is_cut():
+    fine = refined(grid(4, 3), (2.0, 3.0), 0.1)
+    edge, _, _ = fine.outline()
+    top = fine.node_mm[np.unique(edge)]
+    top = np.sort(top[top[:, 1] == 3.0, 0])
+    assert_allclose(top, [0, 1, 4 / 3, 5 / 3, 2, 7 / 3, 8 / 3, 3, 4], atol=1e-9)
+
+
+@given(
+    place=st.tuples(st.floats(0, 8), st.floats(0, 3)),
+    radius=st.floats(0.75, 9),
+    size=st.tuples(st.floats(0.5, 1), st.floats(0.5, 1)),
+)
+def test_nothing_hangs_and_no_area_is_lost_wherever_it_is_refined(place, radius, size):
+    """`Mesh` refuses gaps, overlaps, folds and what is too skewed."""
+    coarse = grid(8, 6, *size)
+    fine = refined(coarse, (place[0] * size[0], place[1] * size[1]), radius)
+    assert_allclose(fine.area_mm2().sum(), coarse.area_mm2().sum(), rtol=1e-7)
+    assert len(fine.quad) > len(coarse.quad)
+    assert_array_equal(fine.node_mm[: len(coarse.node_mm)], coarse.node_mm)
+
+
+def test_a_radius_beyond_the_mesh_makes_nine_of_every_element():
+    fine = refined(grid(5, 3), (0.0, 0.0), 99.0)
+    assert len(fine.quad) == 9 * 15
+    assert_allclose(fine.scaled_jacobian(), 1.0, atol=1e-6)
+
+
+def test_a_dent_in_the_fine_part_is_filled():
+    """Twelve elements touch the middle five nodes, a cross; its dents join them."""
+    fine = refined(grid(8, 8), (4.0, 4.0), 1.0)
+    assert len(fine.quad) == 16 * 9 + 16 * 4 + (64 - 16 - 16)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_preset_keeps_its_layers_its_symmetry_and_the_shape_of_its_elements(name):
+    coarse = MESHES[name]
+    fine = refined(refined(coarse, (0.0, 0.0), 0.2), (0.0, 0.0), 0.1)
+    assert_allclose(layer_areas(fine), layer_areas(coarse), rtol=1e-7)
+    way_mm, image = KDTree(fine.node_mm).query(fine.node_mm * [-1.0, 1.0])
+    assert way_mm.max() <= 2e-9  # they are rounded to 1e-9
+    assert_array_equal(np.sort(image), np.arange(len(image)))
+    assert fine.scaled_jacobian().min() >= 0.37
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_twice_makes_the_elements_at_the_apex_of_a_preset_nine_times_narrower(name):
+    coarse = MESHES[name]
+    fine = refined(refined(coarse, (0.0, 0.0), 0.2), (0.0, 0.0), 0.1)
+
+    def narrowest_mm(mesh):
+        edge, _, _ = mesh.outline()
+        x_mm, y_mm = mesh.node_mm[np.unique(edge)].T
+        return np.sort(x_mm[(x_mm > 0) & (y_mm > -0.1)])[0]
+
+    assert_allclose(narrowest_mm(fine), narrowest_mm(coarse) / 9, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_far_from_the_point_a_preset_stays_as_it_was(name):
+    coarse = MESHES[name]
+    fine = refined(coarse, (0.0, 0.0), 0.2)
+
+    def far(mesh):
+        corner_mm = mesh.node_mm[mesh.quad]
+        away = np.linalg.norm(corner_mm, axis=2).min(axis=1) > 1.0
+        return corner_mm[away], mesh.layer[away]
+
+    for found, expected in zip(far(fine), far(coarse), strict=True):
+        assert_array_equal(found, expected)
+
+
+def test_a_point_without_a_node_nearby_is_refused():
+    with pytest.raises(FingerError, match=r"no node lies within 0.2 mm of \(9, 9\) mm"):
+        refined(grid(2, 2), (9.0, 9.0), 0.2)
