@@ -14,14 +14,30 @@ from neural.agreement import (
     rmse_ips,
 )
 from neural.candidates import candidate_counts
+from neural.coefficients import Coefficients
 from neural.drive import DERIVATIVES
+from neural.drive_table import DRIVES, drive_named
 from neural.encoder import (
     afferent_drives,
     encode,
+    encode_cells,
     membrane_current,
     membrane_potential,
 )
+from neural.further_parameters import (
+    RateRaParameters,
+    RisingRaParameters,
+    RisingSaParameters,
+    SharpPcParameters,
+)
 from neural.lif import spike_counts, spike_times
+from neural.parameter_file import (
+    ParameterSet,
+    parameters_from_table,
+    parameters_to_table,
+    read_parameter_set,
+    read_parameters,
+)
 from neural.parameters import (
     AFFERENTS,
     PUBLISHED,
@@ -30,9 +46,6 @@ from neural.parameters import (
     PcParameters,
     RaParameters,
     SaParameters,
-    parameters_from_table,
-    parameters_to_table,
-    read_parameters,
 )
 from neural.rate import impulses_per_cycle, rate_ips, spikes_inside, window_rows
 from neural.spike_distance import van_rossum_distance, victor_purpura_distance
@@ -47,20 +60,29 @@ from neural.threshold import (
 __all__ = [
     "AFFERENTS",
     "DERIVATIVES",
+    "DRIVES",
     "PUBLISHED",
     "AfferentParameters",
     "Agreement",
+    "Coefficients",
+    "ParameterSet",
     "Parameters",
     "PcParameters",
     "Plateau",
     "RaParameters",
+    "RateRaParameters",
     "Regression",
+    "RisingRaParameters",
+    "RisingSaParameters",
     "SaParameters",
+    "SharpPcParameters",
     "afferent_drives",
     "agreement",
     "bias_ips",
     "candidate_counts",
+    "drive_named",
     "encode",
+    "encode_cells",
     "entrainment_plateau",
     "entrainment_threshold_um",
     "impulses_per_cycle",
@@ -69,6 +91,7 @@ __all__ = [
     "parameters_from_table",
     "parameters_to_table",
     "rate_ips",
+    "read_parameter_set",
     "read_parameters",
     "regression",
     "rmse_ips",

@@ -2,9 +2,10 @@
 
 The current of 10 000 candidates, 37 conditions and 500 steps would take 1.5 GB; here
 it is made row by row, block by block, and never leaves the cache. Counts equal those
-of `neural.current` followed by `neural.lif`, to the last one.
+of `neural.coefficients` followed by `neural.lif`, to the last one.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -12,35 +13,40 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
-from neural.lif import membrane_constants, per_candidate
+from neural.coefficients import Coefficients
+from neural.lif import adaptation_constants, membrane_constants, per_candidate
 from neural.tally import EVERY_ROW, Window, blocks, tally, window_edges
 
 
 def candidate_counts(
     drives: Sequence[ArrayLike],
-    halves: Sequence[ArrayLike],
-    alpha_mv_per_ms: ArrayLike,
+    coefficients: Coefficients,
     tau_ms: ArrayLike,
     *,
     dt_ms: float,
     gap_mv: float,
     refractory_ms: float = 0.0,
     window: Window = EVERY_ROW,
+    floored: bool = False,
+    jump_mv: ArrayLike = 0.0,
+    recovery_ms: ArrayLike = math.inf,
 ) -> IntArray:
     """Count the spikes of each candidate under each condition.
 
     Parameters
     ----------
     drives
-        The filtered stress of one afferent class, ``(T, condition)`` each: level
-        and rate for SA, one drive for RA and PC.
-    halves
-        The half-saturation a of each drive, in its unit: ``(candidate,)``, or a
-        number that all share.
-    alpha_mv_per_ms, tau_ms
-        Greatest current and time constant: ``(candidate,)``, or a number.
+        The filtered stress of one afferent class, ``(T, condition)`` each, one or
+        two.
+    coefficients
+        What makes them a current; its entries are ``(candidate,)``, or numbers that
+        all share.
+    tau_ms
+        Time constant of the membrane: ``(candidate,)``, or a number.
     dt_ms, gap_mv, refractory_ms, window
         As in `neural.lif.spike_counts`.
+    floored, jump_mv, recovery_ms
+        As in `neural.lif.integrate`; the last two may be ``(candidate,)``.
 
     Returns
     -------
@@ -56,31 +62,40 @@ def candidate_counts(
         Drives of unequal shape, or not finite.
     """
     filtered = _checked_drives(drives)
-    if len(halves) != len(filtered):
-        raise ParameterError(f"{len(halves)} halves for {len(filtered)} drives")
+    saturates = coefficients.halves is not None
+    each = coefficients.halves or coefficients.gains()
+    if len(each) != len(filtered):
+        raise ParameterError(f"{len(each)} coefficients for {len(filtered)} drives")
     if len(filtered) > 2:
         raise ParameterError(f"{len(filtered)} drives, expected one or two")
-    candidates = max(np.size(value) for value in (*halves, alpha_mv_per_ms, tau_ms))
-    half = [per_candidate("a half-saturation", value, candidates) for value in halves]
-    alpha = per_candidate("alpha_mv_per_ms", alpha_mv_per_ms, candidates)
+    alpha = coefficients.alpha_mv_per_ms
+    sizes = [np.size(value) for value in (*each, alpha, tau_ms, jump_mv, recovery_ms)]
+    candidates = max(sizes)
+    name = "a half-saturation" if saturates else "a gain"
+    per_drive = [per_candidate(name, value, candidates) for value in each]
+    alpha = per_candidate("alpha_mv_per_ms", alpha, candidates)
     decay, threshold, pause = membrane_constants(
         tau_ms, candidates, dt_ms, gap_mv, refractory_ms
     )
+    jump, kept = adaptation_constants(jump_mv, recovery_ms, candidates, dt_ms)
     rows, conditions = filtered[0].shape
     first, end = window_edges(window, rows, conditions)
     counts = np.empty((candidates, conditions), dtype=np.int64)
     # Candidates lie along the last axis: there a drive is one number, and every
     # operation runs over memory in its order.
     columns = [drive[:, :, np.newaxis] for drive in filtered]
+    current = _saturating if saturates else _linear
     for block in blocks(candidates, conditions):
         shape = (conditions, block.stop - block.start)
         counts[block] = tally(
-            _current(columns, [a[block] for a in half], alpha[block], shape),
+            current(columns, [a[block] for a in per_drive], alpha[block], shape),
             shape,
             (first[:, np.newaxis], end[:, np.newaxis]),
             decay[block],
             threshold,
             pause,
+            floored=floored,
+            adaptation=(jump[block], kept[block]) if jump.any() else None,
         ).T
     return counts
 
@@ -95,16 +110,17 @@ def _checked_drives(drives: Sequence[ArrayLike]) -> list[FloatArray]:
         )
     if not all(np.isfinite(drive).all() for drive in filtered):
         raise TraceError("a drive is not finite everywhere")
-    return [np.abs(drive) for drive in filtered]
+    return filtered
 
 
-def _current(
+def _saturating(
     columns: Sequence[FloatArray],
     halves: Sequence[FloatArray],
     alpha_mv_per_ms: FloatArray,
     shape: tuple[int, int],
 ) -> Callable[[int], FloatArray]:
     """Give a function that makes the current of one row, in one buffer."""
+    columns = [np.abs(column) for column in columns]
     current, share = np.empty(shape), np.empty(shape)
 
     def current_at(row: int) -> FloatArray:
@@ -116,5 +132,24 @@ def _current(
         if len(columns) == 2:
             np.add(current, share, out=current)
         return np.multiply(current, alpha_mv_per_ms, out=current)
+
+    return current_at
+
+
+def _linear(
+    columns: Sequence[FloatArray],
+    gains: Sequence[FloatArray],
+    alpha_mv_per_ms: FloatArray,
+    shape: tuple[int, int],
+) -> Callable[[int], FloatArray]:
+    """As `_saturating`, of weighted sums; the gains have alpha in them."""
+    current, share = np.empty(shape), np.empty(shape)
+
+    def current_at(row: int) -> FloatArray:
+        np.multiply(gains[0], columns[0][row], out=current)
+        if len(columns) == 2:
+            np.multiply(gains[1], columns[1][row], out=share)
+            np.add(current, share, out=current)
+        return current
 
     return current_at

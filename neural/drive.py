@@ -109,7 +109,7 @@ def ra_drive(
     Filter (3), ``|σ′(t) − σ′(t − dt)|``. The difference is not divided by dt, so
     its size goes with dt: parameters hold for the step they were fitted at.
     """
-    return _change(stress_rate(stress_pa, dt_ms, derivative), 1, derivative)
+    return np.abs(rate_change(stress_pa, dt_ms, derivative))
 
 
 def pc_drive(
@@ -136,6 +136,20 @@ def pc_drive(
     -----
     Filter (4), ``|σ″(t) − σ″(t − dt)|``.
     """
+    return np.abs(acceleration_change(stress_pa, dt_ms, derivative))
+
+
+def rate_change(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
+) -> FloatArray:
+    """Give filter (3) before it is rectified, σ′(t) − σ′(t − dt) in Pa/ms."""
+    return _change(stress_rate(stress_pa, dt_ms, derivative), 1, derivative)
+
+
+def acceleration_change(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
+) -> FloatArray:
+    """Give filter (4) before it is rectified, σ″(t) − σ″(t − dt) in Pa/ms²."""
     rate = stress_rate(stress_pa, dt_ms, derivative)
     return _change(_differentiate(rate, dt_ms, derivative), 2, derivative)
 
@@ -186,10 +200,10 @@ def _differentiate(values: FloatArray, dt_ms: float, derivative: str) -> FloatAr
 
 
 def _change(slope: FloatArray, order: int, derivative: str) -> FloatArray:
-    """``|slope(t) − slope(t − dt)|``, 0 where the stencil leaves the trace."""
+    """``slope(t) − slope(t − dt)``, 0 where the stencil leaves the trace."""
     behind, ahead = _reach(derivative)
     change = np.zeros_like(slope)
-    change[1:] = np.abs(np.diff(slope, axis=0))
+    change[1:] = np.diff(slope, axis=0)
     change[: behind * order + 1] = 0.0
     change[max(slope.shape[0] - ahead * order, 0) :] = 0.0
     return change

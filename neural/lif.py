@@ -10,6 +10,12 @@ read strictly: v > gap, where the gap is threshold minus rest. A spike puts v to
 rest; for the refractory period after it no current is fed in, while the leak goes
 on, so v stays at rest.
 
+Two membranes of our own differ. A *floored* one does not fall below rest: a current
+that takes away only empties what has gathered. An *adaptive* one has a threshold
+that each spike raises by a jump, and that comes back with its own time constant::
+
+    θ(t + dt) = (1 − dt/τ_θ) θ(t),  then + jump if v(t + dt) > gap + θ(t + dt)
+
 Inside, v is kept in units of dt, which saves a product a sample. For a dt that is
 a power of two, as 0.5 ms is, that is exact.
 """
@@ -125,6 +131,10 @@ def integrate(
     dt_ms: float,
     gap_mv: float,
     refractory_ms: float = 0.0,
+    *,
+    floored: bool = False,
+    jump_mv: float = 0.0,
+    recovery_ms: float = math.inf,
 ) -> tuple[FloatArray, BoolArray]:
     """Follow the membrane potential through a whole run.
 
@@ -134,6 +144,10 @@ def integrate(
         ``(T,)`` or ``(T, condition)``.
     tau_ms, dt_ms, gap_mv, refractory_ms
         As in `spike_counts`, one number each.
+    floored
+        The potential does not fall below rest.
+    jump_mv, recovery_ms
+        What a spike adds to the threshold, and the time constant of its return.
 
     Returns
     -------
@@ -154,11 +168,17 @@ def integrate(
         tau_ms, 1, dt_ms, gap_mv, refractory_ms
     )
     potential, fired = np.zeros_like(current), np.zeros(current.shape, dtype=np.bool_)
+    [jump], [kept] = adaptation_constants(jump_mv, recovery_ms, 1, dt_ms)
     now: FloatArray = np.zeros(current.shape[1:])
+    raised: FloatArray = np.zeros_like(now)
     since = np.full(current.shape[1:], pause)  # rows since the last spike
     for row, fed in enumerate(current):
         now = np.where(since < pause, 0.0, now * decay[0] + fed)
-        fired[row] = now > threshold
+        if floored:
+            now = np.maximum(now, 0.0)
+        raised = raised * kept
+        fired[row] = now > threshold + raised
+        raised = raised + jump * fired[row]
         now = np.where(fired[row], 0.0, now)
         since = np.where(fired[row], 0, since + 1)
         potential[row] = now * dt_ms
@@ -191,6 +211,27 @@ def membrane_constants(
         )
     pause = math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
     return 1.0 - dt_ms / tau, gap_mv / dt_ms, max(pause, 0)
+
+
+def adaptation_constants(
+    jump_mv: ArrayLike, recovery_ms: ArrayLike, candidates: int, dt_ms: float
+) -> tuple[FloatArray, FloatArray]:
+    """Give the jump in units of dt and the share kept a row, ``(candidate,)`` each.
+
+    Raises
+    ------
+    ParameterError
+        A jump below 0, or a recovery shorter than a step.
+    """
+    jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
+    recovery = np.broadcast_to(np.asarray(recovery_ms, dtype=np.float64), (candidates,))
+    if not (np.isfinite(jump).all() and (jump >= 0).all()):
+        raise ParameterError(f"jump_mv must be >= 0, got {jump.min():g}")
+    if not (recovery >= dt_ms).all():
+        raise ParameterError(
+            f"recovery_ms must be at least dt_ms, {dt_ms:g}, got {recovery.min():g}"
+        )
+    return jump / dt_ms, 1.0 - dt_ms / recovery
 
 
 def per_candidate(name: str, value: ArrayLike, candidates: int) -> FloatArray:

@@ -1,24 +1,21 @@
-"""Parameters of the three afferent classes, as published or from a TOML table.
+"""Parameters of the three afferent classes: the paper's, and the shape of all others.
 
-A table has a section for each class, with the names of the fields as keys::
-
-    [SA]
-    tau_ms = 30.0
-    a1_pa = 2000.0
-
-A section or key that is absent keeps its published value.
+What a class of afferents has in common stands in `AfferentParameters`; what its
+filters and its current need stands in a class of its own. ``drive`` names the row of
+`neural.drive_table` whose equation the numbers belong to.
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, fields
+from statistics import NormalDist
 from types import MappingProxyType
 from typing import ClassVar, TypeAlias
 
+import numpy as np
+
 from fembridge.errors import ParameterError
-from fembridge.typing import Table
+from fembridge.typing import FloatArray
 
 # Section 2.2: rest, and the potential to which a spike resets, in mV.
 REST_MV = -65.0
@@ -26,59 +23,90 @@ REST_MV = -65.0
 # Section 2.2: the time step of the calculation and of the fit, in ms.
 DT_MS = 0.5
 
-_MAY_BE_ZERO = ("refractory_ms",)
+_MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
+_MOST_CELLS = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AfferentParameters:
-    """What every class has: a membrane, and the greatest current of its filters.
+    """What every class has: a membrane, how its cells differ, how it adapts.
 
     `dt_ms` is the time step at which the numbers hold: filters (3) and (4) take
-    differences that are not divided by it.
+    differences that are not divided by it. A recorded rate is a mean over afferents:
+    `cells` of them stand for the population, and `spread` is the standard deviation
+    of the logarithm of their sensitivity to stress. `jump_mv` is what a spike adds
+    to the threshold, `recovery_ms` the time constant with which that is lost. The
+    paper has one cell and a fixed threshold.
     """
 
     afferent: ClassVar[str]
+    drives: ClassVar[tuple[str, ...]]
 
     tau_ms: float
-    alpha_mv_per_ms: float
     threshold_mv: float
     refractory_ms: float
     rest_mv: float = REST_MV
     dt_ms: float = DT_MS
+    cells: int = 1
+    spread: float = 0.0
+    jump_mv: float = 0.0
+    recovery_ms: float = 100.0
+    drive: str = ""
 
     def __post_init__(self) -> None:
+        if not self.drive:
+            object.__setattr__(self, "drive", self.drives[0])
+        if self.drive not in self.drives:
+            raise ParameterError(
+                f"{self.afferent}: drive {self.drive!r} has no such parameters, "
+                f"expected {' or '.join(self.drives)}"
+            )
+        self._check_cells()
         for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ParameterError(
-                    f"{self.afferent}: {field.name} must be a number, got {value!r}"
-                )
-            object.__setattr__(self, field.name, float(value))
-            if not math.isfinite(value):
-                raise ParameterError(f"{self.afferent}: {field.name} is {value}")
-            if field.name in _POTENTIALS or value > 0:
-                continue
-            if not (value == 0 and field.name in _MAY_BE_ZERO):
-                least = ">= 0" if field.name in _MAY_BE_ZERO else "> 0"
-                raise ParameterError(
-                    f"{self.afferent}: {field.name} must be {least}, got {value:g}"
-                )
+            if field.name not in ("drive", "cells"):
+                self._check(field.name)
         if not self.threshold_mv > self.rest_mv:
             raise ParameterError(
                 f"{self.afferent}: threshold_mv {self.threshold_mv:g} is not above "
                 f"rest_mv {self.rest_mv:g}"
             )
-        if self.tau_ms < self.dt_ms:
-            raise ParameterError(
-                f"{self.afferent}: tau_ms {self.tau_ms:g} is below "
-                f"dt_ms {self.dt_ms:g}, too short for its time step"
-            )
+        for name in ("tau_ms", "recovery_ms"):
+            if getattr(self, name) < self.dt_ms:
+                raise ParameterError(
+                    f"{self.afferent}: {name} {getattr(self, name):g} is below "
+                    f"dt_ms {self.dt_ms:g}, too short for its time step"
+                )
 
     @property
     def gap_mv(self) -> float:
         """Threshold minus rest, in mV."""
         return self.threshold_mv - self.rest_mv
+
+    def _check_cells(self) -> None:
+        whole = isinstance(self.cells, int) and not isinstance(self.cells, bool)
+        if not whole or not 1 <= self.cells <= _MOST_CELLS:
+            raise ParameterError(
+                f"{self.afferent}: cells must be a whole number from 1 to "
+                f"{_MOST_CELLS}, got {self.cells!r}"
+            )
+
+    def _check(self, name: str) -> None:
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ParameterError(
+                f"{self.afferent}: {name} must be a number, got {value!r}"
+            )
+        object.__setattr__(self, name, float(value))
+        if not math.isfinite(value):
+            raise ParameterError(f"{self.afferent}: {name} is {value}")
+        if name in _POTENTIALS or value > 0:
+            return
+        if not (value == 0 and name in _MAY_BE_ZERO):
+            least = ">= 0" if name in _MAY_BE_ZERO else "> 0"
+            raise ParameterError(
+                f"{self.afferent}: {name} must be {least}, got {value:g}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,9 +114,11 @@ class SaParameters(AfferentParameters):
     """Slowly adapting afferent: filters (1) and (2), current (4)."""
 
     afferent: ClassVar[str] = "SA"
+    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive")
 
     a1_pa: float
     a2_pa_per_ms: float
+    alpha_mv_per_ms: float
     threshold_mv: float = -50.0
     refractory_ms: float = 1.0
 
@@ -98,8 +128,15 @@ class RaParameters(AfferentParameters):
     """Rapidly adapting afferent: filter (3), current (5)."""
 
     afferent: ClassVar[str] = "RA"
+    drives: ClassVar[tuple[str, ...]] = (
+        "published",
+        "energy",
+        "adaptive",
+        "one_sided",
+    )
 
     a3_pa_per_ms: float
+    alpha_mv_per_ms: float
     threshold_mv: float = -55.0
     refractory_ms: float = 0.5
 
@@ -109,8 +146,15 @@ class PcParameters(AfferentParameters):
     """Pacinian afferent: filter (4), current (6)."""
 
     afferent: ClassVar[str] = "PC"
+    drives: ClassVar[tuple[str, ...]] = (
+        "published",
+        "energy",
+        "adaptive",
+        "one_sided",
+    )
 
     a4_pa_per_ms2: float
+    alpha_mv_per_ms: float
     threshold_mv: float = -55.0
     refractory_ms: float = 0.5
 
@@ -133,58 +177,11 @@ PUBLISHED: Parameters = MappingProxyType(
 AFFERENTS = tuple(PUBLISHED)
 
 
-def parameters_from_table(table: Mapping[str, object]) -> Parameters:
-    """Make parameters of a table as TOML gives it; what is absent is published.
+def quantiles(cells: int) -> FloatArray:
+    """Middles of `cells` equal shares of a normal distribution, ``(cells,)`` rising.
 
-    Raises
-    ------
-    ParameterError
-        An unknown section or key, or a value outside its meaning.
+    A cell at quantile q needs ``exp(spread q)`` times the stress of the median cell,
+    so the first is the most sensitive.
     """
-    chosen = dict(PUBLISHED)
-    for afferent, section in table.items():
-        if afferent not in PUBLISHED:
-            raise ParameterError(_unknown("section", afferent, AFFERENTS))
-        if not isinstance(section, Mapping):
-            raise ParameterError(f"{afferent}: expected a section, got {section!r}")
-        known = [field.name for field in fields(PUBLISHED[afferent])]
-        for key in section:
-            if key not in known:
-                raise ParameterError(f"{afferent}: {_unknown('key', key, known)}")
-        chosen[afferent] = replace(PUBLISHED[afferent], **section)
-    return MappingProxyType(chosen)
-
-
-def parameters_to_table(parameters: Parameters) -> Table:
-    """Give a table for TOML: a section for each class, every key."""
-    return {name: asdict(one) for name, one in parameters.items()}
-
-
-def read_parameters(path: Path) -> Parameters:
-    """Read a TOML file of parameters.
-
-    Raises
-    ------
-    ParameterError
-        No such file, not TOML, or what `parameters_from_table` refuses.
-    """
-    try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path}: not TOML: {error}") from error
-    try:
-        return parameters_from_table(table)
-    except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from error
-
-
-def _unknown(kind: str, word: str, known: list[str] | tuple[str, ...]) -> str:
-    from difflib import get_close_matches
-
-    folded = {name.casefold(): name for name in known}
-    near = get_close_matches(str(word).casefold(), folded, n=1)
-    hint = f"; did you mean {folded[near[0]]!r}?" if near else ""
-    return f"unknown {kind} {word!r}, expected {', '.join(known)}{hint}"
+    normal = NormalDist()
+    return np.array([normal.inv_cdf((k + 0.5) / cells) for k in range(cells)])

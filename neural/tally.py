@@ -31,6 +31,9 @@ def tally(
     decay: FloatArray,
     threshold: float,
     pause: int,
+    *,
+    floored: bool = False,
+    adaptation: tuple[FloatArray, FloatArray] | None = None,
 ) -> IntArray:
     """Step a block of membranes through time and count their spikes.
 
@@ -48,6 +51,11 @@ def tally(
         The gap in units of dt, so in mV/ms.
     pause
         Rows after a spike without current.
+    floored
+        The potential does not fall below rest.
+    adaptation
+        What a spike adds to the threshold, in its unit, and the share of that which
+        is left after a row; both broadcast to `shape`.
 
     Returns
     -------
@@ -66,6 +74,7 @@ def tally(
     recent, so_far = np.zeros(shape, np.uint8), np.zeros(shape, np.int64)
     before, until = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     resting: deque[IntArray] = deque(maxlen=pause)
+    raised = np.zeros(shape if adaptation else 0)
     last = max(edges, default=0)
     for row in range(last + 1):
         if row in edges or row % _BYTE_ROWS == 0:
@@ -79,7 +88,14 @@ def tally(
         potential += current_at(row)
         for membranes in resting:
             flat_potential[membranes] = 0.0
-        np.greater(potential, threshold, out=fired)
+        if floored:
+            np.maximum(potential, 0.0, out=potential)
+        if adaptation:
+            raised *= adaptation[1]
+            np.greater(potential, threshold + raised, out=fired)
+            raised += adaptation[0] * fired
+        else:
+            np.greater(potential, threshold, out=fired)
         (spiking,) = flat_fired.nonzero()
         flat_potential[spiking] = 0.0
         resting.append(spiking)

@@ -1,5 +1,7 @@
 """The batch of a fit against one run at a time."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,14 +9,13 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError, TraceError
 from neural.candidates import candidate_counts
+from neural.coefficients import Coefficients
 from neural.current import ra_current, sa_current
+from neural.drive_table import drive_of
 from neural.encoder import afferent_drives, encode
 from neural.lif import spike_counts
 from neural.parameters import PUBLISHED
 from neural.rate import spikes_inside, window_rows
-
-HALVES = {"SA": ("a1_pa", "a2_pa_per_ms"), "RA": ("a3_pa_per_ms",)}
-HALVES["PC"] = ("a4_pa_per_ms2",)
 
 
 @settings(max_examples=40)
@@ -43,8 +44,7 @@ def test_a_batch_counts_what_current_and_kernel_count(
 
     counts = candidate_counts(
         drives,
-        halves,
-        alpha,
+        Coefficients(alpha, halves=tuple(halves)),
         tau_ms,
         dt_ms=0.5,
         gap_mv=10.0,
@@ -70,8 +70,7 @@ def test_the_published_candidate_counts_the_spikes_of_encode(afferent):
 
     counts = candidate_counts(
         afferent_drives(afferent, stress_pa, 0.5),
-        [getattr(published, name) for name in HALVES[afferent]],
-        published.alpha_mv_per_ms,
+        drive_of(published).coefficients(asdict(published)),
         published.tau_ms,
         dt_ms=0.5,
         gap_mv=published.gap_mv,
@@ -91,12 +90,13 @@ def test_the_published_candidate_counts_the_spikes_of_encode(afferent):
 def test_blocks_do_not_show_in_the_batch(monkeypatch):
     rng = np.random.default_rng(2)
     drives, half = [rng.uniform(0, 9, (80, 4))], rng.uniform(1, 9, 11)
+    coefficients = Coefficients(20.0, halves=(half,))
     arguments = {"dt_ms": 0.5, "gap_mv": 10.0, "window": slice(7, 71)}
-    whole = candidate_counts(drives, [half], 20.0, 50.0, **arguments)
+    whole = candidate_counts(drives, coefficients, 50.0, **arguments)
 
     monkeypatch.setattr("neural.tally.BLOCK", 9)
 
-    blocked = candidate_counts(drives, [half], 20.0, 50.0, **arguments)
+    blocked = candidate_counts(drives, coefficients, 50.0, **arguments)
     np.testing.assert_array_equal(blocked, whole)
     assert whole.min() > 0
 
@@ -108,7 +108,7 @@ def test_blocks_do_not_show_in_the_batch(monkeypatch):
         ([np.zeros(5)], [1.0], TraceError, r"expected one \(T, condition\)"),
         ([np.zeros((5, 2)), np.zeros((4, 2))], [1.0, 1.0], TraceError, "expected one"),
         ([np.full((5, 2), np.nan)], [1.0], TraceError, "not finite"),
-        ([np.zeros((5, 2))], [1.0, 1.0], ParameterError, "2 halves for 1 drives"),
+        ([np.zeros((5, 2))], [1.0, 1.0], ParameterError, "2 coefficients for 1 drives"),
         (
             [np.zeros((5, 2))],
             [[1.0, 0.0, 1.0, 1.0]],
@@ -120,11 +120,21 @@ def test_blocks_do_not_show_in_the_batch(monkeypatch):
 )
 def test_arrays_that_do_not_go_together_are_refused(drives, halves, error, words):
     with pytest.raises(error, match=words):
-        candidate_counts(drives, halves, [1.0] * 4, 20.0, dt_ms=0.5, gap_mv=10.0)
+        candidate_counts(
+            drives,
+            Coefficients([1.0] * 4, halves=tuple(halves)),
+            20.0,
+            dt_ms=0.5,
+            gap_mv=10.0,
+        )
 
 
 def test_two_drives_are_the_most():
     with pytest.raises(ParameterError, match="3 drives, expected one or two"):
         candidate_counts(
-            [np.zeros((5, 2))] * 3, [1.0] * 3, 1.0, 20.0, dt_ms=0.5, gap_mv=10.0
+            [np.zeros((5, 2))] * 3,
+            Coefficients(1.0, halves=(1.0,) * 3),
+            20.0,
+            dt_ms=0.5,
+            gap_mv=10.0,
         )

@@ -3,7 +3,8 @@
 import math
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -189,15 +190,15 @@ def test_samples_that_are_no_stress_history_are_refused():
         encode([np.nan, 0.0], DT_MS, PUBLISHED["SA"])
 
 
-def test_parameters_of_no_class_have_no_current():
+def test_parameters_of_no_drive_have_no_current():
+    @dataclass(frozen=True, slots=True, kw_only=True)
     class Ruffini(AfferentParameters):
-        afferent = "SA"
+        afferent: ClassVar[str] = "SA"
+        drives: ClassVar[tuple[str, ...]] = ("stretch",)
 
-    ending = Ruffini(
-        tau_ms=9.0, alpha_mv_per_ms=1.0, threshold_mv=-50.0, refractory_ms=1.0
-    )
+    ending = Ruffini(tau_ms=9.0, threshold_mv=-50.0, refractory_ms=1.0)
 
-    with pytest.raises(ParameterError, match="no current for parameters of Ruffini"):
+    with pytest.raises(ParameterError, match="drive 'stretch', expected one of"):
         membrane_current(np.zeros(9), DT_MS, ending)
 
 

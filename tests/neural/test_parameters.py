@@ -8,13 +8,12 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ParameterError
-from neural.parameters import (
-    PUBLISHED,
-    PcParameters,
+from neural.parameter_file import (
     parameters_from_table,
     parameters_to_table,
     read_parameters,
 )
+from neural.parameters import PUBLISHED, PcParameters
 
 
 def test_published_is_table_2_and_section_2_2():
