@@ -13,7 +13,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
-from neural import Parameters, encode, rate_ips
+from neural import Parameters, encode_cells, mean_rate_ips
 
 if TYPE_CHECKING:
     import pandas
@@ -28,8 +28,9 @@ RECORD_FILE = "simulation.toml"
 class Simulation:
     """One entry a stimulus: its stress `traces`, one an afferent; its spikes, rates.
 
-    `trains` and `rates` run over stimuli, then afferents. `origin` tells how the
-    stress was computed.
+    `trains` and `rates` run over stimuli, then afferents; a population has a train a
+    cell, its `repeat` from 1, the most sensitive first, and its rate is their mean.
+    `origin` tells how the stress was computed.
     """
 
     stimuli: tuple[Stimulus, ...]
@@ -109,17 +110,17 @@ def encode_all(
     """
     afferents = _shared_afferents(stimuli, traces, parameters)
     _check_times(stimuli, traces)
-    times: dict[str, list[FloatArray]] = {}
+    cells: dict[str, list[list[FloatArray]]] = {}
     for column, afferent in enumerate(afferents):
         stress_pa = np.stack([row[column].stress_pa for row in traces], -1)
         dt_ms = traces[0][column].dt_ms
-        times[afferent] = encode(stress_pa, dt_ms, parameters[afferent])
+        cells[afferent] = encode_cells(stress_pa, dt_ms, parameters[afferent])
     trains, rates = [], []
     for row, stimulus in enumerate(stimuli):
         for afferent in afferents:
-            spikes_ms = times[afferent][row]
-            trains.append(SpikeTrain(stimulus.id, afferent, spikes_ms))
-            rate = rate_ips(spikes_ms, stimulus.window_ms)
+            spikes_ms = cells[afferent][row]
+            trains.extend(trains_of(stimulus.id, afferent, spikes_ms))
+            rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
             rates.append(Rate(stimulus.id, afferent, rate))
     return Simulation(
         stimuli=tuple(stimuli),
@@ -128,6 +129,17 @@ def encode_all(
         rates=tuple(rates),
         origin=origin,
     )
+
+
+def trains_of(
+    stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]
+) -> list[SpikeTrain]:
+    """Give a train a cell; `repeat` counts them from 1, and is 0 for a single one."""
+    first = 1 if len(cells_ms) > 1 else 0
+    return [
+        SpikeTrain(stimulus, afferent, times_ms, repeat)
+        for repeat, times_ms in enumerate(cells_ms, start=first)
+    ]
 
 
 def _shared_afferents(

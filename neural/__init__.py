@@ -47,7 +47,20 @@ from neural.parameters import (
     RaParameters,
     SaParameters,
 )
-from neural.rate import impulses_per_cycle, rate_ips, spikes_inside, window_rows
+from neural.rate import (
+    impulses_per_cycle,
+    mean_rate_ips,
+    rate_ips,
+    spikes_inside,
+    window_rows,
+)
+from neural.sets import (
+    DEFAULT_SET,
+    SET_NAMES,
+    parameter_set,
+    parameter_set_or_file,
+    parameter_sets,
+)
 from neural.spike_distance import van_rossum_distance, victor_purpura_distance
 from neural.threshold import (
     Plateau,
@@ -59,9 +72,11 @@ from neural.threshold import (
 
 __all__ = [
     "AFFERENTS",
+    "DEFAULT_SET",
     "DERIVATIVES",
     "DRIVES",
     "PUBLISHED",
+    "SET_NAMES",
     "AfferentParameters",
     "Agreement",
     "Coefficients",
@@ -86,8 +101,12 @@ __all__ = [
     "entrainment_plateau",
     "entrainment_threshold_um",
     "impulses_per_cycle",
+    "mean_rate_ips",
     "membrane_current",
     "membrane_potential",
+    "parameter_set",
+    "parameter_set_or_file",
+    "parameter_sets",
     "parameters_from_table",
     "parameters_to_table",
     "rate_ips",

@@ -7,6 +7,7 @@ of `neural.coefficients` followed by `neural.lif`, to the last one.
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ def candidate_counts(
     floored: bool = False,
     jump_mv: ArrayLike = 0.0,
     recovery_ms: ArrayLike = math.inf,
+    single: bool = False,
 ) -> IntArray:
     """Count the spikes of each candidate under each condition.
 
@@ -47,6 +49,9 @@ def candidate_counts(
         As in `neural.lif.spike_counts`.
     floored, jump_mv, recovery_ms
         As in `neural.lif.integrate`; the last two may be ``(candidate,)``.
+    single
+        Step in single precision: twice as fast, and where a potential grazes its
+        threshold a count may differ. For a search, not for what is reported.
 
     Returns
     -------
@@ -78,25 +83,34 @@ def candidate_counts(
         tau_ms, candidates, dt_ms, gap_mv, refractory_ms
     )
     jump, kept = adaptation_constants(jump_mv, recovery_ms, candidates, dt_ms)
+    kind: type[np.floating[Any]] = np.float32 if single else np.float64
+    per_drive = [np.asarray(values, dtype=kind) for values in per_drive]
+    alpha, decay = np.asarray(alpha, dtype=kind), np.asarray(decay, dtype=kind)
+    jump, kept = np.asarray(jump, dtype=kind), np.asarray(kept, dtype=kind)
     rows, conditions = filtered[0].shape
     first, end = window_edges(window, rows, conditions)
     counts = np.empty((candidates, conditions), dtype=np.int64)
-    # Candidates lie along the last axis: there a drive is one number, and every
-    # operation runs over memory in its order.
-    columns = [drive[:, :, np.newaxis] for drive in filtered]
-    current = _saturating if saturates else _linear
-    for block in blocks(candidates, conditions):
-        shape = (conditions, block.stop - block.start)
-        counts[block] = tally(
-            current(columns, [a[block] for a in per_drive], alpha[block], shape),
-            shape,
-            (first[:, np.newaxis], end[:, np.newaxis]),
-            decay[block],
-            threshold,
-            pause,
-            floored=floored,
-            adaptation=(jump[block], kept[block]) if jump.any() else None,
-        ).T
+    current = _saturating if saturates else _dot if single else _linear
+    # Conditions whose window ends early are not stepped to the end of the others.
+    for last in np.unique(end):
+        (members,) = np.nonzero(end == last)
+        # Candidates lie along the last axis: there a drive is one number, and every
+        # operation runs over memory in its order.
+        columns = [
+            np.asarray(drive[:, members, np.newaxis], dtype=kind) for drive in filtered
+        ]
+        for block in blocks(candidates, members.size):
+            shape = (members.size, block.stop - block.start)
+            counts[block, members] = tally(
+                current(columns, [a[block] for a in per_drive], alpha[block], shape),
+                shape,
+                (first[members, np.newaxis], end[members, np.newaxis]),
+                decay[block],
+                threshold,
+                pause,
+                floored=floored,
+                adaptation=(jump[block], kept[block]) if jump.any() else None,
+            ).T
     return counts
 
 
@@ -121,7 +135,7 @@ def _saturating(
 ) -> Callable[[int], FloatArray]:
     """Give a function that makes the current of one row, in one buffer."""
     columns = [np.abs(column) for column in columns]
-    current, share = np.empty(shape), np.empty(shape)
+    current, share = (np.empty(shape, alpha_mv_per_ms.dtype) for _ in range(2))
 
     def current_at(row: int) -> FloatArray:
         out = current
@@ -143,7 +157,7 @@ def _linear(
     shape: tuple[int, int],
 ) -> Callable[[int], FloatArray]:
     """As `_saturating`, of weighted sums; the gains have alpha in them."""
-    current, share = np.empty(shape), np.empty(shape)
+    current, share = (np.empty(shape, alpha_mv_per_ms.dtype) for _ in range(2))
 
     def current_at(row: int) -> FloatArray:
         np.multiply(gains[0], columns[0][row], out=current)
@@ -153,3 +167,16 @@ def _linear(
         return current
 
     return current_at
+
+
+def _dot(
+    columns: Sequence[FloatArray],
+    gains: Sequence[FloatArray],
+    alpha_mv_per_ms: FloatArray,
+    shape: tuple[int, int],
+) -> Callable[[int], FloatArray]:
+    """As `_linear`, by a matrix product: quicker, and rounded in another way."""
+    rows = np.ascontiguousarray(np.concatenate(columns, axis=2))
+    matrix = np.ascontiguousarray(np.stack(gains))
+    current = np.empty(shape, matrix.dtype)
+    return lambda row: np.dot(rows[row], matrix, out=current)

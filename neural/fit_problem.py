@@ -5,7 +5,7 @@ sinusoids of one frequency, the mean of the squared differences of rates.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,8 +92,11 @@ class FitProblem:
         """Names of the objectives, in order of first appearance."""
         return tuple(dict.fromkeys(self.groups))
 
-    def rates_ips(self, values: FloatArray) -> FloatArray:
-        """Rates ``(candidate, stimulus)`` of parameters ``(candidate, free)``."""
+    def rates_ips(self, values: FloatArray, single: bool = False) -> FloatArray:
+        """Rates ``(candidate, stimulus)`` of parameters ``(candidate, free)``.
+
+        `single` precision is for searching.
+        """
         values = np.atleast_2d(values)
         named = {one.field: values[:, k] for k, one in enumerate(self.free)}
         fixed = _defaults(self.drive.parameters)
@@ -114,15 +117,27 @@ class FitProblem:
             floored=self.drive.floored,
             jump_mv=known["jump_mv"],
             recovery_ms=known["recovery_ms"],
+            single=single,
         )
         spikes = counts.reshape(len(values), self.cells, -1).sum(axis=1)
         seconds = np.array([(end - start) / 1e3 for start, end in self.windows_ms])
         rates: FloatArray = spikes / (self.cells * seconds)
         return rates
 
-    def errors_ips2(self, values: FloatArray) -> FloatArray:
+    def part(self, keep: ArrayLike) -> "FitProblem":
+        """Give the problem of some of the stimuli, a flag each, ``(stimulus,)``."""
+        (rows,) = np.nonzero(np.asarray(keep, dtype=np.bool_))
+        return replace(
+            self,
+            stress_pa=self.stress_pa[:, rows],
+            observed_ips=self.observed_ips[rows],
+            groups=tuple(self.groups[row] for row in rows),
+            windows_ms=tuple(self.windows_ms[row] for row in rows),
+        )
+
+    def errors_ips2(self, values: FloatArray, single: bool = False) -> FloatArray:
         """Objectives ``(candidate, group)``: mean squared errors in impulses²/s²."""
-        return self.group_errors(self.rates_ips(values))
+        return self.group_errors(self.rates_ips(values, single))
 
     def group_errors(self, rates_ips: FloatArray) -> FloatArray:
         """As `errors_ips2`, of rates ``(candidate, stimulus)`` that are known."""

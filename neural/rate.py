@@ -5,6 +5,7 @@ side by side share no spike.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,16 @@ def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float
     """Give the firing rate in a window, in impulses a second."""
     spikes = spikes_inside(spike_times_ms, window_ms)
     return spikes * 1000.0 / (window_ms[1] - window_ms[0])
+
+
+def mean_rate_ips(
+    cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]
+) -> float:
+    """Give the mean rate of the cells of a population, spike times of each in ms."""
+    if not cells_ms:
+        raise ParameterError("no cell, expected one or more")
+    spikes = sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms)
+    return spikes * 1000.0 / (len(cells_ms) * (window_ms[1] - window_ms[0]))
 
 
 def impulses_per_cycle(

@@ -46,7 +46,7 @@ def tally(
     window
         First row to count in and row to stop at; they broadcast to `shape`.
     decay
-        ``1 − dt/τ``; broadcasts to `shape`.
+        ``1 − dt/τ``; broadcasts to `shape`. Its precision is that of the potentials.
     threshold
         The gap in units of dt, so in mV/ms.
     pause
@@ -69,12 +69,15 @@ def tally(
     """
     first, end = window
     edges = {*first.flat, *end.flat}
-    potential, fired = np.zeros(shape), np.empty(shape, dtype=np.bool_)
+    kind = decay.dtype
+    potential, fired = np.zeros(shape, kind), np.empty(shape, dtype=np.bool_)
     flat_potential, flat_fired = potential.reshape(-1), fired.reshape(-1)
     recent, so_far = np.zeros(shape, np.uint8), np.zeros(shape, np.int64)
     before, until = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     resting: deque[IntArray] = deque(maxlen=pause)
-    raised = np.zeros(shape if adaptation else 0)
+    raised = np.zeros(shape if adaptation else 0, kind)
+    # An array: NumPy takes four times as long to compare with a number.
+    floor = np.zeros(shape if floored else 0, kind)
     last = max(edges, default=0)
     for row in range(last + 1):
         if row in edges or row % _BYTE_ROWS == 0:
@@ -89,7 +92,7 @@ def tally(
         for membranes in resting:
             flat_potential[membranes] = 0.0
         if floored:
-            np.maximum(potential, 0.0, out=potential)
+            np.maximum(potential, floor, out=potential)
         if adaptation:
             raised *= adaptation[1]
             np.greater(potential, threshold + raised, out=fired)

@@ -13,6 +13,9 @@ WANTED = (
     "fembridge/response/maps/quick.toml",
     "fembridge/response/maps/paper.toml",
     "fembridge/touchsim/rates.csv",
+    "fembridge/validation/style.css",
+    "fembridge/deflection/profiles/quick.toml",
+    "neural/fitted.toml",
     "fembridge/cli.py",
 )
 

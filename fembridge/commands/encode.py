@@ -5,8 +5,10 @@ PC afferent (one of each at most, every 0.5 ms) and writes into the output folde
   spikes.csv  stimulus,afferent,repeat,spike_time_ms
   rates.csv   stimulus,afferent,rate_ips
   raster.png  the spikes, a panel for each class
-The parameters are those published by Ishizuka et al., Table 2, unless a TOML file
-with sections [SA], [RA], [PC] gives others.
+The parameters are those published by Ishizuka et al., Table 2, unless --parameters
+names others. Those fitted on the reference finger hold for traces of a probe that
+stood some depth in the skin before time 0 (75 um); of a population of cells every one
+is written, numbered by repeat, and the rate is their mean.
 """
 
 import argparse
@@ -17,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fembridge.tables import Rate, SpikeTrain
     from fembridge.trace import StressTrace
+    from neural import ParameterSet
 
 EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5 250"
 
@@ -34,9 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--parameters",
-        type=Path,
-        metavar="TOML",
-        help="parameters; what the file leaves out stays as published",
+        default="published",
+        metavar="NAME",
+        help="published (Table 2 of the paper), fitted, or a TOML file; what a file "
+        "leaves out stays as published (default: published)",
     )
     parser.add_argument(
         "--stimulus",
@@ -69,10 +73,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode, write, and tell the rate of each afferent."""
-    from fembridge.tables import Rate, SpikeTrain, read_traces
-    from neural import PUBLISHED, encode, rate_ips, read_parameters, spikes_inside
+    from fembridge.simulation import trains_of
+    from fembridge.tables import Rate, read_traces
+    from neural import (
+        encode_cells,
+        mean_rate_ips,
+        parameter_set_or_file,
+        spikes_inside,
+    )
 
-    parameters = read_parameters(args.parameters) if args.parameters else PUBLISHED
+    chosen = parameter_set_or_file(args.parameters)
+    parameters = chosen.parameters
     traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
     windows_ms = {
         name: _window(name, trace, args.window_ms) for name, trace in traces.items()
@@ -80,24 +91,28 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     stimulus = args.stimulus or args.traces.stem
     trains, rates, afferents = [], [], {}
     for name, trace in traces.items():
-        [times_ms] = encode(
+        [cells_ms] = encode_cells(
             trace.stress_pa,
             trace.dt_ms,
             parameters[name],
             trace.start_ms,
             args.derivative,
         )
-        rate = Rate(stimulus, name, rate_ips(times_ms, windows_ms[name]))
-        trains.append(SpikeTrain(stimulus, name, times_ms))
+        rate = Rate(stimulus, name, mean_rate_ips(cells_ms, windows_ms[name]))
+        trains.extend(trains_of(stimulus, name, cells_ms))
         rates.append(rate)
         afferents[name] = {
             "node": trace.node,
-            "spikes": times_ms.size,
-            "spikes_in_window": spikes_inside(times_ms, windows_ms[name]),
+            "cells": len(cells_ms),
+            "spikes": sum(times_ms.size for times_ms in cells_ms),
+            "spikes_in_window": sum(
+                spikes_inside(times_ms, windows_ms[name]) for times_ms in cells_ms
+            ),
             "rate_ips": rate.rate_ips,
             "window_ms": list(windows_ms[name]),
         }
     files = _write(args, list(traces.values()), trains, rates)
+    _tell_unloaded(chosen, list(traces.values()))
     if args.window_ms is None:
         print(
             "rates over the whole trace; narrow it with --window-ms START END",
@@ -108,11 +123,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(*files, sep="\n")
     return {
         "stimulus": stimulus,
-        "parameters": str(args.parameters or "published"),
+        "parameters": chosen.name,
         "derivative": args.derivative,
         "afferents": afferents,
         "files": [str(path) for path in files],
     }
+
+
+def _tell_unloaded(chosen: "ParameterSet", traces: "list[StressTrace]") -> None:
+    """Say it where the parameters hold for another start than the traces have."""
+    held = chosen.preindent_um > 0
+    if held and not any(trace.stress_pa[0] > 0 for trace in traces):
+        print(
+            f"parameters {chosen.name} were fitted with the probe "
+            f"{chosen.preindent_um:g} um deep before time 0; the traces start without "
+            "stress",
+            file=sys.stderr,
+        )
 
 
 def _write(

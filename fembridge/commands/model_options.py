@@ -9,8 +9,10 @@ if TYPE_CHECKING:
     from fembridge.stimulus import Stimulus
 
 
-def add_stimulus_options(parser: argparse.ArgumentParser) -> None:
-    """Which stimuli."""
+def add_stimulus_options(
+    parser: argparse.ArgumentParser, preindent_default: str = "0"
+) -> None:
+    """Which stimuli; `preindent_default` tells what holds without the option."""
     parser.add_argument(
         "--stimulus",
         action="append",
@@ -21,9 +23,8 @@ def add_stimulus_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preindent-um",
         type=float,
-        default=0.0,
         metavar="DEPTH",
-        help="depth of the probe before time 0 (default: 0)",
+        help=f"depth of the probe before time 0 (default: {preindent_default})",
     )
     parser.add_argument(
         "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
@@ -118,16 +119,23 @@ def probe_from(args: argparse.Namespace) -> "Probe":
         raise UsageError(f"probe: {error}") from error
 
 
-def stimuli_from(args: argparse.Namespace) -> "list[Stimulus]":
-    """Make the stimuli that the options name, each once."""
+def stimuli_from(
+    args: argparse.Namespace, preindent_um: float = 0.0
+) -> "list[Stimulus]":
+    """Make the stimuli that the options name, each once.
+
+    `preindent_um` is taken where no option tells another.
+    """
     from decks.stimuli.catalogue import resolve
     from decks.stimuli.waveform import make_stimulus
     from fembridge.errors import UsageError
 
     if args.seed is not None and args.seed < 0:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
+    asked_um = args.preindent_um
+    depth_um = preindent_um if asked_um is None else asked_um
     return [
-        make_stimulus(entry, preindent_um=args.preindent_um, seed=args.seed)
+        make_stimulus(entry, preindent_um=depth_um, seed=args.seed)
         for entry in resolve(args.stimulus)
     ]
 

@@ -19,9 +19,11 @@ from fembridge.commands.model_options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from fembridge.simulation import Simulation
+    from neural import ParameterSet
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
 
@@ -32,7 +34,7 @@ _SHOWN = 30
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    add_stimulus_options(parser)
+    add_stimulus_options(parser, "as in the fit of the parameters")
     add_model_options(parser)
     add_output_option(parser, default="out")
     parser.add_argument(
@@ -48,8 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--parameters",
-        metavar="FILE.toml",
-        help="neural parameters (default: Table 2 of the paper)",
+        default="fitted",
+        metavar="NAME",
+        help="neural parameters: published (Table 2 of the paper), fitted, or a TOML "
+        "file (default: fitted)",
     )
     parser.add_argument(
         "--threads",
@@ -88,14 +92,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )
     from fembridge.solvers.progress_bars import ProgressBars
     from fembridge.solvers.watchdog import Limits
-    from neural import PUBLISHED, read_parameters
+    from neural import parameter_set_or_file
 
     output = Path(args.output)
-    parameters = (
-        read_parameters(Path(args.parameters))
-        if args.parameters is not None
-        else PUBLISHED
-    )
+    chosen = parameter_set_or_file(args.parameters)
     lines: list[str] = []
 
     def tell(line: str) -> None:
@@ -110,15 +110,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             on_progress=bars,
         )
         simulation = simulate(
-            stimuli_from(args),
+            stimuli_from(args, chosen.preindent_um),
             model_from(args),
             output,
             method=args.method,
             stored=args.stored,
-            parameters=parameters,
+            parameters=chosen.parameters,
             settings=settings,
             tell=tell,
         )
+    _tell_preindent(chosen, args.preindent_um, tell)
     with filling(output, last=RECORD_FILE) as draft:
         simulation.write(draft)
         if not args.no_plot:
@@ -132,12 +133,30 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "output": str(output),
         "method": args.method,
+        "parameters": chosen.name,
         "notes": lines,
         "rates": [
             {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
             for r in simulation.rates
         ],
     }
+
+
+def _tell_preindent(
+    chosen: "ParameterSet", asked_um: float | None, tell: "Callable[[str], None]"
+) -> None:
+    """Say where the probe stands before time 0, if that is not the surface."""
+    if asked_um is None and chosen.preindent_um:
+        tell(
+            f"parameters {chosen.name}: the probe is {chosen.preindent_um:g} um deep "
+            "before time 0, as in their fit"
+        )
+    elif asked_um not in (None, chosen.preindent_um):
+        tell(
+            f"parameters {chosen.name} were fitted with the probe "
+            f"{chosen.preindent_um:g} um deep before time 0, here it is at "
+            f"{asked_um:g} um"
+        )
 
 
 def _draw(simulation: "Simulation", path: "Path") -> None:

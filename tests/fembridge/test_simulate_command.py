@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,13 +14,17 @@ from fembridge.machine import CCX_VARIABLE, SOLVER_INSTALL_LINE
 from fembridge.response.map_file import read_map
 from fembridge.response.stored import FOLDER
 from fembridge.tables import read_rates, read_spikes
-from neural import PUBLISHED, encode
+from neural import PUBLISHED, encode, parameter_set
+from neural.parameters import quantiles
 
 FILES = ["raster.png", "rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
 NOTE = (
     "no ccx on the PATH: stored response of finger 'quick'; "
     f"to solve it here: {SOLVER_INSTALL_LINE}\n"
 )
+
+HELD = "parameters fitted: the probe is 75 um deep before time 0, as in their fit\n"
+PUBLISHED_WORDS = ["--parameters", "published"]
 
 
 @pytest.fixture
@@ -39,7 +44,7 @@ def test_a_set_of_stimuli_gives_five_files_and_one_note(here, capsys):
     assert main(["simulate", "--stimulus", "noise_25_250", "-o", "out"]) == 0
 
     streams = capsys.readouterr()
-    assert streams.err == NOTE
+    assert streams.err == NOTE + HELD
     assert sorted(contents(here / "out")) == FILES
     rates = read_rates(here / "out/rates.csv")
     assert len(rates) == 15
@@ -58,7 +63,7 @@ def test_a_set_of_stimuli_gives_five_files_and_one_note(here, capsys):
 
 def test_the_rates_are_those_of_the_stored_map_worked_out_apart(here):
     """Catalogue, map and encoder put together by hand."""
-    main(["simulate", "--stimulus", "noise_25_250", "-o", "out"])
+    main(["simulate", "--stimulus", "noise_25_250", "-o", "out", *PUBLISHED_WORDS])
 
     response = read_map(FOLDER / "quick.toml")
     expected = {}
@@ -75,8 +80,33 @@ def test_the_rates_are_those_of_the_stored_map_worked_out_apart(here):
     assert all((train.times_ms > 0).all() for train in spikes)
 
 
+def test_the_fitted_population_stands_on_a_held_probe(here):
+    """As above, cell by cell: each is the median one under stress of another size."""
+    main(["simulate", "--stimulus", "noise_25_250_20", "-o", "out"])
+
+    response = read_map(FOLDER / "quick.toml")
+    [entry] = resolve(["noise_25_250_20"])
+    chosen = parameter_set("fitted")
+    rates = {r.afferent: r.rate_ips for r in read_rates(here / "out/rates.csv")}
+    trains = read_spikes(here / "out/spikes.csv")
+    for trace in response.traces(make_stimulus(entry, chosen.preindent_um)):
+        population = chosen.parameters[trace.afferent]
+        one = replace(population, cells=1)
+        counts = []
+        for quantile in quantiles(population.cells):
+            stress_pa = trace.stress_pa / np.exp(population.spread * quantile)
+            [times_ms] = encode(stress_pa, 0.5, one)
+            counts.append(((times_ms > 5.0) & (times_ms <= 250.0)).sum())
+        assert rates[trace.afferent] == pytest.approx(np.mean(counts) / 0.245)
+        assert counts == sorted(counts, reverse=True)
+    assert {train.repeat for train in trains if train.afferent == "PC"} == set(
+        range(1, 6)
+    )
+
+
 def test_the_traces_are_those_of_the_stored_map(here):
-    main(["simulate", "--stimulus", "sine_50_250", "-o", "out", "--no-plot"])
+    words = ["--stimulus", "sine_50_250", "-o", "out", "--no-plot"]
+    main(["simulate", *words, "--preindent-um", "0"])
 
     [entry] = resolve(["sine_50_250"])
     expected = read_map(FOLDER / "quick.toml").traces(make_stimulus(entry))
@@ -93,10 +123,11 @@ def test_json_is_all_that_stdout_holds(here, capsys):
 
     streams = capsys.readouterr()
     summary = json.loads(streams.out)
-    assert streams.err == NOTE
+    assert streams.err == NOTE + HELD
     assert summary["output"] == "out"
     assert summary["method"] == "map"
-    assert summary["notes"] == [NOTE.strip()]
+    assert summary["notes"] == [NOTE.strip(), HELD.strip()]
+    assert summary["parameters"] == "fitted"
     assert summary["rates"] == [
         {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
         for r in read_rates(here / "out/rates.csv")
@@ -104,7 +135,8 @@ def test_json_is_all_that_stdout_holds(here, capsys):
 
 
 def test_the_record_can_be_read_and_names_its_source(here):
-    main(["simulate", "--stimulus", "noise_25_250_10", "--seed", "7", "--no-plot"])
+    words = ["--stimulus", "noise_25_250_10", "--seed", "7", "--no-plot"]
+    main(["simulate", *words, *PUBLISHED_WORDS])
 
     record = tomllib.loads((here / "out/simulation.toml").read_text(encoding="utf-8"))
     assert record["source"] == "stored response"
@@ -139,7 +171,7 @@ def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(here, cap
 def test_own_parameters_are_used(here):
     (here / "own.toml").write_text("[SA]\nalpha_mv_per_ms = 9.0\n", encoding="utf-8")
     words = ["simulate", "--stimulus", "sine_20_250", "--no-plot"]
-    main([*words, "-o", "plain"])
+    main([*words, "-o", "plain", *PUBLISHED_WORDS])
     main([*words, "-o", "own", "--parameters", "own.toml"])
 
     plain, own = (read_rates(here / name / "rates.csv") for name in ("plain", "own"))
@@ -150,7 +182,8 @@ def test_own_parameters_are_used(here):
 def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot"]
     assert main(["simulate", *words]) == 0
-    assert capsys.readouterr().err == "stored response of finger 'paper'\n"
+    told = "stored response of finger 'paper'\n"
+    assert capsys.readouterr().err == told + HELD
 
 
 def test_a_probe_that_stands_deeper_fires_sa_between_cycles(here):

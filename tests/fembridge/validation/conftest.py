@@ -1,0 +1,58 @@
+"""One study and one report for all tests: own parameters against made-up rates."""
+
+import numpy as np
+import pytest
+
+from decks.presets import QUICK
+from fembridge.observed import read_observed
+from fembridge.tables import Rate, write_rates
+from fembridge.touchsim import touchsim_rates
+from fembridge.validation.judged_model import judged_models
+from fembridge.validation.report import write_report
+from fembridge.validation.study import validate
+
+OWN = "[SA]\nalpha_mv_per_ms = 1.2\n[RA]\ntau_ms = 40.0\n"
+COMMAND = "fembridge validate -o report --observed rates.csv --parameters own.toml"
+
+
+def made_up_rates():
+    """Give rates near TouchSim's of all sinusoids, and of SA under diharmonics."""
+    rng = np.random.default_rng(5)
+    return [
+        Rate(rate.stimulus, rate.afferent, max(0.0, rate.rate_ips + rng.normal(0, 3)))
+        for rate in touchsim_rates()
+        if rate.stimulus.startswith("sine")
+        or (rate.stimulus.startswith("diharm_10_50_") and rate.afferent == "SA")
+    ]
+
+
+@pytest.fixture(scope="session")
+def observed_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("observed") / "rates.csv"
+    write_rates(path, made_up_rates())
+    return path
+
+
+@pytest.fixture(scope="session")
+def own_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("parameters") / "own.toml"
+    path.write_text(OWN, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def study(observed_file, own_file):
+    observed = read_observed(observed_file, complete=False)
+    return validate(QUICK, judged_models(str(own_file)), observed)
+
+
+@pytest.fixture(scope="session")
+def unobserved():
+    return validate(QUICK, judged_models("published"))
+
+
+@pytest.fixture(scope="session")
+def report(study, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    write_report(folder, study, COMMAND)
+    return folder

@@ -1,0 +1,240 @@
+"""The report as a folder: whole, self-contained, and the same numbers everywhere."""
+
+import csv
+import hashlib
+import re
+import shlex
+import tomllib
+from html.parser import HTMLParser
+
+import pytest
+from numpy.testing import assert_allclose
+
+from fembridge.errors import OutputError
+from fembridge.tables import AFFERENTS
+from fembridge.touchsim import touchsim_rates
+from fembridge.validation import report as report_module
+from fembridge.validation.agreement_cell import EVERY_SET
+from fembridge.validation.family import FAMILIES
+from fembridge.validation.number_text import p_text, rate_text, share_text, signed_text
+from fembridge.validation.report import PAGE, write_report
+
+VOID = {"meta", "path", "use", "rect", "br"}
+
+
+class Reader(HTMLParser):
+    """Hold every start tag against its end; collect ids, links, and rows of tables."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.links, self.loads = [], [], [], []
+        self.tables, self.code = {}, []
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        if tag not in VOID:
+            self.open.append(tag)
+        self.ids += [found["id"]] if "id" in found else []
+        self.links += [found["href"]] if "href" in found else []
+        self.loads += [found[key] for key in ("src", "srcset", "data") if key in found]
+        if tag == "figure":
+            self.rows = self.tables.setdefault(found["id"], [])
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag == "code":
+            self.code.append("")
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+        if self.open and self.open[-1] == "code":
+            self.code[-1] += data
+
+
+@pytest.fixture(scope="module")
+def read(report):
+    reader = Reader()
+    reader.text = (report / PAGE).read_text(encoding="utf-8")
+    reader.feed(reader.text)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def rows_of(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_report_is_a_page_with_numbers_figures_and_a_record(report):
+    names = {path.name for path in report.iterdir()}
+    assert names == {
+        *("index.html", "validation.toml", "rates.csv", "agreement.csv", "rasters.csv"),
+        *("thresholds.csv", "entrainment.csv", "locking.csv", "deflection.csv"),
+        *("deflection_convergence.csv", "skin_deflection.svg", "rasters.svg"),
+        *(f"rates_{family.name}.svg" for family in FAMILIES),
+        *(f"regression_{family.name}.svg" for family in FAMILIES),
+        "thresholds.svg",
+    }
+
+
+def test_the_page_loads_nothing_and_its_links_lead_somewhere(read, report):
+    assert read.loads == []
+    assert "@import" not in read.text
+    assert not re.findall(r"url\((?!#)", read.text)
+    ids = set(read.ids)
+    for link in read.links:
+        if link.startswith("#"):
+            assert link[1:] in ids
+        else:
+            assert (report / link).is_file(), link
+    assert len(ids) == len(read.ids)
+
+
+def test_every_figure_and_table_has_a_command_and_a_file(read, report):
+    blocks = re.findall(r"<figure id=.*?</figure>", read.text, re.DOTALL)
+    assert len(blocks) == len(read.tables) > 15
+    linked = set()
+    for block in blocks:
+        assert "<pre><code>fembridge validate" in block
+        files = re.findall(r'<a href="([^"#]+)">', block)
+        assert files
+        linked.update(files)
+    assert linked == {path.name for path in report.iterdir()} - {PAGE}
+
+
+def test_every_command_on_the_page_is_one_that_fembridge_understands(read):
+    from fembridge.cli import _parser
+
+    lines = {line for block in read.code for line in block.splitlines()}
+    commands = {line for line in lines if not line.startswith("#")}
+    assert len(commands) > 8
+    for line in commands:
+        program, *words = shlex.split(line)
+        assert program == "fembridge"
+        parser, command = _parser(words)
+        assert command is not None
+        parser.parse_args(words)
+
+
+def test_the_summary_shows_what_the_table_beside_it_holds(read, report):
+    found = {
+        (row["source"], row["family"], row["afferent"]): row
+        for row in rows_of(report / "agreement.csv")
+        if row["reference"] == "observed" and row["set"] == EVERY_SET
+    }
+    families = {f"{one.title} ({len(one.stimuli)} stimuli)": one for one in FAMILIES}
+    family, compared = None, 0
+    for first, *cells in read.tables["summary"][2:]:
+        if first in families:
+            family = families[first].name
+            continue
+        expected = []
+        for source in ("own", "published", "TouchSim"):
+            row = found[source, family, first]
+            if row["count"] == "0":
+                expected.append("no observed rates")
+                continue
+            compared += 1
+            numbers = [
+                float(row[name] or "nan")
+                for name in ("r_squared", "p_value", "rmse_ips", "bias_ips")
+            ]
+            texts = (share_text, p_text, rate_text, signed_text)
+            expected += [
+                text(number) for text, number in zip(texts, numbers, strict=True)
+            ]
+        assert cells[: len(expected)] == expected
+    assert compared == 3 * (3 + 1)
+
+
+def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(read):
+    marks = {}
+    for first, *cells in read.tables["summary"][2:]:
+        if not cells:
+            family = first.partition(" ")[0]
+        else:
+            marks[family, first] = cells[-2:]
+    judged = {("Sinusoids", afferent) for afferent in AFFERENTS}
+    judged.add(("Diharmonics", "SA"))
+    for place, goals in marks.items():
+        words = {"met", "not met"} if place in judged else {"–"}
+        assert set(goals) <= words, place
+
+
+def test_rates_are_those_that_came_in_and_those_that_were_computed(report, study):
+    rows = rows_of(report / "rates.csv")
+    found = {
+        (row["source"], row["stimulus"], row["afferent"]): float(row["rate_ips"])
+        for row in rows
+    }
+    assert len(found) == len(rows)
+    expected = {
+        ("TouchSim", one.stimulus, one.afferent): one.rate_ips
+        for one in touchsim_rates()
+    }
+    for name, simulation in study.simulations.items():
+        expected |= {
+            (name, r.stimulus, r.afferent): r.rate_ips for r in simulation.rates
+        }
+    expected |= {
+        ("observed", r.stimulus, r.afferent): r.rate_ips for r in study.observed.rates()
+    }
+    assert found == expected
+
+
+def test_the_record_names_the_inputs_and_seals_the_files(report, study):
+    record = tomllib.loads((report / "validation.toml").read_text(encoding="utf-8"))
+    assert record["judged"] == "own"
+    assert record["reference"] == "observed"
+    assert record["models"]["own"]["parameters"]["RA"]["tau_ms"] == 40.0
+    assert record["observed"]["sha256"] == study.observed.sha256
+    assert record["observed"]["file"] == "rates.csv"
+    assert record["response"]["finger"]["name"] == "quick"
+    beside = {path.name for path in report.iterdir()} - {"validation.toml"}
+    assert set(record["files"]) == beside
+    for name, digest in record["files"].items():
+        assert hashlib.sha256((report / name).read_bytes()).hexdigest() == digest
+
+
+def test_a_page_that_cannot_be_written_leaves_what_was_there(
+    study, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(report_module, "_sections", lambda *arguments: [])
+    (tmp_path / PAGE).mkdir()
+    (tmp_path / "rates.csv").write_text("old", encoding="utf-8")
+    with pytest.raises(OutputError, match="a folder stands where a file is wanted"):
+        write_report(tmp_path, study, "fembridge validate")
+    assert (tmp_path / "rates.csv").read_text(encoding="utf-8") == "old"
+    assert {path.name for path in tmp_path.iterdir()} == {PAGE, "rates.csv"}
+
+
+def test_five_repeats_of_a_model_without_noise_are_five_equal_rows(report, study):
+    spikes = {}
+    for row in rows_of(report / "rasters.csv"):
+        name = (row["source"], row["stimulus"], row["afferent"])
+        repeats = spikes.setdefault(name, {})
+        repeats.setdefault(int(row["repeat"]), []).append(float(row["spike_time_ms"]))
+    assert {name[1] for name in spikes} == {
+        *("sine_20_34.74", "sine_20_129.49", "sine_20_250")
+    }
+    trains = {
+        (name, train.stimulus, train.afferent): train.times_ms
+        for name, simulation in study.simulations.items()
+        for train in simulation.trains
+    }
+    for name, repeats in spikes.items():
+        assert sorted(repeats) == [1, 2, 3, 4, 5]
+        for times_ms in repeats.values():
+            assert_allclose(times_ms, trains[name])

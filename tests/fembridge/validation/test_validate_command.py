@@ -1,0 +1,86 @@
+"""``fembridge validate``: words and exit codes; the report itself is tested beside."""
+
+import argparse
+import json
+
+import pytest
+
+from fembridge.cli import main
+from fembridge.commands import validate as command
+from fembridge.validation import report as report_module
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Work in an empty folder without a solver; the page is left empty, which is quick.
+
+    What is on it is tested with `write_report`.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(report_module, "_sections", lambda *arguments: [])
+    return tmp_path
+
+
+def test_a_table_on_the_screen_and_a_page_in_the_folder(
+    here, capsys, observed_file, own_file
+):
+    words = ["--observed", str(observed_file), "--parameters", str(own_file)]
+    assert main(["validate", *words]) == 0
+
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "own against observed rates: R² (RMSE in impulses/s)"
+    assert lines[1].split() == ["SA", "RA", "PC"]
+    assert lines[2].startswith("sine ")
+    assert lines[4].split() == ["noise", *["no", "rates"] * 3]
+    assert lines[-1].startswith("report/index.html, and ")
+    assert (here / "report/index.html").is_file()
+    assert (here / "report/validation.toml").is_file()
+
+
+def test_json_is_all_that_stdout_holds(here, capsys):
+    words = ["validate", "-o", "out", "--parameters", "published", "--json"]
+    assert main(words) == 0
+
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["page"] == "out/index.html"
+    assert summary["models"] == ["published"]
+    assert summary["reference"] == "TouchSim"
+    assert len(summary["agreement"]) == 3 * 3
+    assert {row["meets_paper"] for row in summary["agreement"]} == {None}
+    assert set(summary["files"]) == {path.name for path in (here / "out").iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (["--observed", "absent.csv"], 1, "absent.csv: cannot read"),
+        (["--parameters", "absent.toml"], 1, "absent.toml: cannot read"),
+        (["--finger", "mine.toml"], 2, "invalid choice"),
+        (["-o", ""], 2, "expected the name of a folder"),
+    ],
+)
+def test_what_is_not_there_is_one_line_and_no_report(here, capsys, words, code, told):
+    assert main(["validate", "--parameters", "published", *words]) == code
+    assert told in capsys.readouterr().err
+    assert list(here.iterdir()) == []
+
+
+def test_the_line_on_the_page_is_the_one_that_was_given():
+    def line(words):
+        parser = argparse.ArgumentParser()
+        command.add_arguments(parser)
+        return command.command_line(parser.parse_args(words))
+
+    assert line([]) == "fembridge validate -o report"
+    told = line(["-o", "my report", "--observed", "r.csv", "--finger", "paper"])
+    assert told == ("fembridge validate -o 'my report' --observed r.csv --finger paper")
+    assert line(["--parameters", "own.toml"]).endswith("--parameters own.toml")
+
+
+def test_the_default_model_is_the_one_that_simulate_takes():
+    from neural.sets import DEFAULT_SET
+
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    assert parser.parse_args([]).parameters == DEFAULT_SET

@@ -1,0 +1,106 @@
+"""Figures of the report: words apart from each other, every point where it belongs."""
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+from numpy.testing import assert_allclose
+
+from fembridge.tables import AFFERENTS
+from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM
+from fembridge.validation.family import FAMILIES, SINES
+from fembridge.validation.rate_figure import rate_figure
+from fembridge.validation.regression_figure import regression_figure
+from fembridge.validation.repeat_raster import (
+    RASTER_STIMULI,
+    raster_figure,
+    repeated_trains,
+)
+from fembridge.validation.threshold_figure import threshold_figure
+
+# Points a figure of 7.2 inches may have at least, so that on the page, where it is
+# 8.1 inches wide or more, no letter is below 8 points.
+LEAST_PT = 7.0
+
+
+def figures(study):
+    family = FAMILIES[2]
+    reference = study.compared.reference(family.stimuli)
+    simulation = study.simulations["own"]
+    stimuli = [one for one in simulation.stimuli if one.id in RASTER_STIMULI]
+    return {
+        "rates": rate_figure(study.compared, family, "own"),
+        "regression": regression_figure(
+            study.compared, study.cells, family, reference, "own"
+        ),
+        "raster": raster_figure(repeated_trains(simulation), stimuli),
+        "thresholds": threshold_figure(study.thresholds, "own"),
+    }
+
+
+def words_of(figure):
+    """Give the words that are drawn: not those of ticks beyond an axis' ends."""
+    figure.draw_without_rendering()
+    hidden = set()
+    for panel in figure.axes:
+        for axis in (panel.xaxis, panel.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+                hidden.add(tick.label2)
+                if not low <= tick.get_loc() <= high or not tick.label1.get_visible():
+                    hidden.add(tick.label1)
+    words = set(figure.findobj(Text)) - hidden
+    return [text for text in words if text.get_text().strip() and text.get_visible()]
+
+
+@pytest.mark.parametrize("name", ["rates", "regression", "raster", "thresholds"])
+def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, name):
+    shown = words_of(figure := figures(study)[name])
+    assert len(shown) > 15
+    boxes = [(text, text.get_window_extent()) for text in shown]
+    for k, (text, box) in enumerate(boxes):
+        assert text.get_fontsize() >= LEAST_PT, text
+        assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1, text
+        assert figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1, text
+        for other, its in boxes[k + 1 :]:
+            assert not box.overlaps(its), (text, other)
+
+
+def test_a_panel_holds_each_source_s_rates_over_the_levels_of_its_set(study):
+    figure = rate_figure(study.compared, SINES, "own")
+    panels = np.array(figure.axes).reshape(len(AFFERENTS), len(SINES.sets))
+    for row, afferent in zip(panels, AFFERENTS, strict=True):
+        assert len({panel.get_ylim() for panel in row}) == 1
+        for panel, one in zip(row, SINES.sets, strict=True):
+            assert len(panel.lines) == len(study.compared.sources)
+            for line, source in zip(panel.lines, study.compared.sources, strict=True):
+                expected = study.compared.of(source, afferent, one.stimuli)
+                assert_allclose(line.get_xdata(), one.level_um)
+                assert_allclose(line.get_ydata(), expected)
+                dots = line.get_linestyle() == "None"
+                assert dots == (source == OBSERVED)
+
+
+def test_a_source_without_rates_of_a_family_is_not_in_its_legend(study):
+    names = {}
+    for family in FAMILIES:
+        [legend] = rate_figure(study.compared, family, "own").legends
+        names[family.name] = [text.get_text() for text in legend.get_texts()]
+    assert names["sine"] == ["Observed", "This model", "Published model", "TouchSim"]
+    assert names["noise"] == names["sine"][1:]
+
+
+def test_the_dashed_line_is_the_regression_and_the_grey_one_is_equality(study):
+    figure = regression_figure(study.compared, study.cells, SINES, OBSERVED, "own")
+    sources = [name for name in study.compared.sources if name != OBSERVED]
+    assert sources[-1] == TOUCHSIM
+    panels = np.array(figure.axes).reshape(len(sources), len(AFFERENTS))
+    for row, source in zip(panels, sources, strict=True):
+        for panel, afferent in zip(row, AFFERENTS, strict=True):
+            observed = study.compared.of(OBSERVED, afferent, SINES.stimuli)
+            predicted = study.compared.of(source, afferent, SINES.stimuli)
+            line = next(one for one in panel.lines if one.get_linestyle() == "--")
+            slope, intercept = np.polyfit(observed, predicted, 1)
+            assert_allclose(
+                line.get_ydata(), slope * line.get_xdata() + intercept, atol=1e-9
+            )
+            assert panel.get_xlim() == panel.get_ylim()
