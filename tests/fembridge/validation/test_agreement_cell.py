@@ -52,7 +52,7 @@ def test_equal_rates_agree_fully_and_meet_both_goals(compared):
     assert_allclose(cell.agreement.regression.r_squared, 1.0)
     assert cell.agreement.rmse_ips == 0.0
     assert cell.meets_paper
-    assert cell.no_worse_than(of_sines(compared, TOUCHSIM))
+    assert cell.beats(of_sines(compared, TOUCHSIM))
 
 
 def test_doubled_rates_lie_on_a_line_and_are_worse_than_those_a_tenth_too_high(
@@ -64,26 +64,26 @@ def test_doubled_rates_lie_on_a_line_and_are_worse_than_those_a_tenth_too_high(
     rates = compared.of(OBSERVED, "RA", SINES.stimuli)
     assert_allclose(cell.agreement.bias_ips, (rates + 3).mean())
     assert cell.meets_paper
-    assert cell.no_worse_than(of_sines(compared, TOUCHSIM)) is False
+    assert cell.beats(of_sines(compared, TOUCHSIM)) is False
 
 
 def test_a_silent_model_meets_nothing(compared):
     cell = of_sines(compared, "silent")
     assert math.isnan(cell.agreement.regression.r_squared)
     assert cell.meets_paper is False
-    assert cell.no_worse_than(of_sines(compared, TOUCHSIM)) is False
+    assert cell.beats(of_sines(compared, TOUCHSIM)) is False
 
 
-def test_any_rates_with_a_line_are_as_good_as_silence_if_they_are_nearer(compared):
+def test_rates_with_a_line_beat_silence_if_they_are_nearer(compared):
     silent = of_sines(compared, "silent")
-    assert of_sines(compared, "equal").no_worse_than(silent)
+    assert of_sines(compared, "equal").beats(silent)
 
 
 def test_agreement_with_touchsim_is_no_goal(compared):
     cell = of_sines(compared, "equal", reference=TOUCHSIM)
     assert cell.agreement is not None
     assert cell.meets_paper is None
-    assert cell.no_worse_than(cell) is None
+    assert cell.beats(cell) is None
 
 
 def test_without_a_common_stimulus_a_cell_is_empty_and_meets_nothing(compared):
