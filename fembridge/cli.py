@@ -27,6 +27,8 @@ VERBS = {
     "ingest": "take stress traces from a solver's results",
     "encode": "turn stress traces into spikes and rates",
     "simulate": "from a stimulus to spikes: all of the above",
+    "fit": "find the parameters whose rates come closest to observed ones",
+    "study": "compare models of the afferents, on what they were not fitted to",
     "validate": "the paper's figures and tables as one page: is the model any good",
     "deflect": "how far the skin goes down around a thin probe",
     "plot": "draw the mesh, a response, a raster",

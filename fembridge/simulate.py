@@ -16,6 +16,7 @@ from fembridge import __version__
 from fembridge.build import Model, build_run_folder
 from fembridge.errors import MissingError, ResponseError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.response.driving_stress import driving_stress, reading_energy
 from fembridge.response.indentation import depth_for
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import CONTACT_CAUSES, LADDER, solve_response
@@ -104,6 +105,11 @@ def simulate(
         raise UsageError("no stimulus to simulate")
     if stored and method == "transient":
         raise UsageError("a stored response answers no transient: leave one out")
+    if method == "transient" and (other := reading_energy(parameters)):
+        raise UsageError(
+            f"drive {parameters[other].drive!r} of {other} reads strain energy, "
+            "--method transient gives von Mises stress alone: take --method map"
+        )
     settings = settings or SolverSettings()
     deepest = max(stimuli, key=_depth_um)
     if stored or find_ccx() is None:
@@ -117,7 +123,7 @@ def simulate(
         traces = _transients(stimuli, model, folder, settings, tell)
         origin = {**origin, "contacts": _contacts(stimuli, folder)}
     else:
-        traces = [response.traces(stimulus) for stimulus in stimuli]
+        traces = [driving_stress(response, each, parameters) for each in stimuli]
     return encode_all(
         stimuli,
         traces,

@@ -20,6 +20,7 @@ from neural.drive_table import DRIVES, drive_named
 from neural.encoder import (
     afferent_drives,
     encode,
+    encode_afferents,
     encode_cells,
     membrane_current,
     membrane_potential,
@@ -97,6 +98,7 @@ __all__ = [
     "candidate_counts",
     "drive_named",
     "encode",
+    "encode_afferents",
     "encode_cells",
     "entrainment_plateau",
     "entrainment_threshold_um",

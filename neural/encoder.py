@@ -4,21 +4,18 @@ Stress is ``(T,)``, or ``(T, condition)`` for traces that share one time axis; r
 is at `start_ms`, where the membrane is at rest.
 """
 
-from dataclasses import fields
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError
-from fembridge.typing import BoolArray, FloatArray
+from fembridge.typing import FloatArray
 from neural.drive import checked_stress
 from neural.drive_table import drive_named, drive_of
 from neural.lif import integrate
-from neural.parameters import AfferentParameters, quantiles
-
-# Solvers print times with six digits or more; a step may be off by that much. At
-# 250 ms that is 0.025 ms, a twentieth of a sample.
-_STEP_TOLERANCE = 1.0e-4
+from neural.membranes import filtered_stress, membranes, spike_times_of
+from neural.parameters import AfferentParameters, Parameters
 
 
 def encode(
@@ -91,18 +88,41 @@ def encode_cells(
     Arguments and errors are those of `encode`. The list has an entry a condition,
     each a list of one array a cell; the rate of the population is their mean.
     """
-    stress = checked_stress(stress_pa)
-    masks = [
-        np.atleast_2d(_run(stress, dt_ms, parameters, derivative, need)[1].T)
-        for need in np.exp(parameters.spread * quantiles(parameters.cells))
+    chosen = {parameters.afferent: parameters}
+    stress = {parameters.afferent: stress_pa}
+    [cells] = encode_afferents(stress, dt_ms, chosen, start_ms, derivative).values()
+    return cells
+
+
+def encode_afferents(
+    stress_pa: Mapping[str, ArrayLike],
+    dt_ms: float,
+    parameters: Parameters,
+    start_ms: float = 0.0,
+    derivative: str = "backward",
+) -> dict[str, list[list[FloatArray]]]:
+    """Give the spike times of several classes at once: one loop over time for all.
+
+    `stress_pa` is by class, ``(T,)`` or ``(T, condition)`` with one T; the other
+    arguments and the errors are those of `encode`, the entries of the result those
+    of `encode_cells`.
+    """
+    batches = [
+        membranes(checked_stress(stress), dt_ms, parameters[afferent], derivative)
+        for afferent, stress in stress_pa.items()
     ]
-    return [
-        [
-            start_ms + np.flatnonzero(mask[row]).astype(np.float64) * parameters.dt_ms
-            for mask in masks
-        ]
-        for row in range(masks[0].shape[0])
-    ]
+    times_ms = spike_times_of(batches, start_ms)
+    ends = np.cumsum([batch.decay.size for batch in batches]).tolist()
+    return {
+        afferent: _by_condition(times_ms[end - batch.decay.size : end], batch.cells)
+        for afferent, batch, end in zip(stress_pa, batches, ends, strict=True)
+    }
+
+
+def _by_condition(times_ms: list[FloatArray], cells: int) -> list[list[FloatArray]]:
+    """Turn a list that runs over cells, then conditions, into one a condition."""
+    conditions = len(times_ms) // cells
+    return [times_ms[condition::conditions] for condition in range(conditions)]
 
 
 def membrane_potential(
@@ -116,8 +136,19 @@ def membrane_potential(
     Arguments are those of `encode`, the shape is that of `stress_pa`. A sample on
     which a spike stands is back at rest; the spike itself has no height.
     """
-    above_rest = _run(checked_stress(stress_pa), dt_ms, parameters, derivative)[0]
-    return parameters.rest_mv + above_rest
+    current = membrane_current(stress_pa, dt_ms, parameters, derivative)
+    potential_mv = np.full_like(current, parameters.rest_mv)
+    potential_mv[1:] += integrate(
+        current[:-1],
+        parameters.tau_ms,
+        parameters.dt_ms,
+        parameters.gap_mv,
+        parameters.refractory_ms,
+        floored=drive_of(parameters).floored,
+        jump_mv=parameters.jump_mv,
+        recovery_ms=parameters.recovery_ms,
+    )[0]
+    return potential_mv
 
 
 def membrane_current(
@@ -131,21 +162,9 @@ def membrane_current(
     Arguments are those of `encode`, the shape is that of `stress_pa`; of a population
     it is the current of the median cell.
     """
-    return _current(checked_stress(stress_pa), dt_ms, parameters, derivative, 1.0)
-
-
-def _current(
-    stress: FloatArray,
-    dt_ms: float,
-    parameters: AfferentParameters,
-    derivative: str,
-    need: float,
-) -> FloatArray:
-    _check_step(dt_ms, parameters)
-    drive = drive_of(parameters)
-    filtered = drive.filters(stress, parameters.dt_ms, derivative)
-    values = {one.name: getattr(parameters, one.name) for one in fields(parameters)}
-    return drive.coefficients(values).for_need(need).current(filtered)
+    stress = checked_stress(stress_pa)
+    _, filtered, coefficients = filtered_stress(stress, dt_ms, parameters, derivative)
+    return coefficients.current(filtered)
 
 
 def afferent_drives(
@@ -162,38 +181,3 @@ def afferent_drives(
     """
     row = drive_named(drive, afferent)
     return row.filters(checked_stress(stress_pa), dt_ms, derivative)
-
-
-def _run(
-    stress: FloatArray,
-    dt_ms: float,
-    parameters: AfferentParameters,
-    derivative: str,
-    need: float = 1.0,
-) -> tuple[FloatArray, BoolArray]:
-    """Potential above rest and spikes at each sample; the first is at rest.
-
-    The current of the last sample would act after the trace: it is left out.
-    """
-    current = _current(stress, dt_ms, parameters, derivative, need)
-    potential_mv, fired = np.zeros_like(stress), np.zeros(stress.shape, dtype=np.bool_)
-    potential_mv[1:], fired[1:] = integrate(
-        current[:-1],
-        parameters.tau_ms,
-        parameters.dt_ms,
-        parameters.gap_mv,
-        parameters.refractory_ms,
-        floored=drive_of(parameters).floored,
-        jump_mv=parameters.jump_mv,
-        recovery_ms=parameters.recovery_ms,
-    )
-    return potential_mv, fired
-
-
-def _check_step(dt_ms: float, parameters: AfferentParameters) -> None:
-    expected_ms = parameters.dt_ms
-    if not abs(dt_ms - expected_ms) <= _STEP_TOLERANCE * expected_ms:
-        raise ParameterError(
-            f"{parameters.afferent}: the trace has a sample every {dt_ms:g} ms, its "
-            f"parameters hold for {expected_ms:g} ms; resample the trace"
-        )

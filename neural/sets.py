@@ -36,6 +36,11 @@ def parameter_set(name: str) -> ParameterSet:
     )
 
 
+def held_um() -> float:
+    """Depth of the probe before time 0 in the fit of the shipped parameters."""
+    return parameter_set("fitted").preindent_um
+
+
 def parameter_set_or_file(word: str) -> ParameterSet:
     """Give a shipped set by its name, or read the file of that path.
 

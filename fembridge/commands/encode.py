@@ -84,6 +84,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     chosen = parameter_set_or_file(args.parameters)
     parameters = chosen.parameters
+    _refuse_energy(chosen)
     traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
     windows_ms = {
         name: _window(name, trace, args.window_ms) for name, trace in traces.items()
@@ -128,6 +129,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "afferents": afferents,
         "files": [str(path) for path in files],
     }
+
+
+def _refuse_energy(chosen: "ParameterSet") -> None:
+    from fembridge.errors import UsageError
+    from fembridge.response.driving_stress import reading_energy
+
+    if (other := reading_energy(chosen.parameters)) is not None:
+        raise UsageError(
+            f"drive {chosen.parameters[other].drive!r} of {other} reads strain energy, "
+            "a table of traces has von Mises stress: `fembridge simulate` takes it"
+        )
 
 
 def _tell_unloaded(chosen: "ParameterSet", traces: "list[StressTrace]") -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from fembridge.run_folder import AfferentNode
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from fembridge.typing import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 # Components of a tensor that plane strain has: xx, yy, zz, xy.
 IN_PLANE = 4
@@ -39,6 +43,7 @@ class ResponseMap:
     places: tuple[AfferentNode, ...]
     closure_percent: float
     origin: Mapping[str, object] = field(default_factory=dict)
+    _curve: "PchipInterpolator | None" = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("depth_um", "tensor_pa", "force_n_per_mm"):
@@ -104,8 +109,6 @@ class ResponseMap:
         ResponseError
             A depth that is not finite, or deeper than the map.
         """
-        from scipy.interpolate import PchipInterpolator
-
         if not np.isfinite(displacement_um).all():
             raise ResponseError(f"{name}: a probe depth is not finite")
         deepest_um = float(displacement_um.max())
@@ -114,6 +117,14 @@ class ResponseMap:
                 f"{name} goes {deepest_um:.9g} um deep, the response map reaches "
                 f"{self.deepest_um:g} um"
             )
-        curve = PchipInterpolator(self.depth_um, self.tensor_pa, axis=0)
-        tensor_pa: FloatArray = curve(np.maximum(displacement_um, 0.0))
+        tensor_pa: FloatArray = self._interpolator()(np.maximum(displacement_um, 0.0))
         return tensor_pa
+
+    def _interpolator(self) -> "PchipInterpolator":
+        """Make it when a first stimulus asks: SciPy is slow to import."""
+        if self._curve is None:
+            from scipy.interpolate import PchipInterpolator
+
+            curve = PchipInterpolator(self.depth_um, self.tensor_pa, axis=0)
+            object.__setattr__(self, "_curve", curve)
+        return self._curve

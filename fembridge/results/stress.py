@@ -29,3 +29,34 @@ def von_mises_pa(tensor_pa: FloatArray) -> FloatArray:
     shear = xy**2 + yz**2 + zx**2
     stress: FloatArray = np.sqrt(0.5 * normal + 3.0 * shear)
     return stress
+
+
+def energy_stress_pa(tensor_pa: FloatArray, poisson: float) -> FloatArray:
+    """Uniaxial stress of equal strain energy, ``(...)`` in Pa, of ``(..., 6)`` in Pa.
+
+    Parameters
+    ----------
+    tensor_pa
+        Stress tensors of one linear elastic, isotropic material.
+    poisson
+        Its Poisson's ratio, from -1 to 0.5.
+
+    Notes
+    -----
+    A bar under the stress s stores ``s²/2E``, so s is ``√(2EW)`` of the energy
+    density W: ``2EW = Σ σii² − 2ν Σ_{i<j} σii σjj + 2(1 + ν)(xy² + yz² + zx²)``,
+    Hooke's law put into ``W = σ:ε/2``. Young's modulus drops out. |s| in uniaxial
+    stress s; unlike von Mises stress it feels pressure, ``√(3(1 − 2ν)) p``.
+    """
+    tensor = np.asarray(tensor_pa, dtype=np.float64)
+    if tensor.shape[-1:] != (len(TENSOR),):
+        raise ValueError(f"expected (..., 6), got {tensor.shape}")
+    if not -1.0 <= poisson <= 0.5:
+        raise ValueError(f"poisson is {poisson}, expected -1 to 0.5")
+    xx, yy, zz, xy, yz, zx = np.moveaxis(tensor, -1, 0)
+    normal = xx**2 + yy**2 + zz**2 - 2.0 * poisson * (xx * yy + yy * zz + zz * xx)
+    shear = xy**2 + yz**2 + zx**2
+    twice_ew = normal + 2.0 * (1.0 + poisson) * shear
+    # Never below 0, but for rounding: pressure in a material of ν = 0.5.
+    stress: FloatArray = np.sqrt(np.maximum(twice_ew, 0.0))
+    return stress

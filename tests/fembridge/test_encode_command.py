@@ -194,3 +194,44 @@ def test_help_shows_an_example_that_runs(here, capsys):
     (here / "sine_50_250.csv").rename("traces.csv")
     example = told.split("example: fembridge ")[1].split()
     assert main(example) == 0
+
+
+def test_a_drive_that_reads_energy_is_refused_a_table_of_von_mises(tmp_path, capsys):
+    own = tmp_path / "own.toml"
+    own.write_text('[SA]\ndrive = "energy"\n', encoding="utf-8")
+    table = tmp_path / "traces.csv"
+    write_traces(table, [StressTrace(np.zeros(501), 0.5, 1, "SA")])
+
+    assert main(["encode", str(table), "--parameters", str(own)]) == 2
+
+    assert "drive 'energy' of SA reads strain energy" in capsys.readouterr().err
+
+
+def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    times_ms = np.arange(501) * 0.5
+    stress_pa = 15e3 + 15e3 * np.sin(2e-3 * np.pi * 50 * times_ms)
+    write_traces(tmp_path / "traces.csv", [StressTrace(stress_pa, 0.5, 1, "RA")])
+
+    words = ["traces.csv", "--parameters", "fitted", "--window-ms", "5", "250"]
+    assert main(["encode", *words, "--json"]) == 0
+
+    told = json.loads(capsys.readouterr().out)
+    trains = read_spikes(tmp_path / "encoded/spikes.csv")
+    assert [train.repeat for train in trains] == [1, 2, 3, 4, 5]
+    inside = sum(((t.times_ms > 5.0) & (t.times_ms <= 250.0)).sum() for t in trains)
+    assert told["afferents"]["RA"]["cells"] == 5
+    assert told["afferents"]["RA"]["rate_ips"] == pytest.approx(inside / 5 / 0.245)
+    assert inside > 50
+
+
+def test_traces_that_start_unloaded_are_told_where_the_fit_had_a_held_probe(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    trace = StressTrace(np.linspace(0, 1e4, 501), 0.5, 1, "RA")
+    write_traces(tmp_path / "traces.csv", [trace])
+
+    assert main(["encode", "traces.csv", "--parameters", "fitted"]) == 0
+
+    assert "the traces start without stress" in capsys.readouterr().err

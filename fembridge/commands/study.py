@@ -1,0 +1,164 @@
+"""Compare models of the afferents on the same observed rates, honestly.
+
+Every drive is fitted to the sinusoids of the table, then again without each
+frequency, which it has to predict, all with several seeds. Written are a row a case
+and seed (study.csv), the medians as tables (study.md) and a picture (study.png).
+Without --drive the whole study is made: all drives, pre-indentations, cells. It takes
+some 30 min on one core.
+"""
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from fembridge.commands.model_options import add_output_option
+
+if TYPE_CHECKING:
+    from fembridge.fitting.study import Case, Finding
+    from fembridge.observed import ObservedRates
+
+EXAMPLE = "fembridge study --observed rates.csv --drive published rising -o study"
+
+PICTURE_FILE = "study.png"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument(
+        "--observed",
+        required=True,
+        metavar="RATES.csv",
+        help="what to fit to: a table stimulus,afferent,rate_ips",
+    )
+    parser.add_argument(
+        "--drive",
+        nargs="+",
+        metavar="NAME",
+        help="models to compare, of all classes that have them (default: the study)",
+    )
+    parser.add_argument(
+        "--cells", type=int, metavar="N", help="cells of each (default: the drive's)"
+    )
+    parser.add_argument(
+        "--preindent-um",
+        type=float,
+        nargs="+",
+        default=(0.0,),
+        metavar="DEPTH",
+        help="depths of the probe before time 0, with --drive (default: 0)",
+    )
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=(1, 2, 3), help="default: 1 2 3"
+    )
+    parser.add_argument(
+        "--evaluations",
+        type=int,
+        default=10_000,
+        metavar="N",
+        help="candidates that each search tries (default: %(default)d)",
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=1, metavar="N", help="processes (default: 1)"
+    )
+    parser.add_argument(
+        "--finger",
+        choices=("quick", "paper"),
+        default="quick",
+        help="whose stored response gives the stress (default: quick)",
+    )
+    add_output_option(parser, default="study")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Study and write; the summary holds the best case of each class."""
+    from pathlib import Path
+
+    from fembridge.fitting.response_source import stored_source
+    from fembridge.fitting.study import held_out_rmse_ips, study_models
+    from fembridge.fitting.study_files import (
+        CASES_FILE,
+        SUMMARY_FILE,
+        cases_text,
+        summary_text,
+    )
+    from fembridge.observed import read_observed
+    from fembridge.outputs import filling, write_text
+    from fembridge.plots.study import draw_study
+
+    observed = read_observed(Path(args.observed))
+    cases = cases_from(args, observed)
+    done: list[Finding] = []
+
+    def tell(finding: "Finding") -> None:
+        done.append(finding)
+        print(f"{len(done)}/{len(cases)} {line_of(finding)}", file=sys.stderr)
+
+    study = study_models(
+        observed,
+        stored_source(args.finger).response,
+        cases,
+        seeds=args.seeds,
+        evaluations=args.evaluations,
+        jobs=args.jobs,
+        on_finding=tell,
+    )
+    output = Path(args.output)
+    with filling(output, last=SUMMARY_FILE) as draft:
+        write_text(draft / CASES_FILE, cases_text(study))
+        draw_study(study, draft / PICTURE_FILE)
+        write_text(draft / SUMMARY_FILE, summary_text(study))
+    best = {name: study.best(name) for name in study.unfitted}
+    if not args.json:
+        print(summary_text(study))
+        print(f"{CASES_FILE}, {SUMMARY_FILE}, {PICTURE_FILE}: {output}")
+    return {
+        "output": args.output,
+        "cases": len(cases),
+        "best": {
+            name: {
+                "drive": one.case.drive,
+                "cells": one.case.cells,
+                "preindent_um": one.case.preindent_um,
+                "free_parameters": one.case.free_parameters,
+                "held_out_rmse_ips": one.median(held_out_rmse_ips),
+            }
+            for name, one in best.items()
+        },
+    }
+
+
+def cases_from(
+    args: argparse.Namespace, observed: "ObservedRates"
+) -> "tuple[Case, ...]":
+    """Give the cases that the options name."""
+    from fembridge.errors import UsageError
+    from fembridge.fitting.study import Case, default_cases
+    from neural.drive_table import DRIVES
+
+    if not args.drive:
+        return default_cases(observed.afferents)
+    unknown = [name for name in args.drive if name not in DRIVES]
+    if unknown:
+        raise UsageError(
+            f"drive {unknown[0]!r}, expected one of {', '.join(DRIVES)}; "
+            "`fembridge fit --drive list` tells about each"
+        )
+    return tuple(
+        Case(name, afferent, args.cells or DRIVES[name][afferent].cells, depth_um)
+        for name in args.drive
+        for depth_um in args.preindent_um
+        for afferent in observed.afferents
+        if afferent in DRIVES[name]
+    )
+
+
+def line_of(finding: "Finding") -> str:
+    """Tell of one case in a line."""
+    from fembridge.fitting.study import fitted_rmse_ips, held_out_rmse_ips
+
+    case = finding.case
+    return (
+        f"{case.afferent} {case.drive}, cells {case.cells}, held at "
+        f"{case.preindent_um:g} um: RMSE {finding.median(fitted_rmse_ips):.1f} ips "
+        f"fitted, {finding.median(held_out_rmse_ips):.1f} held out"
+    )

@@ -1,0 +1,1 @@
+"""Parameters of afferents from observed rates: problem, search, choice, files."""

@@ -1,0 +1,188 @@
+"""A model study: drives fitted to the same rates, and judged on what they did not see.
+
+A case is a drive with a number of cells at a pre-indentation. Each is fitted to all
+sinusoids, and then without each frequency in turn, which is predicted; both again
+with other seeds.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from fembridge.errors import UsageError
+from fembridge.fitting.problem import fit_problem
+from fembridge.observed import ObservedRates
+from fembridge.response.response_map import ResponseMap
+from neural.agreement import Agreement, agreement
+from neural.cross_validation import Trial, cross_validate
+from neural.drive_table import DEFAULT_DRIVES, DRIVES, drive_named
+from neural.encoder import encode_cells
+from neural.parameters import PUBLISHED
+from neural.rate import mean_rate_ips
+from neural.search import EVALUATIONS
+from neural.sets import held_um
+
+PUBLISHED_DRIVE = "published"
+TABLE_2 = "Table 2"
+SEEDS = (1, 2, 3)
+
+# Pre-indentations at which the default drives are compared.
+_DEPTHS_UM = (0.0, 25.0, 50.0, 75.0, 100.0, 125.0, 150.0)
+_MANY_CELLS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One model of one class, and where the probe stands before time 0."""
+
+    drive: str
+    afferent: str
+    cells: int
+    preindent_um: float
+
+    @property
+    def free_parameters(self) -> int:
+        """How many parameters a fit searches."""
+        return len(drive_named(self.drive, self.afferent).free(self.cells))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What the seeds gave of one case."""
+
+    case: Case
+    trials: tuple[Trial, ...]
+
+    def median(self, measure: Callable[[Trial], float]) -> float:
+        """Give the median over seeds of a number of a trial."""
+        return float(np.median([measure(trial) for trial in self.trials]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelStudy:
+    """Findings in the order of their cases; `unfitted` is Table 2 as printed."""
+
+    findings: tuple[Finding, ...]
+    unfitted: dict[str, Agreement]
+    seeds: tuple[int, ...]
+    evaluations: int
+
+    def best(self, afferent: str) -> Finding:
+        """Give the finding with the smallest held-out error of a class."""
+        mine = [one for one in self.findings if one.case.afferent == afferent]
+        return min(mine, key=lambda one: one.median(held_out_rmse_ips))
+
+
+def fitted_rmse_ips(trial: Trial) -> float:
+    """RMSE over the stimuli of the fit."""
+    return trial.fitted.rmse_ips
+
+
+def held_out_rmse_ips(trial: Trial) -> float:
+    """RMSE over all stimuli, each predicted by a fit without its group."""
+    return trial.held_out.rmse_ips
+
+
+def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
+    """Give the cases of the whole study.
+
+    Every drive with its own cells, unheld and held; the default drives over a range
+    of pre-indentations, and with one cell; the published drive with many.
+    """
+    cases = [
+        Case(name, afferent, rows[afferent].cells, depth_um)
+        for depth_um in (0.0, held_um())
+        for name, rows in DRIVES.items()
+        for afferent in afferents
+        if afferent in rows
+    ]
+    for afferent in afferents:
+        name = DEFAULT_DRIVES[afferent]
+        cells = DRIVES[name][afferent].cells
+        cases += [Case(name, afferent, cells, depth_um) for depth_um in _DEPTHS_UM]
+        cases.append(Case(name, afferent, 1, held_um()))
+        cases += [
+            Case(PUBLISHED_DRIVE, afferent, _MANY_CELLS, depth_um)
+            for depth_um in (0.0, held_um())
+        ]
+    return tuple(dict.fromkeys(cases))
+
+
+def study_models(
+    observed: ObservedRates,
+    response: ResponseMap,
+    cases: Sequence[Case],
+    *,
+    seeds: Sequence[int] = SEEDS,
+    evaluations: int = EVALUATIONS,
+    jobs: int = 1,
+    on_finding: Callable[[Finding], None] = lambda finding: None,
+) -> ModelStudy:
+    """Fit and cross-validate every case; `jobs` processes share them.
+
+    Raises
+    ------
+    UsageError
+        No case or no seed, a seed below 0, or `jobs` below 1.
+    """
+    if not cases or not seeds or min(seeds) < 0:
+        raise UsageError(
+            f"{len(cases)} cases and seeds {list(seeds)}, expected one of each or more"
+        )
+    if jobs < 1:
+        raise UsageError(f"jobs is {jobs}, expected 1 or more")
+    finding_of = partial(_finding, observed, response, tuple(seeds), evaluations)
+    findings = []
+    with _Here() if jobs == 1 else ProcessPoolExecutor(jobs) as pool:
+        for finding in pool.map(finding_of, cases):
+            findings.append(finding)
+            on_finding(finding)
+    classes = dict.fromkeys(case.afferent for case in cases)
+    return ModelStudy(
+        findings=tuple(findings),
+        unfitted={name: _unfitted(observed, response, name) for name in classes},
+        seeds=tuple(seeds),
+        evaluations=evaluations,
+    )
+
+
+class _Here(Executor):
+    """Runs in this process what is asked of it, when its result is."""
+
+    map = staticmethod(map)  # type: ignore[assignment]
+
+
+def _finding(
+    observed: ObservedRates,
+    response: ResponseMap,
+    seeds: tuple[int, ...],
+    evaluations: int,
+    case: Case,
+) -> Finding:
+    problem = fit_problem(
+        observed,
+        response,
+        drive_named(case.drive, case.afferent),
+        preindent_um=case.preindent_um,
+        cells=case.cells,
+    )
+    return Finding(
+        case,
+        tuple(cross_validate(problem, seed, evaluations=evaluations) for seed in seeds),
+    )
+
+
+def _unfitted(
+    observed: ObservedRates, response: ResponseMap, afferent: str
+) -> Agreement:
+    """Judge Table 2 as it is printed, without pre-indentation."""
+    problem = fit_problem(observed, response, drive_named(PUBLISHED_DRIVE, afferent))
+    runs = encode_cells(problem.stress_pa, problem.dt_ms, PUBLISHED[afferent])
+    rates = [
+        mean_rate_ips(cells, window)
+        for cells, window in zip(runs, problem.windows_ms, strict=True)
+    ]
+    return agreement(problem.observed_ips, np.array(rates))

@@ -1,0 +1,80 @@
+"""Held-out error of every model of a study, a panel a class, the best on top."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fembridge.fitting.study import ModelStudy, fitted_rmse_ips, held_out_rmse_ips
+from fembridge.plots.palette import (
+    AFFERENT_COLOURS,
+    FAINT,
+    HAIR_PT,
+    INK,
+    PAGE_WIDTH_IN,
+    SMALL_TEXT_PT,
+    TEXT_PT,
+)
+from fembridge.plots.picture import make_plain, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ROW_IN = 0.17
+
+
+def draw_study(study: ModelStudy, path: Path) -> None:
+    """Draw into a file; its suffix chooses the format."""
+    save_figure(study_figure(study), path)
+
+
+def study_figure(study: ModelStudy) -> "Figure":
+    """Dots: RMSE on held-out frequencies, a dot a seed; ticks: on those fitted."""
+    from matplotlib.figure import Figure
+
+    classes = tuple(study.unfitted)
+    rows = [
+        sorted(
+            (one for one in study.findings if one.case.afferent == name),
+            key=lambda one: one.median(held_out_rmse_ips),
+        )
+        for name in classes
+    ]
+    height = 1.1 + _ROW_IN * max(map(len, rows))
+    figure = Figure(figsize=(PAGE_WIDTH_IN, height), layout="constrained")
+    panels = figure.subplots(1, len(classes), squeeze=False)[0]
+    for panel, name, findings in zip(panels, classes, rows, strict=True):
+        make_plain(panel)
+        for place, finding in enumerate(findings):
+            held = [held_out_rmse_ips(trial) for trial in finding.trials]
+            seen = [fitted_rmse_ips(trial) for trial in finding.trials]
+            panel.plot(
+                [min(seen), max(held)], [place] * 2, color=FAINT, linewidth=HAIR_PT
+            )
+            panel.plot(seen, [place] * len(seen), "|", color=INK, markersize=5)
+            panel.plot(
+                held,
+                [place] * len(held),
+                "o",
+                color=AFFERENT_COLOURS[name],
+                markersize=3.5,
+            )
+        panel.axvline(
+            study.unfitted[name].rmse_ips, color=INK, linewidth=HAIR_PT, dashes=(4, 3)
+        )
+        labels = [
+            f"{one.case.drive}, {one.case.cells}, {one.case.preindent_um:g}"
+            for one in findings
+        ]
+        panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT - 1)
+        panel.set_ylim(len(labels) - 0.4, -0.6)
+        panel.set_xlim(left=0)
+        panel.set_title(
+            name, color=AFFERENT_COLOURS[name], fontsize=TEXT_PT, fontweight="bold"
+        )
+        panel.set_xlabel("RMSE (impulses/s)", fontsize=TEXT_PT)
+    figure.suptitle(
+        "Rows: drive, cells, depth of the probe before time 0 (µm)\n"
+        "dots: frequencies left out of the fit;  ticks: all fitted;  "
+        "dashes: Table 2 as printed",
+        fontsize=TEXT_PT,
+    )
+    return figure

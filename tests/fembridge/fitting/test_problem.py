@@ -1,0 +1,78 @@
+"""What a fit minimises: groups, levels, windows, and the stress of the class."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from decks.stimuli.catalogue import CATALOGUE, resolve
+from decks.stimuli.waveform import make_stimulus
+from fembridge.errors import ParameterError
+from fembridge.fitting.judged_rates import JudgedRates
+from fembridge.fitting.problem import fit_problem, group_of, level_um
+from neural import drive_named
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "group", "level"),
+    [
+        ("sine_20_250", "20 Hz", 250.0),
+        ("diharm_10_50_50_20", "10+50 Hz", 50.0),
+        ("noise_5_25_30", "5-25 Hz", 30.0),
+    ],
+)
+def test_a_stimulus_is_in_the_group_of_its_frequencies(stimulus, group, level):
+    [entry] = resolve(stimulus)
+    assert group_of(entry) == group
+    assert level_um(entry) == level
+
+
+def test_the_catalogue_has_as_many_groups_as_the_appendix_has_sets():
+    count = {"sine": set(), "diharm": set(), "noise": set()}
+    for entry in CATALOGUE:
+        count[entry.family].add(group_of(entry))
+    assert count["sine"] == {"20 Hz", "50 Hz", "100 Hz", "300 Hz"}
+    assert len(count["diharm"]) == 4
+    assert len(count["noise"]) == 5
+
+
+def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response):
+    problem = fit_problem(
+        observed,
+        response,
+        drive_named("rising", "SA"),
+        families=("sine", "noise"),
+        preindent_um=75.0,
+    )
+    names, rate_ips = observed.of("SA")
+    kept = [k for k, name in enumerate(names) if not name.startswith("diharm")]
+    assert_array_equal(problem.observed_ips, rate_ips[kept])
+    for column, k in enumerate(kept):
+        [entry] = resolve(names[k])
+        stimulus = make_stimulus(entry, preindent_um=75.0)
+        trace = response.traces(stimulus)[0]
+        assert trace.afferent == "SA"
+        assert_array_equal(problem.stress_pa[:, column], trace.stress_pa)
+        assert problem.windows_ms[column] == stimulus.window_ms
+        assert problem.groups[column] == group_of(entry)
+
+
+def test_agreement_is_told_of_each_group_each_family_and_all():
+    entries = resolve(["sine_20_250,sine_20_128,sine_50_250,noise_5_25_30"])
+    judged = JudgedRates(entries, np.array([1, 2, 3, 4]), np.array([1, 4, 3, 4]), True)
+    told = [(row.family, row.group, row.agreement.rmse_ips) for row in judged.rows()]
+    assert told == [
+        ("sine", "20 Hz", pytest.approx(np.sqrt(2.0))),
+        ("sine", "50 Hz", 0.0),
+        ("sine", "all", pytest.approx(np.sqrt(4 / 3))),
+        ("noise", "5-25 Hz", 0.0),
+        ("noise", "all", 0.0),
+        ("all", "all", 1.0),
+    ]
+    assert_array_equal(judged.of_group("20 Hz").predicted_ips, [1, 4])
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_rates_that_are_not_one_a_stimulus_are_refused(count):
+    entries = resolve(["sine_20_250,sine_20_128"])
+    with pytest.raises(ParameterError, match="observed_ips of shape"):
+        JudgedRates(entries, np.zeros(count), np.zeros(2), seen=True)

@@ -1,0 +1,166 @@
+"""The picture of a fit: what is in each panel, and that nothing is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fembridge.errors import UsageError
+from fembridge.fitting.fit import fit_afferents
+from fembridge.fitting.settings import FitSettings
+from fembridge.plots.tradeoffs import (
+    draw_tradeoffs,
+    strongest_tradeoff,
+    tradeoffs_figure,
+)
+from neural import drive_named
+
+
+@pytest.fixture(scope="module")
+def run(observed, response):
+    drives = {
+        "RA": drive_named("one_sided", "RA"),
+        "SA": drive_named("rising", "SA"),
+    }
+    settings = FitSettings(evaluations=60, population=20)
+    return fit_afferents(observed, response, drives, settings)
+
+
+@pytest.fixture(scope="module")
+def figure(run):
+    return tradeoffs_figure(run)
+
+
+def drawn(figure):
+    """Lay the figure out, as saving it does."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return canvas.get_renderer()
+
+
+def test_a_row_a_class_and_a_panel_a_frequency(figure):
+    panels = figure.axes
+    assert len(panels) == 2 * (2 + 4)
+    titles = [panel.get_title() for panel in panels[:6]]
+    assert titles[2:] == ["20 Hz", "50 Hz", "100 Hz", "300 Hz"]
+
+
+def test_every_candidate_has_a_line_the_chosen_and_table_2_one_more(run, figure):
+    panels = figure.axes
+    for fit, panel in zip(run.fits, panels[::6], strict=True):
+        rmse_ips = np.sqrt(fit.front.errors_ips2)
+        *candidates, published, chosen = [
+            line.get_ydata() for line in panel.get_lines()
+        ]
+        assert_allclose(candidates, rmse_ips)
+        assert_allclose(chosen, rmse_ips[fit.choice.row])
+        away = fit.published.predicted_ips - fit.published.observed_ips
+        groups = np.array(fit.problem.groups)
+        expected = [
+            np.sqrt(np.mean(away[groups == name] ** 2))
+            for name in fit.problem.group_names
+        ]
+        assert_allclose(published, expected)
+        assert panel.get_ylim()[1] > max(rmse_ips.max(), *expected)
+
+
+def test_rates_stand_over_their_amplitudes(run, figure):
+    panels = figure.axes
+    for fit, row in zip(run.fits, (panels[2:6], panels[8:12]), strict=True):
+        for panel, name in zip(row, fit.problem.group_names, strict=True):
+            published, chosen, dots = panel.get_lines()
+            mine = fit.fitted.of_group(name)
+            amplitudes = [entry.amplitude_um for entry in mine.entries]
+            assert_array_equal(dots.get_xdata(), amplitudes)
+            assert_array_equal(dots.get_ydata(), mine.observed_ips)
+            assert_array_equal(chosen.get_ydata(), mine.predicted_ips)
+            table_2 = fit.published.of_group(name).predicted_ips
+            assert_array_equal(published.get_ydata(), table_2)
+            assert panel.get_ylim()[1] > mine.observed_ips.max()
+
+
+def test_the_ring_is_around_the_chosen_candidate_of_the_pair_that_is_named(run, figure):
+    panel, fit = figure.axes[7], run.fits[1]
+    first, second = strongest_tradeoff(fit.front.errors_ips2)
+    names = fit.problem.group_names
+    assert names[first] in panel.get_xlabel()
+    assert names[second] in panel.get_ylabel()
+    _, ring = panel.get_lines()
+    expected = np.sqrt(fit.front.errors_ips2[fit.choice.row, [first, second]])
+    assert_allclose(np.ravel(ring.get_xydata()), expected)
+
+
+def test_all_text_is_inside_the_picture(figure):
+    renderer = drawn(figure)
+    width, height = renderer.get_canvas_width_height()
+    box = figure.get_tightbbox(renderer)
+    assert box.x0 >= 0.0
+    assert box.y0 >= 0.0
+    assert box.x1 * figure.dpi <= width
+    assert box.y1 * figure.dpi <= height
+
+
+def test_classes_with_other_groups_leave_the_panels_of_the_others_empty(
+    observed, response
+):
+    rate_ips = observed.rate_ips.copy()
+    column = observed.afferents.index("SA")
+    fast = [name.startswith("sine_300") for name in observed.stimuli]
+    rate_ips[fast, column] = np.nan
+    partial = replace(observed, rate_ips=rate_ips)
+    drives = {name: drive_named("rising", name) for name in ("SA", "RA")}
+    settings = FitSettings(evaluations=20, population=20)
+    run = fit_afferents(partial, response, drives, settings)
+    panels = tradeoffs_figure(run).axes
+    assert [panel.axison for panel in panels[:6]] == [True] * 5 + [False]
+    assert all(panel.axison for panel in panels[6:])
+
+
+def test_one_group_has_nothing_to_trade(observed, response):
+    rows = [name.startswith("sine_20_") for name in observed.stimuli]
+    slow = replace(
+        observed,
+        stimuli=tuple(
+            s for s, kept in zip(observed.stimuli, rows, strict=True) if kept
+        ),
+        rate_ips=observed.rate_ips[rows],
+    )
+    settings = FitSettings(evaluations=20, population=20)
+    run = fit_afferents(slow, response, {"RA": drive_named("rising", "RA")}, settings)
+    panels = tradeoffs_figure(run).axes
+    assert [panel.axison for panel in panels] == [True, False, True]
+
+
+def test_the_same_run_gives_the_same_bytes_and_an_odd_suffix_none(run, tmp_path):
+    alone = replace(run, fits=run.fits[:1], asked=run.asked[:1])
+    draw_tradeoffs(alone, tmp_path / "a.svg")
+    draw_tradeoffs(alone, tmp_path / "b.svg")
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    with pytest.raises(UsageError, match="cannot draw"):
+        draw_tradeoffs(run, tmp_path / "a.docx")
+
+
+def test_the_strongest_trade_off_is_between_the_groups_that_rank_opposite():
+    errors = np.array([[1.0, 1.0, 9.0], [2.0, 3.0, 5.0], [3.0, 2.0, 1.0]])
+    assert strongest_tradeoff(errors) == (0, 2)
+
+
+@given(
+    errors=arrays(np.float64, (6, 4), elements=st.floats(0.0, 1e4), unique=True),
+    power=st.sampled_from([0.5, 2.0]),
+)
+def test_the_strongest_trade_off_is_the_same_in_any_rising_scale(errors, power):
+    from scipy.stats import spearmanr
+
+    first, second = strongest_tradeoff(errors)
+    alike = spearmanr(errors).statistic
+    least = alike[~np.eye(4, dtype=bool)].min()
+    assert alike[first, second] == pytest.approx(least)
+    squeezed = np.argsort(np.argsort(errors, axis=0), axis=0) ** power
+    assert strongest_tradeoff(squeezed) == (first, second)

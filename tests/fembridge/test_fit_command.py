@@ -1,0 +1,386 @@
+"""The verb ``fit``: files, words, exit codes; what is kept after an interrupt."""
+
+import argparse
+import csv
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
+from fembridge.cli import main
+from fembridge.commands import fit
+from fembridge.errors import ParameterError, ResponseError, TableError, UsageError
+from fembridge.fitting.search_bar import SearchBar
+from fembridge.response.map_file import read_map
+from fembridge.response.stored import FOLDER
+from fembridge.tables import Rate, read_rates, write_rates
+from neural import DRIVES, PUBLISHED, encode_cells, rate_ips, read_parameter_set
+from neural.choice import RULES
+from neural.search import POPULATION
+
+RATES = {
+    "sine_20_67.07": (4.0, 22.0),
+    "sine_20_129.49": (12.0, 33.0),
+    "sine_20_250": (24.0, 50.0),
+    "sine_50_113.6": (15.0, 70.0),
+    "sine_50_250": (45.0, 100.0),
+    "sine_100_85.98": (8.0, 110.0),
+    "sine_100_200": (48.0, 160.0),
+    "noise_5_25_50": (9.0, 20.0),
+}
+SHORT = ("--evaluations", "40", "--population", "20")
+REAL = Path(__file__).parents[3] / "shared/data/observed_sine_rates.csv"
+FILES = ["fitted.toml", "fitted_rates.csv", "pareto_RA.csv", "pareto_SA.csv"]
+PICTURE = "tradeoffs.png"
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser(prog="fembridge fit")
+    fit.add_arguments(parser)
+    parser.add_argument("--json", action="store_true")
+    return parser.parse_args([str(word) for word in words])
+
+
+@pytest.fixture
+def observed(tmp_path):
+    """Write rates of SA and RA that someone may have observed."""
+    path = tmp_path / "rates.csv"
+    write_rates(
+        path,
+        [
+            Rate(stimulus, name, rate)
+            for stimulus, both in RATES.items()
+            for name, rate in zip(("SA", "RA"), both, strict=True)
+        ],
+    )
+    return path
+
+
+@pytest.fixture
+def call(tmp_path, observed):
+    """Run the verb on these rates into a folder ``out``; give its summary."""
+
+    def run(*words):
+        args = parse("--observed", observed, "-o", tmp_path / "out", *SHORT, *words)
+        return fit.run(args)
+
+    return run
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Put an empty file in the place of the picture: drawing takes seconds."""
+    from fembridge.plots import tradeoffs
+
+    monkeypatch.setattr(tradeoffs, "draw_tradeoffs", lambda run, path: path.touch())
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def record(tmp_path):
+    return tomllib.loads((tmp_path / "out/fitted.toml").read_text(encoding="utf-8"))
+
+
+def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, capsys):
+    summary = call()
+    assert sorted(contents(tmp_path / "out")) == [*FILES, PICTURE]
+    assert (tmp_path / "out" / PICTURE).read_bytes().startswith(b"\x89PNG")
+    assert summary["exit_code"] == 0
+    assert summary["finished"]
+    assert sorted(summary["files"]) == [*FILES, PICTURE]
+    streams = capsys.readouterr()
+    assert re.fullmatch(
+        r"SA, drive rising: 40 evaluations in .* ips\n"
+        r"RA, drive rising: 40 evaluations in .* ips\n",
+        streams.err,
+    )
+    assert "noise, all, unseen" in streams.out
+    assert "chosen: candidate 1, smallest RMSE over all 7 stimuli" in streams.out
+
+
+def test_the_file_of_parameters_gives_the_rates_that_are_told(call, tmp_path, undrawn):
+    """Read back, and worked out by the encoder apart from the fit."""
+    call()
+    found = read_parameter_set(tmp_path / "out/fitted.toml")
+    assert found.name == "fit"
+    assert found.preindent_um == 75.0
+    assert found.parameters["PC"] == PUBLISHED["PC"]
+    told = read_rates(tmp_path / "out/fitted_rates.csv")
+    assert [(one.stimulus, one.afferent) for one in told] == [
+        (stimulus, name) for name in ("SA", "RA") for stimulus in RATES
+    ]
+    response = read_map(FOLDER / "quick.toml")
+    expected = []
+    for one in told:
+        stimulus = make_stimulus(resolve(one.stimulus)[0], preindent_um=75.0)
+        [trace] = [t for t in response.traces(stimulus) if t.afferent == one.afferent]
+        parameters = found.parameters[one.afferent]
+        [cells] = encode_cells(trace.stress_pa[:, None], 0.5, parameters)
+        expected.append(np.mean([rate_ips(x, stimulus.window_ms) for x in cells]))
+    assert_allclose([one.rate_ips for one in told], expected, rtol=1e-12)
+    assert max(expected) > 10.0
+
+
+def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(
+    call, tmp_path, undrawn
+):
+    call("--rule", "frequency_response")
+    found = record(tmp_path)
+    for name in ("SA", "RA"):
+        rows = table(tmp_path / f"out/pareto_{name}.csv")
+        [chosen] = [row for row in rows if row["chosen"] == "yes"]
+        told = found["fit"][name]
+        assert int(chosen["candidate"]) == told["candidate"]
+        assert len(rows) == told["front_size"]
+        assert len(told["free"]) == told["free_parameters"]
+        for field, free in told["free"].items():
+            assert float(chosen[field]) == found[name][field]
+            assert free["low"] <= found[name][field] <= free["high"]
+        totals = [float(row["rmse_all_ips"]) for row in rows]
+        assert totals == sorted(totals)
+        groups = [float(chosen[f"rmse_{hz}_Hz_ips"]) for hz in (20, 50, 100)]
+        weighed = np.average(np.square(groups), weights=[3, 2, 2])
+        assert_allclose(float(chosen["rmse_all_ips"]), np.sqrt(weighed), rtol=1e-12)
+
+
+def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(
+    call, tmp_path, observed, undrawn
+):
+    import hashlib
+
+    call("--seed", "5")
+    told = record(tmp_path)["fit"]
+    assert told["finished"] is True
+    assert (told["seed"], told["evaluations"], told["population"]) == (5, 40, 20)
+    assert told["rule"] == "smallest_error"
+    digest = hashlib.sha256(observed.read_bytes()).hexdigest()
+    assert told["observed"] == {"file": "rates.csv", "sha256": digest}
+    stored = (FOLDER / "quick.toml").read_bytes()
+    assert told["response"]["sha256"] == hashlib.sha256(stored).hexdigest()
+    assert told["response"]["finger"] == "quick"
+    assert set(told["versions"]) == {"fembridge", "numpy", "pymoo"}
+    assert told["SA"]["equation"] == DRIVES["rising"]["SA"].equation
+    counts = told["SA"]["observed_rates"]
+    assert counts["fitted"] == {"20 Hz": 3, "50 Hz": 2, "100 Hz": 2}
+    assert counts["unseen"] == {"5-25 Hz": 1}
+    seen = {(row["group"], row["seen"]) for row in told["RA"]["agreement"]}
+    assert {("20 Hz", True), ("5-25 Hz", False)} < seen
+    text = (tmp_path / "out/fitted.toml").read_text(encoding="utf-8")
+    assert str(tmp_path) not in text
+
+
+def test_the_same_seed_gives_the_same_bytes(call, tmp_path):
+    call("--afferent", "RA")
+    first = contents(tmp_path / "out")
+    call("--afferent", "RA")
+    assert contents(tmp_path / "out") == first
+    assert PICTURE in first
+
+
+def test_another_seed_gives_another_front(call, tmp_path, undrawn):
+    call("--afferent", "RA")
+    first = contents(tmp_path / "out")
+    call("--afferent", "RA", "--seed", "2")
+    assert contents(tmp_path / "out")["pareto_RA.csv"] != first["pareto_RA.csv"]
+
+
+def test_an_interrupt_keeps_the_best_so_far_and_says_so(
+    call, tmp_path, monkeypatch, capsys
+):
+    heard = []
+
+    def stop(self, afferent, progress):
+        heard.append(progress.evaluations)
+        if len(heard) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(SearchBar, "__call__", stop)
+    summary = call("--evaluations", "400")
+    assert summary["exit_code"] == 130
+    assert not summary["finished"]
+    assert sorted(contents(tmp_path / "out")) == [
+        *(name for name in FILES if name != "pareto_RA.csv"),
+        PICTURE,
+    ]
+    told = record(tmp_path)["fit"]
+    assert told["finished"] is False
+    assert told["SA"]["finished"] is False
+    assert told["SA"]["evaluations"] == 40
+    assert told["afferents"] == ["SA"]
+    assert told["left_out"] == ["RA"]
+    assert told["source"].endswith("interrupted")
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "interrupted: the best so far of SA is kept, finished = false"
+
+
+def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(
+    call, tmp_path, undrawn
+):
+    call()
+    (tmp_path / "out/mine.txt").write_text("mine")
+    call("--afferent", "SA")
+    names = [name for name in FILES if name != "pareto_RA.csv"]
+    assert sorted(contents(tmp_path / "out")) == sorted([*names, "mine.txt", PICTURE])
+
+
+def test_json_is_all_that_stdout_holds(call, capsys, undrawn):
+    from fembridge.cli import _strict
+
+    summary = call("--json", "--afferent", "RA")
+    assert capsys.readouterr().out == ""
+    found = json.loads(json.dumps(_strict(summary), allow_nan=False))
+    told = found["afferents"]["RA"]
+    assert told["parameters"]["drive"] == "rising"
+    assert told["evaluations"] == 40
+    assert {row["group"] for row in told["agreement"]} >= {"20 Hz", "all"}
+
+
+def test_all_families_can_be_fitted_and_then_none_is_unseen(call, tmp_path, undrawn):
+    call("--family", "all", "--afferent", "SA")
+    told = record(tmp_path)["fit"]
+    assert told["families"] == ["sine", "diharm", "noise"]
+    assert list(told["SA"]["observed_rates"]) == ["fitted"]
+    assert told["SA"]["observed_rates"]["fitted"]["5-25 Hz"] == 1
+    header = table(tmp_path / "out/pareto_SA.csv")[0]
+    assert "rmse_5-25_Hz_ips" in header
+
+
+def test_the_published_drive_is_fitted_without_pre_indentation(call, tmp_path, undrawn):
+    call("--drive", "published", "--afferent", "SA")
+    found = record(tmp_path)
+    assert found["preindent_um"] == 0.0
+    assert found["name"] == "fit_published"
+    assert found["SA"]["drive"] == "published"
+    call("--drive", "published", "--afferent", "SA", "--preindent-um", "30")
+    assert record(tmp_path)["preindent_um"] == 30.0
+
+
+def test_more_cells_bring_a_spread_to_search(call, tmp_path, undrawn):
+    call("--drive", "rate", "--cells", "3", "--afferent", "RA")
+    found = record(tmp_path)
+    assert found["RA"]["cells"] == 3
+    assert "spread" in found["fit"]["RA"]["free"]
+
+
+def test_a_drive_of_one_class_leaves_the_others_out_and_tells(call, capsys, undrawn):
+    summary = call("--drive", "rate")
+    assert list(summary["afferents"]) == ["RA"]
+    assert summary["notes"][0] == "SA left out: drive 'rate' is of RA"
+    with pytest.raises(ParameterError, match="no drive 'rate' for SA"):
+        call("--drive", "rate", "--afferent", "SA")
+
+
+def test_an_unknown_drive_is_refused_with_the_list(call):
+    with pytest.raises(UsageError, match="drive 'risin', expected one of published, "):
+        call("--drive", "risin")
+
+
+def test_drive_list_tells_of_every_drive_and_needs_no_rates(capsys):
+    with pytest.raises(SystemExit) as stop:
+        parse("--drive", "list")
+    assert stop.value.code == 0
+    told = capsys.readouterr().out
+    for name, rows in DRIVES.items():
+        for afferent, drive in rows.items():
+            start = told.index(f"{name}, {afferent}")
+            words = " ".join(told[start:].partition("\n\n")[0].split())
+            assert drive.equation in words
+            assert drive.reason in words
+            for one in drive.free():
+                assert f"{one.field} {one.low:g} to {one.high:g}" in words
+
+
+def test_the_help_tells_every_rule_and_that_rates_are_needed(capsys):
+    with pytest.raises(SystemExit):
+        parse("--help")
+    told = " ".join(capsys.readouterr().out.split())
+    for name, sentence in RULES.items():
+        assert f"{name}: {sentence}" in told
+    with pytest.raises(SystemExit) as stop:
+        parse()
+    assert stop.value.code == 2
+
+
+def test_a_class_that_was_not_observed_is_refused(call, tmp_path):
+    with pytest.raises(UsageError, match="no observed rates of 'PC', only of SA, RA"):
+        call("--afferent", "PC")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_line_has_the_verb_and_tells_an_error_in_a_line(observed, capsys):
+    assert main(["fit", "--drive", "list"]) == 0
+    assert capsys.readouterr().out.startswith("published, SA")
+    assert main(["fit", "--observed", str(observed), "--evaluations", "5"]) == 2
+    streams = capsys.readouterr()
+    assert streams.out == ""
+    assert streams.err == (
+        f"fembridge: 5 evaluations, expected at least one population of {POPULATION}\n"
+    )
+
+
+def test_a_missing_rate_is_refused_unless_allowed(call, observed, tmp_path, undrawn):
+    lines = observed.read_text().splitlines(keepends=True)
+    observed.write_text("".join(lines[:-1]))
+    with pytest.raises(TableError, match=r"noise_5_25_50 has a rate of SA here"):
+        call()
+    call("--allow-missing")
+    counts = record(tmp_path)["fit"]
+    assert "unseen" in counts["SA"]["observed_rates"]
+    assert "unseen" not in counts["RA"]["observed_rates"]
+
+
+def test_an_own_response_is_taken_from_where_simulate_keeps_it(call, tmp_path, undrawn):
+    kept = tmp_path / "simulated/response"
+    kept.mkdir(parents=True)
+    stored = (FOLDER / "paper.toml").read_bytes()
+    (kept / "response.toml").write_bytes(stored)
+    by_word = {}
+    for word in (tmp_path / "simulated", kept, kept / "response.toml"):
+        call("--response", word, "--afferent", "SA")
+        by_word[word] = contents(tmp_path / "out")
+        told = record(tmp_path)["fit"]["response"]
+        assert (told["source"], told["finger"]) == ("solved response", "paper")
+    first, *others = by_word.values()
+    assert all(each == first for each in others)
+    call("--finger", "paper", "--afferent", "SA")
+    again = contents(tmp_path / "out")
+    assert again["pareto_SA.csv"] == first["pareto_SA.csv"]
+
+
+def test_a_folder_without_a_response_is_refused(call, tmp_path):
+    with pytest.raises(ResponseError, match=r"no response\.toml here nor in response/"):
+        call("--response", tmp_path)
+    with pytest.raises(ResponseError, match=r"absent\.toml: not readable"):
+        call("--response", tmp_path / "absent.toml")
+
+
+def test_a_response_and_a_finger_together_are_misuse(capsys):
+    with pytest.raises(SystemExit) as stop:
+        parse("--observed", "x", "--finger", "quick", "--response", "y")
+    assert stop.value.code == 2
+
+
+def test_the_observed_sinusoids_are_followed_better_than_by_table_2(tmp_path, undrawn):
+    if not REAL.is_file():
+        pytest.skip(f"no {REAL.name}: observed rates are not distributed")
+    words = ("--evaluations", "500", "--population", "100")
+    summary = fit.run(parse("--observed", REAL, "-o", tmp_path / "out", *words))
+    for name in ("SA", "RA", "PC"):
+        told = summary["afferents"][name]
+        [total] = [row for row in told["agreement"] if row["group"] == "all"]
+        assert total["count"] == 37
+        assert total["r_squared"] > 0.85
+        assert total["rmse_ips"] < told["published"]["rmse_ips"]
