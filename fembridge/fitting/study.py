@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -136,7 +137,9 @@ def study_models(
         raise UsageError(f"jobs is {jobs}, expected 1 or more")
     finding_of = partial(_finding, observed, response, tuple(seeds), evaluations)
     findings = []
-    with _Here() if jobs == 1 else ProcessPoolExecutor(jobs) as pool:
+    # Forking would copy the threads of whoever calls.
+    spawn = get_context("spawn")
+    with _Here() if jobs == 1 else ProcessPoolExecutor(jobs, spawn) as pool:
         for finding in pool.map(finding_of, cases):
             findings.append(finding)
             on_finding(finding)

@@ -1,0 +1,144 @@
+"""The model study: cases, findings, their files, and the verb."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+from fembridge.cli import main
+from fembridge.errors import UsageError
+from fembridge.fitting.response_source import stored_source
+from fembridge.fitting.study import (
+    Case,
+    default_cases,
+    held_out_rmse_ips,
+    study_models,
+)
+from fembridge.fitting.study_files import cases_text, summary_text
+from fembridge.observed import read_observed
+from fembridge.tables import Rate, write_rates
+from neural.drive_table import DRIVES
+from neural.sets import held_um
+
+STIMULI = ("sine_20_100", "sine_20_250", "sine_50_100", "sine_50_250")
+SHORT = {"evaluations": 200, "seeds": (1, 2)}
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Rates that go with amplitude and frequency, of RA and PC."""
+    path = tmp_path_factory.mktemp("observed") / "rates.csv"
+    rates = [
+        Rate(name, afferent, gain * float(name.split("_")[2]) / 10)
+        for name in STIMULI
+        for afferent, gain in (("RA", 1.0), ("PC", 2.0))
+    ]
+    write_rates(path, rates)
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(table):
+    cases = [Case("published", "RA", 1, 0.0), Case("rising", "RA", 2, 50.0)]
+    response = stored_source("quick").response
+    return study_models(read_observed(table), response, cases, **SHORT)
+
+
+def test_each_case_has_a_trial_a_seed(made):
+    assert [finding.case.drive for finding in made.findings] == ["published", "rising"]
+    for finding in made.findings:
+        assert [trial.seed for trial in finding.trials] == [1, 2]
+        assert {trial.held_out_ips.shape for trial in finding.trials} == {(4,)}
+        held = [trial.held_out.rmse_ips for trial in finding.trials]
+        assert finding.median(held_out_rmse_ips) == np.median(held)
+    assert set(made.unfitted) == {"RA"}
+
+
+def test_the_best_case_has_the_smallest_held_out_error(made):
+    errors = [finding.median(held_out_rmse_ips) for finding in made.findings]
+    assert made.best("RA") is made.findings[int(np.argmin(errors))]
+
+
+def test_the_table_has_a_row_a_case_and_seed(made):
+    rows = list(csv.DictReader(io.StringIO(cases_text(made))))
+    assert [(row["drive"], row["cells"], row["seed"]) for row in rows] == [
+        ("published", "1", "1"),
+        ("published", "1", "2"),
+        ("rising", "2", "1"),
+        ("rising", "2", "2"),
+    ]
+    assert rows[0]["free_parameters"] == "3"
+    assert rows[2]["parameters"].startswith("tau_ms=")
+    trial = made.findings[1].trials[0]
+    assert float(rows[2]["held_out_rmse_ips"]) == pytest.approx(
+        trial.held_out.rmse_ips, abs=1e-3
+    )
+
+
+def test_the_summary_ends_with_the_paper_s_parameters_as_printed(made):
+    lines = summary_text(made).splitlines()
+    assert lines[0] == "### RA"
+    assert "published, Table 2 as printed" in lines[-1]
+    assert len([line for line in lines if line.startswith("| ")]) == 4
+
+
+def test_the_whole_study_has_every_drive_unheld_and_held():
+    cases = default_cases(("SA", "RA", "PC"))
+    found = {(case.drive, case.afferent, case.preindent_um) for case in cases}
+    for name, rows in DRIVES.items():
+        for afferent in rows:
+            assert {(name, afferent, 0.0), (name, afferent, held_um())} <= found
+    assert len(cases) == len(set(cases))
+
+
+def test_two_processes_find_what_one_finds(table, made):
+    cases = [finding.case for finding in made.findings]
+    response = stored_source("quick").response
+    again = study_models(read_observed(table), response, cases, jobs=2, **SHORT)
+    assert cases_text(again) == cases_text(made)
+
+
+@pytest.mark.parametrize(
+    ("cases", "words", "message"),
+    [
+        ([], {}, "0 cases"),
+        ([Case("rising", "RA", 1, 0.0)], {"seeds": ()}, r"seeds \[\]"),
+        ([Case("rising", "RA", 1, 0.0)], {"jobs": 0}, "jobs is 0"),
+    ],
+)
+def test_what_is_no_study_is_refused(table, cases, words, message):
+    with pytest.raises(UsageError, match=message):
+        study_models(
+            read_observed(table), stored_source("quick").response, cases, **words
+        )
+
+
+def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
+    words = ["study", "--observed", str(table), "--drive", "sharp", "rate"]
+    short = [
+        "--evaluations",
+        "200",
+        "--seeds",
+        "1",
+        "--json",
+        "-o",
+        str(tmp_path / "s"),
+    ]
+    assert main([*words, *short]) == 0
+
+    told = json.loads(capsys.readouterr().out)
+    assert told["cases"] == 2
+    assert set(told["best"]) == {"RA", "PC"}
+    assert sorted(path.name for path in (tmp_path / "s").iterdir()) == [
+        "study.csv",
+        "study.md",
+        "study.png",
+    ]
+
+
+def test_an_unknown_drive_is_misuse(table, tmp_path, capsys):
+    words = ["study", "--observed", str(table), "--drive", "shrap", "-o", str(tmp_path)]
+    assert main(words) == 2
+    assert "drive 'shrap', expected one of published" in capsys.readouterr().err
