@@ -64,6 +64,11 @@ class Sine:
         return LONG_WINDOW_MS if slow else SHORT_WINDOW_MS
 
     @property
+    def level_um(self) -> float:
+        """How strong it is within its set."""
+        return self.amplitude_um
+
+    @property
     def in_appendix(self) -> bool:
         """Whether the paper lists this stimulus."""
         return self.amplitude_um in SINE_AMPLITUDES_UM.get(self.frequency_hz, ())
@@ -95,6 +100,11 @@ class Diharmonic:
         """Name that tells all of the stimulus."""
         numbers = tuple(self.numbers().values())
         return _id(self.family, *(numbers[:3] if self.in_appendix else numbers))
+
+    @property
+    def level_um(self) -> float:
+        """How strong it is within its set."""
+        return self.amplitude1_um
 
     @property
     def in_appendix(self) -> bool:
@@ -148,6 +158,11 @@ class Noise:
     def seed(self) -> int:
         """Seed of the noise unless another is asked for: CRC-32 of the id."""
         return zlib.crc32(self.id.encode("ascii"))
+
+    @property
+    def level_um(self) -> float:
+        """How strong it is within its set."""
+        return self.rms_um
 
     @property
     def in_appendix(self) -> bool:

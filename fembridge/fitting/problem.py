@@ -31,17 +31,6 @@ def group_of(entry: Entry) -> str:
             return f"{numbers[0]}-{numbers[1]} Hz"
 
 
-def level_um(entry: Entry) -> float:
-    """Give what tells the strength of a stimulus in its group: amplitude or RMS."""
-    match entry:
-        case Sine():
-            return entry.amplitude_um
-        case Diharmonic():
-            return entry.amplitude1_um
-        case Noise():
-            return entry.rms_um
-
-
 def observed_entries(
     observed: ObservedRates, afferent: str, families: Sequence[str] = FAMILIES
 ) -> tuple[Entry, ...]:

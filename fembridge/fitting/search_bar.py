@@ -5,6 +5,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from fembridge.bars import start_bars
 from neural.search import Progress
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class SearchBar:
         if not self._shows or perf_counter() - self._start_s < PATIENCE_S:
             return
         if self._bars is None:
-            self._bars = _start_bars()
+            self._bars = start_bars()
         told = words_of(progress)
         if afferent not in self._rows:
             self._rows[afferent] = self._bars.add_task(
@@ -66,19 +67,3 @@ def words_of(progress: Progress) -> str:
         f"{progress.evaluations}/{progress.of} evaluations, front of "
         f"{progress.front_size}, best RMSE {progress.least_rmse_ips:.3g} ips"
     )
-
-
-def _start_bars() -> "rich.progress.Progress":
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-
-    bars = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[told]}", markup=False),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    bars.start()
-    return bars

@@ -6,7 +6,6 @@ import numpy as np
 
 from fembridge.fitting.fit import Fit
 from fembridge.fitting.judged_rates import JudgedRates
-from fembridge.fitting.problem import level_um
 from fembridge.plots.palette import HAIR_PT, INK, LINE_PT, SMALL_TEXT_PT
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
             (fit.fitted, CHOSEN_STYLE),
         ):
             mine = judged.of_group(name)
-            levels = np.array([level_um(entry) for entry in mine.entries])
+            levels = np.array([entry.level_um for entry in mine.entries])
             order = levels.argsort(kind="stable")
             panel.plot(levels[order], mine.predicted_ips[order], **style)
         panel.plot(levels, mine.observed_ips, **OBSERVED_STYLE)

@@ -5,6 +5,7 @@ import threading
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from fembridge.bars import start_bars
 from fembridge.solvers.watchdog import Progress
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class ProgressBars:
 
     def _show(self, progress: Progress) -> None:
         if self._bars is None:
-            self._bars = _start_bars()
+            self._bars = start_bars()
         name = str(progress.folder)
         if name not in self._rows:
             short = (
@@ -88,19 +89,3 @@ def words_of(progress: Progress) -> str:
         f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
     )
     return f"{told}, {clock} left"
-
-
-def _start_bars() -> "rich.progress.Progress":
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-
-    bars = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[told]}", markup=False),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    bars.start()
-    return bars

@@ -28,7 +28,7 @@ class StimulusSet:
     @property
     def level_um(self) -> tuple[float, ...]:
         """Level of each of its stimuli."""
-        return tuple(level_um(entry) for entry in self.entries)
+        return tuple(entry.level_um for entry in self.entries)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +46,6 @@ class Family:
     def stimuli(self) -> tuple[str, ...]:
         """Ids of all its stimuli, set after set."""
         return tuple(id_ for one in self.sets for id_ in one.stimuli)
-
-
-def level_um(entry: Entry) -> float:
-    """Give the number that says how strong a stimulus is within its set."""
-    match entry:
-        case Sine():
-            return entry.amplitude_um
-        case Diharmonic():
-            return entry.amplitude1_um
-        case Noise():
-            return entry.rms_um
 
 
 def _title(entry: Entry) -> str:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
-from fembridge.validation.family import FAMILIES, level_um
+from fembridge.validation.family import FAMILIES
 from fembridge.validation.long_table import LongTable
 from fembridge.validation.repeat_raster import repeated_trains
 from fembridge.validation.study import Study
@@ -61,7 +61,7 @@ def _rates(study: Study) -> LongTable:
                                     float(rate),
                                     family.name,
                                     one.name,
-                                    level_um(entry),
+                                    entry.level_um,
                                 )
                             )
     columns = (

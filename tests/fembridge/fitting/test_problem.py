@@ -8,7 +8,7 @@ from decks.stimuli.catalogue import CATALOGUE, resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import ParameterError
 from fembridge.fitting.judged_rates import JudgedRates
-from fembridge.fitting.problem import fit_problem, group_of, level_um
+from fembridge.fitting.problem import fit_problem, group_of
 from neural import drive_named
 
 
@@ -23,7 +23,7 @@ from neural import drive_named
 def test_a_stimulus_is_in_the_group_of_its_frequencies(stimulus, group, level):
     [entry] = resolve(stimulus)
     assert group_of(entry) == group
-    assert level_um(entry) == level
+    assert entry.level_um == level
 
 
 def test_the_catalogue_has_as_many_groups_as_the_appendix_has_sets():

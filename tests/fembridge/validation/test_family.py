@@ -1,7 +1,7 @@
 """The families: every stimulus of the catalogue once, in the panels of the paper."""
 
 from decks.stimuli.catalogue import CATALOGUE
-from fembridge.validation.family import FAMILIES, level_um
+from fembridge.validation.family import FAMILIES
 
 
 def test_every_stimulus_of_the_catalogue_is_in_one_set_of_one_family():
@@ -27,4 +27,4 @@ def test_panels_are_titled_as_in_the_paper():
 
 def test_the_level_is_the_number_that_the_id_ends_in():
     for entry in CATALOGUE:
-        assert float(entry.id.rpartition("_")[2]) == level_um(entry)
+        assert float(entry.id.rpartition("_")[2]) == entry.level_um
