@@ -177,8 +177,8 @@ def checked_stress(stress_pa: ArrayLike) -> FloatArray:
             f"stress of shape {stress.shape}, expected (T,) or (T, condition) "
             "with two samples or more"
         )
-    bad = np.argwhere(~np.isfinite(stress))
-    if bad.size:
+    if not np.isfinite(stress).all():
+        bad = np.argwhere(~np.isfinite(stress))
         place = "".join(
             f"{name} {row}"
             for name, row in zip(("sample", ", condition"), bad[0], strict=False)

@@ -88,14 +88,14 @@ def spike_times_of(
     TraceError
         Batches of unequal length.
     """
-    rows = {len(batch.current) for batch in batches}
-    if len(rows) != 1:
-        raise TraceError(f"stress of {len(rows)} lengths, expected one time axis")
+    lengths = {len(batch.current) for batch in batches}
+    if len(lengths) != 1:
+        raise TraceError(f"stress of {len(lengths)} lengths, expected one time axis")
 
     def all_of(name: str) -> FloatArray:
         return np.concatenate([getattr(batch, name) for batch in batches])
 
-    fired = fire(
+    rows, columns = fire(
         np.concatenate([batch.current for batch in batches], axis=1),
         all_of("decay"),
         all_of("threshold"),
@@ -103,23 +103,17 @@ def spike_times_of(
         np.concatenate([batch.floored for batch in batches]),
         adaptation=_adaptation(batches),
     )
-    return _times_ms(fired, batches[0].step_ms, start_ms)
+    # The step that row k feeds ends at sample k + 1.
+    times_ms = np.asarray(start_ms + (rows + 1.0) * batches[0].step_ms)
+    count = sum(batch.decay.size for batch in batches)
+    ends = np.searchsorted(columns, np.arange(1, count + 1)).tolist()
+    return [times_ms[first:end] for first, end in zip([0, *ends], ends, strict=False)]
 
 
 def _adaptation(batches: Sequence[Membranes]) -> tuple[FloatArray, FloatArray] | None:
     jump = np.concatenate([batch.jump for batch in batches])
     kept = np.concatenate([batch.kept for batch in batches])
     return (jump, kept) if jump.any() else None
-
-
-def _times_ms(fired: BoolArray, step_ms: float, start_ms: float) -> list[FloatArray]:
-    """Give the times of each column; the step that row k feeds ends at sample k + 1."""
-    rows, columns = np.divmod(np.flatnonzero(fired.reshape(-1)), fired.shape[1])
-    order = np.argsort(columns, kind="stable")
-    rows, columns = rows[order], columns[order]
-    times_ms = np.asarray(start_ms + (rows + 1.0) * step_ms, dtype=np.float64)
-    ends = np.searchsorted(columns, np.arange(1, fired.shape[1] + 1)).tolist()
-    return [times_ms[first:end] for first, end in zip([0, *ends], ends, strict=False)]
 
 
 def filtered_stress(

@@ -41,7 +41,8 @@ def test_all_membranes_fire_when_each_of_them_does(seed, rows, count, adaptive):
         ):
             values.append(value)
 
-    fired = fire(
+    fired = np.zeros((rows, count), dtype=bool)
+    places = fire(
         current.copy(),
         np.array(decay),
         np.array(threshold),
@@ -49,7 +50,10 @@ def test_all_membranes_fire_when_each_of_them_does(seed, rows, count, adaptive):
         floored,
         (np.array(jump), np.array(kept)) if adaptive else None,
     )
+    fired[places] = True
 
+    assert places[0].size == fired.sum()
+    assert (np.diff(places[1]) >= 0).all()
     for k in range(count):
         expected = integrate(
             current[:, k],
