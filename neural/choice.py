@@ -43,10 +43,15 @@ def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> C
     ParameterError
         No such rule.
     """
-    if rule not in _RULES:
-        raise ParameterError(f"rule {rule!r}, expected one of {', '.join(_RULES)}")
+    check_rule(rule)
     row, why = _RULES[rule].take(problem, front)
     return Choice(row, rule, why)
+
+
+def check_rule(rule: str) -> None:
+    """Refuse a name that is not in `RULES`, with a `ParameterError`."""
+    if rule not in _RULES:
+        raise ParameterError(f"rule {rule!r}, expected one of {', '.join(_RULES)}")
 
 
 def _smallest_error(problem: FitProblem, front: Front) -> tuple[int, str]:

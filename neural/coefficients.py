@@ -60,12 +60,26 @@ class Coefficients:
                 saturation(x, half)
                 for x, half in zip(filtered, self.halves, strict=True)
             ]
-            total = shares[0] if len(shares) == 1 else shares[0] + shares[1]
-            return np.asarray(np.multiply(self.alpha_mv_per_ms, total))
+            return np.asarray(
+                np.multiply(self.alpha_mv_per_ms, sum(shares[1:], shares[0]))
+            )
         parts = [gain * x for x, gain in zip(filtered, self.gains(), strict=True)]
-        return np.asarray(parts[0] if len(parts) == 1 else parts[0] + parts[1])
+        return np.asarray(sum(parts[1:], parts[0]))
 
     def gains(self) -> tuple[FloatArray, ...]:
-        """Give ``alpha × weight`` of each linear share."""
-        weights = self.weights or ()
-        return tuple(np.multiply(self.alpha_mv_per_ms, weight) for weight in weights)
+        """Give ``alpha × weight`` of each linear share.
+
+        Raises
+        ------
+        ParameterError
+            Arrays of unequal length.
+        """
+        try:
+            return tuple(
+                np.multiply(self.alpha_mv_per_ms, weight)
+                for weight in self.weights or ()
+            )
+        except ValueError as error:
+            raise ParameterError(
+                f"{np.size(self.alpha_mv_per_ms)} alphas do not go with the weights"
+            ) from error

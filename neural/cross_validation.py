@@ -8,10 +8,10 @@ import numpy as np
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.agreement import Agreement, agreement
-from neural.choice import choose
+from neural.choice import check_rule, choose
 from neural.fit_problem import FitProblem
 from neural.parameters import AfferentParameters
-from neural.search import EVALUATIONS, search_front
+from neural.search import EVALUATIONS, POPULATION, search_front
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +35,7 @@ def cross_validate(
     seed: int,
     *,
     evaluations: int = EVALUATIONS,
+    population: int = POPULATION,
     rule: str = "smallest_error",
     on_fit: Callable[[str], None] = lambda name: None,
 ) -> Trial:
@@ -43,19 +44,22 @@ def cross_validate(
     Raises
     ------
     ParameterError
-        A single group: nothing would be left to fit on.
+        A single group: nothing would be left to fit on; no such rule; or what
+        `search_front` refuses.
     """
+    check_rule(rule)
     names = problem.group_names
     if len(names) < 2:
         raise ParameterError(
             f"only the group {names[0]}, expected two or more to leave one out"
         )
-    best = _best(problem, seed, evaluations, rule)
+    settings = (seed, evaluations, population, rule)
+    best = _best(problem, *settings)
     on_fit("all groups")
     held_out = np.empty_like(problem.observed_ips)
     for name in names:
         inside = np.array([group == name for group in problem.groups])
-        values = _best(problem.part(~inside), seed, evaluations, rule)
+        values = _best(problem.part(~inside), *settings)
         held_out[inside] = problem.part(inside).rates_ips(values)[0]
         on_fit(f"without {name}")
     fitted = problem.rates_ips(best)[0]
@@ -69,7 +73,11 @@ def cross_validate(
     )
 
 
-def _best(problem: FitProblem, seed: int, evaluations: int, rule: str) -> FloatArray:
-    front = search_front(problem, seed=seed, evaluations=evaluations)
+def _best(
+    problem: FitProblem, seed: int, evaluations: int, population: int, rule: str
+) -> FloatArray:
+    front = search_front(
+        problem, seed=seed, evaluations=evaluations, population=population
+    )
     best: FloatArray = front.values[choose(problem, front, rule).row]
     return best

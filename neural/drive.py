@@ -169,6 +169,11 @@ def stress_rate(
     return _differentiate(checked_stress(stress_pa), dt_ms, derivative)
 
 
+def check_scheme(derivative: str) -> None:
+    """Refuse a scheme that is not in `DERIVATIVES`, with a `ParameterError`."""
+    _reach(derivative)
+
+
 def checked_stress(stress_pa: ArrayLike) -> FloatArray:
     """Give `stress_pa` as float64 ``(T,)`` or ``(T, condition)``, all finite."""
     stress = np.asarray(stress_pa, dtype=np.float64)

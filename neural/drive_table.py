@@ -15,7 +15,14 @@ import numpy as np
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.coefficients import Coefficients
-from neural.drive import pc_drive, ra_drive, sa_level, sa_rate, stress_rate
+from neural.drive import (
+    check_scheme,
+    pc_drive,
+    ra_drive,
+    sa_level,
+    sa_rate,
+    stress_rate,
+)
 from neural.drive_model import (
     A1,
     A2,
@@ -73,6 +80,12 @@ def _ra(stress: FloatArray, dt_ms: float, scheme: str) -> tuple[FloatArray, ...]
 
 def _pc(stress: FloatArray, dt_ms: float, scheme: str) -> tuple[FloatArray, ...]:
     return (pc_drive(stress, dt_ms, scheme),)
+
+
+def _sharp(stress: FloatArray, dt_ms: float, scheme: str) -> tuple[FloatArray, ...]:
+    """Give differences that look back whatever the scheme: they are no derivatives."""
+    check_scheme(scheme)
+    return (sharp_rise(stress, dt_ms),)
 
 
 _PUBLISHED = (
@@ -209,7 +222,7 @@ _ROWS = (
         name="sharp",
         afferent="PC",
         parameters=SharpPcParameters,
-        filters=lambda stress, dt_ms, scheme: (sharp_rise(stress, dt_ms),),
+        filters=_sharp,
         coefficients=lambda values: Coefficients(
             values["beta_mv_per_ms"], weights=(1.0,), degree=COMPRESSION
         ),

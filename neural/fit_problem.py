@@ -15,8 +15,9 @@ from fembridge.typing import FloatArray, IntArray
 from neural.candidates import candidate_counts
 from neural.drive import checked_stress
 from neural.drive_model import Drive, Free
-from neural.parameters import AfferentParameters, quantiles
+from neural.parameters import AfferentParameters, check_cells, quantiles
 from neural.rate import window_rows
+from neural.tally import window_edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,10 +58,11 @@ class FitProblem:
     _edges: tuple[IntArray, IntArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        stress = checked_stress(self.stress_pa)
+        stress = checked_stress(np.array(self.stress_pa, dtype=np.float64))
         observed = np.array(self.observed_ips, dtype=np.float64)
         sizes = {observed.size, len(self.groups), len(self.windows_ms)}
-        if stress.ndim != 2 or sizes != {stress.shape[1]}:
+        square = stress.ndim == 2 and observed.ndim == 1
+        if not square or sizes != {stress.shape[1]} or not observed.size:
             raise ParameterError(
                 f"stress {stress.shape}, {observed.size} rates, {len(self.groups)} "
                 f"groups, {len(self.windows_ms)} windows; expected (T, stimulus) and "
@@ -68,14 +70,18 @@ class FitProblem:
             )
         if not (np.isfinite(observed).all() and (observed >= 0).all()):
             raise ParameterError("an observed rate is negative or not finite")
+        if self.cells:
+            check_cells(self.cells, self.drive.afferent)
         rows = [window_rows(window, self.dt_ms) for window in self.windows_ms]
         edges = (
             np.array([each.start for each in rows]),
             np.array([each.stop for each in rows]),
         )
+        window_edges(edges, len(stress) - 1, observed.size)  # or tells which is wrong
         filtered = self.drive.filters(stress, self.dt_ms, "backward")
         for name, value in (
             ("cells", self.cells or self.drive.cells),
+            ("stress_pa", stress),
             ("observed_ips", observed),
             ("_filtered", tuple(each[:-1] for each in filtered)),
             ("_edges", edges),
@@ -98,6 +104,11 @@ class FitProblem:
         `single` precision is for searching.
         """
         values = np.atleast_2d(values)
+        if values.ndim != 2 or values.shape[1] != len(self.free):
+            raise ParameterError(
+                f"values {values.shape}, expected (candidate, {len(self.free)}): "
+                f"{', '.join(one.field for one in self.free)}"
+            )
         named = {one.field: values[:, k] for k, one in enumerate(self.free)}
         fixed = _defaults(self.drive.parameters)
         spread = named.get("spread", np.zeros(len(values)))
@@ -120,13 +131,19 @@ class FitProblem:
             single=single,
         )
         spikes = counts.reshape(len(values), self.cells, -1).sum(axis=1)
-        seconds = np.array([(end - start) / 1e3 for start, end in self.windows_ms])
-        rates: FloatArray = spikes / (self.cells * seconds)
+        spans_ms = np.array([end - start for start, end in self.windows_ms])
+        rates: FloatArray = spikes * 1000.0 / (self.cells * spans_ms)
         return rates
 
     def part(self, keep: ArrayLike) -> "FitProblem":
         """Give the problem of some of the stimuli, a flag each, ``(stimulus,)``."""
-        (rows,) = np.nonzero(np.asarray(keep, dtype=np.bool_))
+        flags = np.asarray(keep)
+        if flags.dtype != np.bool_ or flags.shape != self.observed_ips.shape:
+            raise ParameterError(
+                f"{flags.dtype} {flags.shape}, expected a flag for each of "
+                f"{self.observed_ips.size} stimuli"
+            )
+        (rows,) = np.nonzero(flags)
         return replace(
             self,
             stress_pa=self.stress_pa[:, rows],
@@ -149,6 +166,8 @@ class FitProblem:
 
     def parameters(self, values: Sequence[float] | FloatArray) -> AfferentParameters:
         """Give the parameters of one candidate, ``(free,)``."""
+        if len(values) != len(self.free):
+            raise ParameterError(f"{len(values)} values, expected {len(self.free)}")
         found = {
             one.field: float(value)
             for one, value in zip(self.free, values, strict=True)

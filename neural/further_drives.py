@@ -5,6 +5,8 @@ scales with the stress, or with a stated power of it, so that a cell of another
 sensitivity sees the same drive in another size.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -68,6 +70,8 @@ def sharp_rise(stress_pa: ArrayLike, dt_ms: float) -> FloatArray:
         `LAG_MS` is not a whole number of samples.
     """
     stress = checked_stress(stress_pa)
+    if not (math.isfinite(dt_ms) and dt_ms > 0):
+        raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
     lag = round(LAG_MS / dt_ms)
     if lag < 1 or abs(lag * dt_ms - LAG_MS) > 1e-3 * LAG_MS:
         raise ParameterError(

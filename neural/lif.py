@@ -74,6 +74,8 @@ def spike_counts(
             f"current of shape {current.shape}, expected (T,), (T, condition) or "
             "(T, candidate, condition)"
         )
+    if not np.isfinite(current).all():
+        raise TraceError("a current that is not finite reached a membrane")
     rows = current.shape[0]
     candidates = current.shape[1] if current.ndim == 3 else 1
     cells = current.reshape(rows, candidates, -1)
@@ -223,8 +225,16 @@ def adaptation_constants(
     ParameterError
         A jump below 0, or a recovery shorter than a step.
     """
-    jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
-    recovery = np.broadcast_to(np.asarray(recovery_ms, dtype=np.float64), (candidates,))
+    try:
+        jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
+        recovery = np.broadcast_to(
+            np.asarray(recovery_ms, dtype=np.float64), (candidates,)
+        )
+    except ValueError as error:
+        raise ParameterError(
+            f"{np.size(jump_mv)} jumps and {np.size(recovery_ms)} recoveries, expected "
+            f"one of each, or {candidates}"
+        ) from error
     if not (np.isfinite(jump).all() and (jump >= 0).all()):
         raise ParameterError(f"jump_mv must be >= 0, got {jump.min():g}")
     if not (recovery >= dt_ms).all():

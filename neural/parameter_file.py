@@ -12,8 +12,8 @@
 A section that is absent is published. ``drive`` is one of `neural.drive_table`;
 without it a section is of the published drive, and a key that is absent keeps its
 published value. `preindent_um` is the depth at which the probe stood before time 0
-when the numbers were fitted; what else stands outside the sections of the classes is
-the origin, kept and not read.
+when the numbers were fitted. ``name``, and tables ``fit`` and ``study``, tell the
+origin: they are kept and not read. All else is refused.
 """
 
 import math
@@ -44,6 +44,12 @@ class ParameterSet:
     parameters: Parameters
     preindent_um: float = 0.0
     origin: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.parameters:
+            raise ParameterError(f"{self.name}: parameters of no class")
+        object.__setattr__(self, "preindent_um", _preindent_um(self.preindent_um))
+        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
 
 
 def parameters_from_table(table: Mapping[str, object]) -> Parameters:
@@ -89,11 +95,11 @@ def read_parameter_set(path: Path) -> ParameterSet:
             table = tomllib.load(file)
     except OSError as error:
         raise ParameterError(f"{path}: cannot read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
         raise ParameterError(f"{path}: not TOML: {error}") from error
     try:
         return ParameterSet(
-            name=str(table.get("name", path.stem)),
+            name=_name(table.get("name", path.stem)),
             parameters=parameters_from_table(table),
             preindent_um=_preindent_um(table.get(_PREINDENT, 0.0)),
             origin={key: table[key] for key in ORIGIN_KEYS if key in table},
@@ -124,10 +130,22 @@ def _from_section(afferent: str, section: Mapping[str, object]) -> AfferentParam
 
 
 def _preindent_um(value: object) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or value < 0:  # type: ignore[arg-type,operator]
-        raise ParameterError(f"{_PREINDENT} must be a number >= 0, got {value!r}")
-    return float(value)  # type: ignore[arg-type]
+    number = math.nan
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+    if not (math.isfinite(number) and number >= 0):
+        told = repr(value) if number != math.inf else "inf"
+        raise ParameterError(f"{_PREINDENT} must be a number >= 0, got {told}")
+    return number
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise ParameterError(f"name must be a word, got {value!r}")
+    return value
 
 
 def _unknown(kind: str, word: str, known: list[str] | tuple[str, ...]) -> str:

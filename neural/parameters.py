@@ -8,6 +8,7 @@ filters and its current need stands in a class of its own. ``drive`` names the r
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from numbers import Integral
 from statistics import NormalDist
 from types import MappingProxyType
 from typing import ClassVar, TypeAlias
@@ -26,6 +27,17 @@ DT_MS = 0.5
 _MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
 _MOST_CELLS = 1000
+_MOST_SPREAD = 10.0
+
+
+def check_cells(cells: object, afferent: str) -> None:
+    """Refuse what is no number of cells, with a `ParameterError`."""
+    whole = isinstance(cells, Integral) and not isinstance(cells, bool)
+    if not (whole and 1 <= int(str(cells)) <= _MOST_CELLS):
+        raise ParameterError(
+            f"{afferent}: cells must be a whole number from 1 to {_MOST_CELLS}, "
+            f"got {cells!r}"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,12 +96,8 @@ class AfferentParameters:
         return self.threshold_mv - self.rest_mv
 
     def _check_cells(self) -> None:
-        whole = isinstance(self.cells, int) and not isinstance(self.cells, bool)
-        if not whole or not 1 <= self.cells <= _MOST_CELLS:
-            raise ParameterError(
-                f"{self.afferent}: cells must be a whole number from 1 to "
-                f"{_MOST_CELLS}, got {self.cells!r}"
-            )
+        check_cells(self.cells, self.afferent)
+        object.__setattr__(self, "cells", int(self.cells))
 
     def _check(self, name: str) -> None:
         value = getattr(self, name)
@@ -97,9 +105,18 @@ class AfferentParameters:
             raise ParameterError(
                 f"{self.afferent}: {name} must be a number, got {value!r}"
             )
-        object.__setattr__(self, name, float(value))
-        if not math.isfinite(value):
-            raise ParameterError(f"{self.afferent}: {name} is {value}")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        object.__setattr__(self, name, number)
+        if not math.isfinite(number):
+            raise ParameterError(f"{self.afferent}: {name} is {number}")
+        if name == "spread" and number > _MOST_SPREAD:
+            raise ParameterError(
+                f"{self.afferent}: spread must be at most {_MOST_SPREAD:g}, "
+                f"got {number:g}"
+            )
         if name in _POTENTIALS or value > 0:
             return
         if not (value == 0 and name in _MAY_BE_ZERO):

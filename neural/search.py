@@ -59,8 +59,9 @@ def search_front(
 ) -> Front:
     """Search the Pareto front of `problem`; the same seed gives the same front.
 
-    Every generation is evaluated in one call, in single precision; the errors that
-    are given are of full precision. An interrupt from the keyboard ends the
+    Whole generations are tried, so that the last may go beyond `evaluations`. Each
+    is evaluated in one call, in single precision; the errors that are given are of
+    full precision. An interrupt from the keyboard ends the
     search at the last whole generation: what was found is given, not `finished`.
 
     Raises
@@ -79,6 +80,7 @@ def search_front(
         raise ParameterError(f"seed is {seed}, expected 0 or more")
     algorithm = _algorithm(problem, evaluations, seed, population)
     finished, front = True, None
+    whole = -(-evaluations // population) * population
     try:
         while algorithm.has_next():
             algorithm.next()
@@ -86,11 +88,11 @@ def search_front(
             if on_progress:
                 least = float(_totals(problem, front.errors_ips2).min())
                 size = len(front.values)
-                on_progress(Progress(front.evaluations, evaluations, size, least))
+                on_progress(Progress(front.evaluations, whole, size, least))
     except KeyboardInterrupt:
         if front is None:
             raise
-        finished = False
+        finished = not algorithm.has_next()
     assert front is not None
     return _sorted(problem, front, finished)
 

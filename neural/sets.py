@@ -51,6 +51,8 @@ def parameter_set_or_file(word: str) -> ParameterSet:
     """
     if word in SET_NAMES:
         return parameter_set(word)
+    if not word:
+        return parameter_set(word)
     path = Path(word)
     if path.suffix or path.exists():
         return read_parameter_set(path)

@@ -1,0 +1,263 @@
+"""Every model by name: what its row says, and what it does to stress worked by hand."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from fembridge.errors import ParameterError
+from neural import (
+    PUBLISHED,
+    RateRaParameters,
+    RisingRaParameters,
+    RisingSaParameters,
+    SharpPcParameters,
+    encode,
+    membrane_current,
+    membrane_potential,
+)
+from neural.drive_table import DEFAULT_DRIVES, DRIVES, drive_named, drive_of
+from neural.parameters import AFFERENTS
+
+DT_MS = 0.5
+ROWS = [row for models in DRIVES.values() for row in models.values()]
+NAMES = [f"{row.name}-{row.afferent}" for row in ROWS]
+
+# A membrane so slow that no leak shows, at steps that are powers of two.
+LEAKLESS_MS = 1e12
+RA = RisingRaParameters(tau_ms=LEAKLESS_MS, step_pa=4096.0, refractory_ms=0.0)
+
+
+def stress_of(steps_pa):
+    """Stress that stands still for four samples, then changes by each of `steps_pa`."""
+    return np.concatenate([np.zeros(4), np.cumsum(steps_pa, dtype=np.float64)])
+
+
+def spike_samples(stress_pa, parameters):
+    [times_ms] = encode(stress_pa, DT_MS, parameters)
+    return (times_ms / DT_MS).tolist()
+
+
+def test_the_table_has_these_models():
+    assert {name: tuple(models) for name, models in DRIVES.items()} == {
+        "published": ("SA", "RA", "PC"),
+        "energy": ("SA", "RA", "PC"),
+        "adaptive": ("SA", "RA", "PC"),
+        "rate": ("RA",),
+        "one_sided": ("RA", "PC"),
+        "rising": ("SA", "RA"),
+        "sharp": ("PC",),
+    }
+    assert tuple(DEFAULT_DRIVES) == AFFERENTS
+    for afferent, name in DEFAULT_DRIVES.items():
+        assert drive_named(name, afferent) is DRIVES[name][afferent]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=NAMES)
+def test_a_row_says_what_and_why_and_its_parameters_know_it(row):
+    assert row.equation.startswith("I' = ")
+    assert row.reason
+    assert row.quantity == ("energy" if row.name == "energy" else "von_mises")
+    assert row.parameters.afferent == row.afferent
+    assert row.name in row.parameters.drives
+
+
+@pytest.mark.parametrize("row", ROWS, ids=NAMES)
+@pytest.mark.parametrize("cells", [1, 3])
+def test_what_is_searched_is_a_field_between_two_bounds(row, cells):
+    free = row.free(cells)
+    names = [one.field for one in free]
+    known = {one.name for one in fields(row.parameters)}
+
+    assert set(names) <= known
+    assert len(set(names)) == len(names)
+    assert all(one.low < one.high for one in free)
+    assert all(one.low > 0 for one in free if not one.even)
+    assert names[0] == "tau_ms"
+    assert ("spread" in names) == (cells > 1)
+    assert ({"jump_mv", "recovery_ms"} <= set(names)) == (row.name == "adaptive")
+
+
+def test_by_default_a_row_searches_what_its_own_cells_need():
+    for row in ROWS:
+        assert row.free() == row.free(row.cells)
+        assert (row.cells > 1) == (row.name in ("rising", "sharp"))
+
+
+def test_parameters_name_no_row_that_is_not_theirs():
+    for kind in {row.parameters for row in ROWS}:
+        for name in kind.drives:
+            assert drive_named(name, kind.afferent).parameters is kind
+
+
+def test_parameters_find_their_row():
+    own = replace(PUBLISHED["RA"], drive="one_sided")
+
+    assert drive_of(PUBLISHED["PC"]) is DRIVES["published"]["PC"]
+    assert drive_of(own) is DRIVES["one_sided"]["RA"]
+    assert drive_of(RA) is DRIVES["rising"]["RA"]
+
+
+@pytest.mark.parametrize(
+    ("name", "afferent", "words"),
+    [
+        ("rapid", "RA", "drive 'rapid', expected one of published, energy"),
+        (
+            "rising",
+            "PC",
+            "no drive 'rising' for PC, expected one of published, .*sharp",
+        ),
+        ("sharp", "Ruffini", "afferent 'Ruffini', expected SA, RA or PC"),
+    ],
+)
+def test_a_row_that_is_not_there_is_refused(name, afferent, words):
+    with pytest.raises(ParameterError, match=words):
+        drive_named(name, afferent)
+
+
+def test_a_rise_of_two_and_a_half_steps_fires_twice():
+    """A step in 16 samples: 0.625 mV a row, so 10 mV is reached by 16, passed by 17.
+
+    With no pause rows 17 and 34 of the rise fire. Row 1 is that of sample 4, where a
+    spike would stand a sample later; the 40th would act after the trace, so five
+    rows are left.
+    """
+    rise = stress_of([256.0] * 40)
+
+    assert spike_samples(rise, RA) == [4 + 17, 4 + 34]
+    np.testing.assert_allclose(
+        membrane_potential(rise, DT_MS, RA)[-1], -65.0 + 5 * 0.625, rtol=1e-12
+    )
+
+
+def test_a_refractory_period_takes_its_share_of_a_rise():
+    """One row of pause: rows 17 and 18 + 17 fire; of 34 rows just the first would."""
+    paused = replace(RA, refractory_ms=0.5)
+
+    assert spike_samples(stress_of([256.0] * 40), paused) == [21, 39]
+    assert spike_samples(stress_of([256.0] * 34), paused) == [21]
+
+
+def test_a_fall_empties_but_leaves_no_debt():
+    """Three quarters of a step, a fall of five, then five quarters: the 5th fires."""
+    stress = stress_of([1024.0] * 3 + [-1024.0] * 20 + [1024.0] * 5 + [0.0] * 3)
+
+    assert spike_samples(stress, RA) == [4 + 3 + 20 + 5]
+    assert membrane_potential(stress, DT_MS, RA).min() == -65.0
+
+
+@pytest.mark.parametrize("level_pa", [0.0, 1e5])
+def test_a_rise_counts_from_whatever_is_held(level_pa):
+    rise = stress_of([256.0] * 40) + level_pa
+
+    assert spike_samples(rise, RA) == [21, 38]
+
+
+def test_sa_counts_the_same_rises_until_stress_is_held():
+    """15 mV a step of 4096 Pa: 0.9375 mV a row, passed by row 17 as with RA."""
+    sa = RisingSaParameters(
+        tau_ms=LEAKLESS_MS, step_pa=4096.0, held_pa=1e6, refractory_ms=0.0
+    )
+
+    assert spike_samples(stress_of([256.0] * 40), sa) == [21, 38]
+
+
+def test_held_stress_fires_sa_with_the_period_of_the_recurrence():
+    """At twice `held_pa` Iτ is twice the gap: ln(1/2) / ln(1 − 0.5/20) = 27.4 rows.
+
+    Two rows of pause make the period 30 rows. At `held_pa` v only nears the gap.
+    """
+    sa = RisingSaParameters(tau_ms=20.0, step_pa=4096.0, held_pa=5000.0)
+
+    assert spike_samples(np.full(120, 1e4), sa) == [28, 58, 88, 118]
+    assert spike_samples(np.full(2000, 5000.0), sa) == []
+    np.testing.assert_allclose(
+        membrane_potential(np.full(2000, 5000.0), DT_MS, sa)[-1], -50.0, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_cubic_fires_sharp_with_the_period_of_the_recurrence(sign):
+    """σ = 4.5 t³: Δ³σ = 6 · 4.5 = 27 Pa, so I' = 2 · 3 = 6 mV/ms and Iτ = 600 mV.
+
+    ln(1 − 10/600) / ln(1 − 0.5/100) = 3.35: four rows, and one of pause. The first
+    sample with a whole past is 6. A cubic that falls drives nothing.
+    """
+    pc = SharpPcParameters(tau_ms=100.0, beta_mv_per_ms=2.0)
+    stress = sign * 4.5 * (DT_MS * np.arange(41)) ** 3
+
+    current = membrane_current(stress, DT_MS, pc)
+
+    expected = 6.0 * (np.arange(41) >= 6) if sign > 0 else np.zeros(41)
+    np.testing.assert_allclose(current, expected, rtol=1e-15)
+    spikes = np.arange(10, 41, 5).tolist() if sign > 0 else []
+    assert spike_samples(stress, pc) == spikes
+
+
+def test_stress_that_rises_evenly_drives_rate_and_not_published():
+    """σ′ = a5 gives α′/2 = 5 mV/ms: Iτ = 500; 10 mV is passed by the 5th row.
+
+    ln(1 − 10/500) / ln(1 − 0.5/100) = 4.03 rows; one row of pause.
+    """
+    own = RateRaParameters(
+        tau_ms=100.0, a3_pa_per_ms=1.0, a5_pa_per_ms=512.0, alpha_mv_per_ms=10.0
+    )
+    ramp = 256.0 * np.arange(32)
+    ramp_after_onset = membrane_current(ramp, DT_MS, own)[2:]
+    bare = replace(PUBLISHED["RA"], a3_pa_per_ms=1.0, alpha_mv_per_ms=10.0)
+
+    np.testing.assert_array_equal(ramp_after_onset, 5.0)
+    assert spike_samples(ramp, own)[:4] == [6, 12, 18, 24]
+    assert spike_samples(ramp, bare) == []
+
+
+def test_rate_is_published_and_a_share_that_a_great_half_takes_away():
+    stress = np.random.default_rng(3).uniform(0, 2e4, 200)
+    own = RateRaParameters(
+        tau_ms=30.0, a3_pa_per_ms=4e3, a5_pa_per_ms=1e300, alpha_mv_per_ms=9.0
+    )
+    published = replace(
+        PUBLISHED["RA"], tau_ms=30.0, a3_pa_per_ms=4e3, alpha_mv_per_ms=9.0
+    )
+
+    assert len(spike_samples(stress, published)) > 5
+    assert spike_samples(stress, own) == spike_samples(stress, published)
+
+
+@pytest.mark.parametrize(("afferent", "power"), [("RA", 2), ("PC", 3)])
+def test_one_sided_fires_as_published_on_what_grows_and_not_on_what_shrinks(
+    afferent, power
+):
+    """Constant σ″ (RA) or σ‴ (PC): filter (3) or (4) keeps one value and one sign."""
+    published = replace(PUBLISHED[afferent], alpha_mv_per_ms=30.0)
+    one_sided = replace(published, drive="one_sided")
+    grows = 4e3 * (DT_MS * np.arange(60)) ** power
+
+    assert len(spike_samples(grows, published)) > 5
+    assert spike_samples(grows, one_sided) == spike_samples(grows, published)
+    assert spike_samples(-grows, published) == spike_samples(grows, published)
+    assert spike_samples(-grows, one_sided) == []
+
+
+@pytest.mark.parametrize("afferent", AFFERENTS)
+@pytest.mark.parametrize("name", ["energy", "adaptive"])
+def test_models_of_the_same_equation_fire_alike(afferent, name):
+    """They differ in what they read, or in a jump that is 0 until it is fitted."""
+    stress = np.random.default_rng(4).uniform(0, 2e4, 300)
+    published = replace(PUBLISHED[afferent], alpha_mv_per_ms=20.0)
+    own = replace(published, drive=name)
+
+    assert len(spike_samples(stress, published)) > 5
+    assert spike_samples(stress, own) == spike_samples(stress, published)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=NAMES)
+def test_a_still_finger_is_silent(row):
+    """No stress at all; and a stress that is held, for all but SA."""
+    named = {one.field: math.sqrt(one.low * one.high) for one in row.free(1)}
+    parameters = row.parameters(**named, drive=row.name)
+
+    assert spike_samples(np.zeros(80), parameters) == []
+    if row.afferent != "SA":
+        assert spike_samples(np.full(80, 1e6), parameters) == []

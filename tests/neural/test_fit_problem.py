@@ -1,0 +1,297 @@
+"""What a fit minimises, beside `encode_cells` and plain loops."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fembridge.errors import ParameterError, TraceError
+from neural import encode_cells, mean_rate_ips
+from neural.drive_table import DRIVES, drive_named
+from neural.fit_problem import FitProblem
+from neural.search import from_unit
+
+DT_MS = 0.5
+TIMES_MS = DT_MS * np.arange(121)
+FREQUENCIES_HZ = (20.0, 90.0, 300.0, 20.0)
+PEAKS_PA = (2e4, 1e4, 4e3, 5e3)
+STRESS_PA = np.array(PEAKS_PA) * (
+    1.3 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, FREQUENCIES_HZ))
+)
+WINDOWS_MS = ((5.0, 60.0), (20.0, 40.0), (0.0, 60.0), (7.3, 59.9))
+GROUPS = ("20", "90", "300", "20")
+OBSERVED_IPS = np.array([31.0, 80.0, 5.5, 0.0])
+ROWS = [row for models in DRIVES.values() for row in models.values()]
+ALL = pytest.mark.parametrize(
+    "row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS]
+)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def problem_of(row=None, **changes):
+    return FitProblem(
+        **{
+            "drive": row or drive_named("rising", "RA"),
+            "stress_pa": STRESS_PA,
+            "observed_ips": OBSERVED_IPS,
+            "groups": GROUPS,
+            "windows_ms": WINDOWS_MS,
+            "dt_ms": DT_MS,
+            **changes,
+        }
+    )
+
+
+def random_values(problem, seed, candidates=2):
+    """Parameters inside the searched bounds, those of a lively cell more often."""
+    unit = np.random.default_rng(seed).beta(2, 2, (candidates, len(problem.free)))
+    return from_unit(unit, problem.free)
+
+
+def counts_of(problem, rates_ips):
+    spans_ms = np.array([end - start for start, end in problem.windows_ms])
+    spikes = np.asarray(rates_ips) * problem.cells * spans_ms / 1000.0
+    np.testing.assert_allclose(spikes, np.round(spikes), atol=1e-9)
+    return np.round(spikes).astype(int).tolist()
+
+
+def encoded_rates(problem, values):
+    runs = encode_cells(problem.stress_pa, DT_MS, problem.parameters(values))
+    return [
+        mean_rate_ips(run, window_ms)
+        for run, window_ms in zip(runs, problem.windows_ms, strict=True)
+    ]
+
+
+@ALL
+@pytest.mark.parametrize("cells", [1, 3])
+def test_a_candidate_fires_what_its_parameters_encode(row, cells):
+    """To the last spike; the rates are the same quotients, divided in another order."""
+    problem = problem_of(row, cells=cells)
+    lively = 0
+
+    for seed in range(3):
+        values = random_values(problem, seed)
+        rates_ips = problem.rates_ips(values)
+        assert rates_ips.shape == (2, 4)
+        for each, found in zip(values, rates_ips, strict=True):
+            expected = encoded_rates(problem, each)
+            assert counts_of(problem, found) == counts_of(problem, expected)
+            np.testing.assert_allclose(found, expected, rtol=1e-15)
+            lively += sum(expected) > 0
+    assert lively >= 2
+
+
+@ALL
+def test_the_ends_of_what_is_searched_are_parameters(row):
+    problem = problem_of(row, cells=3)
+    ends = [[getattr(one, end) for one in problem.free] for end in ("low", "high")]
+
+    rates_ips = problem.rates_ips(np.array(ends))
+
+    for values, found in zip(ends, rates_ips, strict=True):
+        expected = encoded_rates(problem, values)
+        assert counts_of(problem, found) == counts_of(problem, expected)
+
+
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_objectives_are_those_of_a_plain_loop(seed):
+    problem = problem_of(cells=2)
+    values = random_values(problem, seed, candidates=3)
+    rates_ips = problem.rates_ips(values)
+
+    errors = problem.errors_ips2(values)
+
+    assert problem.group_names == ("20", "90", "300")
+    for k in range(3):
+        for column, group in enumerate(("20", "90", "300")):
+            squares = [
+                (rates_ips[k, each] - OBSERVED_IPS[each]) ** 2
+                for each in range(4)
+                if GROUPS[each] == group
+            ]
+            mean = sum(squares) / len(squares)
+            np.testing.assert_allclose(errors[k, column], mean, rtol=1e-13)
+    np.testing.assert_array_equal(problem.group_errors(rates_ips), errors)
+
+
+def test_a_candidate_that_is_right_has_no_error():
+    values = np.array([[1e3, 4e3]])
+    problem = problem_of(cells=1)
+    right = problem_of(cells=1, observed_ips=problem.rates_ips(values)[0])
+
+    assert right.observed_ips.sum() > 0
+    assert right.errors_ips2(values).tolist() == [[0.0, 0.0, 0.0]]
+
+
+@ALL
+@pytest.mark.parametrize("cells", [1, 3])
+def test_single_precision_differs_by_a_few_spikes_at_most(row, cells):
+    problem = problem_of(row, cells=cells)
+    values = random_values(problem, 11, candidates=40)
+
+    double = np.array(counts_of(problem, problem.rates_ips(values)))
+    single = np.array(counts_of(problem, problem.rates_ips(values, single=True)))
+
+    assert double.sum() > 100
+    assert np.abs(single - double).sum() <= 0.005 * double.sum()
+    assert np.abs(single - double).max() <= 2
+
+
+def test_candidates_do_not_see_each_other():
+    for row in ROWS:
+        problem = problem_of(row, cells=2)
+        values = random_values(problem, 5, candidates=2)
+        alone = [problem.rates_ips(each)[0] for each in values]
+        np.testing.assert_array_equal(problem.rates_ips(values), alone)
+
+
+@pytest.mark.parametrize("flags", [[1, 0, 0, 1], [0, 1, 0, 0], [1, 1, 1, 1]])
+def test_a_part_is_the_problem_of_its_stimuli(flags):
+    whole = problem_of(cells=3)
+    kept = np.flatnonzero(flags)
+    values = random_values(whole, 6)
+
+    part = whole.part(np.array(flags, dtype=bool))
+
+    assert part.groups == tuple(GROUPS[k] for k in kept)
+    assert part.windows_ms == tuple(WINDOWS_MS[k] for k in kept)
+    assert part.observed_ips.tolist() == OBSERVED_IPS[kept].tolist()
+    assert (part.cells, part.dt_ms, part.drive) == (3, DT_MS, whole.drive)
+    np.testing.assert_array_equal(
+        part.rates_ips(values), whole.rates_ips(values)[:, kept]
+    )
+
+
+def test_what_is_searched_goes_with_the_cells():
+    rising = drive_named("rising", "RA")
+
+    assert [one.field for one in problem_of(cells=1).free] == ["tau_ms", "step_pa"]
+    assert [one.field for one in problem_of(cells=2).free][-1] == "spread"
+    assert problem_of().cells == rising.cells == 5
+    assert problem_of().free == rising.free()
+
+
+@ALL
+def test_parameters_hold_what_was_searched_and_where_it_holds(row):
+    short = tuple((start / 2, end / 2) for start, end in WINDOWS_MS)
+    problem = problem_of(row, cells=4, dt_ms=0.25, windows_ms=short)
+    values = random_values(problem, 7, candidates=1)[0]
+
+    parameters = problem.parameters(values)
+
+    assert type(parameters) is row.parameters
+    assert (parameters.drive, parameters.cells, parameters.dt_ms) == (row.name, 4, 0.25)
+    searched = [getattr(parameters, one.field) for one in problem.free]
+    assert searched == values.tolist()
+
+
+def test_the_last_sample_acts_after_the_trace():
+    """A rise at the last sample feeds a step that no sample ends."""
+    stress = np.zeros((20, 2))
+    stress[19, 0] = stress[18, 1] = 1e5
+    problem = problem_of(
+        stress_pa=stress,
+        observed_ips=[0.0, 0.0],
+        groups=("a", "b"),
+        windows_ms=((0.0, 9.5), (0.0, 9.5)),
+        cells=1,
+    )
+
+    assert counts_of(problem, problem.rates_ips([[100.0, 1e4]])) == [[0, 1]]
+
+
+def test_a_window_ends_with_the_trace_or_before():
+    """121 samples every 0.5 ms end at 60 ms; 120 steps lie between them."""
+    until_the_end = ((0.0, 60.0),) * 4
+    a_step_more = ((0.0, 60.0),) * 3 + ((0.0, 60.5),)
+
+    problem_of(windows_ms=until_the_end).rates_ips([[9.0, 1e4, 0.5]])
+    with pytest.raises(ParameterError, match="row 0 to 121 is not inside 0 to 120"):
+        problem_of(windows_ms=a_step_more).rates_ips([[9.0, 1e4, 0.5]])
+
+
+def test_observed_rates_are_a_copy():
+    observed = OBSERVED_IPS.copy()
+    problem = problem_of(observed_ips=observed)
+    observed[:] = 0.0
+
+    assert problem.observed_ips.tolist() == OBSERVED_IPS.tolist()
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"stress_pa": STRESS_PA[:, 0]}, ParameterError, r"expected \(T, stimulus\)"),
+        ({"stress_pa": STRESS_PA[:, :3]}, ParameterError, r"\(121, 3\), 4 rates"),
+        ({"observed_ips": [1.0]}, ParameterError, "1 rates, 4 groups, 4 windows"),
+        ({"groups": GROUPS[:2]}, ParameterError, "4 rates, 2 groups"),
+        ({"windows_ms": WINDOWS_MS[1:]}, ParameterError, "3 windows"),
+        ({"observed_ips": [1, 2, 3, -1]}, ParameterError, "negative or not finite"),
+        ({"observed_ips": [1, 2, 3, math.nan]}, ParameterError, "not finite"),
+        ({"windows_ms": ((9.0, 5.0),) * 4}, ParameterError, "expected start < end"),
+        ({"stress_pa": STRESS_PA * math.nan}, TraceError, "stress is nan"),
+        ({"dt_ms": 0.0}, ParameterError, "dt_ms must be > 0"),
+        ({"cells": -1}, ParameterError, "cells must be a whole number from 1"),
+        ({"cells": 2000}, ParameterError, "cells must be a whole number from 1"),
+        ({"windows_ms": ((0.0, 500.0),) * 4}, ParameterError, "is not inside 0 to 120"),
+        ({"observed_ips": OBSERVED_IPS[:, None]}, ParameterError, "expected"),
+        (
+            {
+                "drive": drive_named("sharp", "PC"),
+                "dt_ms": 0.3,
+                "windows_ms": ((0.0, 9.0),) * 4,
+            },
+            ParameterError,
+            "whole part of 1 ms",
+        ),
+    ],
+)
+def test_a_problem_that_does_not_go_together_is_refused(change, error, words):
+    with pytest.raises(error, match=words):
+        problem_of(**change)
+
+
+def test_a_problem_keeps_its_stress_whatever_becomes_of_the_caller_s():
+    stress_pa = STRESS_PA.copy()
+    problem = problem_of(stress_pa=stress_pa)
+    listed = problem_of(stress_pa=STRESS_PA.tolist())
+    stress_pa[:] = 0.0
+    values = random_values(problem, 3, candidates=2)
+
+    expected = problem_of().rates_ips(values)
+
+    everything = np.ones(OBSERVED_IPS.size, dtype=bool)
+    for one in (problem, problem.part(everything), listed.part(everything)):
+        np.testing.assert_array_equal(one.rates_ips(values), expected)
+
+
+def test_values_have_a_column_a_parameter():
+    problem = problem_of()
+    count = len(problem.free)
+    for wrong in (count - 1, count + 1):
+        with pytest.raises(ParameterError, match=rf"\(candidate, {count}\): tau_ms"):
+            problem.rates_ips(np.ones((1, wrong)))
+        with pytest.raises(ParameterError, match=f"{wrong} values, expected {count}"):
+            problem.parameters(np.ones(wrong))
+
+
+def test_rates_are_to_the_last_digit_those_of_the_spikes():
+    windows = ((5.0, 60.0), (20.0, 41.0), (0.0, 35.0), (7.3, 59.9))
+    problem = problem_of(windows_ms=windows, cells=3)
+    for values in random_values(problem, 5, candidates=4):
+        runs = encode_cells(STRESS_PA, 0.5, problem.parameters(values))
+        expected = [mean_rate_ips(r, w) for r, w in zip(runs, windows, strict=True)]
+        assert problem.rates_ips(values)[0].tolist() == expected
+
+
+def test_a_candidate_outside_its_meaning_is_refused():
+    problem = problem_of(cells=1)
+
+    with pytest.raises(ParameterError, match="tau_ms must be at least dt_ms"):
+        problem.rates_ips(np.array([[0.4, 1e4]]))
+    with pytest.raises(ParameterError, match="step_pa must be > 0, got -1"):
+        problem.parameters([10.0, -1.0])
