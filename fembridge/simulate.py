@@ -79,6 +79,7 @@ def simulate(
     method: str = "map",
     stored: bool = False,
     parameters: Parameters = PUBLISHED,
+    parameters_name: str = "",
     settings: SolverSettings | None = None,
     tell: Tell = lambda line: None,
 ) -> Simulation:
@@ -86,6 +87,12 @@ def simulate(
 
     Parameters
     ----------
+    parameters
+        Of all classes; by default those of the paper. A set such as
+        ``neural.parameter_set("fitted")``, which the command takes, also tells the
+        pre-indentation that `stimuli` should have.
+    parameters_name
+        What the record calls them.
     stored
         Take the stored response of a reference finger even where a solver is.
     tell
@@ -134,6 +141,7 @@ def simulate(
             **origin,
             "closure_percent": response.closure_percent,
             "response": dict(response.origin),
+            **({"parameter_set": parameters_name} if parameters_name else {}),
             "parameters": parameters_to_table(parameters),
         },
     )

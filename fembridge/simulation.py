@@ -13,7 +13,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
-from neural import Parameters, encode_cells, mean_rate_ips
+from neural import Parameters, encode_afferents, mean_rate_ips
 
 if TYPE_CHECKING:
     import pandas
@@ -110,11 +110,11 @@ def encode_all(
     """
     afferents = _shared_afferents(stimuli, traces, parameters)
     _check_times(stimuli, traces)
-    cells: dict[str, list[list[FloatArray]]] = {}
-    for column, afferent in enumerate(afferents):
-        stress_pa = np.stack([row[column].stress_pa for row in traces], -1)
-        dt_ms = traces[0][column].dt_ms
-        cells[afferent] = encode_cells(stress_pa, dt_ms, parameters[afferent])
+    stress_pa = {
+        afferent: np.stack([row[column].stress_pa for row in traces], -1)
+        for column, afferent in enumerate(afferents)
+    }
+    cells = encode_afferents(stress_pa, traces[0][0].dt_ms, parameters)
     trains, rates = [], []
     for row, stimulus in enumerate(stimuli):
         for afferent in afferents:

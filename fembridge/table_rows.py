@@ -161,7 +161,7 @@ def rows_of(text: str, path: Path, columns: Sequence[str]) -> Iterator[Row]:
     next(table)
     try:
         for cells in table:
-            if not any(cells):
+            if not any(cell.strip() for cell in cells):
                 continue
             if len(cells) != len(header):
                 raise TableError(

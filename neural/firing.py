@@ -46,7 +46,7 @@ def fire(
         raise TraceError("a current that is not finite reached the membrane")
     potential, above = np.zeros(current.shape[1]), np.empty(current.shape[1], np.bool_)
     floor = np.where(floored, 0.0, -np.inf) if floored.any() else None
-    longest = int(pause.max(initial=0))
+    longest = min(int(pause.max(initial=0)), len(current))
     # Only membranes before this one rest longer than a row.
     patient = int(np.flatnonzero(pause > 1).max(initial=-1)) + 1
     brisk = not (pause == 0).any()

@@ -29,6 +29,9 @@ from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.tally import EVERY_ROW, Window, blocks, tally, window_edges
 
+# A refractory period that no stimulus outlasts is a mistake.
+LONGEST_REST_MS = 1.0e5
+
 
 def spike_counts(
     current_mv_per_ms: ArrayLike,
@@ -210,6 +213,10 @@ def membrane_constants(
     if not (tau >= dt_ms).all():
         raise ParameterError(
             f"tau_ms must be at least dt_ms, {dt_ms:g}, got {tau.min():g}"
+        )
+    if refractory_ms > LONGEST_REST_MS:
+        raise ParameterError(
+            f"refractory_ms must be at most {LONGEST_REST_MS:g}, got {refractory_ms:g}"
         )
     pause = math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
     return 1.0 - dt_ms / tau, gap_mv / dt_ms, max(pause, 0)

@@ -79,30 +79,25 @@ def search_front(
     if seed < 0:
         raise ParameterError(f"seed is {seed}, expected 0 or more")
     algorithm = _algorithm(problem, evaluations, seed, population)
-    finished, front = True, None
     whole = -(-evaluations // population) * population
+    finished = True
     try:
         while algorithm.has_next():
             algorithm.next()
-            front = _front(problem, algorithm, seed)
             if on_progress:
-                least = float(_totals(problem, front.errors_ips2).min())
+                front = _front(problem, algorithm, seed)
+                least = float(total_rmse_ips(problem, front.errors_ips2).min())
                 size = len(front.values)
                 on_progress(Progress(front.evaluations, whole, size, least))
     except KeyboardInterrupt:
-        if front is None:
+        if algorithm.opt is None:
             raise
         finished = not algorithm.has_next()
-    assert front is not None
-    return _sorted(problem, front, finished)
+    return _sorted(problem, _front(problem, algorithm, seed), finished)
 
 
 def total_rmse_ips(problem: FitProblem, errors_ips2: FloatArray) -> FloatArray:
     """RMSE over all stimuli ``(candidate,)``, from the errors of the groups."""
-    return _totals(problem, errors_ips2)
-
-
-def _totals(problem: FitProblem, errors_ips2: FloatArray) -> FloatArray:
     sizes = np.array([problem.groups.count(name) for name in problem.group_names])
     rmse: FloatArray = np.sqrt(errors_ips2 @ sizes / sizes.sum())
     return rmse
@@ -133,7 +128,7 @@ def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
     apart = errors[:, np.newaxis] - errors
     worse = np.all(apart >= 0, axis=2) & np.any(apart > 0, axis=2)
     kept = np.flatnonzero(~worse.any(axis=1))
-    order = kept[np.argsort(_totals(problem, errors[kept]), kind="stable")]
+    order = kept[np.argsort(total_rmse_ips(problem, errors[kept]), kind="stable")]
     return replace(
         front, values=values[order], errors_ips2=errors[order], finished=finished
     )

@@ -13,6 +13,7 @@ is written, numbered by repeat, and the rate is their mean.
 
 import argparse
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,8 +85,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     chosen = parameter_set_or_file(args.parameters)
     parameters = chosen.parameters
-    _refuse_energy(chosen)
     traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
+    _refuse_energy(chosen, traces)
     windows_ms = {
         name: _window(name, trace, args.window_ms) for name, trace in traces.items()
     }
@@ -131,11 +132,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _refuse_energy(chosen: "ParameterSet") -> None:
+def _refuse_energy(chosen: "ParameterSet", afferents: Collection[str]) -> None:
     from fembridge.errors import UsageError
     from fembridge.response.driving_stress import reading_energy
 
-    if (other := reading_energy(chosen.parameters)) is not None:
+    read = {name: chosen.parameters[name] for name in afferents}
+    if (other := reading_energy(read)) is not None:
         raise UsageError(
             f"drive {chosen.parameters[other].drive!r} of {other} reads strain energy, "
             "a table of traces has von Mises stress: `fembridge simulate` takes it"

@@ -114,7 +114,7 @@ def drives_from(
     args: argparse.Namespace, observed: "ObservedRates", tell: "Callable[[str], None]"
 ) -> "dict[str, Drive]":
     """Give the drive of each class to fit; tell of classes that are left out."""
-    from fembridge.errors import UsageError
+    from fembridge.errors import ParameterError, UsageError
     from neural.drive_table import DEFAULT_DRIVES, DRIVES, drive_named
 
     if args.drive is not None and args.drive not in DRIVES:
@@ -126,15 +126,39 @@ def drives_from(
     classes = observed.afferents if EVERY in asked else asked
     for name in classes:
         observed.of(name)  # or tells which classes there are
+    if EVERY in asked:
+        classes = _with_rates(classes, args.family, observed, tell)
     if args.drive is not None and EVERY in asked:
         lacking = [name for name in classes if name not in DRIVES[args.drive]]
         classes = tuple(name for name in classes if name not in lacking)
         if lacking:
             known = ", ".join(DRIVES[args.drive])
             tell(f"{', '.join(lacking)} left out: drive {args.drive!r} is of {known}")
-    return {
-        name: drive_named(args.drive or DEFAULT_DRIVES[name], name) for name in classes
-    }
+    try:
+        return {
+            name: drive_named(args.drive or DEFAULT_DRIVES[name], name)
+            for name in classes
+        }
+    except ParameterError as error:
+        raise UsageError(str(error)) from error
+
+
+def _with_rates(
+    classes: "tuple[str, ...]",
+    family: str,
+    observed: "ObservedRates",
+    tell: "Callable[[str], None]",
+) -> "tuple[str, ...]":
+    """Leave out classes without a rate of the family to fit, if others have one."""
+    from fembridge.fitting.problem import observed_entries
+    from fembridge.observed import FAMILIES
+
+    families = FAMILIES if family == EVERY else (family,)
+    there = [name for name in classes if observed_entries(observed, name, families)]
+    lacking = [name for name in classes if name not in there]
+    if there and lacking:
+        tell(f"{', '.join(lacking)} left out: no observed rates of family {family}")
+    return tuple(there) or classes
 
 
 def source_from(args: argparse.Namespace) -> "ResponseSource":

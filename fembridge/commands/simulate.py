@@ -116,6 +116,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             method=args.method,
             stored=args.stored,
             parameters=chosen.parameters,
+            parameters_name=chosen.name,
             settings=settings,
             tell=tell,
         )

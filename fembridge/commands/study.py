@@ -132,6 +132,7 @@ def cases_from(
 ) -> "tuple[Case, ...]":
     """Give the cases that the options name."""
     from fembridge.errors import UsageError
+    from fembridge.fitting.settings import FitSettings
     from fembridge.fitting.study import Case, default_cases
     from neural.drive_table import DRIVES
 
@@ -143,8 +144,14 @@ def cases_from(
             f"drive {unknown[0]!r}, expected one of {', '.join(DRIVES)}; "
             "`fembridge fit --drive list` tells about each"
         )
+    FitSettings(cells=args.cells, evaluations=args.evaluations)  # checks both
     return tuple(
-        Case(name, afferent, args.cells or DRIVES[name][afferent].cells, depth_um)
+        Case(
+            name,
+            afferent,
+            DRIVES[name][afferent].cells if args.cells is None else args.cells,
+            depth_um,
+        )
         for name in args.drive
         for depth_um in args.preindent_um
         for afferent in observed.afferents

@@ -90,12 +90,19 @@ def command_line(args: argparse.Namespace) -> str:
     """Give the line that does the same again."""
     words = ["fembridge", "validate", "-o", str(args.output)]
     if args.observed is not None:
-        words += ["--observed", args.observed]
+        words += ["--observed", _without_machine(args.observed)]
     if args.finger != _FINGER:
         words += ["--finger", args.finger]
     if args.parameters != _PARAMETERS:
         words += ["--parameters", args.parameters]
     return shlex.join(words)
+
+
+def _without_machine(word: str) -> str:
+    """Give the name alone of a file whose whole path was typed."""
+    from pathlib import Path
+
+    return Path(word).name if Path(word).is_absolute() else word
 
 
 def _rows(study: "Study") -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from neural.choice import RULES
 from neural.search import EVALUATIONS, POPULATION
 
 _LEAST_POPULATION = 4
+_MOST_POPULATION = 10_000
 _MOST_CELLS = 1000
 
 
@@ -46,6 +47,10 @@ class FitSettings:
         if self.population < _LEAST_POPULATION:
             raise UsageError(
                 f"population is {self.population}, expected {_LEAST_POPULATION} or more"
+            )
+        if self.population > _MOST_POPULATION:
+            raise UsageError(
+                f"population is {self.population}, expected at most {_MOST_POPULATION}"
             )
         if self.evaluations < self.population:
             raise UsageError(

@@ -116,7 +116,7 @@ def test_what_takes_a_solver_ends_in_the_line_that_installs_one(
     [
         (["--finger", "absent.toml"], "neither a preset (quick, paper) nor a file"),
         (["--parameters", "absent.toml"], "absent.toml: cannot read: No such file"),
-        (["--parameters", ""], "cannot read"),
+        (["--parameters", ""], "no parameter set '', expected published or fitted"),
         (["--parameters", "wrong.toml"], "wrong.toml: SA: unknown key 'tau', expected"),
         (["--parameters", "never.toml"], "never.toml: not TOML"),
     ],

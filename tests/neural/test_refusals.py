@@ -1,5 +1,7 @@
 """Values that hold nothing sensible are refused in words, each where it is made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from neural.candidates import candidate_counts
 from neural.coefficients import Coefficients
 from neural.cross_validation import cross_validate
 from neural.drive_table import drive_named
+from neural.encoder import encode
 from neural.fit_problem import FitProblem
 from neural.lif import spike_counts
 from neural.parameter_file import ParameterSet, read_parameter_set
@@ -131,3 +134,12 @@ def test_cells_may_be_any_whole_number():
 def test_a_part_takes_a_flag_a_stimulus(keep):
     with pytest.raises(ParameterError, match="expected a flag for each of 4 stimuli"):
         small_problem().part(keep)
+
+
+def test_a_rest_of_ages_ends_at_once():
+    """It once made the loop count every row of the pause."""
+    with pytest.raises(ParameterError, match="refractory_ms must be at most"):
+        encode(np.ones(20), 0.5, replace(PUBLISHED["RA"], refractory_ms=1e12))
+    long = replace(PUBLISHED["SA"], refractory_ms=1e5)
+    [times_ms] = encode(np.full(501, 1e5), 0.5, long)
+    assert times_ms.size == 1

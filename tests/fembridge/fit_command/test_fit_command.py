@@ -1,6 +1,5 @@
 """The verb ``fit``: files, words, exit codes; what is kept after an interrupt."""
 
-import argparse
 import csv
 import json
 import re
@@ -8,77 +7,19 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
-from fembridge.cli import main
-from fembridge.commands import fit
-from fembridge.errors import ParameterError, ResponseError, TableError, UsageError
 from fembridge.fitting.search_bar import SearchBar
 from fembridge.response.map_file import read_map
 from fembridge.response.stored import FOLDER
-from fembridge.tables import Rate, read_rates, write_rates
+from fembridge.tables import read_rates
 from neural import DRIVES, PUBLISHED, encode_cells, rate_ips, read_parameter_set
-from neural.choice import RULES
-from neural.search import POPULATION
 
-RATES = {
-    "sine_20_67.07": (4.0, 22.0),
-    "sine_20_129.49": (12.0, 33.0),
-    "sine_20_250": (24.0, 50.0),
-    "sine_50_113.6": (15.0, 70.0),
-    "sine_50_250": (45.0, 100.0),
-    "sine_100_85.98": (8.0, 110.0),
-    "sine_100_200": (48.0, 160.0),
-    "noise_5_25_50": (9.0, 20.0),
-}
-SHORT = ("--evaluations", "40", "--population", "20")
-REAL = Path(__file__).parents[3] / "shared/data/observed_sine_rates.csv"
+REAL = Path(__file__).parents[4] / "shared/data/observed_sine_rates.csv"
 FILES = ["fitted.toml", "fitted_rates.csv", "pareto_RA.csv", "pareto_SA.csv"]
 PICTURE = "tradeoffs.png"
-
-
-def parse(*words):
-    parser = argparse.ArgumentParser(prog="fembridge fit")
-    fit.add_arguments(parser)
-    parser.add_argument("--json", action="store_true")
-    return parser.parse_args([str(word) for word in words])
-
-
-@pytest.fixture
-def observed(tmp_path):
-    """Write rates of SA and RA that someone may have observed."""
-    path = tmp_path / "rates.csv"
-    write_rates(
-        path,
-        [
-            Rate(stimulus, name, rate)
-            for stimulus, both in RATES.items()
-            for name, rate in zip(("SA", "RA"), both, strict=True)
-        ],
-    )
-    return path
-
-
-@pytest.fixture
-def call(tmp_path, observed):
-    """Run the verb on these rates into a folder ``out``; give its summary."""
-
-    def run(*words):
-        args = parse("--observed", observed, "-o", tmp_path / "out", *SHORT, *words)
-        return fit.run(args)
-
-    return run
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Put an empty file in the place of the picture: drawing takes seconds."""
-    from fembridge.plots import tradeoffs
-
-    monkeypatch.setattr(tradeoffs, "draw_tradeoffs", lambda run, path: path.touch())
 
 
 def contents(folder):
@@ -111,7 +52,9 @@ def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, caps
     assert "chosen: candidate 1, smallest RMSE over all 7 stimuli" in streams.out
 
 
-def test_the_file_of_parameters_gives_the_rates_that_are_told(call, tmp_path, undrawn):
+def test_the_file_of_parameters_gives_the_rates_that_are_told(
+    call, tmp_path, undrawn, stimuli
+):
     """Read back, and worked out by the encoder apart from the fit."""
     call()
     found = read_parameter_set(tmp_path / "out/fitted.toml")
@@ -120,7 +63,7 @@ def test_the_file_of_parameters_gives_the_rates_that_are_told(call, tmp_path, un
     assert found.parameters["PC"] == PUBLISHED["PC"]
     told = read_rates(tmp_path / "out/fitted_rates.csv")
     assert [(one.stimulus, one.afferent) for one in told] == [
-        (stimulus, name) for name in ("SA", "RA") for stimulus in RATES
+        (stimulus, name) for name in ("SA", "RA") for stimulus in stimuli
     ]
     response = read_map(FOLDER / "quick.toml")
     expected = []
@@ -273,114 +216,3 @@ def test_more_cells_bring_a_spread_to_search(call, tmp_path, undrawn):
     found = record(tmp_path)
     assert found["RA"]["cells"] == 3
     assert "spread" in found["fit"]["RA"]["free"]
-
-
-def test_a_drive_of_one_class_leaves_the_others_out_and_tells(call, capsys, undrawn):
-    summary = call("--drive", "rate")
-    assert list(summary["afferents"]) == ["RA"]
-    assert summary["notes"][0] == "SA left out: drive 'rate' is of RA"
-    with pytest.raises(ParameterError, match="no drive 'rate' for SA"):
-        call("--drive", "rate", "--afferent", "SA")
-
-
-def test_an_unknown_drive_is_refused_with_the_list(call):
-    with pytest.raises(UsageError, match="drive 'risin', expected one of published, "):
-        call("--drive", "risin")
-
-
-def test_drive_list_tells_of_every_drive_and_needs_no_rates(capsys):
-    with pytest.raises(SystemExit) as stop:
-        parse("--drive", "list")
-    assert stop.value.code == 0
-    told = capsys.readouterr().out
-    for name, rows in DRIVES.items():
-        for afferent, drive in rows.items():
-            start = told.index(f"{name}, {afferent}")
-            words = " ".join(told[start:].partition("\n\n")[0].split())
-            assert drive.equation in words
-            assert drive.reason in words
-            for one in drive.free():
-                assert f"{one.field} {one.low:g} to {one.high:g}" in words
-
-
-def test_the_help_tells_every_rule_and_that_rates_are_needed(capsys):
-    with pytest.raises(SystemExit):
-        parse("--help")
-    told = " ".join(capsys.readouterr().out.split())
-    for name, sentence in RULES.items():
-        assert f"{name}: {sentence}" in told
-    with pytest.raises(SystemExit) as stop:
-        parse()
-    assert stop.value.code == 2
-
-
-def test_a_class_that_was_not_observed_is_refused(call, tmp_path):
-    with pytest.raises(UsageError, match="no observed rates of 'PC', only of SA, RA"):
-        call("--afferent", "PC")
-    assert not (tmp_path / "out").exists()
-
-
-def test_the_command_line_has_the_verb_and_tells_an_error_in_a_line(observed, capsys):
-    assert main(["fit", "--drive", "list"]) == 0
-    assert capsys.readouterr().out.startswith("published, SA")
-    assert main(["fit", "--observed", str(observed), "--evaluations", "5"]) == 2
-    streams = capsys.readouterr()
-    assert streams.out == ""
-    assert streams.err == (
-        f"fembridge: 5 evaluations, expected at least one population of {POPULATION}\n"
-    )
-
-
-def test_a_missing_rate_is_refused_unless_allowed(call, observed, tmp_path, undrawn):
-    lines = observed.read_text().splitlines(keepends=True)
-    observed.write_text("".join(lines[:-1]))
-    with pytest.raises(TableError, match=r"noise_5_25_50 has a rate of SA here"):
-        call()
-    call("--allow-missing")
-    counts = record(tmp_path)["fit"]
-    assert "unseen" in counts["SA"]["observed_rates"]
-    assert "unseen" not in counts["RA"]["observed_rates"]
-
-
-def test_an_own_response_is_taken_from_where_simulate_keeps_it(call, tmp_path, undrawn):
-    kept = tmp_path / "simulated/response"
-    kept.mkdir(parents=True)
-    stored = (FOLDER / "paper.toml").read_bytes()
-    (kept / "response.toml").write_bytes(stored)
-    by_word = {}
-    for word in (tmp_path / "simulated", kept, kept / "response.toml"):
-        call("--response", word, "--afferent", "SA")
-        by_word[word] = contents(tmp_path / "out")
-        told = record(tmp_path)["fit"]["response"]
-        assert (told["source"], told["finger"]) == ("solved response", "paper")
-    first, *others = by_word.values()
-    assert all(each == first for each in others)
-    call("--finger", "paper", "--afferent", "SA")
-    again = contents(tmp_path / "out")
-    assert again["pareto_SA.csv"] == first["pareto_SA.csv"]
-
-
-def test_a_folder_without_a_response_is_refused(call, tmp_path):
-    with pytest.raises(ResponseError, match=r"no response\.toml here nor in response/"):
-        call("--response", tmp_path)
-    with pytest.raises(ResponseError, match=r"absent\.toml: not readable"):
-        call("--response", tmp_path / "absent.toml")
-
-
-def test_a_response_and_a_finger_together_are_misuse(capsys):
-    with pytest.raises(SystemExit) as stop:
-        parse("--observed", "x", "--finger", "quick", "--response", "y")
-    assert stop.value.code == 2
-
-
-def test_the_observed_sinusoids_are_followed_better_than_by_table_2(tmp_path, undrawn):
-    if not REAL.is_file():
-        pytest.skip(f"no {REAL.name}: observed rates are not distributed")
-    words = ("--evaluations", "500", "--population", "100")
-    summary = fit.run(parse("--observed", REAL, "-o", tmp_path / "out", *words))
-    for name in ("SA", "RA", "PC"):
-        told = summary["afferents"][name]
-        [total] = [row for row in told["agreement"] if row["group"] == "all"]
-        assert total["count"] == 37
-        assert total["r_squared"] > 0.85
-        assert total["rmse_ips"] < told["published"]["rmse_ips"]
