@@ -4,7 +4,7 @@ Every drive is fitted to the sinusoids of the table, then again without each
 frequency, which it has to predict, all with several seeds. Written are a row a case
 and seed (study.csv), the medians as tables (study.md) and a picture (study.png).
 Without --drive the whole study is made: all drives, pre-indentations, cells. It takes
-some 30 min on one core.
+most of an hour on one core.
 """
 
 import argparse
@@ -43,7 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preindent-um",
         type=float,
         nargs="+",
-        default=(0.0,),
         metavar="DEPTH",
         help="depths of the probe before time 0, with --drive (default: 0)",
     )
@@ -137,6 +136,10 @@ def cases_from(
     from neural.drive_table import DRIVES
 
     if not args.drive:
+        if args.cells is not None or args.preindent_um is not None:
+            raise UsageError(
+                "--cells and --preindent-um go with --drive: the whole study has its own"
+            )
         return default_cases(observed.afferents)
     unknown = [name for name in args.drive if name not in DRIVES]
     if unknown:
@@ -153,7 +156,7 @@ def cases_from(
             depth_um,
         )
         for name in args.drive
-        for depth_um in args.preindent_um
+        for depth_um in args.preindent_um or (0.0,)
         for afferent in observed.afferents
         if afferent in DRIVES[name]
     )

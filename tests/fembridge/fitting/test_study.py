@@ -138,6 +138,12 @@ def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
     ]
 
 
+def test_cells_without_a_drive_are_misuse(table, tmp_path, capsys):
+    words = ["study", "--observed", str(table), "--cells", "3", "-o", str(tmp_path)]
+    assert main(words) == 2
+    assert "go with --drive" in capsys.readouterr().err
+
+
 def test_an_unknown_drive_is_misuse(table, tmp_path, capsys):
     words = ["study", "--observed", str(table), "--drive", "shrap", "-o", str(tmp_path)]
     assert main(words) == 2
