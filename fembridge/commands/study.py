@@ -138,7 +138,7 @@ def cases_from(
     if not args.drive:
         if args.cells is not None or args.preindent_um is not None:
             raise UsageError(
-                "--cells and --preindent-um go with --drive: the whole study has its own"
+                "--cells and --preindent-um go with --drive; the study has its own"
             )
         return default_cases(observed.afferents)
     unknown = [name for name in args.drive if name not in DRIVES]
