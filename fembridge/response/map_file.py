@@ -1,16 +1,14 @@
 """A response map as TOML: small, readable, and sealed by a checksum."""
 
-import hashlib
-import tomllib
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import ResponseError
-from fembridge.outputs import write_text
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.stress import TENSOR
 from fembridge.run_folder import AfferentNode
+from fembridge.sealed import read_sealed, write_sealed
 from fembridge.typing import Table
 
 FORMAT = 1
@@ -21,8 +19,6 @@ _STORED = TENSOR[:IN_PLANE]
 
 def write_map(path: Path, response: ResponseMap) -> None:
     """Write `response`; the same map gives the same bytes."""
-    import tomli_w
-
     table: Table = {
         "format": FORMAT,
         "closure_percent": response.closure_percent,
@@ -40,8 +36,7 @@ def write_map(path: Path, response: ResponseMap) -> None:
             for column, place in enumerate(response.places)
         },
     }
-    sealed = tomli_w.dumps(table)
-    write_text(path, f"{_seal(sealed.encode())}\n{sealed}")
+    write_sealed(path, table)
 
 
 def read_map(path: Path) -> ResponseMap:
@@ -52,24 +47,7 @@ def read_map(path: Path) -> ResponseMap:
     ResponseError
         The file is absent, not a map, or was altered after it was written.
     """
-    try:
-        content = path.read_bytes()
-        table = tomllib.loads(content.decode())
-    except OSError as error:
-        raise ResponseError(f"{path}: not readable: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
-        raise ResponseError(f"{path}: not readable as a response map: {error}") from (
-            error
-        )
-    if table.get("format") != FORMAT:
-        raise ResponseError(
-            f"{path}: format {table.get('format')!r}, expected {FORMAT}"
-        )
-    stated, _, sealed = content.partition(b"\n")
-    if stated != _seal(sealed).encode():
-        raise ResponseError(
-            f"{path}: its numbers do not match its checksum: it was edited or cut"
-        )
+    table = read_sealed(path, "response map", FORMAT)
     try:
         afferents = table["afferents"]
         stored_pa = np.array(  # (afferent, component, K)
@@ -93,8 +71,3 @@ def read_map(path: Path) -> ResponseMap:
         raise ResponseError(f"{path}: not a response map: no {error}") from error
     except (TypeError, ValueError, AttributeError, ResponseError) as error:
         raise ResponseError(f"{path}: not a response map: {error}") from error
-
-
-def _seal(sealed: bytes) -> str:
-    """First line of a map's file: the checksum of all bytes below it."""
-    return f'sha256 = "{hashlib.sha256(sealed).hexdigest()}"'
