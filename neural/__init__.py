@@ -1,6 +1,6 @@
 """From the stress at an afferent to its spikes: NumPy alone, no solver.
 
-``encode`` is the way in; ``neural.drive``, ``neural.current`` and ``neural.lif`` are
+``encode`` is the way in; ``neural.drive``, ``neural.coefficients`` and ``neural.lif`` are
 its three steps, ``neural.candidates`` is the same for many parameters at once.
 ``neural.agreement``, ``neural.threshold`` and ``neural.spike_distance`` judge it.
 """

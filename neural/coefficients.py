@@ -1,4 +1,9 @@
-"""What turns the filtered stress of an afferent into its current."""
+"""What turns the filtered stress of an afferent into its current.
+
+A current here is ``I' = (R_m / τ_m) I`` in mV/ms, so that ``alpha_mv_per_ms`` is the
+α′ of Table 2 and neither R_m nor the milliamperes of α are needed. With halves it is
+current (4), (5) or (6) of the paper.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
-from neural.current import saturation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,3 +87,36 @@ class Coefficients:
             raise ParameterError(
                 f"{np.size(self.alpha_mv_per_ms)} alphas do not go with the weights"
             ) from error
+
+
+def saturation(drive: ArrayLike, half: ArrayLike) -> FloatArray:
+    """Share of its greatest value that a current reaches: ``|x| / (a + |x|)``.
+
+    Parameters
+    ----------
+    drive
+        Filtered stress x, ``(T,)`` or ``(T, condition)``, in the unit of `half`.
+    half
+        The drive a at which the share is one half; a number, or ``(candidate,)``.
+
+    Returns
+    -------
+    ndarray
+        From 0 to 1; the shape of `drive`, with the axis of `half` second.
+
+    Raises
+    ------
+    ParameterError
+        `half` is not > 0 everywhere, or has more than one axis.
+    """
+    a = np.asarray(half, dtype=np.float64)
+    if a.ndim > 1 or not (np.isfinite(a).all() and (a > 0).all()):
+        raise ParameterError(
+            f"half-saturation must be numbers > 0, one or (candidate,), got {a}"
+        )
+    x = np.abs(np.asarray(drive, dtype=np.float64))
+    if a.ndim:
+        a = a.reshape(-1, *[1] * (x.ndim - 1))
+        x = x[:, np.newaxis]
+    share: FloatArray = x / (a + x)
+    return share

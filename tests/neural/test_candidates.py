@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from fembridge.errors import ParameterError, TraceError
 from neural.candidates import candidate_counts
 from neural.coefficients import Coefficients
-from neural.current import ra_current, sa_current
 from neural.drive_table import drive_of
 from neural.encoder import afferent_drives, encode
 from neural.lif import spike_counts
@@ -34,13 +33,15 @@ def test_a_batch_counts_what_current_and_kernel_count(
     halves = rng.uniform(10, 1e4, (2, candidates))
     alpha, tau_ms = rng.uniform(1, 40, candidates), rng.uniform(1, 300, candidates)
     edges = tuple(np.sort(rng.integers(0, rows + 1, (2, conditions)), axis=0))
-    if two:
-        current = sa_current(
-            *drives, a1_pa=halves[0], a2_pa_per_ms=halves[1], alpha_mv_per_ms=alpha
-        )
-    else:
+    if not two:
         drives, halves = drives[:1], halves[:1]
-        current = ra_current(drives[0], a3_pa_per_ms=halves[0], alpha_mv_per_ms=alpha)
+    current = np.stack(
+        [
+            Coefficients(alpha[k], halves=tuple(halves[:, k])).current(drives)
+            for k in range(candidates)
+        ],
+        axis=1,
+    )
 
     counts = candidate_counts(
         drives,
