@@ -1,7 +1,7 @@
 """From the stress at an afferent to its spikes: NumPy alone, no solver.
 
-``encode`` is the way in; ``neural.drive``, ``neural.coefficients`` and ``neural.lif`` are
-its three steps, ``neural.candidates`` is the same for many parameters at once.
+``encode`` is the way in; ``neural.drive``, ``neural.coefficients`` and ``neural.lif``
+are its three steps, ``neural.candidates`` is the same for many parameters at once.
 ``neural.agreement``, ``neural.threshold`` and ``neural.spike_distance`` judge it.
 """
 
