@@ -17,7 +17,8 @@ from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray, IntArray
 
-ELEMENTS = ("CPE4", "CPE4R", "CPE8R")
+# Names are those of Abaqus, which CalculiX shares; `decks.marc` has Marc's numbers.
+ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
 FORMULATIONS = ("node-to-surface", "surface-to-surface")
 # How stress follows from large strain; for small ones both are Hooke's law.
 LAWS = ("linear", "neo-hookean")

@@ -1,4 +1,4 @@
-"""From a finger and stimuli to run folders: decks that ccx, or a person, can take."""
+"""From a finger and stimuli to run folders: decks that a solver, or a person, takes."""
 
 import hashlib
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from decks.analysis import Analysis, Contact, analyse
-from decks.calculix.deck import calculix_deck
+from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.meshing.mesh import Mesh
 from decks.presets import mesh_of
@@ -54,12 +54,18 @@ def model_of(
 
 
 def build_run_folder(
-    folder: Path, model: Model, stimulus: Stimulus, *, binary: bool = True
+    folder: Path,
+    model: Model,
+    stimulus: Stimulus,
+    *,
+    solver: str = "calculix",
+    options: DeckOptions = DeckOptions(),  # noqa: B008 - frozen
 ) -> RunFolder:
     """Write deck, waveform and ``run.toml`` into `folder`.
 
-    ``run.toml`` takes its place last: a folder that has one is whole. Where the
-    same three files stand already, nothing is touched.
+    `solver` names one of `decks.dialects.DIALECTS`. ``run.toml`` takes its place
+    last: a folder that has one is whole. Where the same files stand already,
+    nothing is touched.
 
     Raises
     ------
@@ -69,7 +75,12 @@ def build_run_folder(
         The model or the stimulus cannot be put into a deck.
     """
     return build_analysis_folder(
-        folder, model.analysis(stimulus), stimulus, inputs_of(model, stimulus), binary
+        folder,
+        model.analysis(stimulus),
+        stimulus,
+        inputs_of(model, stimulus),
+        solver=solver,
+        options=options,
     )
 
 
@@ -78,27 +89,31 @@ def build_analysis_folder(
     analysis: Analysis,
     stimulus: Stimulus,
     inputs: Table,
-    binary: bool = True,
+    *,
+    solver: str = "calculix",
+    options: DeckOptions = DeckOptions(),  # noqa: B008 - frozen
 ) -> RunFolder:
     """Do what `build_run_folder` does for an analysis that was put together already.
 
     `inputs` tells in ``run.toml`` what it was made from; `stimulus` is what it
     prescribes. Errors are the same.
     """
-    deck = calculix_deck(analysis, binary=binary)
+    dialect = dialect_named(solver)
+    files = dialect.write(analysis, options)
     run = RunFolder(
         folder=folder,
-        solver="calculix",
+        solver=solver,
         increments=analysis.motion.increments,
         dt_ms=stimulus.dt_ms,
         start_ms=analysis.motion.ramp * stimulus.dt_ms,
         afferents=_places(analysis),
         apex_node=analysis.apex + 1,
-        deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
+        deck_sha256=hashlib.sha256(files[dialect.deck].encode()).hexdigest(),
         inputs=inputs,
     )
     with filling(folder, last=RUN_FILE) as draft:
-        write_text(draft / run.deck.name, deck)
+        for name, text in files.items():
+            write_text(draft / name, text)
         write_csv(stimulus, draft / STIMULUS_FILE)
         replace(run, folder=draft).write()
     return run
@@ -115,16 +130,21 @@ def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
 
 def inputs_of(model: Model, stimulus: Stimulus) -> Table:
     """Tell what a run is made from: element, stimulus, probe, contact, finger."""
-    origin: Mapping[str, object] = stimulus.origin
     return {
         "element": model.element,
-        "stimulus": {
-            "id": stimulus.id,
-            "window_ms": list(stimulus.window_ms),
-            "preindent_um": stimulus.preindent_um,
-            **{key: value for key, value in origin.items() if value is not None},
-        },
+        "stimulus": stimulus_inputs(stimulus),
         "probe": asdict(model.probe),
         "contact": asdict(model.contact),
         "finger": asdict(model.finger),
+    }
+
+
+def stimulus_inputs(stimulus: Stimulus) -> Table:
+    """Tell what `stimulus` is: name, window, pre-indentation, origin."""
+    origin: Mapping[str, object] = stimulus.origin
+    return {
+        "id": stimulus.id,
+        "window_ms": list(stimulus.window_ms),
+        "preindent_um": stimulus.preindent_um,
+        **{key: value for key, value in origin.items() if value is not None},
     }

@@ -1,6 +1,6 @@
 """A run folder: one deck, the waveform it prescribes, and what was built from what.
 
-``job.inp``       the deck; ccx is called with ``-i job``
+``job.inp``       the deck; ccx is called with ``-i job`` (``job.dat`` for Marc)
 ``stimulus.csv``  ``time_ms,displacement_um``: the waveform, sample by sample
 ``run.toml``      this value: which node is which afferent, times, inputs
 
@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from decks.dialects import dialect_of
 from fembridge.errors import ResultError
 from fembridge.outputs import write_text
 from fembridge.typing import FloatArray, Table
@@ -25,19 +26,21 @@ FORMAT = 1
 RUN_FILE = "run.toml"
 STIMULUS_FILE = "stimulus.csv"
 SOLVER_FILE = "solver.toml"
-JOB = "job"
 
 
 @dataclass(frozen=True, slots=True)
 class AfferentNode:
-    """Where one afferent sits: a solver's node inside one layer of the finger."""
+    """Where one afferent sits: a solver's node inside one layer of the finger.
+
+    In someone's own model layer and depth are unknown: "" and None.
+    """
 
     afferent: str
     node: int
     layer: str
     x_mm: float
     y_mm: float
-    depth_mm: float
+    depth_mm: float | None = None
 
     @classmethod
     def from_table(cls, afferent: str, table: Mapping[str, Any]) -> "AfferentNode":
@@ -45,16 +48,18 @@ class AfferentNode:
         node = table["node"]
         if not _is_whole(node, least=1):
             raise ValueError(f"{afferent}: node is {node!r}, expected 1 or more")
-        place = [float(table[key]) for key in ("x_mm", "y_mm", "depth_mm")]
+        layer = str(table["layer"])
+        keys = ("x_mm", "y_mm", "depth_mm") if layer else ("x_mm", "y_mm")
+        place = [float(table[key]) for key in keys]
         if not all(map(math.isfinite, place)):
             raise ValueError(f"{afferent}: its place is not finite")
-        return cls(afferent, node, str(table["layer"]), *place)
+        return cls(afferent, node, layer, *place)
 
     def to_table(self) -> Table:
         """Give the section of TOML, without the afferent's name."""
         table = asdict(self)
         del table["afferent"]
-        return table
+        return {key: value for key, value in table.items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +68,8 @@ class RunFolder:
 
     The solver's clock starts `start_ms` before the stimulus does (a ramp to a
     pre-indentation takes place there) and ends at `end_ms` of solver time after
-    `increments` fixed increments of `dt_ms`. `apex_node` is the skin's node under
+    `increments` fixed increments of `dt_ms`. In someone's own model `before_ms` of
+    steps that are his alone precede all that. `apex_node` is the skin's node under
     the probe: its displacement shows that the probe pushed (0 where unknown).
     `inputs` tells what the deck was made from: for people, and for the origin of a
     response map.
@@ -83,6 +89,7 @@ class RunFolder:
     deck_sha256: str
     apex_node: int = 0
     inputs: Mapping[str, object] = field(default_factory=dict)
+    before_ms: float = 0.0
 
     def __post_init__(self) -> None:
         for name, least in (("increments", 1), ("apex_node", 0)):
@@ -90,10 +97,12 @@ class RunFolder:
                 raise self._error(f"{name} is {number!r}, expected {least} or more")
         if not (math.isfinite(self.dt_ms) and self.dt_ms > 0):
             raise self._error(f"dt_ms is {self.dt_ms}, expected more than 0")
-        if not 0 <= self.start_ms <= self.end_ms:
+        if not (math.isfinite(self.before_ms) and self.before_ms >= 0):
+            raise self._error(f"before_ms is {self.before_ms}, expected 0 or more")
+        if not self.before_ms <= self.start_ms <= self.end_ms:
             raise self._error(
-                f"start_ms is {self.start_ms:g}, expected from 0 to the end of "
-                f"the run, {self.end_ms:g}"
+                f"start_ms is {self.start_ms:g}, expected from {self.before_ms:g} to "
+                f"the end of the run, {self.end_ms:g}"
             )
 
     def _error(self, problem: str) -> ResultError:
@@ -102,17 +111,22 @@ class RunFolder:
     @property
     def end_ms(self) -> float:
         """Solver time at the end of the run, in ms."""
-        return self.increments * self.dt_ms
+        return self.before_ms + self.increments * self.dt_ms
 
     @property
     def deck(self) -> Path:
         """The deck's path."""
-        return self.folder / f"{JOB}.inp"
+        return self.folder / dialect_of(self.solver).deck
 
     @property
     def results(self) -> Path:
-        """The path of the result file that the solver writes."""
-        return self.folder / f"{JOB}.frd"
+        """The path of the result file that the solver writes.
+
+        Of several kinds the first that is there; the first of all if none is.
+        """
+        names = dialect_of(self.solver).results
+        paths = [self.folder / name for name in names]
+        return next((path for path in paths if path.exists()), paths[0])
 
     def node_of(self) -> dict[str, int]:
         """Give the node of each afferent by its name."""
@@ -130,6 +144,7 @@ class RunFolder:
                 "increments": self.increments,
                 "dt_ms": self.dt_ms,
                 "start_ms": self.start_ms,
+                **({"before_ms": self.before_ms} if self.before_ms else {}),
             },
             "apex_node": self.apex_node,
             "afferents": {place.afferent: place.to_table() for place in self.afferents},
@@ -171,6 +186,7 @@ def read_run_folder(folder: Path) -> RunFolder:
             increments=table["time"]["increments"],
             dt_ms=float(table["time"]["dt_ms"]),
             start_ms=float(table["time"]["start_ms"]),
+            before_ms=float(table["time"].get("before_ms", 0.0)),
             afferents=tuple(
                 AfferentNode.from_table(name, place)
                 for name, place in table["afferents"].items()

@@ -3,20 +3,28 @@
 The deck is text that a person can read: units in its heading, named sets,
 comments. run.toml says which node is which afferent and what the deck was made
 from; the same inputs give the same bytes. `fembridge run` or `ccx -i job` in the
-folder solves it.
+folder solves it; decks for Marc and Abaqus are for those who have these solvers.
+
+--base-deck keeps your own model: a .inp of CalculiX or Abaqus, or a .dat of Marc,
+unchanged to the byte but for the waveform, the increments and the output.
 """
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from decks.dialects import DIALECTS, PROBES, RESULTS, DeckOptions, dialect_named
+from fembridge.commands.built_rows import told
 from fembridge.commands.model_options import (
-    add_model_options,
+    add_finger_options,
     add_output_option,
     add_stimulus_options,
     model_from,
     stimuli_from,
 )
+from fembridge.commands.own_model_options import add_own_model_options, build_own
+from fembridge.errors import DeckError, UsageError
 
 EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
 
@@ -24,42 +32,74 @@ EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add_stimulus_options(parser)
-    add_model_options(parser)
-    add_output_option(parser, default="runs")
     parser.add_argument(
-        "--solver", choices=("calculix",), default="calculix", help="whose deck"
+        "--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)"
     )
-    parser.add_argument(
+    add_output_option(parser, default="runs")
+    _add_deck_options(parser.add_argument_group("the deck of our finger"))
+    add_own_model_options(parser.add_argument_group("your own model"))
+
+
+def _add_deck_options(group: argparse._ActionsContainer) -> None:
+    add_finger_options(group)
+    group.add_argument(
+        "--element",
+        metavar="NAME",
+        help="of the finger: CPE4 and others by Abaqus's name, for Marc 80, 11, 27, "
+        "54 or 118 (default: CPE4; Marc and Abaqus: CPE4H, which is 80)",
+    )
+    group.add_argument(
         "--contact",
         choices=("node-to-surface", "surface-to-surface"),
         default="node-to-surface",
-        help="formulation (default: node-to-surface; the other one remembers)",
+        help="formulation (default: node-to-surface; the other one remembers; Marc's "
+        "is set by the procedure beside its deck)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--stiffness-mpa-per-mm",
         type=float,
         default=200.0,
         metavar="K",
-        help="of the contact's springs (default: 200)",
+        help="of the contact's springs (default: 200; Marc has none)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--friction", type=float, default=0.4, metavar="MU", help="default: 0.4"
     )
-    parser.add_argument(
+    group.add_argument(
+        "--results",
+        choices=RESULTS,
+        help="what the solver writes (default: binary, float64; Marc: both .t16 and "
+        ".t19)",
+    )
+    group.add_argument(
         "--ascii",
-        action="store_true",
-        help="ask for ASCII results (six digits) instead of binary float64",
+        action="store_const",
+        const="text",
+        dest="results",
+        help="the same as --results text: six digits",
+    )
+    group.add_argument(
+        "--probe-body",
+        choices=PROBES,
+        help="of Marc: a rigid curve that a table moves, or elements whose nodes are "
+        "moved (default: rigid; the others: meshed)",
     )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the folders; the summary lists them."""
-    from pathlib import Path
+    if args.base_deck is not None:
+        ours = argparse.ArgumentParser()
+        _add_deck_options(ours)
+        return build_own(args, ours.parse_args([]))
+    if args.amplitude or args.step or args.afferent:
+        raise UsageError("--amplitude, --step and --afferent are for --base-deck")
 
     from decks.analysis import Contact
     from fembridge.build import build_run_folder
-    from fembridge.errors import DeckError, UsageError
 
+    solver = args.solver or "calculix"
+    dialect = dialect_named(solver)
     try:
         contact = Contact(
             args.contact,
@@ -68,20 +108,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     except DeckError as error:
         raise UsageError(f"contact: {error}") from error
+    try:
+        args.element = dialect.element_named(args.element or dialect.element)
+    except DeckError as error:
+        raise UsageError(str(error)) from error
     stimuli = stimuli_from(args)
     model = replace(model_from(args), contact=contact)
+    options = DeckOptions(args.results, args.probe_body)
     rows = []
     for stimulus in stimuli:
-        folder = Path(args.output) / stimulus.id
-        built = build_run_folder(folder, model, stimulus, binary=not args.ascii)
-        rows.append(
-            {
-                "stimulus": stimulus.id,
-                "folder": str(folder),
-                "increments": built.increments,
-                "deck_sha256": built.deck_sha256,
-            }
+        built = build_run_folder(
+            Path(args.output) / stimulus.id,
+            model,
+            stimulus,
+            solver=solver,
+            options=options,
         )
-        if not args.json:
-            print(f"{folder}  {built.increments} increments of {built.dt_ms:g} ms")
-    return {"finger": model.finger.name, "folders": rows}
+        rows.append(told(args, stimulus.id, built))
+    if dialect.how_to_run and not args.json:
+        print(f"each is run by its owner, in its folder: {dialect.how_to_run}")
+    return {"finger": model.finger.name, "solver": solver, "folders": rows}

@@ -42,7 +42,7 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_finger_options(parser: argparse.ArgumentParser) -> None:
+def add_finger_options(parser: argparse._ActionsContainer) -> None:
     """Which finger and which probe."""
     parser.add_argument(
         "--finger",

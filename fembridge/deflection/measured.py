@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from decks.dialects import JOB
 from fembridge.deflection.press import Press, surface_of
 from fembridge.deflection.profile import Deflection
 from fembridge.errors import ResponseError, ResultError
 from fembridge.results.frd import read_displacement
 from fembridge.results.printed.dat import read_total_force
-from fembridge.run_folder import JOB, RunFolder, read_waveform
+from fembridge.run_folder import RunFolder, read_waveform
 from fembridge.typing import FloatArray
 
 PROBE_SET = "PROBE"

@@ -102,7 +102,7 @@ def name_afferents(
             annotation_clip=False,
         )
         panel.annotate(
-            f"{site.depth_mm:.2f} mm deep",
+            "" if site.depth_mm is None else f"{site.depth_mm:.2f} mm deep",
             (1, 0),
             xycoords=name,
             xytext=(4, 0),

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
+from decks.dialects import JOB
 from fembridge.errors import ResponseError, ResultError
 from fembridge.response.acceptance import judge
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed.dat import read_total_force
 from fembridge.results.stress import von_mises_pa
-from fembridge.run_folder import JOB, read_run_folder, read_waveform
+from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray
 

@@ -11,10 +11,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from decks.dialects import JOB
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.node_choice import NodeChoice
 from fembridge.results.read_options import ReadOptions
-from fembridge.run_folder import JOB, RUN_FILE, RunFolder, read_run_folder
+from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
 from fembridge.trace import StressTrace
 from fembridge.typing import Table
 

@@ -11,6 +11,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from decks.dialects import DIALECTS
 from fembridge.errors import MissingError
 
 if TYPE_CHECKING:
@@ -21,9 +22,6 @@ ENTRY_POINTS = "fembridge.solvers"
 
 SOLVERS = {"calculix": "fembridge.solvers.calculix:attempt_calculix"}
 """Where the function of each solver of ours is."""
-
-RUN_BY_THEIR_OWNERS = {"marc": "Marc"}
-"""Solvers that we write decks for and never start."""
 
 
 class Attempt(Protocol):
@@ -54,14 +52,14 @@ def load_solver(name: str) -> Attempt:
         module, _, function = SOLVERS[name].partition(":")
         ours: Attempt = getattr(import_module(module), function)
         return ours
-    if name in RUN_BY_THEIR_OWNERS:
-        raise MissingError(
-            f"{RUN_BY_THEIR_OWNERS[name]} is run by its owner: run the deck there, "
-            "then give the result file to fembridge ingest"
-        )
     rows = entry_points(group=ENTRY_POINTS)
     for row in rows.select(name=name):
         loaded: Attempt = row.load()
         return loaded
+    if name in DIALECTS:
+        raise MissingError(
+            f"{name.capitalize()} is run by its owner: {DIALECTS[name].how_to_run} in "
+            "the run folder, then give the results to fembridge ingest"
+        )
     known = ", ".join(sorted({*SOLVERS, *rows.names}))
     raise MissingError(f"no solver {name!r} here; there is {known}")

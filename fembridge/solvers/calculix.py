@@ -12,9 +12,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from decks.dialects import JOB
 from fembridge.errors import MissingError, OutputError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
-from fembridge.run_folder import JOB, RunFolder, read_run_folder, sha256_of
+from fembridge.run_folder import RunFolder, read_run_folder, sha256_of
 from fembridge.solvers.folder_lock import folder_lock
 from fembridge.solvers.outcome import Cause, Failure, Outcome
 from fembridge.solvers.process import signals_as_exits, start, stop

@@ -11,11 +11,12 @@ import shutil
 import signal
 from pathlib import Path
 
+from decks.dialects import JOB
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd_format.index import index_frd
 from fembridge.results.printed.sta import StaRow, read_sta
-from fembridge.run_folder import JOB, RunFolder
+from fembridge.run_folder import RunFolder
 from fembridge.solvers.guard import CANNOT_RUN
 from fembridge.solvers.outcome import Cause, Failure
 from fembridge.solvers.solver_log import LogMessage, SolverLog, find_card

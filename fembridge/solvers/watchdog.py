@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from decks.dialects import JOB
 from fembridge.errors import OutputError, ResultError, UsageError
 from fembridge.results.printed.cvg import CvgRow, read_cvg
 from fembridge.results.printed.sta import StaRow, read_sta
-from fembridge.run_folder import JOB, RunFolder
+from fembridge.run_folder import RunFolder
 from fembridge.solvers.outcome import Cause, Failure
 
 STALL_LIMIT_S = 600.0

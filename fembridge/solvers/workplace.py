@@ -11,9 +11,10 @@ import contextlib
 import shutil
 from pathlib import Path
 
+from decks.dialects import JOB
 from fembridge.errors import OutputError
 from fembridge.outputs import make_folder, write_text
-from fembridge.run_folder import JOB, RunFolder
+from fembridge.run_folder import RunFolder
 from fembridge.solvers.outcome import Failure
 
 WORK_FOLDER = "solving"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact
+from decks.dialects import DeckOptions
 from decks.presets import PRESETS
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
@@ -89,7 +90,7 @@ def test_the_deck_changes_with_the_model(tmp_path, model, change, same_deck):
 def test_ascii_or_binary_results_are_a_matter_of_the_deck_alone(tmp_path, model):
     stimulus = stimulus_of("sine_50_250")
     build_run_folder(tmp_path / "binary", model, stimulus)
-    build_run_folder(tmp_path / "ascii", model, stimulus, binary=False)
+    build_run_folder(tmp_path / "ascii", model, stimulus, options=DeckOptions("text"))
 
     binary, text = contents(tmp_path / "binary"), contents(tmp_path / "ascii")
     assert binary["stimulus.csv"] == text["stimulus.csv"]

@@ -56,6 +56,7 @@ def test_the_summary_lists_the_folders(here, capsys):
     run = read_run_folder(here / "runs/sine_20_250")
     assert summary == {
         "finger": "quick",
+        "solver": "calculix",
         "folders": [
             {
                 "stimulus": "sine_20_250",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact
+from decks.dialects import JOB
 from decks.presets import PRESETS
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
@@ -15,7 +16,7 @@ from fembridge.errors import SolverError
 from fembridge.response.map_file import read_map
 from fembridge.response.solve import LADDER, Rung, Solved
 from fembridge.response.stored import FOLDER
-from fembridge.run_folder import JOB, read_run_folder
+from fembridge.run_folder import read_run_folder
 from fembridge.simulate import SolverSettings, simulate
 from fembridge.solvers.outcome import Cause, Failure, Outcome
 from fembridge.trace import StressTrace

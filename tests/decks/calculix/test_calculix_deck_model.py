@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.calculix.deck import calculix_deck, watched_nodes
-from decks.calculix.lines import LONGEST_NUMBER
+from decks.calculix.deck import calculix_deck
 from decks.finger import LAYERS, SITES
+from decks.inp.lines import LONGEST_NUMBER
 from decks.meshing.mesh import Mesh
+from decks.numbered import numbered
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import DeckError
@@ -86,7 +87,7 @@ def test_afferents_and_the_apex_have_sets_of_one_node(built):
 def test_results_are_asked_for_at_the_watched_nodes_alone_each_once(built):
     analysis, _, deck = built
     watched = [*(row + 1 for row in analysis.afferent.values()), analysis.apex + 1]
-    assert deck.set_of("OUTPUT_NODES") == watched == watched_nodes(analysis)
+    assert deck.set_of("OUTPUT_NODES") == watched == numbered(analysis).watched.tolist()
     for keyword, words in (("NODE OUTPUT", "U"), ("ELEMENT OUTPUT", "S")):
         _, options, rows = deck.one(keyword)
         assert options == {"NSET": "OUTPUT_NODES", "DOUBLE": ""}
@@ -96,7 +97,7 @@ def test_results_are_asked_for_at_the_watched_nodes_alone_each_once(built):
 def test_an_afferent_at_the_apex_is_not_written_twice(models, short):
     analysis = models["plain"].analysis(short)
     doubled = replace(analysis, afferent={"SA": analysis.apex, "RA": analysis.apex})
-    assert watched_nodes(doubled) == [analysis.apex + 1]
+    assert numbered(doubled).watched.tolist() == [analysis.apex + 1]
 
 
 def test_results_can_be_had_in_ascii(models, short, parse_deck):

@@ -42,9 +42,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import Analysis, Contact, motion_of
-from decks.calculix.deck import calculix_deck, watched_nodes
+from decks.calculix.deck import calculix_deck
 from decks.finger import AfferentSite, Bone, Finger, Material, Outline
 from decks.meshing.mesh import Mesh
+from decks.numbered import numbered
 from decks.presets import QUICK
 from decks.probe import Probe, mesh_probe, touched_node
 from fembridge.machine import find_ccx
@@ -145,7 +146,9 @@ def solved(tmp_path_factory):
     _, nodes, forces_n = read_node_print(folder / "job.dat", "forces", "PROBE")
     first = len(analysis.mesh.node_mm) + 1
     assert nodes.tolist() == list(range(first, first + len(analysis.probe.node_mm)))
-    _, tensor_pa = read_stress_tensor(folder / "job.frd", watched_nodes(analysis))
+    _, tensor_pa = read_stress_tensor(
+        folder / "job.frd", numbered(analysis).watched.tolist()
+    )
     lower = analysis.probe.lower_node
     return (
         abs(float(total_n[-1, 1])),

@@ -7,9 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import analyse
-from decks.calculix.deck import calculix_deck, watched_nodes
-from decks.calculix.lines import element_lines, node_lines, real
+from decks.calculix.deck import calculix_deck
 from decks.finger import TABLE_1
+from decks.inp.lines import element_lines, node_lines, real
+from decks.numbered import numbered
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
 from fembridge.machine import find_ccx
@@ -81,10 +82,10 @@ def test_an_unknown_law_is_refused(short):
 
 
 def test_nodes_to_be_watched_follow_the_afferents_and_none_is_twice(short):
-    plain = watched_nodes(analyse(QUICK, SKIN, short))
+    plain = numbered(analyse(QUICK, SKIN, short)).watched.tolist()
     apex = plain[-1]
     rows = np.array([apex - 1, 40, 7])
-    more = watched_nodes(analyse(QUICK, SKIN, short, watched=rows))
+    more = numbered(analyse(QUICK, SKIN, short, watched=rows)).watched.tolist()
     assert more == [*plain, 41, 8]
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.calculix.lines import element_lines, node_lines, real
+from decks.inp.lines import element_lines, node_lines, real
 from decks.meshing.mesh import Mesh
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_stress_and_displacement

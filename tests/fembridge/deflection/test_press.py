@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.calculix.deck import calculix_deck, watched_nodes
+from decks.calculix.deck import calculix_deck
+from decks.numbered import numbered
 from decks.presets import PAPER, QUICK
 from decks.probe import Probe
 from fembridge.deflection.press import (
@@ -59,7 +60,7 @@ def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth(p
 def test_the_deck_presses_a_neo_hookean_skin_and_watches_all_of_its_surface(press):
     analysis = press.analysis()
     assert analysis.law == "neo-hookean"
-    assert set(surface_of(press.mesh) + 1) <= set(watched_nodes(analysis))
+    assert set(surface_of(press.mesh) + 1) <= set(numbered(analysis).watched.tolist())
     assert "*HYPERELASTIC, NEO HOOKE" in calculix_deck(analysis)
 
 

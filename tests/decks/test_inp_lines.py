@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from decks.calculix.lines import (
+from decks.inp.lines import (
     LONGEST_NUMBER,
     element_lines,
     fixed,

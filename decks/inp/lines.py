@@ -1,4 +1,4 @@
-"""Lines of a CalculiX deck: numbers that ccx reads whole, and lists of them.
+"""Lines of a keyword deck: numbers that ccx reads whole, and lists of them.
 
 ccx cuts a number at 20 characters without a word and takes at most 16 entries a
 line, of an amplitude four pairs.

@@ -1,0 +1,1 @@
+"""Abaqus: the dialect of Abaqus/Standard."""

@@ -1,0 +1,167 @@
+"""Deck dialects by name: whose solver, which files, which elements.
+
+A dialect is one module with a function from `decks.analysis.Analysis` to the
+files of a run folder; it is imported when a deck of it is written.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from fembridge.errors import DeckError
+
+if TYPE_CHECKING:
+    from decks.analysis import Analysis
+
+JOB = "job"
+# What a deck asks the solver to write its results as.
+RESULTS = ("binary", "text", "both")
+# Whether Marc's probe is a curve, or elements whose nodes are prescribed.
+PROBES = ("rigid", "meshed")
+
+
+@dataclass(frozen=True, slots=True)
+class DeckOptions:
+    """What is asked of a deck beside its analysis; None: the dialect's own way."""
+
+    results: str | None = None
+    probe: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, known in (("results", RESULTS), ("probe", PROBES)):
+            if (word := getattr(self, name)) not in (None, *known):
+                raise DeckError(f"{name} {word!r}, expected one of {', '.join(known)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """A solver's kind of deck.
+
+    `deck` and `results` are names of files in a run folder; the first of `results`
+    that is there holds the stresses. `result_kinds` and `probes` are the words of
+    `DeckOptions` that it knows, its own choice first. `elements` gives, for our
+    (Abaqus's) name of an element, the solver's own. `how_to_run` tells what a person
+    does where fembridge cannot run the solver itself. `target` is
+    ``module:function``, called as ``(analysis, options)`` and giving text by name of
+    file.
+    """
+
+    name: str
+    deck: str
+    results: tuple[str, ...]
+    elements: Mapping[str, str]
+    element: str
+    result_kinds: tuple[str, ...]
+    probes: tuple[str, ...]
+    target: str
+    how_to_run: str = ""
+
+    def element_named(self, word: str) -> str:
+        """Give our name of the element that `word` is, ours or the solver's.
+
+        Raises
+        ------
+        DeckError
+            The dialect has none.
+        """
+        for ours, theirs in self.elements.items():
+            if word.upper() in (ours, theirs):
+                return ours
+        known = ", ".join(
+            ours if ours == theirs else f"{theirs} ({ours})"
+            for ours, theirs in self.elements.items()
+        )
+        raise DeckError(f"{self.name} has no element {word!r}, expected one of {known}")
+
+    def write(self, analysis: "Analysis", options: DeckOptions) -> dict[str, str]:
+        """Give the text of each file: the deck, and what belongs to it.
+
+        Raises
+        ------
+        DeckError
+            Something that this dialect cannot say.
+        """
+        self.element_named(analysis.element)
+        chosen = DeckOptions(
+            self._choice("results", options.results, self.result_kinds),
+            self._choice("probe", options.probe, self.probes),
+        )
+        module, _, function = self.target.partition(":")
+        write: Callable[[Analysis, DeckOptions], dict[str, str]]
+        write = getattr(import_module(module), function)
+        return write(analysis, chosen)
+
+    def _choice(self, what: str, word: str | None, known: tuple[str, ...]) -> str:
+        if word is not None and word not in known:
+            raise DeckError(
+                f"a deck for {self.name} has no {what} {word!r}, expected "
+                f"{' or '.join(known)}"
+            )
+        return known[0] if word is None else word
+
+
+DIALECTS = {
+    dialect.name: dialect
+    for dialect in (
+        Dialect(
+            name="calculix",
+            deck=f"{JOB}.inp",
+            results=(f"{JOB}.frd",),
+            elements={name: name for name in ("CPE4", "CPE4R", "CPE8R")},
+            element="CPE4",
+            result_kinds=("binary", "text"),
+            probes=("meshed",),
+            target="decks.calculix.deck:calculix_files",
+        ),
+        Dialect(
+            name="marc",
+            deck=f"{JOB}.dat",
+            results=(f"{JOB}.t16", f"{JOB}.t19"),
+            elements={
+                "CPE4H": "80",
+                "CPE4": "11",
+                "CPE8": "27",
+                "CPE8R": "54",
+                "CPE4RH": "118",
+            },
+            element="CPE4H",
+            result_kinds=("both", "binary", "text"),
+            probes=("rigid", "meshed"),
+            target="decks.marc.files:marc_files",
+            how_to_run=f"run_marc -jid {JOB}",
+        ),
+        Dialect(
+            name="abaqus",
+            deck=f"{JOB}.inp",
+            results=(f"{JOB}.odb",),
+            elements={
+                name: name
+                for name in ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
+            },
+            element="CPE4H",
+            result_kinds=("binary",),
+            probes=("meshed",),
+            target="decks.abaqus.deck:abaqus_files",
+            how_to_run=f"abaqus job={JOB}",
+        ),
+    )
+}
+
+
+def dialect_of(solver: str) -> Dialect:
+    """Give the dialect that `solver` reads; CalculiX's for one of another package."""
+    return DIALECTS.get(solver, DIALECTS["calculix"])
+
+
+def dialect_named(name: str) -> Dialect:
+    """Give the dialect `name`.
+
+    Raises
+    ------
+    DeckError
+        There is none.
+    """
+    if name not in DIALECTS:
+        raise DeckError(f"no deck dialect {name!r}, expected {', '.join(DIALECTS)}")
+    return DIALECTS[name]

@@ -1,0 +1,1 @@
+"""Keyword decks (``.inp``): what CalculiX and Abaqus have in common."""

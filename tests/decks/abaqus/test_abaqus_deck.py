@@ -1,0 +1,120 @@
+"""An Abaqus deck, read back by the plain parser of keyword decks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.abaqus.deck import abaqus_deck
+from decks.analysis import Contact
+from decks.numbered import numbered
+
+ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
+
+
+@pytest.fixture(params=ELEMENTS)
+def read(request, models, short, parse_deck):
+    analysis = replace(models["plain"], element=request.param).analysis(short)
+    return numbered(analysis), parse_deck(abaqus_deck(analysis))
+
+
+def test_mesh_and_sections_are_those_of_the_model(read):
+    model, deck = read
+    nodes = deck.nodes()
+    assert len(nodes) == len(model.node_mm) + len(model.probe_node_mm)
+    written = [nodes[k + 1][:2] for k in range(len(model.node_mm))]
+    assert_allclose(written, model.node_mm, rtol=0, atol=1e-9)
+    elements = deck.elements()
+    for layer in model.layers:
+        _, options, rows = deck.one("ELEMENT", ELSET=layer.name.upper())
+        assert options["TYPE"] == model.analysis.element
+        assert len(rows) == len(layer.number)
+        for number, row in zip(layer.number.tolist(), layer.node, strict=True):
+            assert elements[number] == tuple(row.tolist())
+        assert deck.one("SOLID SECTION", ELSET=layer.name.upper())[1]["MATERIAL"]
+
+
+def test_materials_are_table_1(read):
+    model, deck = read
+    cards = deck.cards
+    for layer in model.layers:
+        at = cards.index(deck.one("MATERIAL", NAME=layer.name.upper()))
+        keyword, _, [[young, poisson]] = cards[at + 1]
+        assert keyword == "ELASTIC"
+        assert float(young) == layer.material.young_mpa
+        assert float(poisson) == layer.material.poisson
+
+
+def test_sets_hold_the_models_nodes(read):
+    model, deck = read
+    assert deck.set_of("HELD") == model.held.tolist()
+    assert deck.set_of("OUTPUT_NODES") == model.watched.tolist()
+    for name, node in model.afferent.items():
+        assert deck.set_of(f"AFFERENT_{name.upper()}") == [node]
+
+
+def test_the_elements_around_an_afferent_are_all_that_have_its_node(read):
+    model, deck = read
+    elements = deck.elements()
+    for name, node in model.afferent.items():
+        _, _, rows = deck.one("ELSET", ELSET=f"AROUND_{name.upper()}")
+        found = {int(word) for row in rows for word in row}
+        assert found == {k for k, nodes in elements.items() if node in nodes}
+        layers = {
+            layer.name for layer in model.layers if found & set(layer.number.tolist())
+        }
+        assert len(layers) == 1
+
+
+def test_the_probe_is_moved_by_the_waveform_and_the_rest_is_held(read):
+    model, deck = read
+    motion = model.analysis.motion
+    _, options, rows = deck.one("AMPLITUDE")
+    assert options == {"NAME": "DEPTH", "TIME": "TOTAL TIME"}
+    words = np.array([word for row in rows for word in row], dtype=float)
+    time_s, depth_mm = words.reshape(-1, 2).T
+    assert_array_equal(time_s, motion.time_s)
+    assert_allclose(depth_mm, motion.depth_mm, rtol=0, atol=1e-12)
+    held, moved = deck.all("BOUNDARY")
+    assert held[2] == [["HELD", "1", "2"], ["PROBE", "1", "1"]]
+    assert (moved[1], moved[2]) == (
+        {"AMPLITUDE": "DEPTH"},
+        [["PROBE", "2", "2", "-1.0"]],
+    )
+    assert deck.one("STEP")[1]["NLGEOM"] == "YES"
+    _, options, [[dt_s, end_s]] = deck.one("STATIC")
+    assert options == {"DIRECT": ""}
+    assert float(end_s) / float(dt_s) == motion.increments
+
+
+def test_contact_is_between_surfaces_of_elements(read):
+    model, deck = read
+    _, _, rows = deck.one("SURFACE", NAME="SKIN_SURFACE")
+    assert [[int(e), int(face[1:])] for e, face in rows] == model.contact_face.tolist()
+    _, _, rows = deck.one("SURFACE", NAME="PROBE_SURFACE")
+    assert [int(e) for e, _ in rows] == model.probe.number.tolist()
+    assert deck.one("FRICTION")[2] == [["0.4"]]
+    assert deck.one("CONTACT PAIR")[2] == [["SKIN_SURFACE", "PROBE_SURFACE"]]
+
+
+def test_stress_is_asked_for_around_each_afferent_in_every_increment(read):
+    model, deck = read
+    fields = deck.all("ELEMENT OUTPUT")
+    prints = deck.all("EL PRINT")
+    around = [f"AROUND_{name.upper()}" for name in model.afferent]
+    assert [card[1]["ELSET"] for card in fields] == around
+    assert [card[1]["ELSET"] for card in prints] == around
+    assert all(card[1]["POSITION"] == "AVERAGED AT NODES" for card in prints)
+    assert all(card[1]["FREQUENCY"] == "1" for card in prints)
+    assert deck.one("OUTPUT")[1] == {"FIELD": "", "FREQUENCY": "1"}
+
+
+def test_without_friction_none_is_written(models, short, parse_deck):
+    model = replace(models["plain"], contact=Contact(friction=0.0))
+    assert not parse_deck(abaqus_deck(model.analysis(short))).all("FRICTION")
+
+
+def test_small_strain_is_said_so(models, short, parse_deck):
+    small = replace(models["plain"].analysis(short), large_strain=False)
+    assert parse_deck(abaqus_deck(small)).one("STEP")[1]["NLGEOM"] == "NO"
