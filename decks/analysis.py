@@ -196,7 +196,6 @@ def analyse(
             f"finger {finger.name}: {len(mesh.quad)} elements, "
             f"{len(mesh.node_mm)} corner nodes",
             f"probe: {probe.shape}, {probe.diameter_mm:g} mm",
-            f"contact: {contact or Contact()}",
         ),
         law=law,
         watched=rows,

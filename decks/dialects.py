@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from decks.analysis import Analysis
 
 JOB = "job"
+# What the procedure beside Marc's deck appends to the name of the deck it writes.
+REWRITTEN = "_s2s"
 # What a deck asks the solver to write its results as.
 RESULTS = ("binary", "text", "both")
 # Whether Marc's probe is a curve, or elements whose nodes are prescribed.
@@ -117,7 +119,12 @@ DIALECTS = {
         Dialect(
             name="marc",
             deck=f"{JOB}.dat",
-            results=(f"{JOB}.t16", f"{JOB}.t19"),
+            results=(
+                f"{JOB}{REWRITTEN}.t16",
+                f"{JOB}{REWRITTEN}.t19",
+                f"{JOB}.t16",
+                f"{JOB}.t19",
+            ),
             elements={
                 "CPE4H": "80",
                 "CPE4": "11",
@@ -129,7 +136,8 @@ DIALECTS = {
             result_kinds=("both", "binary", "text"),
             probes=("rigid", "meshed"),
             target="decks.marc.files:marc_files",
-            how_to_run=f"run_marc -jid {JOB}",
+            how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
+            f"fembridge ingest {JOB}{REWRITTEN}.t16; docs/marc.md tells more",
         ),
         Dialect(
             name="abaqus",
@@ -143,7 +151,8 @@ DIALECTS = {
             result_kinds=("binary",),
             probes=("meshed",),
             target="decks.abaqus.deck:abaqus_files",
-            how_to_run=f"abaqus job={JOB}",
+            how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
+            "encode, as a table time_ms,afferent,node,von_mises_pa",
         ),
     )
 }

@@ -102,23 +102,20 @@ def write_wav(stimulus: Stimulus, path: Path) -> float:
 def write_marc_table(stimulus: Stimulus, path: Path) -> None:
     """Write the ``table`` option of a Marc deck, in extended format.
 
-    The layout is the one Mentat 2020 writes: table 1, one variable (time), one
+    The layout is the one Mentat 2021 writes: table 1, one variable (time), one
     point a sample. A boundary condition multiplies its own value by the table,
     so that value is 1, or -1 where the deck's axis points out of the skin.
     """
-    times_s = stimulus.times_ms * S_PER_MS
-    depths_mm = stimulus.displacement_um * MM_PER_UM
-    unused_variable = [0, 0, 2]
+    from decks.marc.motion import time_table
+
     lines = [
         f"$ {stimulus.id}: time in s, displacement of the probe in mm, positive into",
         "$ the skin, 0 at first touch; reals in extended format (20 columns)",
-        f"table               {stimulus.id}",
-        _integers([1, 1, 0, 0, 2]),
-        _integers([1, times_s.size, 2, *unused_variable * 3]),
-    ]
-    lines += [
-        _marc_real(time_s) + _marc_real(depth_mm)
-        for time_s, depth_mm in zip(times_s.tolist(), depths_mm.tolist(), strict=True)
+        *time_table(
+            stimulus.id,
+            stimulus.times_ms * S_PER_MS,
+            stimulus.displacement_um * MM_PER_UM,
+        ),
     ]
     write_text(path, "\n".join(lines) + "\n")
 
@@ -130,17 +127,3 @@ FORMATS: dict[str, tuple[str, Callable[[Stimulus, Path], float | None]]] = {
     "marc-table": (".marc.dat", write_marc_table),
 }
 """Suffix and writer of each format."""
-
-
-def _integers(numbers: Sequence[int]) -> str:
-    return "".join(f"{number:10d}" for number in numbers)
-
-
-def _marc_real(number: float) -> str:
-    """Twenty columns: sign, 15 decimals, signed exponent without a letter E."""
-    mantissa, exponent = f"{number:.15E}".split("E")
-    power = int(exponent)
-    if abs(power) > 9:  # a two-digit exponent takes the place of one decimal
-        mantissa, exponent = f"{number:.14E}".split("E")
-        power = int(exponent)
-    return f"{mantissa}{power:+d}".rjust(20)

@@ -31,7 +31,7 @@ def heading(model: NumberedAnalysis) -> Iterator[str]:
     yield "** Units: mm, N, s, MPa. Plane strain, 1 mm thick."
     yield "** x runs across the finger, y out of its pad; the ridge under the probe"
     yield "** has its top at the origin."
-    for note in model.analysis.notes:
+    for note in (*model.analysis.notes, f"contact: {model.analysis.contact}"):
         yield f"** {plain(note)}"
 
 

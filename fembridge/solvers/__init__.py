@@ -58,8 +58,8 @@ def load_solver(name: str) -> Attempt:
         return loaded
     if name in DIALECTS:
         raise MissingError(
-            f"{name.capitalize()} is run by its owner: {DIALECTS[name].how_to_run} in "
-            "the run folder, then give the results to fembridge ingest"
+            f"{name.capitalize()} is run by its owner, in the run folder: "
+            f"{DIALECTS[name].how_to_run}"
         )
     known = ", ".join(sorted({*SOLVERS, *rows.names}))
     raise MissingError(f"no solver {name!r} here; there is {known}")

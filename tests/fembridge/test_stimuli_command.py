@@ -119,9 +119,10 @@ def test_a_marc_table_is_in_seconds_and_millimetres_in_columns_of_twenty(tmp_pat
     keyword, header, variable, *rows = [line for line in lines if line not in comment]
     assert keyword == "table               sine_50_250"
     assert [int(header[k : k + 10]) for k in range(0, 50, 10)] == [1, 1, 0, 0, 2]
-    assert [int(variable[k : k + 10]) for k in range(0, 120, 10)] == [
+    assert [int(variable[k : k + 10]) for k in range(0, 160, 10)] == [
         *(1, 501, 2),
         *(0, 0, 2) * 3,
+        *(0, 0, 0, 0),
     ]
     assert {len(row) for row in rows} == {40}
     values = np.array([[_real(row[:20]), _real(row[20:])] for row in rows])

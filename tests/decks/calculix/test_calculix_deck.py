@@ -77,7 +77,7 @@ def test_the_heading_says_units_and_what_it_is(built, short):
     assert (keyword, options) == ("HEADING", {})
     assert rows == [["fembridge: short on finger quick"]]
     assert "Units: mm, N, s, MPa. Plane strain, 1 mm thick." in deck.comments
-    assert set(analysis.notes) <= set(deck.comments)
+    assert {*analysis.notes, f"contact: {analysis.contact}"} <= set(deck.comments)
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,8 @@ def test_another_package_can_add_a_solver(monkeypatch):
         load_solver("nine")
 
 
-def test_marc_is_run_by_its_owner():
-    with pytest.raises(MissingError, match="ingest"):
+def test_marc_and_abaqus_are_run_by_their_owners():
+    with pytest.raises(MissingError, match=r"run_marc -jid job_s2s, then fembridge ingest"):
         load_solver("marc")
+    with pytest.raises(MissingError, match=r"abaqus job=job, .* to fembridge encode"):
+        load_solver("abaqus")

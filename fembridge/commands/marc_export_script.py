@@ -1,0 +1,48 @@
+"""Print a script that takes stress traces from a Marc post file inside Mentat.
+
+Mentat's own Python has py_post, which opens any .t16 or .t19 that Mentat opens. The
+script needs nothing else, runs in Python 2.7 and 3.6 and later without a window, and
+writes the table that encode reads. fembridge ingest reads .t16 and .t19 without
+Mentat; this is the way for a file that it refuses, and for comparing the two.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+EXAMPLE = "fembridge marc-export-script > export.py"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="write the script here instead of printing it",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Print or write the script; the summary holds where it is, or the script."""
+    from fembridge.outputs import write_text
+
+    script = script_text()
+    output: Path | None = args.output
+    if output is not None:
+        write_text(output, script)
+        if not args.json:
+            print(f"{output}: run it with Mentat's Python; --help tells how")
+        return {"output": str(output)}
+    if not args.json:
+        print(script, end="")
+    return {"output": None, "script": script}
+
+
+def script_text() -> str:
+    """Give the script as it is shipped."""
+    from importlib.resources import files
+
+    place = files("fembridge") / "marc_export" / "export.py"
+    return place.read_text(encoding="utf-8")

@@ -1,0 +1,1 @@
+"""What Marc and Mentat leave beside a post file: ``.sts``, plots as text, ``.h5``."""

@@ -1,0 +1,73 @@
+"""The page for Marc users asks for nothing that does not exist."""
+
+import argparse
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from decks.dialects import DeckOptions
+from decks.marc.element_types import MARC_TYPES
+from decks.marc.files import marc_files
+from decks.marc.layout import PROBES
+from decks.marc.motion import WAVEFORM_NAME
+
+DOCS = Path(__file__).parents[3] / "docs"
+PAGE = (DOCS / "marc.md").read_text(encoding="utf-8")
+COMMANDS = [
+    line
+    for block in re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
+    for line in block.splitlines()
+] + [" ".join(words.split()) for words in re.findall(r"`(fembridge [a-z][^`]*)`", PAGE)]
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("fembridge")])
+def test_every_fembridge_command_is_understood(command):
+    _, verb, *words = shlex.split(command.partition(" > ")[0])
+    module = import_module(f"fembridge.commands.{verb.replace('-', '_')}")
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    module.add_arguments(parser)
+    parser.parse_args(words)
+
+
+def test_other_programs_are_mentat_and_run_marc():
+    others = [c.split() for c in COMMANDS if not c.startswith("fembridge")]
+    assert others == [["mentat", "-bg", "job.proc"], ["run_marc", "-jid", "job_s2s"]]
+
+
+def test_options_named_in_the_text_belong_to_build_deck():
+    module = import_module("fembridge.commands.build_deck")
+    parser = argparse.ArgumentParser()
+    module.add_arguments(parser)
+    known = set(parser.format_help().split())
+    named = set(re.findall(r"`(--[a-z-]+)", PAGE))
+    assert {"--finger", "--element", "--probe-body"} <= named
+    assert named - {"--help"} <= {word.strip("[],") for word in known}
+
+
+def test_what_the_page_says_of_the_deck_is_in_it(make_model):
+    files = marc_files(make_model().analysis, DeckOptions())
+    assert set(files) == {"job.dat", "job.proc"}
+    deck = files["job.dat"]
+    for name in (
+        "afferent_sa",
+        "afferent_ra",
+        "afferent_pc",
+        "skin_apex",
+        "held_nodes",
+    ):
+        assert f"`{name}`" in PAGE
+        assert re.search(rf"^define +node +set +{name}$", deck, flags=re.MULTILINE)
+    assert f"`{WAVEFORM_NAME}`" in PAGE
+    assert all(f"`{name}`" in PAGE or f" {name}`" in PAGE for name in PROBES)
+    for kind in MARC_TYPES.values():
+        assert f"{kind.number}`" in PAGE
+    for written in re.findall(r"`(job[_a-z0-9]*\.dat)`", PAGE):
+        assert written in files or written in files["job.proc"]
+
+
+def test_pages_that_it_points_to_are_there():
+    for name in re.findall(r"\]\((\w+\.md)\)", PAGE):
+        assert (DOCS / name).is_file()

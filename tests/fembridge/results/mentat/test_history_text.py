@@ -1,0 +1,303 @@
+"""Plots that Mentat saved as text: layouts that were met, and texts that are none.
+
+The first layout is that of a table copied from Mentat 2014 (a trailing blank in each
+label, six digits, tabs); the second and third are as programs say that read them. The
+numbers here are made up.
+"""
+
+import csv
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fembridge.errors import ResultError
+from fembridge.results.mentat.history_text import (
+    read_history_tables,
+    read_history_text,
+    write_history_table,
+)
+from fembridge.results.mentat.history_traces import (
+    describe,
+    is_over_time,
+    nodes_in,
+    read,
+)
+from fembridge.results.mentat.number_table import number
+from fembridge.results.read_options import ReadOptions
+
+COPIED = (
+    "Time \tEquivalent Von Mises Stress Node 12 \tEquivalent Von Mises Stress Node 7 \n"
+    "0\t0\t0\n"
+    "0.0005\t0.0125\t0.5\n"
+    "0.001\t0.025\t0.25\n"
+)
+NINE_LINES = (
+    "History Plot\n\njob: finger_job1\nlocation\n12\nvariables\n2\nTime\n"
+    "Equivalent Von Mises Stress\n"
+    " 0.000000000000e+000 0.000000000000e+000\n"
+    " 5.000000000000e-004 1.250000000000e-002\n"
+    " 1.000000000000e-003 2.500000000000e-002\n"
+)
+PATH_PLOT = (
+    "Pathplot\n"
+    "Arc Length\tEquivalent Von Mises Stress\tDisplacement Y\n"
+    "1\t0\t0.5\t0.1\n"
+    "2\t0.25\t0.75\t0.2\n"
+    "3\t0.5\t1\t0.3\n"
+)
+
+
+@pytest.fixture
+def text(tmp_path):
+    """A function that writes a text and gives its path."""
+
+    def write(content, encoding="utf-8"):
+        path = tmp_path / "plot.txt"
+        path.write_bytes(content.encode(encoding))
+        return path
+
+    return write
+
+
+def test_a_copied_table_has_a_trace_for_each_node_that_its_labels_name(text):
+    first, second = read(text(COPIED), ())
+    assert (first.node, second.node) == (12, 7)
+    assert (first.start_ms, first.dt_ms) == (0.0, 0.5)
+    assert_allclose(first.stress_pa, [0.0, 0.0125e6, 0.025e6], rtol=1e-15)
+    assert_allclose(second.stress_pa, [0.0, 0.5e6, 0.25e6], rtol=1e-15)
+
+
+def test_nodes_are_given_in_the_order_in_which_they_are_asked_for(text):
+    path = text(COPIED)
+    assert [trace.node for trace in read(path, [7, 12])] == [7, 12]
+    assert [trace.node for trace in read(path, [7])] == [7]
+    with pytest.raises(ResultError, match="no curve of node 9, there is 12, 7"):
+        read(path, [7, 9])
+
+
+@pytest.mark.parametrize(("unit", "pa"), [("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)])
+def test_stress_leaves_in_pa_whatever_the_unit_of_the_file(text, unit, pa):
+    trace = read(text(COPIED), [7], ReadOptions(stress_unit=unit))[0]
+    assert_allclose(trace.stress_pa[1], 0.5 * pa, rtol=1e-15)
+
+
+def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(
+    text,
+):
+    path = text(NINE_LINES)
+    heard = []
+    trace = read(path, [12], ReadOptions(tell=heard.append))[0]
+    assert trace.node == 12
+    assert_allclose(trace.stress_pa, [0.0, 12500.0, 25000.0], rtol=1e-15)
+    assert "taken as time in s and von Mises stress; above them: 'History" in heard[0]
+    with pytest.raises(
+        ResultError, match="name one node for each of the 1, 0 were named"
+    ):
+        read(path, ())
+
+
+def test_a_node_in_the_text_above_two_columns_is_theirs(text):
+    path = text(NINE_LINES.replace("location\n12", "location\nNode 12"))
+    assert nodes_in(path) == (12,)
+    assert read(path, ())[0].node == 12
+    both = NINE_LINES.replace("location\n12", "Node 12\nNode 13")
+    assert nodes_in(text(both)) == ()
+
+
+def test_a_path_plot_is_a_table_and_no_trace(text, tmp_path):
+    path = text(PATH_PLOT)
+    table = read_history_text(path)
+    assert table.labels[0] == "index"
+    assert table.labels[table.x] == "Arc Length"
+    assert not table.is_over_time
+    assert table.header == ("Pathplot", PATH_PLOT.splitlines()[1])
+    with pytest.raises(ResultError, match="over 'Arc Length', a trace needs Time"):
+        read(path, [1])
+    assert write_history_table(path, tmp_path / "t.csv") == 3
+    with (tmp_path / "t.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[1]["Arc Length"] == "0.25"
+    assert rows[2]["Displacement Y"] == "0.3"
+
+
+def test_what_is_no_von_mises_stress_is_left_out_and_told(text):
+    path = text(COPIED.replace("Mises Stress Node 12", "X Displacement Node 12"))
+    heard = []
+    traces = read(path, (), ReadOptions(tell=heard.append))
+    assert [trace.node for trace in traces] == [7]
+    assert heard == [
+        "no von Mises stress, left out: 'Equivalent Von X Displacement Node 12'"
+    ]
+    none = COPIED.replace("Mises", "Nothing")
+    with pytest.raises(ResultError, match="no von Mises stress in it, but"):
+        read(text(none), ())
+
+
+def test_increments_are_no_times(text):
+    with pytest.raises(ResultError, match="over 'Increment', a trace needs Time"):
+        read(text(COPIED.replace("Time", "Increment")), ())
+
+
+def test_more_than_two_columns_without_names_are_a_table_alone(text, tmp_path):
+    path = text(COPIED.split("\n", 1)[1])
+    assert read_history_text(path).labels == ("column_1", "column_2", "column_3")
+    with pytest.raises(ResultError, match="3 columns without names: which is time"):
+        read(path, [1, 2])
+    assert write_history_table(path, tmp_path / "t.csv") == 3
+    header = (tmp_path / "t.csv").read_text().splitlines()[0]
+    assert header == "column_1,column_2,column_3"
+
+
+def test_curves_one_under_the_other_are_all_read(text, tmp_path):
+    one, two = (
+        f"Time \tEquivalent Von Mises Stress Node {node} \n"
+        f"0\t0\n0.0005\t{peak}\n0.001\t0\n"
+        for node, peak in ((5, 0.5), (6, 0.25))
+    )
+    path = text(one + "\n" + two)
+    assert is_over_time(path)
+    assert [(t.node, t.stress_pa[1]) for t in read(path, ())] == [(5, 5e5), (6, 2.5e5)]
+    with pytest.raises(ResultError, match="2 tables of 2 columns, from lines 2, 7"):
+        read_history_text(path)
+    assert write_history_table(path, tmp_path / "t.csv") == 6
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    assert lines[0] == "table,Time,Equivalent Von Mises Stress"
+    assert lines[5] == "2,0.0005,0.25"
+    with pytest.raises(ResultError, match="of 2 curves node 5 has two"):
+        read(text(one + "\n" + one), ())
+
+
+def test_tables_of_other_columns_do_not_become_one_csv(text, tmp_path):
+    other = "Arc Length\tDisplacement X\n0\t0\n1\t2\n2\t5\n"
+    time = "Time\tDisplacement X\n0\t0\n1\t2\n2\t4\n"
+    with pytest.raises(ResultError, match="columns Arc Length, Displacement X, those"):
+        write_history_table(text(time + "\n" + other), tmp_path / "t.csv")
+    assert not (tmp_path / "t.csv").exists()
+
+
+def test_a_narrow_table_above_and_a_lone_line_of_numbers_are_part_of_the_text(text):
+    above = "NODE X Y\n3 50.0 50.0 1.0\n3 49.2 50.6 1.0\n\n1 2 3\n"
+    table = read_history_text(text(above + COPIED))
+    assert table.values.shape == (3, 3)
+    assert table.labels[0] == "Time"
+
+
+def test_an_uneven_step_is_an_error(text):
+    with pytest.raises(ResultError, match="node 12: uneven time step"):
+        read(text(COPIED + "0.0011\t0\t0\n"), ())
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        COPIED.replace("\n", "\r\n"),
+        COPIED.rstrip("\n"),
+        COPIED.replace("\t", ";"),
+        COPIED.replace(".", ","),
+        COPIED.replace("\t", "    "),
+        COPIED.replace(" \t", "\t").replace("\t", ", ").replace("0,", "0 ,"),
+        COPIED.replace("0.0125", "1.25D-2").replace("0.025", "2.5-2"),
+        "\ufeff" + COPIED,
+    ],
+    ids=["crlf", "cut", "semicolon", "decimal comma", "blanks", "comma", "D", "mark"],
+)
+def test_how_the_numbers_are_written_and_parted_does_not_matter(text, content):
+    table = read_history_text(text(content))
+    assert_array_equal(
+        table.values, [[0, 0, 0], [0.0005, 0.0125, 0.5], [0.001, 0.025, 0.25]]
+    )
+
+
+def test_labels_keep_their_letters(text):
+    label = "Länge\tSpannung\n0\t1\n1\t2\n2\t3\n"
+    assert read_history_text(text(label)).labels[0] == "Länge"
+    assert read_history_text(text(label, "latin-1")).labels[0] == "Länge"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "no table: no two lines"),
+        ("no numbers\nat all\n", "no table: no two lines"),
+        ("1\n2\n3\n", "no table: no two lines"),
+        ("0,0,0,0\n0,001,0,5\n", "commas between numbers, and perhaps within: '0,0,0"),
+        ("0 0\n1 1e999\n", "1e999 is too large to be a number"),
+        ("0 0\n1\0 1\n", "a zero byte: no text, or UTF-16"),
+    ],
+)
+def test_a_text_that_is_no_table_is_named(text, content, said):
+    with pytest.raises(ResultError, match=said):
+        read_history_tables(text(content))
+
+
+def test_utf_16_and_an_absent_file_are_named(text, tmp_path):
+    with pytest.raises(ResultError, match="UTF-16"):
+        read_history_text(text(COPIED, "utf-16"))
+    with pytest.raises(ResultError, match="no such file"):
+        read_history_text(tmp_path / "gone.txt")
+
+
+def test_the_description_tells_columns_nodes_and_whether_it_is_over_time(text):
+    held = describe(text(COPIED))
+    assert held["rows"] == 3
+    assert held["nodes"] == [12, 7]
+    assert held["over_time"] is True
+    assert held["problem"] is None
+    assert describe(text(NINE_LINES))["problem"] == "its columns have no names"
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        ("1", 1.0), ("-1.", -1.0), (".5", 0.5), ("+2.5e-03", 0.0025), ("1D2", 100.0),
+        ("1.0-3", 0.001), ("-2.5+2", -250.0), ("1.e+002", 100.0),
+        ("1-3", None), ("1_0", None), ("nan", None), ("inf", None), ("0x1", None),
+        ("", None), ("1e", None), ("e5", None), ("1.2.3", None), ("\u0661", None),
+    ],
+)  # fmt: skip
+def test_a_number_is_what_fortran_and_c_print(word, value):
+    assert number(word) == value
+
+
+@given(
+    value=st.floats(allow_nan=False, allow_infinity=False), digits=st.integers(0, 16)
+)
+def test_a_printed_real_comes_back(value, digits):
+    printed = f"{value:.{digits}e}"
+    assert number(printed) == float(printed)
+    if digits:  # Mentat leaves the letter out
+        assert number(printed.replace("e", "")) == float(printed)
+
+
+@given(
+    rows=st.lists(
+        st.lists(st.floats(-1e30, 1e30), min_size=3, max_size=3), min_size=2, max_size=9
+    ),
+    separator=st.sampled_from(["\t", " ", "   ", ";", "\t,", " , "]),
+    comma=st.booleans(),
+    head=st.sampled_from(["", "title\n", "title\nmore\n\n", "7\n", "a b c\n"]),
+)
+def test_any_table_comes_back_number_by_number(
+    tmp_path_factory, rows, separator, comma, head
+):
+    comma = comma and "," not in separator
+    path = tmp_path_factory.getbasetemp() / "any.txt"
+    lines = [separator.join(f"{value:.9e}" for value in row) for row in rows]
+    body = "\n".join(lines)
+    path.write_text(head + (body.replace(".", ",") if comma else body) + "\n")
+    expected = [[float(f"{value:.9e}") for value in row] for row in rows]
+    assert_array_equal(read_history_text(path).values, np.array(expected))
+
+
+@given(content=st.binary(max_size=300))
+def test_any_bytes_give_a_table_or_an_error_and_nothing_else(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "bytes.txt"
+    path.write_bytes(content)
+    try:
+        found = read_history_tables(path)
+    except ResultError:
+        return
+    assert all(table.values.shape[1] == len(table.labels) for table in found)

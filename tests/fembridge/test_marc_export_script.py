@@ -1,0 +1,418 @@
+"""The script for Mentat's Python, run as users do, with an imitation of py_post."""
+
+import argparse
+import ast
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from fembridge.commands import marc_export_script
+from fembridge.tables import read_traces
+
+MOCK = Path(__file__).with_name("py_post_mock.py")
+DT_S, TIMES = 0.0005, 5
+GAUSS = 1 / math.sqrt(3)
+POINTS = ((-GAUSS, -GAUSS), (GAUSS, -GAUSS), (-GAUSS, GAUSS), (GAUSS, GAUSS))
+
+# Two squares of side 2, left and right, with numbers far from their indices; 900 and
+# 901 are the pressure nodes of Herrmann elements, at the origin as Marc has them.
+NODES = [
+    [70, 0.0, 0.0], [10, 2.0, 0.0], [40, 4.0, 0.0],
+    [50, 0.0, 2.0], [20, 2.0, 2.0], [30, 4.0, 2.0],
+    [900, 0.0, 0.0], [901, 0.0, 0.0],
+]  # fmt: skip
+ELEMENTS = [[7, 80, [70, 10, 20, 50, 900]], [3, 80, [10, 40, 30, 20, 901]]]
+CENTRES = ((1.0, 1.0), (3.0, 1.0))
+SETS = [
+    ["skin", "node", [50, 20]],
+    ["left", "element", [7]],
+    ["right", "element", [3]],
+]
+SCALAR, TENSOR = "Equivalent Von Mises Stress", "Stress"
+
+
+def at_points(field):
+    """Values of ``field(x, y)`` at the integration points, by element."""
+    return [[field(x + a, y + b) for a, b in POINTS] for x, y in CENTRES]
+
+
+def linear(time_s):
+    """A field that linear extrapolation must bring back at every node, in MPa."""
+    return lambda x, y: 1.0 + 0.25 * x + 0.5 * y + 100.0 * time_s
+
+
+def shear(time_s):
+    """Pure shear, whose von Mises stress is sqrt(3) of it."""
+    return lambda x, y: [0.0, 0.0, 0.0, linear(time_s)(x, y), 0.0, 0.0]
+
+
+def model(**changes):
+    times = [DT_S * k for k in range(TIMES)]
+    made = {
+        "nodes": NODES,
+        "elements": ELEMENTS,
+        "sets": SETS,
+        "positions": [
+            {
+                "increment": increment,
+                "time": time_s,
+                "scalars": {SCALAR: at_points(linear(time_s)), "Zeta": []},
+                "tensors": {TENSOR: at_points(shear(time_s))},
+            }
+            for increment, time_s in enumerate(times)
+        ],
+    }
+    return {**made, **changes}
+
+
+@pytest.fixture
+def export(tmp_path):
+    """A function that runs the script in a process of its own, on a model."""
+    script = tmp_path / "export.py"
+    script.write_text(marc_export_script.script_text(), encoding="utf-8")
+    shutil.copy(MOCK, tmp_path / "py_post.py")
+
+    def run(*words, of=None, python=sys.executable, path=tmp_path):
+        (tmp_path / "job.t16").write_text(json.dumps(of or model()))
+        return subprocess.run(
+            [python, "-s", str(script), "job.t16", *map(str, words)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(path)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return run
+
+
+def by_node(path):
+    return {trace.node: trace for trace in read_traces(path)}
+
+
+@pytest.fixture
+def traces(export, tmp_path):
+    """A function that runs the script well and gives its traces by node."""
+
+    def run(*words, **named):
+        ran = export(*words, "-o", "traces.csv", **named)
+        assert ran.returncode == 0, ran.stderr
+        return by_node(tmp_path / "traces.csv")
+
+    return run
+
+
+def test_a_linear_field_comes_back_at_every_node(traces):
+    """Node 20 lies between the elements, 70 and 30 at corners."""
+    found = traces("--nodes", 70, 20, 30)
+    assert list(found) == [70, 20, 30]
+    for node, x, y in ((70, 0, 0), (20, 2, 2), (30, 4, 2)):
+        expected_mpa = [linear(DT_S * k)(x, y) for k in range(TIMES)]
+        assert_allclose(found[node].stress_pa, 1e6 * np.array(expected_mpa), rtol=1e-8)
+        assert (found[node].start_ms, found[node].dt_ms) == (0.0, 0.5)
+
+
+@pytest.mark.parametrize(("unit", "pa"), [("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)])
+def test_the_unit_of_the_file_is_the_users_to_say(traces, unit, pa):
+    found = traces("--nodes", 70, "--unit", unit)
+    assert found[70].stress_pa[0] == pytest.approx(1.0 * pa)
+
+
+def test_translate_takes_the_nearest_point_and_average_the_mean(traces):
+    """At node 70 only the left element has a say."""
+    field = linear(0.0)
+    near = traces("--nodes", 70, "--extrapolate", "translate")[70].stress_pa[0]
+    assert near == pytest.approx(1e6 * field(1 - GAUSS, 1 - GAUSS))
+    mean = traces("--nodes", 70, "--extrapolate", "average")[70].stress_pa[0]
+    assert mean == pytest.approx(1e6 * field(1, 1))
+
+
+def test_a_node_between_elements_gets_their_mean_or_one_set_alone(traces):
+    words = ("--nodes", 20, "--extrapolate", "average")
+    assert traces(*words)[20].stress_pa[0] == pytest.approx(1e6 * linear(0.0)(2, 1))
+    left = traces(*words, "--within", "left")[20].stress_pa[0]
+    assert left == pytest.approx(1e6 * linear(0.0)(1, 1))
+
+
+def test_a_border_of_sets_is_told(export):
+    ran = export("--nodes", 20, 70)
+    assert "node 20: its elements are in different sets, left | right" in ran.stderr
+    assert "node 70" not in ran.stderr
+    assert export("--nodes", 20, "--within", "left").stderr == ""
+
+
+def test_von_mises_of_the_mean_tensor_differs_from_the_mean_of_von_mises(traces):
+    """The left element is in shear +1, the right in -1: their mean is no stress."""
+    opposed = model()
+    for position in opposed["positions"]:
+        sides = [[[0, 0, 0, sign, 0, 0]] * 4 for sign in (1.0, -1.0)]
+        position["tensors"] = {TENSOR: sides}
+        position["scalars"] = {SCALAR: [[math.sqrt(3)] * 4] * 2}
+    tensor = traces("--nodes", 20, 70, "--von-mises", "tensor", of=opposed)
+    assert_allclose(tensor[20].stress_pa, 0.0, atol=1e-6)
+    assert_allclose(tensor[70].stress_pa, 1e6 * math.sqrt(3), rtol=1e-8)
+    scalar = traces("--nodes", 20, of=opposed)
+    assert_allclose(scalar[20].stress_pa, 1e6 * math.sqrt(3), rtol=1e-8)
+
+
+def test_each_component_of_a_tensor_counts_as_it_should(traces):
+    tensor = [3.0, -1.0, 2.0, 0.5, -0.25, 0.75]
+    each = model()
+    for position in each["positions"]:
+        position["tensors"] = {TENSOR: [[tensor] * 4] * 2}
+    found = traces("--nodes", 70, "--von-mises", "tensor", of=each)
+    normal = (3.0 + 1.0) ** 2 + (-1.0 - 2.0) ** 2 + (2.0 - 3.0) ** 2
+    shear_part = 0.5**2 + 0.25**2 + 0.75**2
+    expected_pa = 1e6 * math.sqrt(normal / 2 + 3 * shear_part)
+    assert_allclose(found[70].stress_pa, expected_pa, rtol=1e-8)
+
+
+def test_afferents_are_named_and_come_out_as_encode_reads_them(export, tmp_path):
+    assert export("--afferent", "SA=70", "RA=30", "--nodes", 10, 70).returncode == 0
+    found = read_traces(tmp_path / "job_traces.csv")
+    assert [(t.afferent, t.node) for t in found] == [("SA", 70), ("RA", 30), (None, 10)]
+
+    from fembridge.cli import main
+
+    alone = export("--afferent", "SA=70", "RA=30", "PC=10", "-o", "sa.csv")
+    assert alone.returncode == 0
+    encoded = [str(tmp_path / "sa.csv"), "-o", str(tmp_path / "encoded")]
+    assert main(["encode", *encoded, "--window-ms", "0", "2"]) == 0
+    assert (tmp_path / "encoded" / "rates.csv").exists()
+
+
+def test_a_set_gives_its_nodes_and_a_place_its_nearest(traces, export):
+    assert list(traces("--set", "skin")) == [50, 20]
+    assert list(traces("--near", "3.9,1.8", "0.1,0.2")) == [30, 70]
+    assert "node 30, 0.2236 away" in export("--near", "3.9,1.8").stderr
+
+
+def test_a_pressure_node_is_never_the_nearest_and_is_refused_by_number(traces, export):
+    """It lies at the origin, where node 70 is: only that one has values."""
+    assert list(traces("--near", "0,0,0")) == [70]
+    ran = export("--nodes", 900)
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert "node 900 has no value in element 7: a pressure node?" in ran.stderr
+
+
+def test_a_place_within_a_set_keeps_to_that_set(traces):
+    assert list(traces("--near", "0,0", "--within", "right")) == [10]
+
+
+def test_a_first_increment_without_values_is_left_out_and_told(traces, export):
+    """Marc writes no element values in increment 0 unless it is asked to."""
+    bare = model()
+    bare["positions"][0].update(scalars={}, tensors={})
+    trace = traces("--nodes", 70, of=bare)[70]
+    assert (trace.start_ms, trace.stress_pa.size) == (0.5, TIMES - 1)
+    assert "first increment holds no" in export("--nodes", 70, of=bare).stderr
+
+
+def test_values_that_go_missing_later_are_an_error_and_leave_no_file(export, tmp_path):
+    torn = model()
+    torn["positions"][3]["scalars"] = {}
+    ran = export("--nodes", 70, of=torn)
+    assert ran.returncode == 1
+    assert "position 4: no Equivalent Von Mises Stress here" in ran.stderr
+    assert not list(tmp_path.glob("job_traces*"))
+
+
+def test_an_older_table_stays_when_the_new_one_fails(export, tmp_path):
+    (tmp_path / "job_traces.csv").write_text("old\n")
+    assert export("--nodes", 12345).returncode == 1
+    assert (tmp_path / "job_traces.csv").read_text() == "old\n"
+    assert export("--nodes", 70).returncode == 0
+    assert (tmp_path / "job_traces.csv").read_text().startswith("time_ms,afferent")
+    assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--nodes", 12345), "no node 12345 in the model"),
+        (("--set", "left"), "no node set 'left'; there is skin"),
+        (("--nodes", 70, "--within", "skin"), "no element set 'skin'; there is left"),
+        (
+            ("--nodes", 70, "--within", "right"),
+            "belongs to no element of the set right",
+        ),
+        (("--nodes", 70, "--label", "Mises"), "no element scalar 'Mises' in it; there"),
+        (("--nodes", 70, "-o", "gone/t.csv"), "cannot write gone/t.csv: No such file"),
+    ],
+)
+def test_what_is_not_there_is_named(export, words, said):
+    ran = export(*words)
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert ran.stderr.startswith("export.py: ")
+    assert said in ran.stderr
+
+
+def test_a_file_without_code_17_points_to_the_tensor(export):
+    bare = model()
+    for position in bare["positions"]:
+        position["scalars"] = {}
+    ran = export("--nodes", 70, of=bare)
+    assert "there is none; --von-mises tensor would find Stress" in ran.stderr
+
+
+def test_a_file_with_the_model_alone_says_so(export):
+    ran = export("--nodes", 70, of=model(positions=[]))
+    assert (ran.returncode, "holds a model and no results" in ran.stderr) == (1, True)
+    assert export("--list", of=model(positions=[])).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [(), ("--nodes", "x"), ("--afferent", "XX=1"), ("--near", "1"), ("--unit", "bar")],
+)
+def test_misuse_has_exit_code_2(export, words):
+    ran = export(*words)
+    assert ran.returncode == 2
+    assert "usage:" in ran.stderr
+
+
+def test_an_uneven_step_is_told_and_a_falling_time_refused(export):
+    uneven, falling = model(), model()
+    uneven["positions"][-1]["time"] += 0.3 * DT_S
+    ran = export("--nodes", 70, of=uneven)
+    assert ran.returncode == 0
+    assert "uneven time step, 0 to 0.5 ms where 0.5375 ms is the mean" in ran.stderr
+    falling["positions"][2]["time"] = 0.0
+    ran = export("--nodes", 70, of=falling)
+    assert (ran.returncode, "time does not rise: 0.5, 0 ms" in ran.stderr) == (1, True)
+
+
+def test_another_mesh_is_looked_through_again_and_told(export, tmp_path):
+    """The elements trade places: what was by index left is now right."""
+    swapped = model(shuffled={"4": ELEMENTS[::-1]})
+    swapped["positions"][3]["scalars"][SCALAR].reverse()
+    ran = export("--nodes", 70, of=swapped)
+    assert "position 4 has another mesh" in ran.stderr
+    expected_mpa = [linear(DT_S * k)(0, 0) for k in range(TIMES)]
+    trace = by_node(tmp_path / "job_traces.csv")[70]
+    assert_allclose(trace.stress_pa, 1e6 * np.array(expected_mpa), rtol=1e-8)
+
+
+def test_times_of_single_precision_do_not_spoil_the_grid(traces):
+    rounded = model()
+    for position in rounded["positions"]:
+        position["time"] = float(np.float32(position["time"] + 0.2))
+    trace = traces("--nodes", 70, of=rounded)[70]
+    assert trace.start_ms == 200.0
+    assert trace.times_ms[-1] == pytest.approx(202.0, abs=1e-9)
+
+
+def test_the_list_shows_positions_labels_and_sets(export):
+    ran = export("--list")
+    assert ran.returncode == 0
+    assert f"positions with results: {TIMES}" in ran.stdout
+    assert "1: increment 0, 0 s" in ran.stdout
+    assert f"element scalars: {SCALAR}, Zeta" in ran.stdout
+    assert "element tensors: Stress" in ran.stdout
+    assert "node set skin: 2" in ran.stdout
+
+
+def test_without_py_post_it_says_how_to_run_it(export, tmp_path):
+    (tmp_path / "py_post.py").unlink()
+    ran = export("--list", path=tmp_path / "nowhere")
+    assert ran.returncode == 1
+    assert "py_post cannot be imported by this Python" in ran.stderr
+    assert "Run this file with the Python that came with Mentat" in ran.stderr
+
+
+def test_py_post_is_found_under_the_folder_of_mentat(export, tmp_path):
+    shared = tmp_path / "mentat" / "shlib" / "win64"
+    shared.mkdir(parents=True)
+    (tmp_path / "py_post.py").rename(shared / "py_post.py")
+    words = ("--nodes", 70, "--mentat", tmp_path / "mentat")
+    assert export(*words, path=tmp_path / "nowhere").returncode == 0
+
+
+def test_a_post_file_that_cannot_be_opened_is_named(export, tmp_path):
+    (tmp_path / "py_post.py").write_text(
+        "def post_open(path): raise OSError('licence')"
+    )
+    ran = export("--nodes", 70)
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert "py_post cannot open job.t16: licence" in ran.stderr
+
+
+def test_the_syntax_is_that_of_python_3_6_and_imports_the_standard_library_alone():
+    tree = ast.parse(marc_export_script.script_text(), feature_version=(3, 6))
+    imported = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            imported.add(node.module)
+    ours = {"__future__", "argparse", "math", "os", "sys", "py_post"}
+    assert imported == ours
+
+
+def test_nothing_in_it_is_newer_than_python_2_7():
+    """What `feature_version` lets through: f-strings, annotations, nonlocal, ..."""
+    script = marc_export_script.script_text()
+    newer = (
+        ast.JoinedStr, ast.AnnAssign, ast.Nonlocal, ast.AsyncFunctionDef, ast.Await,
+        ast.YieldFrom, ast.Starred, ast.NamedExpr, ast.MatMult,
+    )  # fmt: skip
+    allowed = set()
+    for node in ast.walk(ast.parse(script)):
+        if isinstance(node, ast.Call):  # f(*args) is old, [*a] and a, *b = c are not
+            allowed |= {id(arg) for arg in node.args}
+        assert not isinstance(node, newer) or id(node) in allowed, ast.dump(node)
+        if isinstance(node, ast.FunctionDef):
+            assert node.returns is None
+            assert not node.args.kwonlyargs
+            assert all(arg.annotation is None for arg in node.args.args)
+        if isinstance(node, ast.Raise):
+            assert node.cause is None
+    assert script.isascii()
+
+
+@pytest.mark.parametrize("python", ["python2.7", "python3.6", "python3.8"])
+def test_an_old_python_runs_it_to_the_same_table(export, tmp_path, python):
+    found = shutil.which(python)
+    asked = [python, "-c", "import json"]
+    if not found or subprocess.run(asked, capture_output=True, check=False).returncode:
+        pytest.skip(f"no {python} here")
+    words = ("--afferent", "SA=70", "--near", "3.9,1.8", "--von-mises", "tensor")
+    assert export(*words, "-o", "new.csv").returncode == 0
+    ran = export(*words, "-o", "old.csv", python=found)
+    assert ran.returncode == 0, ran.stderr
+    assert (tmp_path / "old.csv").read_bytes() == (tmp_path / "new.csv").read_bytes()
+
+
+def arguments(*words):
+    parser = argparse.ArgumentParser()
+    marc_export_script.add_arguments(parser)
+    parser.add_argument("--json", action="store_true")
+    return parser.parse_args(words)
+
+
+def test_the_verb_prints_the_script_and_nothing_else(capsys):
+    summary = marc_export_script.run(arguments())
+    assert capsys.readouterr().out == marc_export_script.script_text()
+    assert summary["output"] is None
+
+
+def test_the_verb_writes_the_script_where_it_is_told(tmp_path, capsys):
+    output = tmp_path / "tools" / "export.py"
+    summary = marc_export_script.run(arguments("-o", str(output)))
+    assert summary == {"output": str(output)}
+    assert output.read_text(encoding="utf-8") == marc_export_script.script_text()
+    assert "--help tells how" in capsys.readouterr().out
+
+
+def test_for_a_program_the_summary_holds_the_script(capsys):
+    summary = marc_export_script.run(arguments("--json"))
+    assert summary["script"] == marc_export_script.script_text()
+    assert capsys.readouterr().out == ""
