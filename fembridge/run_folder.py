@@ -69,8 +69,9 @@ class RunFolder:
     The solver's clock starts `start_ms` before the stimulus does (a ramp to a
     pre-indentation takes place there) and ends at `end_ms` of solver time after
     `increments` fixed increments of `dt_ms`. In someone's own model `before_ms` of
-    steps that are his alone precede all that. `apex_node` is the skin's node under
-    the probe: its displacement shows that the probe pushed (0 where unknown).
+    steps that are his alone precede all that, and stress may be in another unit.
+    `apex_node` is the skin's node under the probe: its displacement shows that the
+    probe pushed (0 where unknown).
     `inputs` tells what the deck was made from: for people, and for the origin of a
     response map.
 
@@ -90,6 +91,7 @@ class RunFolder:
     apex_node: int = 0
     inputs: Mapping[str, object] = field(default_factory=dict)
     before_ms: float = 0.0
+    stress_unit: str = "MPa"
 
     def __post_init__(self) -> None:
         for name, least in (("increments", 1), ("apex_node", 0)):
@@ -147,6 +149,7 @@ class RunFolder:
                 **({"before_ms": self.before_ms} if self.before_ms else {}),
             },
             "apex_node": self.apex_node,
+            **({} if self.stress_unit == "MPa" else {"stress_unit": self.stress_unit}),
             "afferents": {place.afferent: place.to_table() for place in self.afferents},
             "inputs": dict(self.inputs),
         }
@@ -192,6 +195,7 @@ def read_run_folder(folder: Path) -> RunFolder:
                 for name, place in table["afferents"].items()
             ),
             apex_node=table.get("apex_node", 0),
+            stress_unit=str(table.get("stress_unit", "MPa")),
             deck_sha256=str(table["deck_sha256"]),
             inputs=dict(table["inputs"]),  # the last section: a cut file has none
         )

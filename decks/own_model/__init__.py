@@ -1,0 +1,1 @@
+"""A user's own deck, kept to the byte but for waveform, increments and output."""

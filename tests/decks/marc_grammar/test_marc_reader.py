@@ -1,0 +1,244 @@
+"""A Marc deck is cut into options without losing a byte."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from decks.marc_grammar import Section, looks_like_marc, read_marc_deck
+from decks.marc_grammar.conditions import conditions
+from decks.marc_grammar.history import load_cases
+from fembridge.errors import DeckError
+
+SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
+DECKS = sorted(SAMPLES.glob("*.dat"))
+SMALL = (SAMPLES / "nour_linear.dat").read_bytes()
+CASE = SMALL.index(b"end option")
+
+
+@pytest.fixture(params=DECKS, ids=lambda path: path.stem)
+def sample(request):
+    return request.param
+
+
+def joined(deck, data):
+    return b"".join(data[option.start : option.stop] for option in deck.options)
+
+
+def keywords(data, section=None):
+    deck = read_marc_deck(data)
+    return [o.keyword for o in deck.options if section in (None, o.section)]
+
+
+def with_model(*lines):
+    """The small deck with lines before its end option."""
+    text = "\n".join(lines) + "\n"
+    return SMALL[:CASE] + text.encode() + SMALL[CASE:]
+
+
+def test_every_byte_of_a_deck_belongs_to_one_option(sample):
+    data = sample.read_bytes()
+    deck = read_marc_deck(data, sample)
+    assert joined(deck, data) == data
+    lines = [line.number for option in deck.options for line in option.lines]
+    assert lines == list(range(1, data.count(b"\n") + 1))
+
+
+def test_unix_and_windows_line_ends_read_alike(sample):
+    unix = sample.read_bytes().replace(b"\r\n", b"\n")
+    windows = unix.replace(b"\n", b"\r\n")
+    assert joined(read_marc_deck(windows), windows) == windows
+    assert keywords(unix) == keywords(windows)
+
+
+def test_sections_follow_one_another(sample):
+    deck = read_marc_deck(sample.read_bytes())
+    order = [option.section for option in deck.options]
+    assert order == sorted(order, key=list(Section).index)
+    last = {option.section: option.keyword for option in deck.options}
+    assert list(last.values()) == ["end", "end option", "continue"]
+    assert {o.case for o in deck.options if o.section is Section.HISTORY} == {1}
+
+
+def test_options_come_in_the_order_of_the_file():
+    assert keywords(SMALL, Section.HISTORY) == [
+        *("title", "loadcase", "control", "parameters", "auto load", "time step"),
+        "continue",
+    ]
+
+
+LINES_BEFORE_CONTINUE = SMALL[: SMALL.rindex(b"continue")].count(b"\n")
+LINES_TO_END_OPTION = SMALL[:CASE].count(b"\n") + 1
+WITHOUT_LOAD_CASES = {LINES_TO_END_OPTION, LINES_TO_END_OPTION + 1}
+
+
+@pytest.mark.parametrize(
+    "line", sorted({*range(1, LINES_BEFORE_CONTINUE + 1)} - WITHOUT_LOAD_CASES)
+)
+def test_a_deck_that_ends_before_its_last_continue_is_refused(line):
+    cut = b"".join(SMALL.splitlines(keepends=True)[:line])
+    with pytest.raises(DeckError, match=r"no `sizing`|no parameters|line \d+: "):
+        read_marc_deck(cut)
+
+
+@given(place=st.integers(1, SMALL.index(b"continue") + 6))
+def test_a_deck_cut_at_any_byte_is_refused(place):
+    assume(SMALL[:place].count(b"\n") + 1 not in WITHOUT_LOAD_CASES)
+    assume(SMALL[:place].count(b"\n") not in WITHOUT_LOAD_CASES)
+    with pytest.raises(DeckError):
+        read_marc_deck(SMALL[:place])
+
+
+def test_a_deck_without_load_cases_is_whole():
+    """Linear increment 0 is an analysis too, and a cut right there cannot be seen."""
+    lines = SMALL.splitlines(keepends=True)[: LINES_TO_END_OPTION + 1]
+    assert read_marc_deck(b"".join(lines)).cases == range(1, 1)
+
+
+def test_a_cut_deck_names_the_option_it_ends_in():
+    lines = SMALL.splitlines(keepends=True)
+    start = next(n for n, line in enumerate(lines, 1) if line.startswith(b"post"))
+    with pytest.raises(DeckError) as caught:
+        read_marc_deck(b"".join(lines[: start + 1]), Path("mine.dat"))
+    words = str(caught.value)
+    assert words.startswith(f"mine.dat:{start + 1}: the deck ends in `post`, which")
+    assert "expected `end option`" in words
+
+
+@given(data=st.data())
+def test_mutated_decks_are_refused_in_words_or_read_whole(data):
+    text = bytearray(SMALL)
+    for _ in range(data.draw(st.integers(1, 5))):
+        place = data.draw(st.integers(0, len(text) - 1))
+        stop = place + data.draw(st.integers(0, 30))
+        text[place:stop] = data.draw(st.binary(max_size=3))
+    try:
+        deck = read_marc_deck(bytes(text))
+    except DeckError:
+        return
+    assert joined(deck, bytes(text)) == bytes(text)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\n\n",
+        b"\x00\x01",
+        b"   THE FOLLOWING TABLE\n",
+        b"*NODE\n1, 0., 0.\n",
+        b"hello\nworld\n",
+        b"title\nsizing\n",
+        b"one\ntwo\nend\n",
+    ],
+)
+def test_what_is_no_marc_deck_is_refused(data):
+    with pytest.raises(DeckError, match=r"no Marc deck|cut short"):
+        read_marc_deck(data)
+
+
+def test_a_first_look_tells_decks_from_other_files(sample):
+    assert looks_like_marc(sample.read_bytes()[:300])
+    assert looks_like_marc(b"$ a comment\nTITLE,mine\n")
+    assert not looks_like_marc(b" displacements (vx,vy,vz) for set ALL\n")
+    assert not looks_like_marc(b"")
+
+
+def test_comments_stay_with_the_option_before_them():
+    data = with_model("solver", "         8", "$ mine", "no print", "$ last")
+    options = read_marc_deck(data).options
+    (solver,) = (o for o in options if any("mine" in each.text for each in o.lines))
+    assert solver.keyword == "solver"
+    assert [line.text for line in solver.data] == ["         8"]
+
+
+def test_comments_before_the_first_keyword_are_an_option_without_one():
+    data = b"$ first\n\n" + SMALL
+    first, second = read_marc_deck(data).options[:2]
+    assert (first.keyword, len(first.lines), second.keyword) == ("", 2, "title")
+
+
+def test_keywords_are_told_by_ten_characters_in_any_case():
+    data = with_model("NO PRINT", "Contact Table", f"{0:10d}", "post,", "0,16,17")
+    assert keywords(data, Section.MODEL)[-4:] == [
+        *("no print", "contact table", "post", "end option"),
+    ]
+
+
+def test_an_option_that_nobody_knows_keeps_its_lines():
+    data = with_model(
+        "post", f"{0:10d}", "brand new", "  1.0", "name of it", "no print"
+    )
+    deck = read_marc_deck(data)
+    (new,) = deck.find("brand new")
+    assert [line.text for line in new.lines] == ["brand new", "  1.0", "name of it"]
+
+
+@pytest.mark.parametrize("name", ["control", "post", "table", "contact", "end option"])
+def test_a_condition_may_be_called_like_a_keyword(name):
+    lines = [
+        *(
+            "define              node                set                 " + name,
+            "1 to 3",
+        ),
+        *("fixed disp", "", f"{1:10d}{0:10d}{0:10d}{0:10d}{1:10d}{0:10d}{name}"),
+        *("1.0,", "0,", "1,", f"{2:10d}", name, "loadcase            job1"),
+        *(f"{1:10d}", name),
+    ]
+    deck = read_marc_deck(with_model(*lines))
+    assert conditions(deck)[-1].where == name
+    (_, mine) = deck.find("loadcase", Section.MODEL)
+    assert [line.text for line in mine.data] == [f"{1:10d}", name]
+
+
+@pytest.mark.parametrize("name", ["control", "post"])
+def test_a_geometry_may_be_called_like_a_keyword(name):
+    lines = ["geometry", "0,0,2", "2,2,1,1,1,1", name, "1.0,", "", "no print"]
+    assert keywords(with_model(*lines), Section.MODEL)[-3:] == [
+        *("geometry", "no print", "end option"),
+    ]
+
+
+def test_a_list_that_goes_on_is_not_left():
+    lines = ["define              node                set                 two"]
+    lines += ["fixed_nodes and   c", "post"]
+    deck = read_marc_deck(with_model(*lines))
+    assert [line.text for line in deck.find("define")[-1].data] == lines[1:]
+
+
+def test_a_load_case_ends_with_continue():
+    history = SMALL[SMALL.index(b"title", CASE) :]
+    deck = read_marc_deck(SMALL + history)
+    assert list(deck.cases) == [1, 2]
+    assert [case.number for case in load_cases(deck)] == [1, 2]
+
+
+def test_an_included_file_is_noted_and_not_missed():
+    data = with_model("include more.inc").replace(b"end option", b"", 1)
+    deck = read_marc_deck(data)
+    assert [(each.name, each.followed) for each in deck.includes] == [
+        ("more.inc", False)
+    ]
+    assert "more.inc" in deck.remarks[0]
+
+
+def test_an_included_file_is_read_where_it_can_be():
+    inner = b"end option\n$ inner\n"
+    data = with_model("include, 'more.inc'").replace(b"end option\n", b"", 1)
+    deck = read_marc_deck(data, resolver={"more.inc": inner}.get)
+    assert joined(deck, data) == data
+    (end,) = deck.find("end option")
+    assert end.head.place == "more.inc:1"
+    assert end.head.included and end.start == end.lines[0].stop
+
+
+def test_a_file_that_includes_itself_is_refused():
+    data = with_model("include more.inc")
+    with pytest.raises(DeckError, match="includes itself"):
+        read_marc_deck(data, resolver={"more.inc": b"include more.inc\n"}.get)
+
+
+def test_the_first_deck_of_several_domains_has_parameters_alone():
+    root = b"title\nextended\nsizing" + b" " * 24 + b"0         0\nend\n"
+    assert read_marc_deck(root).cases == range(1, 1)

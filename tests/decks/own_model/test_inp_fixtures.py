@@ -1,0 +1,61 @@
+"""Recorded decks as if they were somebody's: taken, or refused for what they are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decks.analysis import Motion
+from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.inp_dialect import dialect_of
+from decks.own_model.inp_text import read_inp_text
+from decks.own_model.request import Request
+from fembridge.errors import DeckError
+
+FIXTURES = Path(__file__).parents[3] / "fixtures"
+DECKS = sorted(FIXTURES.rglob("*.inp"))
+MOTION = Motion(np.arange(5) * 5e-4, np.array([0.0, 0.1, 0.2, 0.1, 0.0]), 5e-4, 0)
+REFUSED = {
+    "cpe4_2step_mixed": "several amplitudes move something: PRESS (line 141), P2",
+    "cpe4_timepoints": "line 149: *CONTACT FILE, TIME POINTS",
+    "interface_cpe8r": "no *BOUNDARY in a step moves anything by an AMPLITUDE",
+}
+# Words of what may change: data of the amplitude, increments, requests.
+PLACES = ("*STEP", "*STATIC", "*DYNAMIC", "*NODE OUTPUT", "*NODE FILE", "*EL", "U", "S")
+
+
+def name_of(path):
+    return path.stem if path.stem != "job" else path.parent.name
+
+
+def test_there_are_recorded_decks():
+    assert len(DECKS) > 20
+
+
+@pytest.mark.parametrize("path", DECKS, ids=name_of)
+def test_a_recorded_deck_is_read_whole_and_is_ccxs(path):
+    data = path.read_bytes()
+    text = read_inp_text(data)
+    assert b"".join(data[card.start : card.stop] for card in text.cards) == data
+    assert dialect_of(data) == "calculix"
+
+
+@pytest.mark.parametrize("path", DECKS, ids=name_of)
+def test_a_recorded_deck_takes_a_waveform_or_says_why_not(path):
+    data = path.read_bytes()
+    if path.stem in REFUSED:
+        with pytest.raises(DeckError) as caught:
+            rebase_inp(data, MOTION, Request())
+        assert str(caught.value).startswith(REFUSED[path.stem])
+        return
+    rebased = rebase_inp(data, MOTION, Request()).deck
+    assert rebase_inp(rebased, MOTION, Request()).deck == rebased
+    old, new = data.decode().splitlines(), rebased.decode().splitlines()
+    mesh = next(k for k, line in enumerate(old) if line.startswith("*AMPLITUDE")) + 1
+    assert new[:mesh] == old[:mesh]
+    kept = set(new)
+    table = old[mesh : next(k for k in range(mesh, len(old)) if old[k][0] == "*")]
+    for line in old[mesh + len(table) :]:
+        words = line.split(",")
+        if line not in kept and not line.startswith(PLACES):
+            assert all(word.strip().replace(".", "").isdigit() for word in words)

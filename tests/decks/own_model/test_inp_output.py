@@ -1,0 +1,178 @@
+"""What an own deck writes: U and S in every increment, at some nodes or at all."""
+
+import numpy as np
+
+from decks.analysis import Motion
+from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.request import Request
+
+MOTION = Motion(np.arange(3) * 5e-4, np.array([0.0, 0.1, 0.2]), 5e-4, 0)
+MODEL = """\
+*NODE, NSET=ALL
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 1., 1., 0.
+4, 0., 1., 0.
+5, 2., 0., 0.
+6, 2., 1., 0.
+*ELEMENT, TYPE=CPE4, ELSET=SKIN
+1, 1, 2, 3, 4
+2, 2, 5, 6, 3
+*AMPLITUDE, NAME=PRESS
+0., 0., 1., 1.
+"""
+HEAD = """\
+*STEP
+*STATIC, DIRECT
+0.0005000, 0.0010000
+*BOUNDARY, AMPLITUDE=PRESS
+4, 2, 2, -1.
+"""
+WITH_SETS = {"SA": 3, "RA": 5}
+SETS = """\
+*NSET, NSET=AFFERENT_SA
+3,
+*NSET, NSET=AFFERENT_RA
+5,
+*NSET, NSET=FEMBRIDGE_OUTPUT
+3, 5,
+"""
+BINARY = """\
+*NODE OUTPUT, NSET=FEMBRIDGE_OUTPUT, FREQUENCY=1, DOUBLE
+U
+*ELEMENT OUTPUT, NSET=FEMBRIDGE_OUTPUT, FREQUENCY=1, DOUBLE
+S
+*END STEP
+"""
+
+
+def steps_of(model, requests, dialect=None, **request):
+    """Rebase a deck with `requests` in its step; give what is after the model."""
+    deck = f"{model}{HEAD}{requests}*END STEP\n".encode()
+    rebased = rebase_inp(deck, MOTION, Request(**request), dialect=dialect)
+    again = rebase_inp(rebased.deck, MOTION, Request(**request), dialect=dialect)
+    assert again.deck == rebased.deck
+    text = rebased.deck.decode()
+    assert text.startswith(model[: model.index("0., 0., 1., 1.")])
+    start = text.index("0.0000000, 0.000000000")
+    return text[text.index("\n", start) + 1 :]
+
+
+# ---- CalculiX
+
+
+def test_ccx_writes_float64_at_the_afferents():
+    assert steps_of(MODEL, "", afferents=WITH_SETS) == SETS + HEAD + BINARY
+
+
+def test_ccx_writes_text_where_that_is_asked_for():
+    text = BINARY.replace("*NODE OUTPUT", "*NODE FILE").replace(", DOUBLE", "")
+    text = text.replace("*ELEMENT OUTPUT", "*EL FILE")
+    wanted = SETS + HEAD + text
+    assert steps_of(MODEL, "", afferents=WITH_SETS, results="text") == wanted
+
+
+def test_without_afferents_all_nodes_are_written():
+    everywhere = BINARY.replace(", NSET=FEMBRIDGE_OUTPUT", "")
+    assert steps_of(MODEL, "") == HEAD + everywhere
+
+
+def test_requests_go_and_printed_tables_contact_and_comments_stay():
+    requests = (
+        "** before\n*NODE FILE, FREQUENCY=5\n** what\nU, RF\n*El File, NSET=ALL\nS\nE\n"
+        "\n*CONTACT FILE, FREQUENCY=3\nCDIS\n*node print, NSET=ALL\nU\n** last\n"
+    )
+    stay = (
+        "** before\n** what\n\n*CONTACT FILE, FREQUENCY=3\nCDIS\n"
+        "*node print, NSET=ALL\nU\n** last\n"
+    )
+    everywhere = BINARY.replace(", NSET=FEMBRIDGE_OUTPUT", "")
+    assert steps_of(MODEL, requests) == HEAD + stay + everywhere
+
+
+def test_sets_that_are_there_already_are_used():
+    there = "*NSET, NSET=Afferent_SA\n 3\n*NSET, NSET=AFFERENT_RA, GENERATE\n5, 5\n"
+    rest = "*NSET, NSET=FEMBRIDGE_OUTPUT\n3, 5,\n"
+    table = MODEL.index("*AMPLITUDE")
+    model = MODEL[:table] + there + MODEL[table:]
+    assert steps_of(model, "", afferents=WITH_SETS) == rest + HEAD + BINARY
+
+
+def test_two_afferents_at_one_node_are_written_once():
+    text = steps_of(MODEL, "", afferents={"SA": 3, "RA": 3})
+    assert "*NSET, NSET=FEMBRIDGE_OUTPUT\n3,\n" in text
+
+
+def test_sets_stand_before_the_first_step():
+    first = "*STEP\n*FREQUENCY\n3\n*NODE FILE\nU\n*END STEP\n"
+    text = steps_of(MODEL + first, "", afferents=WITH_SETS)
+    assert text == SETS + first + HEAD + BINARY
+
+
+def test_the_last_increment_of_the_step_before_is_written_too():
+    """It is the state at the waveform's start, which ccx writes in no other way."""
+    settle = "*STEP\n*STATIC\n0.1, 1.\n"
+    earlier = "*STEP\n*STATIC\n*NODE FILE, FREQUENCY=2\nU\n*END STEP\n"
+    before = settle + "*NODE FILE, OUTPUT=3D\nU, RF\n*END STEP\n"
+    at_end = BINARY.replace("FREQUENCY=1", "FREQUENCY=100000")
+    text = steps_of(MODEL + earlier + before, "", afferents=WITH_SETS)
+    assert text == SETS + earlier + settle + at_end + HEAD + BINARY
+
+
+def test_points_in_time_of_the_step_before_stay():
+    print_card = "*NODE PRINT, NSET=ALL, TIME POINTS=T\nU\n"
+    before = f"*STEP\n*STATIC\n0.1, 1.\n{print_card}"
+    text = steps_of(MODEL + before + "*END STEP\n", "")
+    everywhere = BINARY.replace(", NSET=FEMBRIDGE_OUTPUT", "")
+    at_end = everywhere.replace(", FREQUENCY=1", "")
+    assert text == before + at_end + HEAD + everywhere
+
+
+def test_expanded_results_of_the_first_step_are_made_flat_there():
+    contact = "*CONTACT FILE, OUTPUT=3D\nCDIS\n"
+    before = f"*STEP\n*STATIC\n0.1, 1.\n{contact}"
+    text = steps_of(MODEL + before + "*END STEP\n", "", afferents=WITH_SETS)
+    at_end = BINARY.replace("FREQUENCY=1", "FREQUENCY=100000, OUTPUT=2D")
+    assert text == SETS + before + at_end + HEAD + BINARY
+
+
+def test_flat_results_are_asked_for_where_another_card_asks_for_expanded_ones():
+    requests = "*NODE FILE, OUTPUT=3D\nU\n*CONTACT FILE, OUTPUT = 3d\nCDIS\n"
+    text = steps_of(MODEL, requests, afferents=WITH_SETS)
+    assert text.count("FREQUENCY=1, OUTPUT=2D, DOUBLE\n") == 2
+    assert "OUTPUT=2D" not in steps_of(MODEL, requests)
+
+
+# ---- Included files
+
+
+def test_nodes_and_sets_in_included_files_count():
+    files = {
+        "nodes.inp": b"9, 3., 4., 0.\n",
+        "sets.inp": b"** sets\n*NSET, NSET=AFFERENT_PC\n9\n",
+        "deeper.inp": b"*INCLUDE, INPUT=sets.inp\n",
+    }
+    table = MODEL.index("*ELEMENT")
+    model = (
+        MODEL[:table]
+        + "*INCLUDE, INPUT=nodes.inp\n*include, input = deeper.inp\n"
+        + MODEL[table:]
+    )
+    deck = f"{model}{HEAD}*END STEP\n".encode()
+    request = Request(afferents={"PC": 9})
+    rebased = rebase_inp(deck, MOTION, request, resolver=files.get)
+    assert rebased.place_mm == {"PC": (3.0, 4.0)}
+    assert rebased.needs == ("nodes.inp", "deeper.inp", "sets.inp")
+    assert b"NSET=AFFERENT_PC" not in rebased.deck
+    assert b"*NSET, NSET=FEMBRIDGE_OUTPUT\n9,\n" in rebased.deck
+    assert not [remark for remark in rebased.remarks if "not read" in remark]
+
+
+def test_data_that_input_names_counts_and_is_needed():
+    model = MODEL.replace("*ELEMENT", "*NODE, INPUT=more.txt\n*ELEMENT")
+    deck = f"{model}{HEAD}*END STEP\n".encode()
+    request = Request(afferents={"PC": 9})
+    read = {"more.txt": b"8, 0., 9.\n9, 3., 4."}.get
+    rebased = rebase_inp(deck, MOTION, request, resolver=read)
+    assert rebased.place_mm == {"PC": (3.0, 4.0)}
+    assert rebased.needs == ("more.txt",)

@@ -1,0 +1,177 @@
+"""Own decks with another waveform, solved: beside the same decks written by hand."""
+
+import os
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from decks.analysis import Motion
+from decks.calculix.deck import calculix_deck
+from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.request import Request
+from decks.presets import QUICK, mesh_of
+from fembridge.build import Model
+from fembridge.machine import find_ccx
+from fembridge.results.frd import read_displacement, read_stress_tensor
+from fembridge.stimulus import Stimulus
+
+pytestmark = pytest.mark.solver
+
+
+def solve(folder, deck):
+    """Run ccx; its result file."""
+    folder.mkdir()
+    (folder / "job.inp").write_bytes(deck)
+    run = subprocess.run(
+        [find_ccx(), "-i", "job"],
+        cwd=folder,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "*ERROR" not in run.stdout
+    return folder / "job.frd"
+
+
+def test_our_own_deck_with_another_waveform_is_the_deck_of_that_waveform(tmp_path):
+    model = Model(QUICK, mesh_of(QUICK))
+    wanted = Stimulus(
+        "wanted", np.array([0.0, 15.0, -2.0, 40.0, 80.5]), 0.5, (0.0, 2.0)
+    )
+    other = Stimulus("other", np.array([0.0, 5.0, 50.0]), 1.0, (0.0, 2.0))
+    analysis = model.analysis(wanted)
+    nodes = {name: row + 1 for name, row in analysis.afferent.items()}
+
+    base = calculix_deck(model.analysis(other)).encode()
+    rebased = rebase_inp(base, analysis.motion, Request(afferents=nodes))
+    assert b"*NSET, NSET=FEMBRIDGE_OUTPUT\n" in rebased.deck
+    direct = solve(tmp_path / "direct", calculix_deck(analysis).encode())
+    own = solve(tmp_path / "own", rebased.deck)
+
+    for read in (read_stress_tensor, read_displacement):
+        times_ms, values = read(direct, list(nodes.values()))
+        own_times_ms, own_values = read(own, list(nodes.values()))
+        assert times_ms.tolist() == own_times_ms.tolist() == [0.5, 1.0, 1.5, 2.0]
+        assert np.array_equal(values, own_values)
+        assert abs(values[-1]).max() > 0
+    place = analysis.mesh.node_mm[[node - 1 for node in nodes.values()]]
+    assert_allclose(list(rebased.place_mm.values()), place, rtol=0, atol=1e-9)
+
+
+# ---- A deck as somebody else writes it: metres, lower case, CRLF, tabs, two steps
+
+WIDE, HIGH = 6, 4
+CELL_M = 0.0005
+DT_S = 5e-4
+MOTION = Motion(
+    np.arange(7) * DT_S, np.array([0.0, 0.02, 0.06, 0.05, -0.01, 0.0, 0.1]), DT_S, 0
+)
+UNDER, ASIDE = 17, 9
+
+
+def mesh_lines():
+    yield "*node,nset=nall"
+    for row in range(HIGH + 1):
+        for column in range(WIDE + 1):
+            node = row * (WIDE + 1) + column + 1
+            yield f"\t{node}, {column * CELL_M:g} ,{row * CELL_M:g}"
+    yield "*element , type=CPE4 , elset=tissue"
+    for row in range(HIGH):
+        for column in range(WIDE):
+            first = row * (WIDE + 1) + column + 1
+            above = first + WIDE + 1
+            nodes = f"{first}, {first + 1}, {above + 1}, {above}"
+            yield f"{row * WIDE + column + 1}, {nodes}"
+    yield "*nset, nset=bottom, generate"
+    yield f"1, {WIDE + 1}"
+    yield "*nset,nset=punch"
+    yield f"{HIGH * (WIDE + 1) + 3}, {HIGH * (WIDE + 1) + 4},"
+    yield from ("*material, name=soft", "*elastic", "5.e4, .45")
+    yield from ("*solid section, elset=tissue, material=soft", "0.001")
+
+
+FOREIGN_TABLE = ("** seconds, share of 0.2 mm", "0., 0.", "1., 0., 2., 1.")
+HOLD = (
+    "** first let it settle",
+    "*step,nlgeom",
+    "*static",
+    " 1., 1.",
+    "*boundary",
+    "bottom,1,2",
+    "punch,1,2,0.",
+    "*node file, frequency=7",
+    "u",
+    "*end step",
+)
+
+
+def foreign():
+    yield from ("*heading", "  *NOT a card, Größe in m")
+    yield from mesh_lines()
+    yield from ("*amplitude, name = Press,\ttime = total time", *FOREIGN_TABLE)
+    yield from HOLD
+    yield from ("*step,nlgeom,inc=5", "*static", "0.05, 1., 1.e-5, .1")
+    yield from ("*boundary, op=mod, amplitude=press", "punch,2,2,-2.e-4")
+    yield from ("*node file", "u, rf", "** strains too", "*el file", "s, e")
+    yield from ("*node print, nset=punch, totals=only", "rf", "*end step")
+
+
+def by_hand():
+    """Write the same with the waveform in it, without looking at the deck above."""
+    yield from mesh_lines()
+    yield from ("*amplitude, name=press, time=total time", "0., 0.")
+    for time_s, depth_mm in zip(MOTION.time_s, MOTION.depth_mm, strict=True):
+        yield f"{1 + time_s:.7f}, {depth_mm * 1e-3 / 2e-4:.12f}"
+    yield from (*HOLD[:-1], "*el file, frequency=7", "s", "*end step")
+    yield from ("*step,nlgeom,inc=50", "*static,direct", f"{DT_S}, {6 * DT_S}")
+    yield from ("*boundary, amplitude=press", "punch,2,2,-2.e-4")
+    yield from ("*node output, double, frequency=1", "u")
+    yield from ("*element output, double, frequency=1", "s", "*end step")
+
+
+def test_somebody_elses_deck_does_what_a_deck_written_by_hand_does(tmp_path):
+    deck = "\r\n".join([*foreign(), ""]).encode("latin-1")
+    request = Request(afferents={"SA": UNDER, "RA": ASIDE}, length_mm=1000.0)
+    rebased = rebase_inp(deck, MOTION, request)
+    assert list(rebased.place_mm) == ["SA", "RA"]
+    assert_allclose(list(rebased.place_mm.values()), [(1.0, 1.0), (0.5, 0.5)])
+    assert rebased.deck.count(b"\n") == rebased.deck.count(b"\r\n")
+
+    hand = solve(tmp_path / "hand", "\n".join([*by_hand(), ""]).encode())
+    own = solve(tmp_path / "own", rebased.deck)
+    nodes = [UNDER, ASIDE]
+    times_ms, stress = read_stress_tensor(hand, nodes)
+    own_times_ms, own_stress = read_stress_tensor(own, nodes)
+    assert_allclose(times_ms, own_times_ms, rtol=1e-12)
+    assert_allclose(own_times_ms, 1000.0 + 1e3 * MOTION.time_s, rtol=1e-12)
+    assert abs(stress).max() > 1e3
+    assert_allclose(own_stress, stress, rtol=1e-12, atol=1e-12 * abs(stress).max())
+
+
+@pytest.mark.parametrize("clock", ["total time", "step time"])
+def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock):
+    deck = "\n".join([*foreign(), "*step", "*static", "*end step", ""])
+    deck = deck.replace("total time", clock)
+    punch = HIGH * (WIDE + 1) + 3
+    request = Request(afferents={"PUNCH": punch}, length_mm=1000.0)
+    rebased = rebase_inp(deck.encode("latin-1"), MOTION, request)
+    _, moved = read_displacement(solve(tmp_path / "run", rebased.deck), [punch])
+    depth_mm = -1e3 * moved[:, 0, 1]
+    # One output at the end of the first step, and one of the step after, which holds.
+    wanted = [0.0, *MOTION.depth_mm[1:], MOTION.depth_mm[-1]]
+    assert_allclose(depth_mm, wanted, rtol=0, atol=1e-9)
+
+
+def test_a_motion_of_more_increments_than_the_deck_allowed_ends_well(tmp_path):
+    motion = replace(
+        MOTION, time_s=np.arange(131) * DT_S, depth_mm=np.linspace(0.0, 0.05, 131)
+    )
+    deck = "\n".join([*foreign(), ""]).encode("latin-1")
+    request = Request(afferents={"SA": UNDER}, length_mm=1000.0)
+    own = solve(tmp_path / "run", rebase_inp(deck, motion, request).deck)
+    times_ms, _ = read_stress_tensor(own, [UNDER])
+    assert len(times_ms) == 131

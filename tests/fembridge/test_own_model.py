@@ -1,0 +1,181 @@
+"""A user's own deck becomes run folders; what he wrote stays as he wrote it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decks.own_model.request import Request
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
+from fembridge.cli import main
+from fembridge.errors import DeckError
+from fembridge.own_model import build_own_folder, read_base_deck
+from fembridge.run_folder import read_run_folder, read_waveform
+
+SAMPLES = Path(__file__).parents[2] / "fixtures"
+INP = SAMPLES / "transient_sine" / "job.inp"
+NODES = {"SA": 461, "RA": 367, "PC": 1459}
+
+
+@pytest.fixture
+def noise():
+    return make_stimulus(resolve(["noise_25_250_5"])[0])
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.inp").write_bytes(INP.read_bytes())
+    return tmp_path
+
+
+def words(*more):
+    return ["build-deck", "--stimulus", "noise_25_250_5", *more]
+
+
+def changed_lines(old, new):
+    """Lines at the start and at the end that both have, and what lies between."""
+    first = next(k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b)
+    return old[:first], new[:first]
+
+
+def test_a_folder_holds_deck_waveform_and_what_was_changed(here, noise):
+    base = read_base_deck(Path("mine.inp"))
+    run, remarks = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
+    assert run == read_run_folder(here / "run")
+    assert (run.solver, run.increments, run.start_ms) == ("calculix", 500, 0.0)
+    assert run.node_of() == NODES
+    assert any("amplitude DEPTH" in remark for remark in remarks)
+    assert run.inputs["base_deck"]["changes"] == list(remarks)
+    times_ms, depth_um = read_waveform(here / "run")
+    np.testing.assert_array_equal(times_ms, noise.times_ms)
+    np.testing.assert_allclose(depth_um, noise.displacement_um, rtol=1e-15)
+    new = (here / "run/job.inp").read_bytes().splitlines()
+    old = INP.read_bytes().splitlines()
+    before, same = changed_lines(old, new)
+    assert before == same
+    assert old[len(before) - 1].startswith(b"*AMPLITUDE")
+
+
+def test_the_place_of_an_afferent_is_that_of_its_node(here, noise):
+    base = read_base_deck(Path("mine.inp"))
+    run, _ = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
+    recorded = read_run_folder(INP.parent)
+    for place, known in zip(run.afferents, recorded.afferents, strict=True):
+        assert (place.node, place.layer) == (known.node, "")
+        assert place.depth_mm is None
+        assert (place.x_mm, place.y_mm) == pytest.approx((known.x_mm, known.y_mm))
+
+
+def test_a_ramp_to_a_pre_indentation_comes_first(here, noise):
+    pressed = make_stimulus(resolve(["sine_50_250"])[0], preindent_um=75.0)
+    base = read_base_deck(Path("mine.inp"))
+    run, _ = build_own_folder(here / "run", base, pressed, Request())
+    assert (run.increments, run.start_ms, run.before_ms) == (520, 10.0, 0.0)
+
+
+def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
+    nodes = [
+        word for name, k in NODES.items() for word in ("--afferent", f"{name}={k}")
+    ]
+    assert main(words("--base-deck", "mine.inp", *nodes, "--json")) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert summary["solver"] == "calculix"
+    assert [row["increments"] for row in summary["folders"]] == [500]
+    assert "mine.inp: line" in err
+    assert len(err.splitlines()) == len(summary["remarks"])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--finger", "paper"], "--finger is for our finger"),
+        (["--friction", "0.2"], "--friction is for our finger"),
+        (["--afferent", "SA=1", "--afferent", "SA=2"], "names SA twice"),
+        (["--solver", "marc"], "a deck for calculix or abaqus, not for marc"),
+        (["--amplitude", "NONE"], "mine.inp"),
+        (["--afferent", "SA=999999"], "999999"),
+        (["--results", "both"], "expected binary or text"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(here, capsys, more, said):
+    assert main(words("--base-deck", "mine.inp", *more)) in (1, 2)
+    err = capsys.readouterr().err
+    assert said in err
+    assert len(err.splitlines()) == 1
+    assert not (here / "runs").exists()
+
+
+@pytest.mark.parametrize("word", ["SA", "SA=x", "=3", "SA=-1"])
+def test_an_afferent_is_a_name_and_a_node(here, word, capsys):
+    assert main(words("--base-deck", "mine.inp", "--afferent", word)) == 2
+    assert "expected NAME=NODE" in capsys.readouterr().err
+
+
+def test_options_for_an_own_model_want_one(here, capsys):
+    assert main(words("--afferent", "SA=3")) == 2
+    assert "are for --base-deck" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("no.inp", "cannot be read"), ("mine.txt", "expected a deck"), ("", "expected")],
+)
+def test_a_file_that_is_no_deck_is_named(here, name, said):
+    with pytest.raises(DeckError, match=said):
+        read_base_deck(here / name)
+
+
+def test_included_files_come_along(here, noise):
+    lines = (here / "mine.inp").read_text().splitlines(keepends=True)
+    first = next(k for k, line in enumerate(lines) if line.startswith("*NODE,"))
+    after = next(k for k in range(first + 1, len(lines)) if lines[k].startswith("*"))
+    (here / "mesh.inc").write_text("".join(lines[first:after]))
+    lines[first:after] = ["*INCLUDE, INPUT=mesh.inc\n"]
+    (here / "mine.inp").write_text("".join(lines))
+    base = read_base_deck(here / "mine.inp")
+    run, _ = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
+    assert (here / "run/mesh.inc").read_bytes() == (here / "mesh.inc").read_bytes()
+    assert run.node_of() == NODES
+    (here / "mesh.inc").unlink()
+    with pytest.raises(DeckError, match=r"mesh\.inc"):
+        build_own_folder(here / "again", base, noise, Request())
+    assert not (here / "again").exists()
+
+
+@pytest.mark.parametrize("name", ["../mesh.inc", "/etc/passwd", "run.toml", "a/b.inc"])
+def test_an_included_file_from_elsewhere_is_refused(here, noise, name):
+    text = (here / "mine.inp").read_text()
+    (here / "mine.inp").write_text(f"*INCLUDE, INPUT={name}\n{text}")
+    base = read_base_deck(here / "mine.inp")
+    with pytest.raises(DeckError, match="expected a file beside it, by its name alone"):
+        build_own_folder(here / "run", base, noise, Request())
+
+
+def test_a_deck_in_metres_has_stress_in_pa(here, capsys):
+    words_ = words("--base-deck", "mine.inp", "--length-unit", "m", "-o", "out")
+    assert main(words_) == 0
+    run = read_run_folder(here / "out/noise_25_250_5")
+    assert run.stress_unit == "Pa"
+
+
+def test_our_marc_deck_is_somebodys_own_model_too(here, noise, capsys):
+    main(["build-deck", "--stimulus", "sine_20_250", "--solver", "marc", "-o", "marc"])
+    deck = here / "marc/sine_20_250/job.dat"
+    (here / "mine.dat").write_bytes(deck.read_bytes())
+    base = read_base_deck(here / "mine.dat")
+    run, remarks = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
+    assert (run.solver, run.deck.name, run.increments) == ("marc", "job.dat", 500)
+    assert any("table 'waveform' is the waveform" in remark for remark in remarks)
+    old, new = deck.read_bytes().splitlines(), run.deck.read_bytes().splitlines()
+    assert len(old) == len(new)
+    table = next(
+        k
+        for k, line in enumerate(old)
+        if line.startswith(b"table     ") and b"waveform" in line
+    )
+    differing = [k for k in range(len(old)) if old[k] != new[k]]
+    assert differing and table < min(differing) <= max(differing) <= table + 503
