@@ -12,7 +12,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "result",
         type=Path,
         metavar="RESULT",
-        help="a .frd, .dat, .sta or .cvg of CalculiX, or a run folder",
+        help="a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
+        "a plot that Mentat saved, .txt; or a run folder",
     )
     parser.add_argument(
         "--list", action="store_true", help="show what the file holds, write nothing"
@@ -35,8 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take what is whole of a run that did not end normally",
     )
-    _add_nodes(parser.add_argument_group("traces at nodes of a .frd"))
-    _add_fields(parser.add_argument_group("whole fields of a .frd"))
+    _add_nodes(parser.add_argument_group("traces at nodes of a .frd, .t16 or .t19"))
+    _add_points(parser.add_argument_group("from integration points of a .t16 or .t19"))
+    _add_fields(parser.add_argument_group("whole fields of a .frd, .t16 or .t19"))
     _add_prints(parser.add_argument_group("prints in a .dat"))
 
 
@@ -69,7 +71,7 @@ def _add_nodes(group: argparse._ArgumentGroup) -> None:
         action="extend",
         metavar="NAME",
         dest="sets",
-        help="nodes of a set in the deck",
+        help="nodes of a set: of the file, or of its deck",
     )
     group.add_argument(
         "--near",
@@ -83,8 +85,9 @@ def _add_nodes(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--deck",
         type=Path,
-        metavar="INP",
-        help="where --set looks (default: RESULT's name in .inp)",
+        metavar="DECK",
+        help="where --set looks (default: the sets in a .t16 or .t19; of a .frd the "
+        "deck of the same name in .inp)",
     )
     group.add_argument(
         "--afferents",
@@ -98,9 +101,26 @@ def _add_nodes(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--one-sided",
+        nargs="?",
+        const="",
         metavar="ELSET",
-        help="of such --node, the stress in each material for itself, from the points "
-        "that the .dat beside it prints of this element set",
+        help="of such --node, the stress in each material for itself; of a .frd from "
+        "the points that the .dat beside it prints of this element set",
+    )
+
+
+def _add_points(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--extrapolate",
+        choices=("linear", "translate", "average"),
+        help="how values get to the nodes: by the polynomial through the points "
+        "(the default), from the nearest point, or as the element's mean",
+    )
+    group.add_argument(
+        "--von-mises",
+        choices=("tensor", "scalar"),
+        help="von Mises stress of the nodal tensor (the default), or of the points, "
+        "carried to the nodes as a number, as Mentat plots it",
     )
 
 
@@ -152,8 +172,8 @@ def _add_prints(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def kind_of(args: argparse.Namespace, printed: bool) -> str:
-    """Say what is asked for: list, vtu, field, table, points, sides or traces.
+def kind_of(args: argparse.Namespace, path: Path, printed: bool) -> str:
+    """Say what is asked for: list, vtu, field, table, plot, points, sides or traces.
 
     Raises
     ------
@@ -183,17 +203,30 @@ def kind_of(args: argparse.Namespace, printed: bool) -> str:
     word = asked[0] if asked else ""
     of_a_print = word in ("", "--list", "--point")
     if printed and not of_a_print:
-        raise UsageError(f"{args.result}: {word} is for a .frd")
-    if not printed and args.point:
-        raise UsageError(f"{args.result}: --point is for a .dat")
+        raise UsageError(f"{path}: {word} is for a .frd, .t16 or .t19")
+    if args.point and path.suffix.lower() != ".dat":
+        raise UsageError(f"{path}: --point is for a .dat")
     if args.derived and word != "--vtu":
         raise UsageError("--derived is for --vtu")
     if args.one_sided is not None:
         if printed or by_node != ["--node"]:
-            raise UsageError("--one-sided is for the --node of a .frd")
+            raise UsageError("--one-sided is for the --node of a .frd, .t16 or .t19")
+        if args.von_mises:
+            raise UsageError("--one-sided and --von-mises do not go together")
         return "sides"
     if word in ("--list", "--vtu", "--field"):
+        if args.von_mises:
+            raise UsageError(f"{word} and --von-mises do not go together")
         return word.removeprefix("--")
     if printed:
         return "points" if args.point else "table"
-    return "traces"
+    return "plot" if not word and _is_no_history(path) else "traces"
+
+
+def _is_no_history(path: Path) -> bool:
+    """Whether it is a plot saved from Mentat, and not one over time."""
+    if path.suffix.lower() != ".txt":
+        return False
+    from fembridge.results.mentat.history_text import read_history_text
+
+    return not read_history_text(path).is_over_time

@@ -8,10 +8,8 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.outputs import replacing
-from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.field import Field, FieldReader
-from fembridge.results.frd_format.index import index_frd
-from fembridge.results.frd_format.output import having, outputs_of
+from fembridge.results.field_source import open_source
+from fembridge.results.frd_format.field import Field
 from fembridge.results.read_options import ReadOptions
 
 LAST = "last"
@@ -31,12 +29,14 @@ def read_field(
     Parameters
     ----------
     path
-        A ``.frd`` file.
+        A ``.frd``, ``.t16`` or ``.t19`` file.
     quantity
-        Its name in the file: "STRESS", "DISP", ...
+        Its name in the file: "STRESS", "DISP", ...; of a Marc file "Displacement",
+        "Stress", or a beginning that is one quantity's alone, case-blind.
     increment
         "last", an increment's number, or ``STEP:INCREMENT`` where steps begin
-        anew. Of a frequency or buckling step it is the number of the mode.
+        anew. Of a frequency or buckling step it is the number of the mode. Marc
+        has sub-increments in the place of steps.
 
     Raises
     ------
@@ -48,11 +48,9 @@ def read_field(
     chosen = _CHOICE.fullmatch(increment)
     if increment != LAST and chosen is None:
         raise UsageError(f"increment {increment!r}, expected last, N or STEP:N")
-    with ByteFile(path) as file:
-        outputs = outputs_of(file, index_frd(file), options)
-        held = having(file, outputs, (quantity,), options)
-        blocks = {output[quantity].key: output[quantity] for output in held}
-        keys = list(blocks)
+    with open_source(path, options) as source:
+        held = source.keys(quantity)
+        keys = list(held)
         if chosen is not None:
             number = int(chosen[2])
             step = None if chosen[1] is None else int(chosen[1])
@@ -61,13 +59,13 @@ def read_field(
                 steps = ", ".join(f"{k[0]}:{k[1]}" for k in keys)
                 raise UsageError(f"increment {number} is in {len(keys)} steps: {steps}")
         if not keys:
-            first, *_, last = [*blocks, *blocks]
+            first, *_, last = [*held, *held]
             raise ResultError(
                 f"no increment {increment} of {quantity}, it has {first[0]}:{first[1]} "
                 f"to {last[0]}:{last[1]}",
                 path,
             )
-        return FieldReader(file, options).read(blocks[keys[-1]])
+        return source.field(quantity, keys[-1])
 
 
 def write_field(path: Path, field: Field) -> None:

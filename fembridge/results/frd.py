@@ -53,6 +53,8 @@ def read(
     the rest state among it, a ``.frd`` does not hold.
     """
     times_ms, tensor_pa = read_stress_tensor(path, nodes, options)
+    kept = options.kept(times_ms)
+    times_ms, tensor_pa = times_ms[kept], tensor_pa[kept]
     times_ms = unrounded(times_ms)
     with np.errstate(over="ignore"):  # a trace refuses what is not finite
         stress_pa = von_mises_pa(tensor_pa)
@@ -148,6 +150,8 @@ def unrounded(times_ms: FloatArray) -> FloatArray:
     1/3 ms looks uneven. If all times are even within their last printed digit,
     give the even ones; otherwise what was there.
     """
+    if times_ms.size < 2:
+        return times_ms
     even: FloatArray = np.linspace(times_ms[0], times_ms[-1], times_ms.size)
     times_s = np.maximum(times_ms / MS_PER_S, np.finfo(np.float64).tiny)
     digits = np.where(times_s < 1.0, 5, 9)

@@ -12,15 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.block import FrdBlock
-from fembridge.results.frd_format.index import FrdIndex, index_frd
-from fembridge.results.frd_format.records import node_ids
-from fembridge.results.frd_format.table import read_table
+from fembridge.results.field_source import FieldSource, open_source
+from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray, IntArray
-
-_ROWS_AT_ONCE = 1 << 15
-_AXES = ("X", "Y", "Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +42,8 @@ class NearNode:
         return words
 
 
-def near_nodes(
-    path: Path, places_mm: Sequence[Sequence[float]], quantity: str = "STRESS"
-) -> list[NearNode]:
-    """Find the node nearest to each place that has `quantity`; of equals the lowest.
+def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[NearNode]:
+    """Find the node nearest to each place that has a stress; of equals the lowest.
 
     A place is x, y or x, y, z. Without z the mesh has to lie in one plane of z.
 
@@ -60,43 +52,31 @@ def near_nodes(
     UsageError
         A place is not two or three finite numbers, or lacks the z it needs.
     ResultError
-        The file has no nodes, or no such quantity; a coordinate is no number.
+        The file has no nodes, or no stress; a coordinate is no number.
     """
     for place in places_mm:
         if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
             words = ", ".join(map(str, place))
             raise UsageError(f"place {words}: expected x,y or x,y,z")
-    with ByteFile(path) as file:
-        index = index_frd(file)
-        blocks = [block for block in index.named(quantity) if block.records]
-        if not blocks:
-            held = ", ".join(index.names) or "nothing"
-            raise ResultError(f"no {quantity} in it, it holds {held}", path)
-        return _search(file, index, np.unique(node_ids(file, blocks[0])), places_mm)
+    with open_source(path, ReadOptions(partial=True)) as source:
+        return _search(source, places_mm)
 
 
 def _search(
-    file: ByteFile,
-    index: FrdIndex,
-    with_results: IntArray,
-    places_mm: Sequence[Sequence[float]],
+    source: FieldSource, places_mm: Sequence[Sequence[float]]
 ) -> list[NearNode]:
     flat = any(len(place) == 2 for place in places_mm)
     best = [_Best() for _ in places_mm]
     every = [_Best() for _ in places_mm]
     lowest, highest = math.inf, -math.inf
-    scales = (1.0,) * len(_AXES)
-    for nodes, at_mm in read_table(
-        file, _node_block(file, index), scales, _ROWS_AT_ONCE
-    ):
+    for nodes, at_mm, held in source.places():
         lowest = min(lowest, float(at_mm[:, 2].min()))
         highest = max(highest, float(at_mm[:, 2].max()))
         if flat and highest - lowest > 1e-9 * max(1.0, abs(lowest), abs(highest)):
             raise UsageError(
-                f"{file.path}: nodes have z from {lowest:g} to {highest:g}: "
+                f"{source.path}: nodes have z from {lowest:g} to {highest:g}: "
                 "name a place as x,y,z"
             )
-        held = np.isin(nodes, with_results)
         for place, one, mesh in zip(places_mm, best, every, strict=True):
             with np.errstate(over="ignore"):  # a place out of reach is at infinity
                 away = np.linalg.norm(at_mm[:, : len(place)] - np.array(place), axis=1)
@@ -104,7 +84,7 @@ def _search(
             if held.any():
                 one.offer(nodes[held], at_mm[held], away[held])
     if any(not math.isfinite(one.distance_mm) for one in best):
-        raise ResultError("no node of the mesh has a place and results", file.path)
+        raise ResultError("no node of the mesh has a place and results", source.path)
     return [
         NearNode(
             node=one.node,
@@ -137,31 +117,3 @@ class _Best:
             self.distance_mm, self.node = offered
             x_mm, y_mm, z_mm = at_mm[row].tolist()
             self.at_mm = (x_mm, y_mm, z_mm)
-
-
-def _node_block(file: ByteFile, index: FrdIndex) -> FrdBlock:
-    """Give the node block as one of three components: its records are the same."""
-    nodes = index.nodes
-    if nodes is None:
-        raise ResultError("no node block, so no coordinates", file.path)
-    records = nodes.records
-    if records is None:
-        records = file.count(b"\n -1", nodes.offset - 1, nodes.end)
-    line_end = 2 if file.peek(nodes.offset - 2, 1) == b"\r" else 1
-    block = FrdBlock(
-        "node block", 0, 0, 0.0, records, _AXES, nodes.flag, nodes.offset, line_end
-    )
-    if nodes.binary or file.holds(block.end, b" -3"):
-        return block
-    return FrdBlock(
-        "node block",
-        0,
-        0,
-        0.0,
-        records,
-        _AXES,
-        nodes.flag,
-        nodes.offset,
-        line_end,
-        True,
-    )

@@ -11,8 +11,8 @@ from fembridge.errors import ResultError
 class NodeChoice:
     """Nodes by number, by name of a set, and by place, in that order.
 
-    `deck` holds the sets; None takes the one with the result file's stem beside
-    it. A place is x, y or x, y, z in mm.
+    `deck` holds the sets; None takes those of the result file where it has sets, else
+    the deck with its stem beside it. A place is x, y or x, y, z in mm.
     """
 
     nodes: Sequence[int] = ()
@@ -38,15 +38,14 @@ class NodeChoice:
         found = [int(node) for node in self.nodes]
         words = []
         if self.sets:
-            from fembridge.results.deck_sets import deck_beside, read_node_set
+            from fembridge.results.node_sets import node_set
 
-            deck = deck_beside(path) if self.deck is None else self.deck
             for name in self.sets:
-                nodes = read_node_set(deck, name)
+                nodes, place = node_set(path, name, self.deck)
                 if not nodes:
-                    raise ResultError(f"set {name} holds no nodes", deck)
+                    raise ResultError(f"set {name} holds no nodes", place)
                 found += nodes
-                words.append(f"set {name} of {deck.name}: {_listed(nodes)}")
+                words.append(f"set {name} of {place.name}: {_listed(nodes)}")
         if len(self.places_mm):
             from fembridge.results.near_node import near_nodes
 

@@ -1,5 +1,6 @@
 """What a caller may ask of any reader, beside the nodes."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.results.extrapolation import METHODS
 from fembridge.trace import PA_PER_MPA
 from fembridge.typing import FloatArray
 
 PA_PER_UNIT = {"MPa": PA_PER_MPA, "kPa": 1.0e3, "Pa": 1.0}
+VON_MISES = ("tensor", "scalar")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,23 +25,51 @@ class ReadOptions:
     lets through the stress of a node on a layer boundary. `stress_unit` is the
     unit of the file: CalculiX and Marc have none, the deck decides; N and mm
     give MPa.
+
+    Of a file that holds integration points (Marc's): `extrapolate` is how their
+    values are carried to nodes, one of `extrapolation.METHODS`, None for "linear".
+    `von_mises` "tensor" (None too) takes the von Mises stress of the nodal tensor,
+    "scalar" that of the points, carried to the node as a number.
+
+    A trace begins at `since_ms` of solver time: steps of someone's own model before
+    the stimulus need not have its time step.
     """
 
     partial: bool = False
     across_materials: bool = False
     stress_unit: str = "MPa"
     tell: Callable[[str], None] | None = None
+    extrapolate: str | None = None
+    von_mises: str | None = None
+    since_ms: float = -math.inf
 
     def __post_init__(self) -> None:
         if self.stress_unit not in PA_PER_UNIT:
             raise UsageError(
                 f"stress unit {self.stress_unit!r}, expected {', '.join(PA_PER_UNIT)}"
             )
+        if self.extrapolate not in (None, *METHODS):
+            raise UsageError(
+                f"extrapolation {self.extrapolate!r}, expected {', '.join(METHODS)}"
+            )
+        if self.von_mises not in (None, *VON_MISES):
+            raise UsageError(
+                f"von Mises of {self.von_mises!r}, expected {', '.join(VON_MISES)}"
+            )
+
+    @property
+    def method(self) -> str:
+        """How values are carried from integration points to nodes."""
+        return self.extrapolate or METHODS[0]
 
     @property
     def pa_per_unit(self) -> float:
         """Pascals in one unit of the file's stress."""
         return PA_PER_UNIT[self.stress_unit]
+
+    def kept(self, times_ms: FloatArray) -> slice:
+        """Give the samples, of increasing times ``(T,)``, that a trace is made of."""
+        return slice(int(np.searchsorted(times_ms, self.since_ms)), None)
 
     def note(self, words: str) -> None:
         """Pass `words` on to whoever wants to know."""

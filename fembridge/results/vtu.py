@@ -1,7 +1,8 @@
-"""A ``.frd`` as a series of VTU files and a PVD that lists them, for ParaView.
+"""Results as a series of VTU files and a PVD that lists them, for ParaView.
 
 One file an increment, compressed; the PVD has the times, in ms. Only one
-increment is in memory. This is the one module that knows meshio.
+increment is in memory. This is the one module that knows meshio; of result formats
+it knows none, see `fembridge.results.field_source`.
 
 Point data: each quantity of the increment, its components in the file's order
 (that of a symmetric tensor is VTK's too), what is derived from it, the numbers of
@@ -11,7 +12,7 @@ value (an output restricted to a set) is NaN, never 0. Units are ours: mm, Pa.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -20,16 +21,10 @@ import numpy as np
 
 from fembridge.errors import MissingError, ResultError, UsageError
 from fembridge.outputs import filling
-from fembridge.results import result_file
-from fembridge.results.byte_file import ByteFile
-from fembridge.results.derived import DERIVED, derived_of
-from fembridge.results.frd_format.field import Field, FieldReader
-from fembridge.results.frd_format.grid import Grid, read_grid_of
-from fembridge.results.frd_format.index import index_frd
-from fembridge.results.frd_format.output import Output, having, outputs_of
-from fembridge.results.frd_format.table import NotFiniteError
+from fembridge.results.derived import DERIVED
+from fembridge.results.field_source import Scene, open_source
 from fembridge.results.read_options import ReadOptions
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import FloatArray
 
 # Kind of element: meshio's name, and its nodes in the order of VTK. A wedge is
 # turned over for meshio, which turns it back: VTK's has a positive volume as it is.
@@ -57,6 +52,7 @@ def write_vtu_series(
     derived: Sequence[str] = ("von_mises",),
     partial: bool = False,
     stress_unit: str = "MPa",
+    extrapolate: str | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Path:
     """Write the results in `path` as VTU files in `folder`; give the PVD's path.
@@ -64,7 +60,7 @@ def write_vtu_series(
     Parameters
     ----------
     path
-        A ``.frd`` file, or a run folder.
+        A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
     folder
         Made where it is not there. Files of the same name are replaced, all when
         all are written; others are not touched.
@@ -76,6 +72,8 @@ def write_vtu_series(
         that have what they take.
     partial, stress_unit, tell
         As for `read_fields`. `tell` also hears how many nodes have no value.
+    extrapolate
+        As for `fembridge.read`, of a Marc file.
 
     Raises
     ------
@@ -85,32 +83,30 @@ def write_vtu_series(
     OutputError
         A file cannot be written.
     """
-    path, folder = result_file(path), Path(folder)
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
-    options = ReadOptions(partial=partial, stress_unit=stress_unit, tell=tell)
-    with ByteFile(path) as file:
-        index = index_frd(file)
-        outputs: Sequence[Output] = outputs_of(file, index, options)
-        if quantities is not None:
-            outputs = having(file, outputs, quantities, options)
-        shape = _Shape(read_grid_of(file, index))
-        if shape.between:
-            options.note(
-                f"{shape.between} nodes lie between materials ('materials' is 2 or "
-                "more there): nodal stress and strain are a mean over them and belong "
-                "to none"
-            )
+    options = ReadOptions(
+        partial=partial,
+        stress_unit=stress_unit,
+        tell=tell,
+        extrapolate=extrapolate,
+    )
+    with open_source(path, options) as source:
+        path, folder = source.path, Path(folder)
+        frames = source.frames(quantities, tuple(derived))
         series = f"{path.stem}.pvd"
         entries: list[tuple[float, str]] = []
+        shapes: dict[int, _Shape] = {}
         with filling(folder, series) as draft:
-            for fields in _fields(FieldReader(file, options), outputs, options):
+            for frame in frames:
                 name = f"{path.stem}.{len(entries) + 1:04d}.vtu"
-                shape.write(draft / name, _point_data(fields, shape, derived, options))
-                first = next(iter(fields.values()))
-                time = first.axis_value if np.isnan(first.time_ms) else first.time_ms
-                entries.append((time, name))
+                if (
+                    id(frame.scene) not in shapes
+                ):  # a new mesh takes the old one's place
+                    shapes = {id(frame.scene): _Shape(frame.scene)}
+                shapes[id(frame.scene)].write(draft / name, frame.values)
+                entries.append((frame.time_ms, name))
             if not entries:
                 raise ResultError("no increment with a value is left", path)
             (draft / series).write_text(_pvd(entries), encoding="utf-8", newline="\n")
@@ -118,109 +114,41 @@ def write_vtu_series(
 
 
 class _Shape:
-    """The mesh as meshio has it, made once for all increments."""
+    """A mesh as meshio has it, made once for all its increments."""
 
-    def __init__(self, grid: Grid) -> None:
-        self.nodes: IntArray = grid.nodes
-        self._points = grid.coordinates_mm
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
         self._cells = [
-            (_VTK[cells.kind][0], grid.rows_of(cells.corners[:, _VTK[cells.kind][1]]))
-            for cells in grid.cells
+            (_VTK[cells.kind][0], cells.rows[:, _VTK[cells.kind][1]])
+            for cells in scene.cells
         ]
         self._cell_data = {
-            "element": [cells.ids for cells in grid.cells],
-            "material": [cells.material for cells in grid.cells],
+            "element": [cells.ids for cells in scene.cells],
+            "material": [cells.material for cells in scene.cells],
         }
         present = {
-            number for cells in grid.cells for number in np.unique(cells.material)
+            number for cells in scene.cells for number in np.unique(cells.material)
         }
-        for number, name in sorted(grid.materials.items()):
+        for number, name in sorted(scene.materials.items()):
             if number in present:
                 self._cell_data[f"material {_plain(name)}"] = [
-                    (cells.material == number).astype(np.uint8) for cells in grid.cells
+                    (cells.material == number).astype(np.uint8) for cells in scene.cells
                 ]
-        self._met = grid.materials_met()
-        self.between: int = int((self._met > 1).sum())
-        self._grid = grid
 
-    def rows_of(self, nodes: IntArray) -> IntArray:
-        """Row of each of `nodes` in the mesh."""
-        if np.array_equal(nodes, self.nodes):
-            return np.arange(nodes.size)
-        return self._grid.rows_of(nodes)
-
-    def write(self, path: Path, points: Mapping[str, FloatArray | IntArray]) -> None:
+    def write(self, path: Path, values: Mapping[str, FloatArray]) -> None:
         """Write one VTU file."""
         meshio = _meshio()
         mesh = meshio.Mesh(
-            self._points,
+            self._scene.points_mm,
             self._cells,
-            point_data={"node": self.nodes, "materials": self._met, **points},
+            point_data={
+                "node": self._scene.nodes,
+                "materials": self._scene.met,
+                **{_plain(name): value for name, value in values.items()},
+            },
             cell_data=self._cell_data,
         )
         meshio.write(path, mesh, file_format="vtu", binary=True, compression="zlib")
-
-
-def _fields(
-    reader: FieldReader, outputs: Sequence[Output], options: ReadOptions
-) -> Iterator[dict[str, Field]]:
-    """Yield the fields of each output; blocks without a record are told of."""
-    for output in outputs:
-        empty = [block for block in output.values() if block.records == 0]
-        for block in empty:
-            options.note(f"left out: {block} has 0 records")
-        full = {n: block for n, block in output.items() if block.records}
-        if not full:
-            continue
-        try:
-            yield {name: reader.read(block) for name, block in full.items()}
-        except NotFiniteError as error:
-            if not options.partial:
-                raise
-            step, increment = next(iter(full.values())).key
-            options.note(f"dropped step {step}, increment {increment}: {error.problem}")
-
-
-def _point_data(
-    fields: Mapping[str, Field],
-    shape: _Shape,
-    derived: Sequence[str],
-    options: ReadOptions,
-) -> dict[str, FloatArray]:
-    """Give all values of an increment at the nodes of the mesh."""
-    points = {}
-    for name, field in fields.items():
-        rows = shape.rows_of(field.nodes)
-        points[_plain(name)] = _spread(field.values, rows, shape.nodes.size)
-        held = np.unique(rows[rows >= 0]).size
-        where = f"{name} of step {field.step}, increment {field.increment}"
-        if held < shape.nodes.size:
-            options.note(
-                f"{where} has {held} of {shape.nodes.size} nodes; the others are NaN"
-            )
-        strange = field.nodes[rows < 0]
-        if strange.size:
-            options.note(
-                f"left out: {where} has {strange.size} nodes that the mesh has not, "
-                f"{strange[0]} among them"
-            )
-    for name in derived:
-        takes = DERIVED[name][0]
-        if all(quantity in fields for quantity in takes):
-            with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
-                values = derived_of(name, fields)
-            rows = shape.rows_of(fields[takes[0]].nodes)
-            points[name] = _spread(values, rows, shape.nodes.size)
-    return points
-
-
-def _spread(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
-    """Put each value in its row, NaN in the others; one component as ``(size,)``."""
-    flat = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
-    spread = np.full((size, *flat.shape[1:]), np.nan)
-    fine = rows >= 0
-    spread[rows[fine]] = flat[fine]
-    return spread
 
 
 def _pvd(entries: Sequence[tuple[float, str]]) -> str:

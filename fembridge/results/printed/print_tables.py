@@ -1,22 +1,26 @@
-"""What CalculiX prints beside a ``.frd``, as long tables: ``.dat``, ``.sta``, ``.cvg``.
+"""What solvers print beside their results, as long tables.
 
-A ``.dat`` gives one row a number, with its unit beside it:
+A ``.dat`` of CalculiX gives one row a number, with its unit beside it:
 ``time_ms,mode,quantity,set,node,element,point,face,component,value,unit``. Stress is
 in Pa, and so are energy densities (1 Pa is 1 J/m³). Other units follow from a deck
 in mm, N and s; of a deck in other units (``--stress-unit``) they are called "deck",
 and the number is the deck's. A ``.sta`` gives one row an attempt at an increment, a
-``.cvg`` one row an iteration, with the unit in the name of the column.
+``.cvg`` one row an iteration, with the unit in the name of the column; so does the
+``.sts`` and the ``.h5`` of Marc for each increment that ended.
 """
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.outputs import replacing
+from fembridge.results.mentat.h5 import UNSEEN, H5Increment, read_increments
+from fembridge.results.mentat.sts import StsRow, read_sts
 from fembridge.results.printed.cvg import CvgRow, read_cvg
 from fembridge.results.printed.dat_section import DatSection, dat_sections
 from fembridge.results.printed.sta import StaRow, read_sta
@@ -51,26 +55,32 @@ Row = Sequence[object]
 
 @dataclass(frozen=True, slots=True)
 class PrintTable:
-    """A kind of print: its `suffix`, its columns, and what reads its rows."""
+    """A kind of print: its `suffix`, its columns, what reads its rows.
+
+    `problem` tells why what it holds is not the whole of a run; None if it is.
+    `about` is ``module:function`` of what tells more than counts, if anything does.
+    """
 
     name: str
     suffix: str
     columns: tuple[str, ...]
     rows: Callable[[Path, ReadOptions, str | None], Iterator[Row]]
+    problem: Callable[[Path], str | None]
+    about: str | None = None
 
     def describe(self, path: Path) -> Table:
         """Tell what `path` holds."""
-        if self.suffix == ".dat":
-            from fembridge.results.printed.dat import describe
-
-            return describe(path)
+        if self.about is not None:
+            module, _, function = self.about.partition(":")
+            found: Table = getattr(import_module(module), function)(path)
+            return found
         rows = list(self.rows(path, ReadOptions(partial=True), None))
         return {
             "format": self.name,
             "bytes": path.stat().st_size,
             "rows": len(rows),
             "last": dict(zip(self.columns, rows[-1], strict=True)) if rows else None,
-            "problem": _unfinished(path),
+            "problem": self.problem(path),
         }
 
 
@@ -190,6 +200,14 @@ def _cvg_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
         yield tuple("" if cell is None else cell for cell in astuple(row))
 
 
+def _sts_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
+    found = read_sts(path)
+    if found.problem is not None:
+        options.note(found.problem)
+    for row in found.rows:
+        yield tuple("" if cell is None else cell for cell in astuple(row))
+
+
 def _tell_unfinished(path: Path, options: ReadOptions) -> None:
     words = _unfinished(path)
     if words is not None:
@@ -203,8 +221,31 @@ def _unfinished(path: Path) -> str | None:
     return None
 
 
+def _sts_problem(path: Path) -> str | None:
+    return read_sts(path).problem
+
+
+def _h5_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
+    options.note(UNSEEN)
+    for row in read_increments(path):
+        yield astuple(row)
+
+
+def _unseen(_: Path) -> str | None:
+    return UNSEEN
+
+
+def _columns(row: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(row))
+
+
+_ABOUT_DAT = "fembridge.results.printed.dat:describe"
+_ABOUT_H5 = "fembridge.results.mentat.h5:describe"
+
 PRINT_TABLES = (
-    PrintTable("ccx-dat", ".dat", DAT_COLUMNS, _dat_rows),
-    PrintTable("ccx-sta", ".sta", tuple(f.name for f in fields(StaRow)), _sta_rows),
-    PrintTable("ccx-cvg", ".cvg", tuple(f.name for f in fields(CvgRow)), _cvg_rows),
+    PrintTable("ccx-dat", ".dat", DAT_COLUMNS, _dat_rows, _unfinished, _ABOUT_DAT),
+    PrintTable("ccx-sta", ".sta", _columns(StaRow), _sta_rows, _unfinished),
+    PrintTable("ccx-cvg", ".cvg", _columns(CvgRow), _cvg_rows, _unfinished),
+    PrintTable("marc-sts", ".sts", _columns(StsRow), _sts_rows, _sts_problem),
+    PrintTable("marc-h5", ".h5", _columns(H5Increment), _h5_rows, _unseen, _ABOUT_H5),
 )

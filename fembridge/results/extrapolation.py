@@ -1,0 +1,211 @@
+"""From an element's integration points to its nodes: weights, by named method.
+
+Marc stores stress at integration points; a node's value is made of them. The
+methods carry the names that Mentat gives them:
+
+``linear``     the polynomial that fits the points best, taken at the node: bilinear
+               in a quadrilateral, trilinear in a brick, linear in a triangle
+``translate``  the value of the nearest point; of points equally near their mean
+``average``    the mean over the element's points
+
+With as many points as the polynomial has terms it goes through all of them. What
+Mentat computes under ``linear`` is not published: it may draw straight lines from the
+mean through each point instead. Of a field that is linear in the element both are
+exact; of others they differ in the term xi*eta alone (inferred, as is the fit where
+points are more than terms).
+
+Order of points: xi fastest, then eta, then zeta, from -1 to +1; in triangles,
+tetrahedra and wedges point k is the one next to corner k. Known for the types in
+`DOCUMENTED`; for the others of `ELEMENT_TYPES` it is inferred from their kin.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from fembridge.typing import FloatArray
+
+METHODS = ("linear", "translate", "average")
+_SAME = 1.0e-9  # distances that differ by less are equal
+_GAUSS = {1: (0.0,), 2: (-(3**-0.5), 3**-0.5), 3: (-(0.6**0.5), 0.0, 0.6**0.5)}
+_TRIANGLE, _TETRAHEDRON = (2 / 3, 1 / 6), (0.5854101966249685, 0.1381966011250105)
+# Mid-side nodes: the pairs of corners (from 0) that they lie between.
+_RING = ((0, 1), (1, 2), (2, 3), (3, 0))
+_BRICK = (*_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+_TET = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+_CUBE = (*((x, y, -1) for x, y in _SQUARE), *((x, y, 1) for x, y in _SQUARE))
+
+
+@dataclass(frozen=True, slots=True)
+class ElementType:
+    """An element type of Marc: `family`, corners, mid-side nodes, and its `points`.
+
+    `nodes` counts those that have values; a Herrmann element has one or more
+    pressure nodes behind them, which get none.
+    """
+
+    family: str
+    nodes: int
+    points: int
+
+    @property
+    def shape(self) -> str:
+        """Family and nodes in one word, ``quad4``."""
+        return f"{self.family}{self.nodes}"
+
+
+def _types(
+    family: str, nodes: int, points: int, *numbers: int
+) -> dict[int, ElementType]:
+    return dict.fromkeys(numbers, ElementType(family, nodes, points))
+
+
+# Marc's numbers of element types whose points are known or inferred.
+ELEMENT_TYPES: Mapping[int, ElementType] = {
+    **_types("quad", 4, 4, 3, 10, 11, 18, 20, 75, 80, 81, 82, 139),
+    **_types("quad", 4, 1, 114, 115, 116, 118, 119, 140),
+    **_types("quad", 8, 9, 26, 27, 28, 32, 33),
+    **_types("quad", 8, 4, 53, 54, 55, 58, 59),
+    **_types("tri", 3, 1, 2, 6, 138, 201),
+    **_types("tri", 6, 3, 124, 125, 126, 128, 129),
+    **_types("hex", 8, 8, 7, 84),
+    **_types("hex", 8, 1, 117, 120),
+    **_types("hex", 20, 27, 21, 35),
+    **_types("hex", 20, 8, 57, 61),
+    **_types("tet", 4, 1, 134),
+    **_types("tet", 10, 4, 127, 130),
+    **_types("wedge", 6, 6, 136),
+}
+# Those whose count and order of points stand in a public source or a real file.
+DOCUMENTED = frozenset({3, 6, 7, 11, 21, 27, 32, 54, 57, 114, 117, 118, 125, 127, 134,
+                        136})  # fmt: skip
+
+
+@lru_cache(maxsize=256)
+def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArray:
+    """Weights ``(node, point)`` from what a file stores to an element's nodes.
+
+    Parameters
+    ----------
+    number
+        Marc's number of the element type.
+    nodes
+        How many nodes the element has in the file, pressure nodes among them. The
+        rows returned are those with values: the first ones.
+    stored
+        How many points the file has for each element: that of the element type in
+        it that has most. Further points of a smaller type are not looked at. A
+        single one where the type has more is the element's mean (inferred: the deck
+        then has no ``all points``).
+    method
+        One of `METHODS`.
+
+    Returns
+    -------
+    ndarray
+        Read-only; each row sums to 1.
+
+    Raises
+    ------
+    ValueError
+        The type is unknown and `method` is not "average"; the file has some of its
+        points and not all; the element has too few nodes; no such method.
+    """
+    if method not in METHODS:
+        raise ValueError(f"extrapolation {method!r}, expected {', '.join(METHODS)}")
+    about = ELEMENT_TYPES.get(number)
+    if about is None:
+        if method != "average":
+            raise ValueError(
+                f"element type {number}: where its integration points lie is not "
+                "known here; average of them is what can be had"
+            )
+        weights = np.full((nodes, stored), 1.0 / stored)
+    else:
+        if nodes < about.nodes:
+            raise ValueError(
+                f"element type {number} with {nodes} nodes, expected {about.nodes}"
+            )
+        if 1 < stored < about.points:
+            raise ValueError(
+                f"element type {number} has {about.points} integration points, the "
+                f"file stores {stored}: which they are is not known"
+            )
+        used = min(stored, about.points)
+        weights = np.zeros((about.nodes, stored))
+        weights[:, :used] = shape_weights(about, used, method)
+    weights.flags.writeable = False
+    return weights
+
+
+def shape_weights(about: ElementType, points: int, method: str) -> FloatArray:
+    """Weights ``(node, point)`` from `points` points to the nodes of `about`."""
+    to = node_places(about)
+    if method == "average" or points == 1:
+        return np.full((len(to), points), 1.0 / points)
+    here = point_places(about.family, points)
+    if method == "linear":
+        weights: FloatArray = _terms(about.family, to) @ np.linalg.pinv(
+            _terms(about.family, here)
+        )
+        return weights
+    away = np.linalg.norm(to[:, None, :] - here[None, :, :], axis=2)
+    nearest = away <= away.min(axis=1, keepdims=True) + _SAME
+    shares: FloatArray = nearest / nearest.sum(axis=1, keepdims=True)
+    return shares
+
+
+def node_places(about: ElementType) -> FloatArray:
+    """Where the nodes lie, ``(node, axis)``: in xi, eta, zeta from -1 to 1.
+
+    A triangle and a tetrahedron have one axis a corner, 1 there and 0 at the
+    others; a wedge the three of its triangle, and zeta.
+    """
+    corners = _corners(about.family)
+    between = {"quad8": _RING, "tri6": (*_RING[:2], (2, 0)), "hex20": _BRICK,
+               "tet10": _TET}.get(about.shape, ())  # fmt: skip
+    middle = [corners[list(pair)].mean(axis=0) for pair in between]
+    return np.array([*corners, *middle])
+
+
+def point_places(family: str, points: int) -> FloatArray:
+    """Where the integration points lie, ``(point, axis)``, as `node_places`."""
+    corners = _corners(family)
+    if points == 1:
+        middle: FloatArray = corners.mean(axis=0, keepdims=True)
+        return middle
+    if family == "wedge":
+        far, near = _TRIANGLE
+        flat = np.full((3, 3), near) + (far - near) * np.eye(3)
+        return np.array([[*row, z] for z in _GAUSS[2] for row in flat])
+    if family in ("tri", "tet"):
+        far, near = _TRIANGLE if family == "tri" else _TETRAHEDRON
+        return np.full((points, points), near) + (far - near) * np.eye(points)
+    axes = 2 if family == "quad" else 3
+    side = _GAUSS[round(points ** (1 / axes))]
+    return np.array([place[::-1] for place in product(side, repeat=axes)])
+
+
+def _corners(family: str) -> FloatArray:
+    if family in ("tri", "tet"):
+        return np.eye(3 if family == "tri" else 4)
+    if family == "wedge":
+        return np.array([[*row, z] for z in (-1.0, 1.0) for row in np.eye(3)])
+    return np.array(_SQUARE if family == "quad" else _CUBE, dtype=np.float64)
+
+
+def _terms(family: str, places: FloatArray) -> FloatArray:
+    """Terms of the polynomial, ``(place, term)``."""
+    if family in ("tri", "tet"):
+        return places
+    if family == "wedge":
+        flat, z = places[:, :3], places[:, 3:]
+        return np.hstack([flat, flat * z])
+    columns = [np.ones(len(places))]
+    for axis in places.T:
+        columns += [column * axis for column in columns]
+    return np.stack(columns, axis=1)

@@ -1,0 +1,1 @@
+"""Marc's post files, binary and formatted: records, blocks, mesh, increments."""

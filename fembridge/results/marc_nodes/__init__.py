@@ -1,0 +1,1 @@
+"""From Marc's integration points to nodes: quantities, layers, shares of a node."""

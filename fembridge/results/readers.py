@@ -1,0 +1,171 @@
+"""The table of result formats: which reader takes a file.
+
+Suffix and first bytes both decide; a reader's module is imported when a file asks for
+it. Another package adds a row, a `Reader`, under the entry point group
+``fembridge.readers``; it is asked when none of ours takes the file.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from fembridge.errors import ResultError
+from fembridge.results.read_options import ReadOptions
+from fembridge.trace import StressTrace
+from fembridge.typing import Table
+
+ENTRY_POINTS = "fembridge.readers"
+_FIRST_BYTES = 64
+_PRINTS = (".dat", ".sta", ".cvg")
+_KNOWN_STARTS = (
+    (b"\x1f\x8b", "gzip: unpack it first"),
+    (b"PK\x03\x04", "zip: unpack it first"),
+    (b"\x89HDF", "HDF5"),
+    (b"<?xml", "XML"),
+    (b"<VTKFile", "VTK"),
+    (b"# vtk", "VTK"),
+    (b"\xef\xbb\xbf", "text with a byte order mark: something saved it anew"),
+    (b"\xff\xfe", "UTF-16 text: something saved it anew"),
+    (b"*", "a solver deck, no results"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """A format: its `suffix`, its `first_bytes`, and where its functions are.
+
+    `first_bytes` may be several, of which a file has one, or none: any text.
+    `target` is ``module:function``, called as ``(path, nodes, options)`` with
+    `ReadOptions` and giving one `StressTrace` a node, in that order. A function
+    ``describe(path)`` in that module tells what a file holds. `source` is
+    ``module:class`` of a `field_source.FieldSource`, "" for a format without whole
+    fields; `points` says that the file holds integration points, so that the way to a
+    node can be chosen.
+    """
+
+    name: str
+    suffix: str
+    first_bytes: bytes | tuple[bytes, ...]
+    target: str
+    source: str = ""
+    points: bool = False
+
+    def takes(self, start: bytes) -> bool:
+        """Whether a file that begins with `start` may be of this format.
+
+        Of one without first bytes, any that is text and begins as no other.
+        """
+        if self.first_bytes:
+            return start.startswith(self.first_bytes)
+        others = [other for other in READERS if other.first_bytes]
+        return b"\0" not in start and not any(other.takes(start) for other in others)
+
+    def load(self) -> Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]:
+        """Import the reading function."""
+        module, _, function = self.target.partition(":")
+        found: Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]
+        found = getattr(import_module(module), function)
+        return found
+
+    def describe(self, path: Path) -> Table:
+        """Tell what `path` holds, as far as this format can."""
+        module = import_module(self.target.partition(":")[0])
+        tell: Any = getattr(module, "describe", None)
+        found: Table = {"format": self.name} if tell is None else tell(path)
+        return found
+
+
+# A binary post file of Marc begins with the length of its first record: 70 words of
+# 4 or 8 bytes, least byte first or last.
+_T16_STARTS = tuple(
+    length.to_bytes(4, order) for length in (280, 560) for order in ("little", "big")
+)
+_MARC, _MARC_SOURCE = (
+    "fembridge.results.marc:read",
+    ("fembridge.results.marc_source:MarcSource"),
+)
+READERS = (
+    Reader(
+        "ccx-frd",
+        ".frd",
+        b"    1C",
+        "fembridge.results.frd:read",
+        "fembridge.results.frd_source:FrdSource",
+    ),
+    Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
+    Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
+    Reader("marc-h5", ".h5", b"\x89HDF", "fembridge.results.mentat.h5:read"),
+    Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat.history_traces:read"),
+)
+
+
+def reader_of(path: Path) -> Reader:
+    """Give the reader for `path`, by suffix and first bytes.
+
+    Raises
+    ------
+    ResultError
+        No such file, it is empty, or no reader takes it.
+    """
+    from fembridge.results.byte_file import ByteFile
+
+    with ByteFile(path) as file:
+        start = file.peek(0, _FIRST_BYTES)
+    if not start:
+        raise ResultError("empty: 0 bytes", path)
+    for table in (lambda _: READERS, _plugged):
+        for reader in table(path):
+            same = path.suffix.lower() == reader.suffix
+            if same and reader.takes(start):
+                return reader
+    raise ResultError(_foreign(path, start), path)
+
+
+def _foreign(path: Path, start: bytes) -> str:
+    if path.suffix.lower() in _PRINTS:
+        return (
+            "prints of CalculiX, no nodal results: fembridge ingest makes a table of "
+            "them, and --point traces of a .dat's integration points"
+        )
+    kinds = [f", {kind}" for mark, kind in _KNOWN_STARTS if start.startswith(mark)]
+    for reader in () if kinds else READERS:
+        if reader.first_bytes and reader.takes(start):
+            return (
+                f"begins like {reader.name} and is named {path.suffix or 'nothing'}: "
+                f"rename it to {reader.suffix}"
+            )
+    kind = kinds[0] if kinds else ""
+    wanted = "; ".join(
+        f"{reader.suffix} begins with {_first(reader)!r}"
+        for reader in READERS
+        if reader.first_bytes
+    )
+    return f"no result file we read: begins with {start[:12]!r}{kind}; {wanted}"
+
+
+def _first(reader: Reader) -> bytes:
+    starts = reader.first_bytes
+    return starts if isinstance(starts, bytes) else starts[0]
+
+
+def _plugged(path: Path) -> tuple[Reader, ...]:
+    from importlib.metadata import entry_points
+
+    found = []
+    for point in entry_points(group=ENTRY_POINTS):
+        try:
+            reader = point.load()
+        except Exception as error:  # whatever another package does wrong
+            raise ResultError(
+                f"reader {point.name} ({point.value}) cannot be loaded: {error!r}", path
+            ) from error
+        if not isinstance(reader, Reader):
+            raise ResultError(
+                f"reader {point.name} ({point.value}) is a {type(reader).__name__}, "
+                "expected a fembridge.results.Reader",
+                path,
+            )
+        found.append(reader)
+    return tuple(found)

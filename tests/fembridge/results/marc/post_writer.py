@@ -1,0 +1,195 @@
+"""Post files written from values that a test knows.
+
+It shares no code with the reader: what it writes follows the description of real
+files alone. `Storage.kept` tells what is left of a number once it is stored.
+"""
+
+from dataclasses import dataclass, field
+
+import fembridge_test_post_sinks as sinks  # named in conftest.py
+import numpy as np
+
+Storage = sinks.Storage
+WITH_SIDES = {12: "edge", 13: "face", 18: "edge", 19: "face"}
+
+
+@dataclass(frozen=True)
+class Model:
+    """A mesh, the post codes and what else stands before increments.
+
+    An element is (number, type, nodes, extras); a set is (name, type, members,
+    sides), a code (code, layer, label).
+    """
+
+    node_ids: tuple = (1, 2, 3, 4)
+    coordinates: tuple = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+    elements: tuple = ((7, 11, (1, 2, 3, 4), (1, 1, 1, 2, 0)),)
+    points: int = 4
+    codes: tuple = ((17, 0, "Equivalent Von Mises Stress"),)
+    sets: tuple = ()
+    dimensions: int = 2
+    revision: int = 14
+    strange_block: bool = False
+
+    @property
+    def corners(self):
+        return max((len(element[2]) for element in self.elements), default=4)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A nodal quantity; `values` ``(N, components)`` or None for no data."""
+
+    name: str
+    code: int
+    components: int
+    values: object = None
+    imaginary: bool = False
+
+
+@dataclass(frozen=True)
+class Increment:
+    """What one increment holds; `element` ``(E, points, codes)`` or None."""
+
+    number: int = 0
+    sub: int = 0
+    time_s: float = 0.0
+    title: str = "lcase1"
+    element: object = None
+    nodal: tuple = ()
+    variables: tuple = ()
+    recycles: int = 1
+    cut_backs: int = 0
+    new_model: Model | None = None
+    loads: tuple = ()
+    energies: tuple = field(default_factory=lambda: tuple(range(2, 24)))
+
+
+def post_bytes(storage, model, increments, title="job1", ended=True):
+    """Write a whole file."""
+    sink = (sinks.BinarySink if storage.binary else sinks.TextSink)(storage)
+    block(sink, 50100, "Analysis Title", lambda: sink.text(" " * 10 + title, 70))
+    write_model(sink, model)
+    at = model
+    for increment in increments:
+        at = increment.new_model or at
+        write_increment(sink, at, increment)
+    if ended:
+        sink.word("++++")
+    return b"".join(sink.parts)
+
+
+def block(sink, number, name, write):
+    sink.word(f"=beg={number} ({name})")
+    write()
+    sink.word("=end=")
+
+
+def write_model(sink, model):
+    old = model.revision < 13
+    words = [0] * 30
+    counted = (len(model.codes), len(model.node_ids), len(model.elements), 2)
+    words[0:4] = counted
+    words[4], words[5], words[6] = model.points, -1, 1
+    words[8], words[9], words[13] = model.dimensions, model.corners, model.revision
+    block(sink, 50200, "Analysis Verification Data", lambda: sink.verification(words))
+    block(sink, 50400, "Dummy", lambda: sink.mixed((0,), ()))
+    block(sink, 50500, "Domain Decomposition", lambda: sink.mixed((0, 0), ()))
+
+    def codes():
+        for code, layer, label in model.codes:
+            sink.label((code,) if old else (code, layer), label, 24 if old else 48)
+
+    def elements():
+        extras = 0
+        if not old:
+            extras = max((len(element[3]) for element in model.elements), default=5)
+            sink.mixed((0, model.corners, extras), ())
+        for number, kind, nodes, more in model.elements:
+            # Zero in real files; here it is not, so that nothing depends on it.
+            corners = [*nodes, *[-7] * (model.corners - len(nodes))]
+            sink.mixed((number, kind, len(nodes), *corners, *more[:extras]), ())
+
+    def coordinates():
+        for node, place in zip(model.node_ids, model.coordinates, strict=True):
+            sink.mixed((node,), place)
+
+    def sets():
+        sink.mixed((len(model.sets),), ())
+        for name, kind, members, sides in model.sets:
+            sink.text(name, 32 if old else 160)
+            sink.mixed((len(members), kind), ())
+            if not old:
+                sink.mixed((0, 0, 0, 0), ())
+            sink.mixed(members, ())
+            if members and kind in WITH_SIDES:
+                sink.mixed(sides, ())
+
+    if model.codes:
+        block(sink, 50600 if old else 50602, "Element Variable Postcodes", codes)
+    block(sink, 50700 if old else 50702, "Element Connectivities", elements)
+    block(sink, 50800, "Nodal Coordinates", coordinates)
+    if not old:
+        block(sink, 54000, "Materials", lambda: sink.mixed((0,), ()))
+    if model.strange_block:
+        block(sink, 59900, "Strange", lambda: sink.mixed((1, 2, 3), ()))
+    block(sink, 51000, "Nodal Codes", lambda: sink.mixed([2] * counted[1], ()))
+    block(sink, 51301 if old else 51302, "Set Definitions", sets)
+    block(sink, 51501, "Flow Line Data", lambda: sink.mixed([0] * 6, ()))
+
+
+def write_increment(sink, model, increment):
+    words = [0] * 12
+    words[0] = 1 if increment.new_model else 0
+    words[1:4] = increment.number, increment.sub, 2
+    words[3] = 2 if increment.element is None else 102
+    words[7], words[9] = increment.recycles, increment.cut_backs
+    sink.word("****")
+    block(
+        sink, 51600, "Loadcase Title", lambda: sink.text(" " * 10 + increment.title, 70)
+    )
+    block(sink, 51701, "Integer Verification Data", lambda: sink.mixed(words, ()))
+
+    def reals():
+        sink.mixed((24,), ())
+        sink.flow([increment.time_s, 0.0, *increment.energies])
+
+    def element():
+        for row in np.asarray(increment.element).reshape(-1, len(model.codes)):
+            sink.mixed((), row)
+
+    def nodal():
+        total = sum(quantity.components for quantity in increment.nodal)
+        sink.mixed((len(increment.nodal), total), ())
+        for quantity in increment.nodal:
+            write_quantity(sink, quantity)
+
+    def variables():
+        sink.mixed((len(increment.variables),) * 2, ())
+        for name, values in increment.variables:
+            sink.text(name, 48)
+            sink.mixed((7, 0, 0, len(values), 0, 0), ())
+            sink.mixed((), values)
+
+    block(sink, 51801, "Real Increment Verification Data", reals)
+    if increment.new_model:
+        block(sink, 51900, "New Model", lambda: sink.mixed((1,), ()))
+        write_model(sink, increment.new_model)
+    if increment.loads:
+        block(sink, 52000, "Loads", lambda: sink.mixed((), increment.loads))
+    if increment.element is not None:
+        block(sink, 52300, "Element Integration Point Values", element)
+    block(sink, 52401, "Nodal Results", nodal)
+    block(sink, 52900, "Global Variables", variables)
+    sink.word("----")
+
+
+def write_quantity(sink, quantity):
+    words = [quantity.code, 0, 0, quantity.components, *[0] * 8]
+    words[5] = 4 if quantity.imaginary else 0
+    words[6] = 0 if quantity.values is None else -1
+    sink.text(quantity.name, 48)
+    sink.mixed(words, ())
+    if quantity.values is not None:
+        for sign in (1, -1)[: 1 + quantity.imaginary]:
+            sink.flow((sign * np.asarray(quantity.values, dtype=float)).ravel())

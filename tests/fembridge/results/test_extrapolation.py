@@ -1,0 +1,173 @@
+"""Extrapolation from integration points, against closed forms and plain loops."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from fembridge.results.extrapolation import (
+    DOCUMENTED,
+    ELEMENT_TYPES,
+    METHODS,
+    node_places,
+    node_weights,
+    point_places,
+)
+
+TYPES = sorted(ELEMENT_TYPES)
+ROOT3, ROOT15 = math.sqrt(3), math.sqrt(15)
+FULL = [n for n in TYPES if ELEMENT_TYPES[n].points > 1]
+
+
+def weights_of(number, method, stored=None):
+    about = ELEMENT_TYPES[number]
+    return node_weights(number, about.nodes, stored or about.points, method)
+
+
+def shape_functions(about, places):
+    """Of the corners alone, so that the sides are straight, ``(place, corner)``."""
+    if about.family in ("tri", "tet"):
+        return places
+    if about.family == "wedge":
+        flat, z = places[:, :3], places[:, 3:]
+        return np.hstack([flat * (1 - z) / 2, flat * (1 + z) / 2])
+    corners = node_places(about)[: 2 ** places.shape[1]]
+    return np.prod((1 + corners[None] * places[:, None]) / 2, axis=2)
+
+
+@pytest.mark.parametrize("number", TYPES)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_constant_field_stays_what_it_is(number, method):
+    about = ELEMENT_TYPES[number]
+    weights = weights_of(number, method)
+    assert weights.shape == (about.nodes, about.points)
+    assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-13)
+
+
+@given(
+    number=st.sampled_from(FULL),
+    jitter=st.lists(st.floats(-0.25, 0.25), min_size=24, max_size=24),
+    field=st.tuples(*[st.floats(-5, 5)] * 4),
+)
+def test_a_linear_field_in_a_distorted_element_comes_out_exactly(number, jitter, field):
+    """Isoparametric: x, y, z are bilinear in xi, eta, so what is linear in them is
+    a polynomial of the fit."""
+    about = ELEMENT_TYPES[number]
+    to, here = node_places(about), point_places(about.family, about.points)
+    corners = shape_functions(about, to).shape[1]
+    size = 2 if about.family in ("quad", "tri") else 3
+    if about.family in ("tri", "tet"):
+        base = np.vstack([np.zeros(size), np.eye(size)])
+    elif about.family == "wedge":
+        base = np.array([[*p, z] for z in (0, 1) for p in ((0, 0), (1, 0), (0, 1))])
+    else:
+        base = to[:corners]
+    at_corners = base + np.array(jitter)[: corners * size].reshape(corners, size)
+    value = lambda place: field[0] + place @ np.array(field[1 : 1 + size])  # noqa: E731
+
+    found = weights_of(number, "linear") @ value(
+        shape_functions(about, here) @ at_corners
+    )
+
+    wanted = value(shape_functions(about, to) @ at_corners)
+    assert_allclose(found, wanted, rtol=0, atol=1e-12 * (1 + sum(map(abs, field))))
+
+
+@pytest.mark.parametrize("number", [3, 11, 80])
+def test_the_factors_of_a_quadrilateral_are_those_of_the_bilinear_interpolant(number):
+    """Points 1 (-,-), 2 (+,-), 3 (-,+), 4 (+,+); corners counter-clockwise."""
+    own, side, far = 1 + ROOT3 / 2, -0.5, 1 - ROOT3 / 2
+    wanted = [
+        [own, side, side, far],
+        [side, own, far, side],
+        [far, side, side, own],
+        [side, far, own, side],
+    ]
+    assert_allclose(weights_of(number, "linear"), wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("number", [7, 11, 27, 80])
+def test_points_grow_along_xi_first_then_eta_then_zeta(number):
+    about = ELEMENT_TYPES[number]
+    here, to = point_places(about.family, about.points), node_places(about)
+    side = round(about.points ** (1 / here.shape[1]))
+    gauss = {2: 1 / ROOT3, 3: ROOT15 / 5}[side]
+    for axis in range(here.shape[1]):
+        growing = [k // side**axis % side for k in range(about.points)]
+        values = (np.array(growing) - (side - 1) / 2) * 2 / (side - 1)  # -1 to 1
+        assert_allclose(here[:, axis], values * gauss, atol=1e-15)
+        at_nodes = weights_of(number, "linear") @ np.array(values)
+        assert_allclose(at_nodes, to[:, axis] / gauss, atol=1e-12)
+
+
+@pytest.mark.parametrize("number", [11, 27, 54, 125, 7, 21, 57, 127, 136])
+def test_translate_takes_the_nearest_points_and_average_all(number):
+    about = ELEMENT_TYPES[number]
+    here, to = point_places(about.family, about.points), node_places(about)
+    rng = np.random.default_rng(number)
+    values = rng.normal(size=about.points)
+    moved, mean = (weights_of(number, m) @ values for m in ("translate", "average"))
+    for node, place in enumerate(to):
+        away = [math.dist(place, point) for point in here]
+        near = [v for v, d in zip(values, away, strict=True) if d < min(away) + 1e-9]
+        assert moved[node] == pytest.approx(sum(near) / len(near), rel=1e-12)
+        assert mean[node] == pytest.approx(sum(values) / len(values), rel=1e-12)
+
+
+def test_translate_gives_each_corner_of_a_quadrilateral_its_own_point():
+    assert (weights_of(11, "translate") @ [1, 2, 3, 4]).tolist() == [1, 2, 4, 3]
+    eight = weights_of(54, "translate") @ [1, 2, 3, 4]
+    assert eight.tolist() == [1, 2, 4, 3, 1.5, 3, 3.5, 2]
+    nine = weights_of(27, "translate") @ range(1, 10)
+    assert nine.tolist() == [1, 3, 9, 7, 2, 6, 8, 4]
+
+
+def test_nine_points_are_fitted_by_least_squares():
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=9)
+    terms = lambda p: np.array([[1, x, y, x * y] for x, y in p])  # noqa: E731
+    about = ELEMENT_TYPES[27]
+    fit = np.linalg.lstsq(terms(point_places("quad", 9)), values, rcond=None)[0]
+    wanted = terms(node_places(about)) @ fit
+    assert_allclose(weights_of(27, "linear") @ values, wanted, rtol=1e-10)
+
+
+def test_a_pressure_node_gets_nothing():
+    assert node_weights(80, 5, 4, "linear").shape == (4, 4)
+    assert node_weights(118, 5, 1, "linear").tolist() == [[1.0]] * 4
+
+
+def test_in_a_mixed_mesh_an_element_takes_its_own_points_alone():
+    mixed = node_weights(11, 4, 9, "linear")
+    assert_allclose(mixed[:, :4], weights_of(11, "linear"))
+    assert not mixed[:, 4:].any()
+    assert node_weights(6, 3, 4, "translate").tolist() == [[1, 0, 0, 0]] * 3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_stored_point_is_the_mean_of_the_element(method):
+    assert node_weights(11, 4, 1, method).tolist() == [[1.0]] * 4
+
+
+def test_what_is_not_known_is_refused_and_average_is_left():
+    with pytest.raises(ValueError, match="element type 999: where its integration"):
+        node_weights(999, 5, 2, "linear")
+    assert node_weights(999, 3, 2, "average").tolist() == [[0.5, 0.5]] * 3
+    with pytest.raises(ValueError, match=r"type 27 has 9 integration points.*stores 4"):
+        node_weights(27, 8, 4, "average")
+    with pytest.raises(ValueError, match="type 27 with 4 nodes, expected 8"):
+        node_weights(27, 4, 9, "average")
+    with pytest.raises(ValueError, match="extrapolation 'cubic', expected linear"):
+        node_weights(11, 4, 4, "cubic")
+
+
+def test_weights_cannot_be_written_to():
+    with pytest.raises(ValueError, match="read-only"):
+        weights_of(11, "linear")[0, 0] = 1.0
+
+
+def test_documented_types_are_known_types():
+    assert set(ELEMENT_TYPES) >= DOCUMENTED

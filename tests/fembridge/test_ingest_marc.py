@@ -1,0 +1,296 @@
+"""``fembridge ingest`` with Marc's files: post files, decks, status, saved plots."""
+
+import csv
+import importlib.util
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fembridge import read
+from fembridge.cli import main
+from fembridge.errors import ResultError
+
+HERE = Path(__file__).parent / "results" / "marc"
+SAMPLES = Path(__file__).parents[2] / "fixtures" / "marc_samples"
+PLASTIC = str(SAMPLES / "nour_plastic.t16")
+
+
+def module(name):
+    """Give a module of the post files' tests."""
+    known = f"fembridge_test_{name}"
+    if known not in sys.modules:
+        found = importlib.util.spec_from_file_location(known, HERE / f"{name}.py")
+        made = importlib.util.module_from_spec(found)
+        sys.modules[known] = made
+        found.loader.exec_module(made)
+    return sys.modules[known]
+
+
+module("post_sinks")  # the writer imports it
+writer, models = module("post_writer"), module("stress_models")
+
+
+def stress(x, y, layer, time_s):
+    return [1e3 * time_s * (1 + x + 10 * layer), 0, 0, 1e3 * time_s * (y - 1), 0, 0]
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    """A current folder with job.t16: two layers, three increments, a set."""
+    plane = models.Plane(80, *models.grid(3, 2), layers=[0, 0, 1, 0, 0, 1])
+    sets = (("probes", 1, (6, 1), ()), ("soft", 0, (1, 2, 4, 5), ()))
+    increments = plane.increments(writer, stress, (0.0, 0.001, 0.002))
+    (tmp_path / "job.t16").write_bytes(
+        writer.post_bytes(writer.Storage(), plane.model(writer, sets=sets), increments)
+    )
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def rows_of(path):
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_listing_shows_header_codes_sets_and_times(capsys):
+    assert main(["ingest", "job.t16", "--list"]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "job.t16: marc-t16, ",
+        "post revision: 14",
+        "byte order: little",
+        "element post codes: 17, 311, 312, 313, 314, 315, 316",
+        "6 elements: 6 of type 80",
+        "Stress: SXX, SYY, SZZ, SXY, SYZ, SZX; 3 increments, 0 to 2 ms; at integration",
+        "set probes: 2 of kind node",
+    ):
+        assert words in out
+    assert main(["ingest", "job.t16", "--list", "--json"]) == 0
+    held = json.loads(capsys.readouterr().out)
+    assert held["increments"] == 3
+    assert held["problem"] is None
+
+
+def test_traces_by_number_set_and_place(capsys):
+    words = ["--node", "5", "--set", "probes", "--near", "0.1,1.9", "-o", "t.csv"]
+    assert main(["ingest", "job.t16", *words]) == 0
+    rows = rows_of("t.csv")
+    assert list(dict.fromkeys(row["node"] for row in rows)) == ["5", "6", "1", "9"]
+    last = {row["node"]: float(row["von_mises_pa"]) for row in rows}
+    assert last["5"] == pytest.approx(2e6, rel=1e-5)
+    assert last["6"] == pytest.approx(4e6, rel=1e-5)
+    assert last["1"] == pytest.approx(2e6 * (1 + 3) ** 0.5, rel=1e-5)
+    heard = capsys.readouterr()
+    assert (
+        "stress: Stress (codes 311 to 316), extrapolated to nodes: linear" in heard.err
+    )
+    assert "0 to 2 ms every 1 ms" in heard.out
+
+
+def test_traces_can_be_encoded():
+    assert main(["ingest", "job.t16", "--node", "5", "6", "-o", "t.csv"]) == 0
+    from fembridge.tables import read_traces
+
+    assert [trace.node for trace in read_traces(Path("t.csv"))] == [5, 6]
+
+
+def test_the_way_to_the_node_and_to_von_mises_can_be_chosen():
+    def last(*words):
+        assert main(["ingest", "job.t16", "--node", "1", *words, "-o", "t.csv"]) == 0
+        return float(rows_of("t.csv")[-1]["von_mises_pa"])
+
+    first = models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *models.POINTS[4][0])
+    nearest = 1e6 * models.von_mises(stress(*first, 0, 0.002))
+    assert last("--extrapolate", "translate") == pytest.approx(nearest, rel=1e-5)
+    middle = 1e6 * models.von_mises(stress(0.5, 0.5, 0, 0.002))
+    assert last("--extrapolate", "average") == pytest.approx(middle, rel=1e-5)
+    points = [
+        1e6
+        * models.von_mises(
+            stress(*models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *p), 0, 0.002)
+        )
+        for p in models.POINTS[4]
+    ]
+    mean = sum(points) / 4
+    scalar = last("--extrapolate", "average", "--von-mises", "scalar")
+    assert scalar == pytest.approx(mean, rel=1e-5)
+    assert scalar != pytest.approx(middle, rel=1e-3)
+
+
+def test_a_boundary_is_refused_crossed_or_read_side_by_side(capsys):
+    assert main(["ingest", "job.t16", "--node", "7"]) == 1
+    assert "node 7 lies between soft and elements with ids 2" in capsys.readouterr().err
+    words = ["--across-materials", "-o", "t.csv"]
+    assert main(["ingest", "job.t16", "--node", "7", *words]) == 0
+    assert main(["ingest", "job.t16", "--node", "7", "--one-sided"]) == 0
+    sides = rows_of("job_sides.csv")
+    assert {row["material"] for row in sides} == {"soft", "elements with ids 2 1 1 3 1"}
+    last = [
+        float(row["xx_pa"]) for row in sides if row["time_ms"] == sides[-1]["time_ms"]
+    ]
+    assert last == pytest.approx([2e6 * 3, 2e6 * 13], rel=1e-5)
+
+
+def test_fields_and_paraview(here, capsys):
+    assert main(["ingest", "job.t16", "--field", "stress", "--increment", "1"]) == 0
+    with np.load("job_stress_0_1.npz") as held:
+        assert held["values"].shape == (9, 6)
+    assert "left out: 3 nodes lie between layers" in capsys.readouterr().err
+    assert main(["ingest", "job.t16", "--field", "displ", "-o", "d.csv"]) == 0
+    assert rows_of("d.csv")[0] == {
+        "node": "1",
+        "dx_mm": pytest_near(0.002),
+        "dy_mm": "-1.0",
+    }
+    assert main(["ingest", "job.t16", "--vtu", "v", "--quantity", "Stress"]) == 0
+    assert len(list((here / "v").glob("*.vtu"))) == 3
+
+
+def pytest_near(value):
+    """A text of a number near `value`."""
+
+    class Near:
+        def __eq__(self, other):
+            return float(other) == pytest.approx(value)
+
+    return Near()
+
+
+def test_a_cut_file_is_taken_in_part(here, capsys):
+    whole = (here / "job.t16").read_bytes()
+    (here / "job.t16").write_bytes(whole[:-500])
+    assert main(["ingest", "job.t16", "--node", "1"]) == 1
+    assert "--partial" in capsys.readouterr().err
+    assert main(["ingest", "job.t16", "--node", "1", "--partial", "-o", "t.csv"]) == 0
+    assert len(rows_of("t.csv")) == 2
+
+
+def test_without_nodes_the_file_is_listed_and_the_choice_is_named(capsys):
+    assert main(["ingest", "job.t16"]) == 2
+    heard = capsys.readouterr()
+    assert "element post codes" in heard.out
+    assert "choose with --node N, --set NAME or --near X,Y" in heard.err
+
+
+def test_a_folder_without_run_toml_gives_the_post_file_in_it(here):
+    assert main(["ingest", ".", "--node", "1", "-o", "t.csv"]) == 0
+    assert rows_of("t.csv")[0]["node"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--list", "--von-mises", "scalar"], "--list and --von-mises do not go toget"),
+        (["--node", "7", "--one-sided", "SOFT"], "of a Marc post file takes no name"),
+        (
+            ["--node", "7", "--von-mises", "scalar", "--one-sided"],
+            "--one-sided and --von-mises do not go together",
+        ),
+        (["--point", "1:1"], "--point is for a .dat"),
+    ],
+)
+def test_words_that_mean_nothing_together_are_misuse(words, told, here, capsys):
+    assert main(["ingest", "job.t16", *words]) == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["--node", "1"], ["--field", "STRESS"], ["--vtu", "v"]]
+)
+def test_extrapolation_is_not_for_files_of_nodal_values(words, capsys):
+    frd = str(SAMPLES.parent / "frd_samples" / "cpe4_ascii.frd")
+    assert main(["ingest", frd, *words, "--extrapolate", "average"]) == 2
+    assert "asked of a Marc post file" in capsys.readouterr().err
+    assert main(["ingest", frd, "--node", "1", "--one-sided"]) == 2
+    assert "--one-sided takes the element set" in capsys.readouterr().err
+
+
+def test_a_deck_is_told_from_prints(here, capsys):
+    deck = str(SAMPLES / "pfl_example_model_0.dat")
+    assert main(["ingest", deck]) == 2
+    assert "a Marc deck, no results; --list shows" in capsys.readouterr().err
+    assert main(["ingest", deck, "--list"]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "example_model_0.dat: marc-deck, ",
+        "  written by: Marc Mentat 2021.4 (64bit)",
+        "  elements: 2461 of type 118",
+        "  contact body: name cbody1, kind deformable",
+        "  set apply1_nodes: kind node, members 1",
+        "  table: name linear_ramp_time1, number 1, line 5135, points 2",
+        "  post: codes 681; nodal codes 1; every 1",
+    ):
+        assert words in out
+
+
+def test_a_status_file_becomes_a_table(capsys):
+    assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "-o", "s.csv"]) == 0
+    assert len(rows_of("s.csv")) == 24
+    assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "--list"]) == 0
+    assert "24 rows" in capsys.readouterr().out
+
+
+def test_a_history_plot_becomes_traces_of_the_nodes_that_it_names(here):
+    lines = ["Time Node 2\tEquivalent Von Mises Stress Node 2"]
+    lines += [f"{k * 0.0005:g}\t{k * 0.25:g}" for k in range(6)]
+    (here / "history.txt").write_text("\n".join(lines) + "\n")
+    assert main(["ingest", "history.txt", "-o", "t.csv"]) == 0
+    rows = rows_of("t.csv")
+    assert [row["node"] for row in rows] == ["2"] * 6
+    assert float(rows[-1]["von_mises_pa"]) == pytest.approx(1.25e6)
+    assert float(rows[-1]["time_ms"]) == pytest.approx(2.5)
+
+
+def test_a_plot_without_names_takes_the_node_it_is_given(here, capsys):
+    text = "some header\n" + "".join(f"{k * 0.0005:g} {k * 0.25:g}\n" for k in range(6))
+    (here / "history.txt").write_text(text)
+    assert main(["ingest", "history.txt", "--node", "12", "-o", "t.csv"]) == 0
+    assert rows_of("t.csv")[0]["node"] == "12"
+    assert main(["ingest", "history.txt", "--list"]) == 0
+    assert "mentat-plot" in capsys.readouterr().out
+
+
+def test_a_path_plot_becomes_a_table(here):
+    lines = ["Arc Length\tStress"] + [f"{k}\t{k * k}" for k in range(5)]
+    (here / "path.txt").write_text("\n".join(lines) + "\n")
+    assert main(["ingest", "path.txt"]) == 0
+    rows = rows_of("path_plot.csv")
+    assert len(rows) == 5
+    assert list(rows[0]) == ["Arc Length", "Stress"]
+
+
+def test_a_recorded_post_file_goes_to_paraview(here):
+    shutil.copy(PLASTIC, here / "plastic.t16")
+    assert main(["ingest", "plastic.t16", "--vtu", "v"]) == 0
+    import meshio
+
+    mesh = meshio.read(here / "v" / "plastic.0024.vtu")
+    moved = mesh.point_data["Displacement"]
+    assert np.linalg.norm(moved, axis=1).max() == pytest.approx(108.78, rel=1e-4)
+    assert mesh.point_data["Plastic Strain in Global System"].shape == (85, 6)
+
+
+def test_an_hdf5_file_is_listed_tabled_and_gives_no_traces(here, capsys):
+    h5py = pytest.importorskip("h5py", reason="no h5py: an extra")
+    columns = ["CASE", "INC", "SUBINC", "CYCL_INC", "SEPA_INC", "CUT_INC", "CYCL_TOT"]
+    columns += ["SEPA_TOT", "CUT_TOT", "RMESH"]
+    kind = [(name, "i4") for name in columns] + [("TIME_INC", "f8"), ("TIME_TOT", "f8")]
+    rows = np.zeros(2, dtype=kind)
+    rows["INC"], rows["TIME_TOT"] = (0, 1), (0.0, 0.0005)
+    with h5py.File("job.h5", "w") as file:
+        file.create_dataset("Marc/Summary", data=rows)
+        moved = np.zeros((4, 2, 2, 1, 1, 1, 1))
+        file.create_dataset("Marc/Results/Node/Displacement", data=moved)
+    assert main(["ingest", "job.h5", "--list"]) == 0
+    out = capsys.readouterr().out
+    assert "job.h5: marc-h5, " in out
+    assert "  arrays: Marc/Results/Node/Displacement" in out
+    assert "no real file of this kind was seen" in out
+    assert main(["ingest", "job.h5", "-o", "increments.csv"]) == 0
+    assert len(rows_of("increments.csv")) == 2
+    with pytest.raises(ResultError, match=r"no traces from a \.h5"):
+        read("job.h5", [1])
