@@ -1,12 +1,16 @@
 """What all tests share: no deadlines, and no solver where there is none."""
 
+import os
+
 import pytest
 from hypothesis import settings
 
 from fembridge.errors import MissingError
 from fembridge.machine import find_ccx
 
-settings.register_profile("fembridge", deadline=None)
+# A person's run takes fewer examples than the checks before a change lands.
+EXAMPLES = 100 if os.environ.get("CI") == "true" else 25
+settings.register_profile("fembridge", deadline=None, max_examples=EXAMPLES)
 settings.load_profile("fembridge")
 
 
