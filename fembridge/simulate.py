@@ -80,6 +80,8 @@ def simulate(
     stored: bool = False,
     parameters: Parameters = PUBLISHED,
     parameters_name: str = "",
+    ladder: Sequence[Contact] = LADDER,
+    response: ResponseMap | None = None,
     settings: SolverSettings | None = None,
     tell: Tell = lambda line: None,
 ) -> Simulation:
@@ -95,6 +97,10 @@ def simulate(
         What the record calls them.
     stored
         Take the stored response of a reference finger even where a solver is.
+    ladder
+        The contact models to try, in this order.
+    response
+        What was accepted for `model` with its contact before: taken, not solved.
     tell
         Hears in one line each where the stress comes from.
 
@@ -119,15 +125,17 @@ def simulate(
         )
     settings = settings or SolverSettings()
     deepest = max(stimuli, key=_depth_um)
-    if stored or find_ccx() is None:
+    if response is not None:
+        origin: Table = {"source": "response given"}
+    elif stored or find_ccx() is None:
         response = _stored(model, deepest, method, stored, tell)
-        origin: Table = {"source": "stored response"}
+        origin = {"source": "stored response"}
     else:
-        place = folder / RESPONSE_FOLDER
-        model, response = _solved(model, _depth_um(deepest), place, settings, tell)
+        depth_um, place = _depth_um(deepest), folder / RESPONSE_FOLDER
+        model, response = _solved(model, depth_um, place, settings, tell, ladder)
         origin = {"source": "CalculiX"}
     if method == "transient":
-        traces = _transients(stimuli, model, folder, settings, tell)
+        traces = _transients(stimuli, model, folder, settings, tell, ladder)
         origin = {**origin, "contacts": _contacts(stimuli, folder)}
     else:
         traces = [driving_stress(response, each, parameters) for each in stimuli]
@@ -184,7 +192,7 @@ def _solved(
     folder: Path,
     settings: SolverSettings,
     tell: Tell,
-    ladder: Sequence[Contact] = LADDER,
+    ladder: Sequence[Contact],
 ) -> tuple[Model, ResponseMap]:
     """Give the model with the contact that was accepted, and its response."""
     solved = solve_response(
@@ -213,6 +221,7 @@ def _transients(
     folder: Path,
     settings: SolverSettings,
     tell: Tell,
+    ladder: Sequence[Contact],
 ) -> list[list[StressTrace]]:
     """Solve each waveform; one that does not converge gets the next contact model.
 
@@ -222,7 +231,7 @@ def _transients(
     deepest_um = max(map(_depth_um, stimuli))
     waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}
     places, failure = list(waiting), None
-    for number, contact in enumerate(_from(model.contact), start=1):
+    for number, contact in enumerate(_from(model.contact, ladder), start=1):
         if contact != model.contact:
             again = folder / f"{RESPONSE_FOLDER}_{number}"
             try:
@@ -272,9 +281,9 @@ def _contacts(stimuli: Sequence[Stimulus], folder: Path) -> Table:
     }
 
 
-def _from(contact: Contact) -> tuple[Contact, ...]:
+def _from(contact: Contact, ladder: Sequence[Contact]) -> tuple[Contact, ...]:
     """Give `contact` and what comes after it on the ladder."""
-    below = LADDER[LADDER.index(contact) + 1 :] if contact in LADDER else ()
+    below = ladder[ladder.index(contact) + 1 :] if contact in ladder else ()
     return (contact, *below)
 
 

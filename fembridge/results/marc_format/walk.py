@@ -118,6 +118,7 @@ class PostWalk:
         layout = Layout(start)
         records.free.clear()
         name = f"of the increment that begins at byte {start}"
+        self._where = name
         records.pass_word()
         while (word := records.word()).startswith(BEGIN):
             base, revision = self._open(word, name)
