@@ -101,9 +101,10 @@ def write_vtu_series(
         with filling(folder, series) as draft:
             for frame in frames:
                 name = f"{path.stem}.{len(entries) + 1:04d}.vtu"
-                if (
-                    id(frame.scene) not in shapes
-                ):  # a new mesh takes the old one's place
+                if not frame.scene.cells:
+                    raise ResultError("no element of a kind that VTU has", path)
+                # A new mesh takes the place of the one before.
+                if id(frame.scene) not in shapes:
                     shapes = {id(frame.scene): _Shape(frame.scene)}
                 shapes[id(frame.scene)].write(draft / name, frame.values)
                 entries.append((frame.time_ms, name))

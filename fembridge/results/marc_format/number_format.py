@@ -40,7 +40,8 @@ class NumberFormat:
         kind = np.int64 if self.integer else np.float64
         packed = np.ascontiguousarray(characters)
         if self.dtype:
-            return packed.view(self.dtype).astype(kind)
+            with np.errstate(invalid="ignore"):  # of a signalling NaN
+                return packed.view(self.dtype).astype(kind)
         if np.isin(packed, _FOREIGN).any():
             raise ValueError("bytes that belong to no number among numbers")
         fields = packed.view(f"S{self.width}")
