@@ -19,6 +19,12 @@ COMMANDS = (
     ("--help", ["--help"], 0.25, True),
     ("stimuli", ["stimuli"], 0.25, True),
     ("build-deck, five decks", ["build-deck", "--stimulus", "noise_25_250"], 2, True),
+    (
+        "build-deck, Marc, paper",
+        "build-deck --stimulus noise_25_250_10 --solver marc --finger paper".split(),
+        2,
+        True,
+    ),
     ("simulate all, stored", ["simulate", "--stimulus", "all", "--stored"], 5, False),
     ("simulate all, solved", ["simulate", "--stimulus", "all"], 60, True),
 )
