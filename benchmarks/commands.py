@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 RUNS = 5
+_NOISE = ("--stimulus", "noise_25_250_10")
 # Name, words after `fembridge`, goal in seconds, and whether ccx may be seen.
 COMMANDS = (
     ("--help", ["--help"], 0.25, True),
@@ -21,7 +22,7 @@ COMMANDS = (
     ("build-deck, five decks", ["build-deck", "--stimulus", "noise_25_250"], 2, True),
     (
         "build-deck, Marc, paper",
-        "build-deck --stimulus noise_25_250_10 --solver marc --finger paper".split(),
+        ["build-deck", *_NOISE, "--solver", "marc", "--finger", "paper"],
         2,
         True,
     ),

@@ -2,15 +2,17 @@
 
 A reader of the final name finds the old content or the new, never a part: not
 after Ctrl-C, not after a full disk, not after a kill. Files that belong together
-are written in a draft folder and take their places only when all are whole.
+are written in a draft folder and take their places only when all are whole; of two
+processes that do so in one folder, one waits for the other.
 """
 
+import fcntl
 import filecmp
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fembridge.errors import OutputError
@@ -128,11 +130,26 @@ def _move_up(draft: Path, folder: Path, last: str) -> None:
     )
     for name in names:
         _check_replaceable(folder / name, folder / name)
-    if all(_same(draft / name, folder / name) for name in names):
-        return
-    (folder / last).unlink(missing_ok=True)
-    for name in names:
-        (draft / name).replace(folder / name)
+    with _alone_in(folder):
+        if all(_same(draft / name, folder / name) for name in names):
+            return
+        (folder / last).unlink(missing_ok=True)
+        for name in names:
+            (draft / name).replace(folder / name)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Wait for others that move files up there; without locks, for nobody."""
+    handle = None
+    with suppress(OSError):  # some network file systems lock no folder
+        handle = os.open(folder, os.O_RDONLY)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
 
 
 def _same(new: Path, old: Path) -> bool:

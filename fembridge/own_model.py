@@ -74,8 +74,8 @@ def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
         raise DeckError(f"{path}: cannot be read: {error.strerror}") from error
     if solver is not None and solver not in known:
         raise DeckError(
-            f"a {path.suffix} is a deck for {' or '.join(known)}, not for {solver}",
-            path,
+            f"{path}: a {path.suffix} is a deck for {' or '.join(known)}, not for "
+            f"{solver}"
         )
     if solver is None:
         solver = known[0] if len(known) == 1 else _dialect_in(data)

@@ -93,11 +93,11 @@ def contact_table() -> Iterator[str]:
 
 
 def _heading(layout: Layout) -> Iterator[str]:
-    contact = layout.model.analysis.contact
-    asked = contact.formulation.replace("surface", "segment")
+    friction = layout.model.analysis.contact.friction
+    law = f"friction {friction:g} (Coulomb, bilinear)" if friction else "no friction"
     yield from comment(
-        f"asked for: {asked} contact, friction {contact.friction:g} (Coulomb, "
-        "bilinear). Marc has no contact springs, so that their stiffness is not here"
+        f"contact with {law}. Marc has no contact springs, so that their stiffness is "
+        "not here"
     )
     yield from comment(
         "which number of the option asks for segment-to-segment contact is not "

@@ -29,10 +29,13 @@ class Command:
     source: str
 
 
-def commands(deck_name: str, post: str) -> tuple[Command, ...]:
+def commands(
+    deck_name: str, post: str, *, friction: bool = True
+) -> tuple[Command, ...]:
     """Give the commands for the deck `deck_name`, in their order.
 
-    `post` is the kind of post file, see `decks.marc.post.KINDS`.
+    `post` is the kind of post file, see `decks.marc.post.KINDS`; without `friction`
+    the deck has none, and Mentat is told nothing about it.
     """
     kind = _POST_WORDS[post]
     files = Command(
@@ -41,6 +44,12 @@ def commands(deck_name: str, post: str) -> tuple[Command, ...]:
         + " and binary one (.t16)" * (kind == "both")
         + ".",
         "public scripts",
+    )
+    law = Command(
+        "*job_option friction_model:coulomb_bilinear",
+        "As the deck has it already. Older releases know it as\n"
+        "*job_option frictype:coulomb_bilinear",
+        "a public script, in a comment there; stabix for the older word",
     )
     return (
         Command(
@@ -61,14 +70,9 @@ def commands(deck_name: str, post: str) -> tuple[Command, ...]:
         Command(
             "*job_option contact_method:segment_segment",
             "Segment-to-segment contact; node_segment is the other one.",
-            "stabix (Mentat 2010 and later)",
+            "stabix, in a comment there (Mentat 2010 and later)",
         ),
-        Command(
-            "*job_option friction_model:coulomb_bilinear",
-            "As the deck has it already. Older releases know it as\n"
-            "*job_option frictype:coulomb_bilinear",
-            "public scripts; stabix for the older word",
-        ),
+        *([law] if friction else []),
         *([files] if kind else []),
         Command(
             "*update_job",
@@ -83,12 +87,15 @@ def commands(deck_name: str, post: str) -> tuple[Command, ...]:
     )
 
 
-def mentat_procedure(deck_name: str = "job.dat", *, post: str = "both") -> str:
+def mentat_procedure(
+    deck_name: str = "job.dat", *, post: str = "both", friction: bool = True
+) -> str:
     """Give the text of a procedure file for the deck `deck_name` in the same folder.
 
-    `post` is what the deck was written with, see `decks.marc.post.KINDS`. Lines
+    `post` and `friction` are what the deck was written with, see `commands`. Lines
     that start with ``|`` are comments. Each command stands in a public
-    procedure; none was run here, since no Mentat was at hand.
+    procedure, two of them in its comments; none was run here, since no Mentat was at
+    hand.
 
     Raises
     ------
@@ -97,7 +104,8 @@ def mentat_procedure(deck_name: str = "job.dat", *, post: str = "both") -> str:
     """
     if post not in _POST_WORDS:
         raise DeckError(f"post {post!r}, expected one of {', '.join(_POST_WORDS)}")
-    return "\n".join(_lines(_checked(deck_name), post)) + "\n"
+    said = commands(_checked(deck_name), post, friction=friction)
+    return "\n".join(_lines(deck_name, said)) + "\n"
 
 
 def rewritten_name(deck_name: str) -> str:
@@ -118,11 +126,12 @@ def _checked(deck_name: str) -> str:
     return deck_name
 
 
-def _lines(deck_name: str, post: str) -> Iterator[str]:
+def _lines(deck_name: str, said: tuple[Command, ...]) -> Iterator[str]:
     yield f"| Segment-to-segment contact for {deck_name}, of fembridge."
     yield "| In the deck's folder: mentat -bg with this file, or in Mentat."
-    yield "| Each command is one of public Mentat procedures; none was run here."
-    for command in commands(deck_name, post):
+    yield "| Each command is one of public Mentat procedures; none was run here. Where"
+    yield "| it stands in a comment there, this is said: look at Mentat's answer to it."
+    for command in said:
         yield "|"
         for line in command.purpose.splitlines():
             yield f"| {line}"

@@ -92,5 +92,9 @@ def _sets(
     in_assembly = any(place.instance for place in places.values())
     text, place = set_place(blocks, drive.steps[0].head, in_assembly)
     line = text.data.count(b"\n", 0, place) + 1
-    names = ", ".join(line.split("=")[1].split(",")[0] for line in lines if "=" in line)
-    return [inserted(text, place, lines)], [f"line {line}: before it, sets {names}"]
+    # A node set and an element set may share a name.
+    names = dict.fromkeys(
+        each.split("=")[1].split(",")[0] for each in lines if "=" in each
+    )
+    told = f"line {line}: before it, sets {', '.join(names)}"
+    return [inserted(text, place, lines)], [told]

@@ -105,9 +105,16 @@ def _condition_uses(deck: MarcDeck) -> Iterator[Use]:
     for each in conditions(deck):
         what = f"`{each.family}` {each.name!r}"
         moves = each.family == FIXED_DISPLACEMENT
-        for value, table in zip(each.values, each.tables, strict=True):
-            if table and (value or not moves):
-                yield Use(table, value, what, moves, each.name, each.value_line)
+        directions = each.directions or (0,) * len(each.values)
+        for value, table, direction in zip(
+            each.values, each.tables, directions, strict=True
+        ):
+            if not table or (moves and not value):
+                continue
+            turns = direction > TRANSLATIONS
+            told = f"degree of freedom {direction} of {what}" if turns else what
+            shifts = moves and not turns
+            yield Use(table, value, told, shifts, each.name, each.value_line)
 
 
 def _body_uses(deck: MarcDeck) -> Iterator[Use]:

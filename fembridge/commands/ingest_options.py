@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+LAST = "last"  # increment
 KINDS = ("list", "vtu", "field")
 
 
@@ -130,7 +131,7 @@ def _add_fields(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--increment",
-        default="last",
+        default=LAST,
         metavar="[STEP:]N",
         help="which increment, or mode, --field takes (default: last)",
     )
@@ -206,6 +207,8 @@ def kind_of(args: argparse.Namespace, path: Path, printed: bool) -> str:
         raise UsageError(f"{path}: {word} is for a .frd, .t16 or .t19")
     if args.point and path.suffix.lower() != ".dat":
         raise UsageError(f"{path}: --point is for a .dat")
+    if args.increment != LAST and word != "--field":
+        raise UsageError("--increment is for --field")
     if args.derived and word != "--vtu":
         raise UsageError("--derived is for --vtu")
     if args.one_sided is not None:

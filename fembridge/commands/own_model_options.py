@@ -91,7 +91,13 @@ def build_own(args: argparse.Namespace, defaults: argparse.Namespace) -> dict[st
 
 def _afferent(word: str) -> tuple[str, int]:
     """Read ``SA=NODE``."""
+    from fembridge.tables import AFFERENTS
+
     name, _, node = word.partition("=")
     if not name or not node.isdecimal():
         raise argparse.ArgumentTypeError(f"expected NAME=NODE, got {word!r}")
+    if name not in AFFERENTS:  # `fembridge encode` would refuse its trace
+        raise argparse.ArgumentTypeError(
+            f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}"
+        )
     return name, int(node)

@@ -73,6 +73,7 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
     ("words", "told"),
     [
         ([ASCII, "--list", "--node", "1"], "--list and --node do not go together"),
+        ([ASCII, "--node", "11", "--increment", "2"], "--increment is for --field"),
         ([ASCII, "--afferents", "--set", "A"], "--set and --afferents do not go tog"),
         ([ASCII, "--field", "DISP", "--vtu", "v"], "--vtu and --field do not go toge"),
         ([ASCII, "--point", "1:1"], "--point is for a .dat"),

@@ -95,7 +95,11 @@ def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
         (["--finger", "paper"], "--finger is for our finger"),
         (["--friction", "0.2"], "--friction is for our finger"),
         (["--afferent", "SA=1", "--afferent", "SA=2"], "names SA twice"),
-        (["--solver", "marc"], "a deck for calculix or abaqus, not for marc"),
+        (
+            ["--solver", "marc"],
+            "fembridge: mine.inp: a .inp is a deck for calculix or abaqus, not for "
+            "marc\n",
+        ),
         (["--amplitude", "NONE"], "mine.inp"),
         (["--afferent", "SA=999999"], "999999"),
         (["--results", "both"], "expected binary or text"),
@@ -113,6 +117,15 @@ def test_what_makes_no_sense_is_one_line(here, capsys, more, said):
 def test_an_afferent_is_a_name_and_a_node(here, word, capsys):
     assert main(words("--base-deck", "mine.inp", "--afferent", word)) == 2
     assert "expected NAME=NODE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["XX", "sa"])
+def test_an_afferent_that_encode_would_not_take_is_refused_before_the_run(
+    here, name, capsys
+):
+    assert main(words("--base-deck", "mine.inp", "--afferent", f"{name}=3")) == 2
+    assert f"'{name}', expected one of SA, RA, PC" in capsys.readouterr().err
+    assert not (here / "runs").exists()
 
 
 def test_options_for_an_own_model_want_one(here, capsys):

@@ -13,7 +13,7 @@ from fembridge.results.extrapolation import ELEMENT_TYPES
 from fembridge.results.field_source import Scene, SceneCells
 from fembridge.results.marc_format.content import PostMesh
 from fembridge.results.marc_nodes.layer import Layers, layers_of
-from fembridge.results.marc_nodes.share import corners_of
+from fembridge.results.marc_nodes.share import check_nodes, corners_of
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 _KINDS = {
@@ -28,6 +28,11 @@ class MeshPoints:
     """The points of `mesh`: `nodes` ``(P,)`` and `layer` ``(P,)`` of each.
 
     They stand by layer, then by the row of the node.
+
+    Raises
+    ------
+    ResultError
+        An element has a node that the file does not list.
     """
 
     def __init__(self, mesh: PostMesh, path: Path) -> None:
@@ -36,6 +41,8 @@ class MeshPoints:
         self._order = np.argsort(mesh.node_ids, kind="stable")
         self._known = np.isin(mesh.element_types, list(ELEMENT_TYPES))
         size = mesh.node_ids.size
+        for _, rows, nodes in self._shapes():
+            check_nodes(mesh, rows, nodes, path)
         keys = [
             self.layers.layer[rows, None] * size + self.rows_of(nodes)
             for _, rows, nodes in self._shapes()

@@ -57,7 +57,8 @@ def corners_of(
     Raises
     ------
     ResultError
-        The points of an element type are not known, see `extrapolation.node_weights`.
+        The points of an element type are not known, see `extrapolation.node_weights`;
+        as for `check_nodes`.
     """
     types = mesh.element_types[rows]
     counts = (mesh.connectivity[rows] != 0).sum(axis=1)
@@ -71,8 +72,27 @@ def corners_of(
                 f"element {mesh.element_ids[some[0]]}: {error}", path
             ) from error
         nodes = mesh.connectivity[some][:, : len(weights)]
+        check_nodes(mesh, some, nodes, path)
         times = (nodes[:, :, None] == nodes[:, None, :]).sum(axis=2)
         yield Corners(number, some, nodes, weights, 1.0 / times)
+
+
+def check_nodes(mesh: PostMesh, rows: IntArray, nodes: IntArray, path: Path) -> None:
+    """Make sure that the corners `nodes` ``(K, corner)`` of elements are nodes.
+
+    Raises
+    ------
+    ResultError
+        One is not in the file's list of nodes.
+    """
+    absent = np.argwhere(~np.isin(nodes, mesh.node_ids))
+    if absent.size:
+        k, corner = absent[0]
+        raise ResultError(
+            f"element {mesh.element_ids[rows[k]]} has node {nodes[k, corner]}, which "
+            "has no coordinates in the file",
+            path,
+        )
 
 
 def sides_of(

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from decks.analysis import Contact
 from decks.dialects import DIALECTS, DeckOptions
 from decks.marc.deck import marc_deck
 from decks.marc.files import marc_files
@@ -118,6 +119,13 @@ def test_a_run_folder_has_the_deck_and_its_procedure(make_model, results, post):
         DIALECTS["marc"].deck: marc_deck(numbered(analysis), probe="meshed", post=post),
         "job.proc": mentat_procedure("job.dat", post=post),
     }
+
+
+def test_without_friction_mentat_is_told_of_none(make_model):
+    analysis = make_model(contact=Contact(friction=0.0)).analysis
+    files = marc_files(analysis, DeckOptions())
+    assert "coulomb" not in "".join(files.values()).lower()
+    assert "contact with no friction" in files["job.dat"]
 
 
 def test_the_dialect_writes_through_it(make_model):

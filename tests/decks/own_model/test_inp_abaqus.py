@@ -155,6 +155,8 @@ def test_in_an_assembly_sets_name_their_instance_and_nodes_stand_where_it_puts_t
     request = Request(afferents={"SA": 3, "RA": 4, "PC": 31})
     rebased = rebase_inp(deck, MOTION, request)
     assert rebased.place_mm == {"SA": (1.5, -1.0), "RA": (0.5, -1.0), "PC": (7.0, 7.0)}
+    names = "AFFERENT_SA, AFFERENT_RA, AFFERENT_PC, FEMBRIDGE_OUTPUT"
+    assert any(remark.endswith(f"sets {names}") for remark in rebased.remarks)
     text = rebased.deck.decode()
     assert text[text.index("99, 0., 0.\n") : text.index("*Amplitude")] == (
         "99, 0., 0.\n"

@@ -95,6 +95,21 @@ def test_a_velocity_is_no_displacement(marc_text):
     assert told.startswith("line ")
 
 
+def test_a_rotation_is_no_displacement(marc_text):
+    deck = marc_text(drive="disp")
+    turn = [
+        deck.named(1, 0, 0, 0, 1, 0, name="turn"),
+        deck.reals(0.0, 1.0),
+        deck.ints(0, 1),
+        deck.ints(2, 4),
+        deck.ints(2),
+        "held_nodes",
+    ]
+    data = deck.text(conditions=[*deck.conditions(), *turn])
+    told = refused(data, "also drives degree of freedom 4 of `fixed disp` 'turn'")
+    assert told.startswith("line ")
+
+
 def test_a_table_that_a_load_shares_is_refused(marc_text):
     deck = marc_text()
     load = [

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from fembridge import read
 from fembridge.errors import ResultError
+from fembridge.results.field_file import read_field
 from fembridge.results.marc import read_displacement, read_stress_tensor
 from fembridge.results.marc_nodes.clock import unrounded_ms
 from fembridge.results.read_options import ReadOptions
@@ -67,6 +68,25 @@ def write(plane, writer, write_post):
 def test_a_node_without_stress_is_named(node, told, write, increments):
     with pytest.raises(ResultError, match=told):
         read(write(increments), [node])
+
+
+@pytest.mark.parametrize("known", [(1, 2, 3, 5), ()])
+def test_an_element_with_a_node_that_is_not_listed_is_named(known, writer, write_post):
+    model = writer.Model(
+        node_ids=known,
+        coordinates=writer.Model().coordinates[: len(known)],
+        codes=models.CODES,
+    )
+    ones = np.ones((1, 4, len(models.CODES)))
+    increments = [writer.Increment(k, time_s=0.1 * k, element=ones) for k in (1, 2)]
+    path = write_post(writer.Storage(), model, increments)
+    told = f"element 7 has node {4 if known else 1}, which has no coordinates"
+    with pytest.raises(ResultError, match=told):
+        read(path, [1])
+    with pytest.raises(ResultError, match=told):
+        read_field(path, "Stress", "last", ReadOptions())
+    with pytest.raises(ResultError, match=told):
+        read(path, near_mm=[(0.0, 0.0)])
 
 
 def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
