@@ -42,7 +42,8 @@ class Dialect:
 
     `deck` and `results` are names of files in a run folder; the first of `results`
     that is there holds the stresses. `result_kinds` and `probes` are the words of
-    `DeckOptions` that it knows, its own choice first. `elements` gives, for our
+    `DeckOptions` that it knows, its own choice first. `contact` are the fields of
+    `decks.analysis.Contact` that its decks hold. `elements` gives, for our
     (Abaqus's) name of an element, the solver's own. `how_to_run` tells what a person
     does where fembridge cannot run the solver itself. `target` is
     ``module:function``, called as ``(analysis, options)`` and giving text by name of
@@ -56,6 +57,7 @@ class Dialect:
     element: str
     result_kinds: tuple[str, ...]
     probes: tuple[str, ...]
+    contact: tuple[str, ...]
     target: str
     how_to_run: str = ""
 
@@ -114,6 +116,7 @@ DIALECTS = {
             element="CPE4",
             result_kinds=("binary", "text"),
             probes=("meshed",),
+            contact=("formulation", "stiffness_mpa_per_mm", "friction", "stick_share"),
             target="decks.calculix.deck:calculix_files",
         ),
         Dialect(
@@ -135,6 +138,7 @@ DIALECTS = {
             element="CPE4H",
             result_kinds=("both", "binary", "text"),
             probes=("rigid", "meshed"),
+            contact=("friction",),
             target="decks.marc.files:marc_files",
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
             f"fembridge ingest {JOB}{REWRITTEN}.t16; docs/marc.md tells more",
@@ -150,6 +154,7 @@ DIALECTS = {
             element="CPE4H",
             result_kinds=("binary",),
             probes=("meshed",),
+            contact=("formulation", "stiffness_mpa_per_mm", "friction"),
             target="decks.abaqus.deck:abaqus_files",
             how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
             "encode, as a table time_ms,afferent,node,von_mises_pa",

@@ -74,11 +74,14 @@ def build_run_folder(
     DeckError, FingerError
         The model or the stimulus cannot be put into a deck.
     """
+    inputs = inputs_of(model, stimulus)
+    held = dialect_named(solver).contact
+    inputs["contact"] = {name: getattr(model.contact, name) for name in held}
     return build_analysis_folder(
         folder,
         model.analysis(stimulus),
         stimulus,
-        inputs_of(model, stimulus),
+        inputs,
         solver=solver,
         options=options,
     )

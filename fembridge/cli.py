@@ -28,6 +28,7 @@ VERBS = {
     "marc-export-script": "print a script that takes traces inside Marc's Mentat",
     "encode": "turn stress traces into spikes and rates",
     "simulate": "from a stimulus to spikes: all of the above",
+    "sweep": "many stimuli on many fingers: each solved once, one table",
     "fit": "find the parameters whose rates come closest to observed ones",
     "study": "compare models of the afferents, on what they were not fitted to",
     "validate": "the paper's figures and tables as one page: is the model any good",

@@ -51,14 +51,12 @@ def _add_deck_options(group: argparse._ActionsContainer) -> None:
     group.add_argument(
         "--contact",
         choices=("node-to-surface", "surface-to-surface"),
-        default="node-to-surface",
-        help="formulation (default: node-to-surface; the other one remembers; Marc's "
-        "is set by the procedure beside its deck)",
+        help="formulation (default: node-to-surface; the other one remembers; not of "
+        "Marc, whose procedure sets segment-to-segment)",
     )
     group.add_argument(
         "--stiffness-mpa-per-mm",
         type=float,
-        default=200.0,
         metavar="K",
         help="of the contact's springs (default: 200; Marc has none)",
     )
@@ -100,12 +98,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     solver = args.solver or "calculix"
     dialect = dialect_named(solver)
+    asked = {
+        "formulation": args.contact,
+        "stiffness_mpa_per_mm": args.stiffness_mpa_per_mm,
+        "friction": args.friction,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    for name in given:
+        if name not in dialect.contact:
+            raise UsageError(f"contact: a deck for {solver} has no {name}")
     try:
-        contact = Contact(
-            args.contact,
-            stiffness_mpa_per_mm=args.stiffness_mpa_per_mm,
-            friction=args.friction,
-        )
+        contact = Contact(**given)
     except DeckError as error:
         raise UsageError(f"contact: {error}") from error
     try:

@@ -398,10 +398,11 @@ def parsed(given):
     add("--within", metavar="SET", help="only elements of this set: one layer")
     add(
         "--von-mises",
-        choices=("scalar", "tensor"),
-        default="scalar",
-        help="scalar: the von Mises stress of the post file (code 17), extrapolated, "
-        "as Mentat plots it; tensor: of the extrapolated stress (default: scalar)",
+        choices=("tensor", "scalar"),
+        default="tensor",
+        help="tensor: of the extrapolated stress, as fembridge ingest has it; scalar: "
+        "the post file's own (code 17), extrapolated, as Mentat plots it (default: "
+        "tensor)",
     )
     add(
         "--label",

@@ -31,11 +31,16 @@ def in_stimulus_time(trace: StressTrace, run: RunFolder, path: Path) -> StressTr
     before = (run.start_ms - trace.start_ms) / trace.dt_ms
     rows = round(before)
     on_grid = abs(before - rows) <= STEP_TOLERANCE
+    stress_pa = None
     if on_grid and 0 <= rows < trace.stress_pa.size - 1:
-        return replace(trace, stress_pa=trace.stress_pa[rows:], start_ms=0.0)
-    if on_grid and rows == -1 and run.start_ms == 0.0:
+        stress_pa = trace.stress_pa[rows:]
+    elif on_grid and rows == -1 and run.start_ms == 0.0:
         stress_pa = np.concatenate([[0.0], trace.stress_pa])
-        return replace(trace, stress_pa=stress_pa, start_ms=0.0)
+    if stress_pa is not None:
+        # A file's times may be rounded: to six digits, or to single precision.
+        off = abs(trace.dt_ms / run.dt_ms - 1.0) * stress_pa.size
+        dt_ms = run.dt_ms if off <= STEP_TOLERANCE else trace.dt_ms
+        return replace(trace, stress_pa=stress_pa, start_ms=0.0, dt_ms=dt_ms)
     raise ResultError(
         f"node {trace.node}: the stimulus begins at {run.start_ms:g} ms of solver "
         f"time, the file holds {trace.start_ms:g} to {trace.times_ms[-1]:g} ms in "

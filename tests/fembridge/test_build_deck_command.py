@@ -231,3 +231,40 @@ def test_a_fillet_is_for_a_flat_probe(tmp_path, capsys):
 
     assert main([*words, "--probe-fillet-mm", "0.05"]) == 2
     assert "--probe-shape flat" in capsys.readouterr().err
+
+
+def test_a_marc_folder_has_deck_and_procedure_and_no_springs(here, capsys):
+    words = ["build-deck", "--stimulus", "sine_20_250", "--solver", "marc"]
+    assert main([*words, "--friction", "0.3"]) == 0
+    assert "run_marc -jid job_s2s" in capsys.readouterr().out
+    folder = here / "runs/sine_20_250"
+    assert {path.name for path in folder.iterdir()} == {
+        *("job.dat", "job.proc", "stimulus.csv", "run.toml")
+    }
+    run = read_run_folder(folder)
+    assert (run.solver, run.deck.name, run.inputs["element"]) == (
+        *("marc", "job.dat"),
+        "CPE4H",
+    )
+    assert run.inputs["contact"] == {"friction": 0.3}
+    assert run.results.name == "job_s2s.t16"
+    (folder / "job.t19").touch()
+    assert run.results.name == "job.t19"
+
+
+@pytest.mark.parametrize(
+    ("solver", "words", "said"),
+    [
+        ("marc", ["--contact", "surface-to-surface"], "marc has no formulation"),
+        ("marc", ["--stiffness-mpa-per-mm", "9"], "marc has no stiffness_mpa_per_mm"),
+        ("marc", ["--element", "82"], "marc has no element '82'"),
+        ("calculix", ["--element", "80"], "calculix has no element '80'"),
+        ("calculix", ["--probe-body", "rigid"], "no probe 'rigid'"),
+        ("abaqus", ["--results", "text"], "no results 'text'"),
+    ],
+)
+def test_what_a_solver_has_not_is_refused(here, capsys, solver, words, said):
+    call = ["build-deck", "--stimulus", "sine_20_250", "--solver", solver, *words]
+    assert main(call) in (1, 2)
+    assert said in capsys.readouterr().err
+    assert not (here / "runs").exists()

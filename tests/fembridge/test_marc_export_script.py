@@ -75,15 +75,19 @@ def model(**changes):
 
 @pytest.fixture
 def export(tmp_path):
-    """A function that runs the script in a process of its own, on a model."""
+    """A function that runs the script in a process of its own, on a model.
+
+    It asks for the stored von Mises stress, of which the models have the values.
+    """
     script = tmp_path / "export.py"
     script.write_text(marc_export_script.script_text(), encoding="utf-8")
     shutil.copy(MOCK, tmp_path / "py_post.py")
 
-    def run(*words, of=None, python=sys.executable, path=tmp_path):
+    def run(*words, of=None, python=sys.executable, path=tmp_path, scalar=True):
         (tmp_path / "job.t16").write_text(json.dumps(of or model()))
+        asked = ("--von-mises", "scalar") if scalar else ()
         return subprocess.run(
-            [python, "-s", str(script), "job.t16", *map(str, words)],
+            [python, "-s", str(script), "job.t16", *asked, *map(str, words)],
             cwd=tmp_path,
             env={**os.environ, "PYTHONPATH": str(path)},
             capture_output=True,
@@ -159,6 +163,8 @@ def test_von_mises_of_the_mean_tensor_differs_from_the_mean_of_von_mises(traces)
     tensor = traces("--nodes", 20, 70, "--von-mises", "tensor", of=opposed)
     assert_allclose(tensor[20].stress_pa, 0.0, atol=1e-6)
     assert_allclose(tensor[70].stress_pa, 1e6 * math.sqrt(3), rtol=1e-8)
+    by_default = traces("--nodes", 20, of=opposed, scalar=False)
+    assert_allclose(by_default[20].stress_pa, 0.0, atol=1e-6)
     scalar = traces("--nodes", 20, of=opposed)
     assert_allclose(scalar[20].stress_pa, 1e6 * math.sqrt(3), rtol=1e-8)
 

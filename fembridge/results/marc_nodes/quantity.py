@@ -25,9 +25,11 @@ _TENSORS = {
     1: ("Strain 1 to 6", "E"), 11: ("Stress 11 to 16", "S"),
     41: ("Cauchy Stress 41 to 46", "S"),
 }  # fmt: skip
-# The stress that traces are made of: the first of these that the file has.
-STRESS_CODES = (311, 341, 11, 41, 411)
-EQUIVALENT_CODES = (17, 47)
+# The stress that traces are made of: the first of these that the file has. Cauchy
+# stress, which CalculiX gives too, comes before "stress", which is that only where
+# the job follows the deformation (updated Lagrange).
+STRESS_CODES = (341, 311, 41, 11, 411)
+EQUIVALENT_CODES = (47, 17)
 _SCALARS = {
     7: "Equivalent Plastic Strain", 9: "Temperature",
     17: "Equivalent Von Mises Stress", 18: "Mean Normal Stress",

@@ -34,7 +34,7 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(writer, write_post)
     nodes, quads = models.grid(1, 1)
     plane = models.Plane(11, nodes, quads)
     codes = tuple((341 + k, 0, "") for k in range(6))
-    both = (*codes, *((311 + k, 0, "") for k in (5, 4, 3, 2, 1, 0)))
+    both = (*((311 + k, 0, "") for k in range(6)), *reversed(codes))
 
     def file(codes, values):
         element = [[values] * 4]
@@ -52,6 +52,9 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(writer, write_post)
     mixed = file(both, [1, 2, 3, 4, 5, 6, 12, 11, 10, 9, 8, 7])
     found = read_stress_tensor(mixed, [1], options)[1]
     assert_allclose(found[0, 0], [7e6, 8e6, 9e6, 10e6, 11e6, 12e6])
+    assert said[-1].startswith("stress: Cauchy Stress (codes 341 to 346)")
+    plain = file(both[:6], [1, 2, 3, 4, 5, 6])
+    assert_allclose(read_stress_tensor(plain, [1], options)[1][0, 0, 0], 1e6)
     assert said[-1].startswith("stress: Stress (codes 311 to 316)")
     single = file(tuple((11 + k, 0, "") for k in range(6)), [1, 2, 3, 4, 5, 6])
     assert_allclose(read_stress_tensor(single, [1], options)[1][0, 0, 5], 6e6)

@@ -1,0 +1,202 @@
+"""Studies in files, and a solver that gives the recorded response of `quick`.
+
+The solver keeps a ledger: a line when it begins and a line when it has solved. What
+it does with a deck is told by environment variables, which workers inherit.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import fembridge
+from fembridge import cli
+from fembridge.machine import CCX_VARIABLE
+from fembridge.sweep import sweep
+from fembridge.sweep.crew import Begun, Ended
+from fembridge.sweep.work import work
+
+ROOT = Path(fembridge.__file__).parents[1]
+RECORDED = ROOT / "fixtures" / "response_quick"
+PATIENCE_S = 60.0
+
+SOLVER = """
+import os, shutil, sys, time
+if sys.argv[1] == "-v":
+    print("This is Version 2.20"); sys.exit(201)
+def note(word):
+    line = f"{word} {os.getpid()} {os.getppid()} {os.getcwd()}\\n"
+    handle = os.open(os.environ["SWEEP_LEDGER"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.write(handle, line.encode()); os.close(handle)
+job = sys.argv[2]
+deck = open(job + ".inp").read()
+print("CalculiX Version 2.20, Copyright(C) 1998-2022 Guido Dhondt", flush=True)
+note("begin")
+if os.environ.get("SWEEP_REFUSES", "no such text") in deck:
+    print(" *ERROR reading *ELASTIC: the moon is full\\n"); sys.exit(201)
+gate = os.environ.get("SWEEP_GATE")
+while gate and not os.path.exists(gate):
+    time.sleep(0.02)
+for suffix in (".cvg", ".sta", ".dat", ".frd"):
+    shutil.copyfile(os.environ["SWEEP_RECORDED"] + "/job" + suffix, job + suffix)
+print(" Job finished", flush=True)
+note("end")
+"""
+
+
+@pytest.fixture
+def recorded_ccx(tmp_path, monkeypatch):
+    program = tmp_path / "bin" / "ccx"
+    program.parent.mkdir()
+    program.write_text(f"#!{sys.executable} -IS\n{SOLVER}")
+    program.chmod(0o755)
+    monkeypatch.setenv(CCX_VARIABLE, str(program))
+    monkeypatch.setenv("SWEEP_LEDGER", str(tmp_path / "ledger"))
+    monkeypatch.setenv("SWEEP_RECORDED", str(RECORDED))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    return program
+
+
+@pytest.fixture
+def ledger(tmp_path):
+    """What the solver has noted so far: ``(word, pid, parent, folder)``."""
+
+    def read():
+        path = tmp_path / "ledger"
+        lines = path.read_text().splitlines() if path.exists() else []
+        words = [line.split(" ", 3) for line in lines]
+        return [
+            (word, int(pid), int(up), Path(where)) for word, pid, up, where in words
+        ]
+
+    return read
+
+
+@pytest.fixture
+def gate(tmp_path, monkeypatch):
+    """A file that the solver waits for."""
+    path = tmp_path / "gate"
+    monkeypatch.setenv("SWEEP_GATE", str(path))
+    return path
+
+
+@pytest.fixture
+def study_file(tmp_path):
+    def write(text, name="study.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def dermis_study(study_file):
+    """A study of `count` fingers of different dermis: each takes one solve."""
+
+    def write(count=4, more=""):
+        values = [round(0.04 + 0.005 * k, 3) for k in range(count)]
+        return study_file(
+            'stimuli = ["sine_20_250"]\n'
+            f"{more}\n[[fingers]]\ngrid.materials.dermis.young_mpa = {values}\n"
+        )
+
+    return write
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """Run the verb in this process."""
+    monkeypatch.setitem(cli.VERBS, "sweep", "sweep")
+
+    def run(*words):
+        return cli.main(["sweep", *map(str, words)])
+
+    return run
+
+
+@pytest.fixture
+def start_sweep():
+    """Run the verb as a process of its own; it does not outlive the test."""
+    begun = []
+
+    def start(*words):
+        code = (
+            "import sys; from fembridge import cli; cli.VERBS['sweep'] = '';"
+            "sys.exit(cli.main(['sweep', *sys.argv[1:]]))"
+        )
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-c", code, *map(str, words)],
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        begun.append(process)
+        return process
+
+    yield start
+    for process in begun:
+        if process.poll() is None:
+            process.kill()
+        if not process.stderr.closed:
+            print(process.communicate()[1])
+
+
+@pytest.fixture
+def wait_until():
+    def wait(holds):
+        until_s = time.monotonic() + PATIENCE_S
+        while not holds():
+            assert time.monotonic() < until_s, "it did not happen"
+            time.sleep(0.02)
+
+    return wait
+
+
+@pytest.fixture
+def is_alive():
+    def alive(pid):
+        try:
+            stat = Path(f"/proc/{pid}/stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            return False
+        return stat.rpartition(")")[2].split()[0] not in "ZX"
+
+    return alive
+
+
+class Here:
+    """A crew that does a task in this process when it is asked how it goes."""
+
+    done = ()
+
+    def __init__(self, folder, *ignored):
+        self.folder, self.tasks, self.events = folder, [], []
+        Here.done = []
+
+    def submit(self, task):
+        self.tasks.append(task)
+
+    def next_event(self):
+        if not self.events:
+            task = self.tasks.pop(0)
+            Here.done.append(str(task))
+            finding = work(task, self.folder)
+            self.events = [Begun(task), Ended(task, finding)]
+        return self.events.pop(0)
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """No solver, no other process."""
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv(CCX_VARIABLE, raising=False)
+    monkeypatch.setattr(sweep, "LocalCrew", Here)
+    return Here

@@ -1,0 +1,138 @@
+"""Sweeps by dask: a cluster of two processes on this machine, and what kills it.
+
+Each runs in a process of its own: dask leaves threads and warnings behind that are
+none of ours.
+"""
+
+import csv
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import fembridge
+from fembridge.errors import MissingError, UsageError
+from fembridge.sweep import dask_crew, run_sweep
+
+ROOT = Path(fembridge.__file__).parents[1]
+
+needs_dask = pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None,
+    reason="dask.distributed is not installed (the extra 'dask')",
+)
+
+CLUSTER = """
+import sys, threading
+from pathlib import Path
+
+def main(study, folder):
+    from distributed import LocalCluster
+    from fembridge.sweep import run_sweep
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as cluster:
+        print("workers", *[w.pid for w in cluster.workers.values()], flush=True)
+        sweep = run_sweep(
+            Path(study), Path(folder), executor="dask",
+            scheduler=cluster.scheduler_address, shows=True,
+        )
+        print("causes", list(sweep.causes.values()), flush=True)
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
+"""
+
+
+@pytest.fixture
+def start_cluster(tmp_path):
+    """Run a sweep on a cluster of two worker processes, in a process of its own."""
+    begun = []
+
+    def start(study, folder):
+        script = tmp_path / "cluster.py"
+        script.write_text(CLUSTER)
+        process = subprocess.Popen(
+            [sys.executable, script, study, folder],
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        begun.append(process)
+        return process
+
+    yield start
+    for process in begun:
+        if process.poll() is None:
+            process.kill()
+        if not process.stderr.closed:
+            print(process.communicate()[1])
+
+
+def count(ledger, word):
+    return Counter(entry[3] for entry in ledger() if entry[0] == word)
+
+
+@needs_dask
+@pytest.mark.usefixtures("recorded_ccx")
+def test_a_worker_killed_in_the_middle_loses_nothing_and_repeats_nothing(
+    dermis_study, tmp_path, ledger, gate, start_cluster, wait_until, is_alive
+):
+    sweep = start_cluster(dermis_study(4), tmp_path / "out")
+    wait_until(lambda: sum(count(ledger, "begin").values()) == 2)
+    workers = {entry[2] for entry in ledger()}
+    assert len(workers) == 2
+    _, solver, worker, _ = ledger()[0]
+    os.kill(worker, signal.SIGKILL)
+    wait_until(lambda: not is_alive(solver))
+    gate.touch()
+    out, err = sweep.communicate(timeout=120)
+
+    assert sweep.returncode == 0, err
+    assert "causes []" in out
+    assert sorted(count(ledger, "end").values()) == [1, 1, 1, 1]
+    assert sum(count(ledger, "begin").values()) == 5
+    with (tmp_path / "out/results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["done"] * 12
+
+
+@needs_dask
+@pytest.mark.usefixtures("recorded_ccx")
+def test_a_cluster_of_our_own_ends_with_the_sweep(
+    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
+):
+    words = ["-o", tmp_path / "out", "--executor", "dask", "--jobs", "2"]
+    sweep = start_sweep(dermis_study(3), *words)
+    wait_until(lambda: sum(count(ledger, "begin").values()) == 2)
+    sweep.send_signal(signal.SIGINT)
+    assert sweep.wait(60) == 130
+    wait_until(lambda: not any(is_alive(pid) for e in ledger() for pid in e[1:3]))
+    assert not count(ledger, "end")
+
+    gate.touch()
+    assert not run_sweep(dermis_study(3), tmp_path / "out").failed
+    assert sorted(count(ledger, "end").values()) == [1, 1, 1]
+
+
+@needs_dask
+@pytest.mark.parametrize("address", ["localhost:8786", "http://x:1", "tcp://", "../x"])
+def test_what_is_no_address_is_refused(address, dermis_study, tmp_path):
+    with pytest.raises(UsageError, match="expected tcp://HOST:PORT"):
+        run_sweep(dermis_study(1), tmp_path, executor="dask", scheduler=address)
+
+
+def test_without_dask_the_line_that_installs_it_is_told(
+    dermis_study, tmp_path, monkeypatch
+):
+    def absent(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(dask_crew, "import_module", absent)
+    with pytest.raises(MissingError, match=r"pip install 'fembridge\[dask\]'"):
+        run_sweep(dermis_study(1), tmp_path, executor="dask")

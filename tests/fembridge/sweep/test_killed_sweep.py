@@ -1,0 +1,217 @@
+"""Sweeps whose processes die: nothing is lost, nothing is solved twice."""
+
+import csv
+import os
+import signal
+from collections import Counter
+
+import pytest
+
+from fembridge.sweep import run_sweep
+
+pytestmark = pytest.mark.usefixtures("recorded_ccx")
+
+
+def table_of(folder):
+    with (folder / "results.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def solved(ledger):
+    """How often each folder was solved to the end."""
+    return Counter(where for word, _, _, where in ledger() if word == "end")
+
+
+def begun(ledger):
+    return [entry for entry in ledger() if entry[0] == "begin"]
+
+
+def finished(sweep):
+    code = sweep.wait(120)
+    out, err = sweep.communicate()
+    return code, out, err
+
+
+def test_each_response_is_solved_once_and_every_item_reads_it(
+    dermis_study, tmp_path, ledger
+):
+    path = dermis_study(3, "preindent_um = [0, 75]")
+    sweep = run_sweep(path, tmp_path / "out", jobs=2)
+
+    assert not sweep.causes
+    assert (len(sweep.plan.items), sweep.rows) == (6, 18)
+    assert sorted(solved(ledger).values()) == [1, 1, 1]
+    assert {row["status"] for row in table_of(tmp_path / "out")} == {"done"}
+
+    more = dermis_study(4, 'preindent_um = [0, 75]\nparameters = "published"')
+    run_sweep(more, tmp_path / "out", jobs=2)
+    assert sorted(solved(ledger).values()) == [1, 1, 1, 1]
+
+
+def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
+    dermis_study, tmp_path, command, capsys, monkeypatch, ledger
+):
+    monkeypatch.setenv("SWEEP_REFUSES", "\n0.045,")
+    path = dermis_study(3, "preindent_um = [0, 75]")
+
+    assert command(path, "-o", tmp_path / "out", "--jobs", "2") == 1
+
+    rows = table_of(tmp_path / "out")
+    bad = [row for row in rows if row["status"] == "failed"]
+    assert len(rows) == 18
+    assert {row["materials.dermis.young_mpa"] for row in bad} == {"0.045"}
+    assert len(bad) == 6
+    assert all("CalculiX refused the deck" in row["cause"] for row in bad)
+    err = capsys.readouterr().err.splitlines()
+    assert err[-1].startswith("fembridge: 2 of 6 items failed, first quick materials.")
+    assert sum(line.startswith("failed: ") for line in err) == 2
+
+    monkeypatch.delenv("SWEEP_REFUSES")
+    again = run_sweep(path, tmp_path / "out")
+    assert (again.before, again.failed) == (4, ())
+    assert len(begun(ledger)) == 4
+
+
+def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
+    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
+):
+    path = dermis_study(4)
+    gate.touch()
+    wait_for = tmp_path / "out" / "runs"
+    sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "2")
+    wait_until(lambda: len(list(wait_for.glob("*/item.toml"))) >= 1)
+    gate.unlink()
+    wait_until(
+        lambda: (
+            len(begun(ledger)) - sum(solved(ledger).values()) >= 1
+            or len(begun(ledger)) == 4
+        )
+    )
+    sweep.send_signal(signal.SIGKILL)
+    sweep.wait(60)
+    working = {pid for entry in begun(ledger) for pid in entry[1:3]}
+    wait_until(lambda: not any(map(is_alive, working)))
+    whole = solved(ledger)
+    assert not (tmp_path / "out/results.csv").exists()
+
+    gate.touch()
+    code, out, _ = finished(start_sweep(path, "-o", tmp_path / "out"))
+
+    assert (code, out.startswith("4 of 4 items done")) == (0, True)
+    assert set(solved(ledger).values()) == {1}
+    assert len(solved(ledger)) == 4
+    assert whole.items() <= solved(ledger).items()
+    assert {row["status"] for row in table_of(tmp_path / "out")} == {"done"}
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
+def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
+    dermis_study,
+    tmp_path,
+    ledger,
+    gate,
+    start_sweep,
+    wait_until,
+    is_alive,
+    number,
+    code,
+):
+    path = dermis_study(3)
+    sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "2")
+    wait_until(lambda: len(begun(ledger)) == 2)
+    os.kill(sweep.pid, number)
+
+    assert finished(sweep)[0] == code
+    assert not any(is_alive(pid) for entry in ledger() for pid in entry[1:3])
+    assert not solved(ledger)
+    assert not (tmp_path / "out/results.csv").exists()
+
+    gate.touch()
+    assert not run_sweep(path, tmp_path / "out", jobs=2).failed
+    assert sorted(solved(ledger).values()) == [1, 1, 1]
+
+
+def test_a_worker_that_is_killed_is_replaced_and_its_task_done_once(
+    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
+):
+    path = dermis_study(3)
+    sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "2")
+    wait_until(lambda: len(begun(ledger)) == 2)
+    _, solver, worker, _ = begun(ledger)[0]
+    os.kill(worker, signal.SIGKILL)
+    wait_until(lambda: not is_alive(solver))  # it goes with its worker
+    wait_until(lambda: len(begun(ledger)) >= 3)
+    gate.touch()
+
+    assert finished(sweep)[0] == 0
+    assert sorted(solved(ledger).values()) == [1, 1, 1]
+    assert len(begun(ledger)) == 4
+
+
+def test_a_task_that_kills_its_worker_every_time_fails_alone(
+    dermis_study, tmp_path, monkeypatch, recorded_ccx
+):
+    text = recorded_ccx.read_text()
+    kill = 'if "\\n0.045," in deck: os.kill(os.getppid(), 9)\n'
+    recorded_ccx.write_text(text.replace('note("begin")\n', f'note("begin")\n{kill}'))
+    sweep = run_sweep(dermis_study(3), tmp_path / "out")
+
+    [failed] = sweep.failed
+    assert (
+        "its process died 2 times, the last time with exit code -9"
+        in (sweep.causes[failed.key])
+    )
+    assert sum(row["status"] == "done" for row in table_of(tmp_path / "out")) == 6
+
+
+def test_two_sweeps_on_one_folder_share_the_work(
+    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until
+):
+    path = dermis_study(4)
+    sweeps = [start_sweep(path, "-o", tmp_path / "out") for _ in range(2)]
+    wait_until(lambda: len(begun(ledger)) == 2)
+    gate.touch()
+
+    for sweep in sweeps:
+        code, out, _ = finished(sweep)
+        assert (code, out.startswith("4 of 4 items done")) == (0, True)
+    assert sorted(solved(ledger).values()) == [1, 1, 1, 1]
+    assert len(begun(ledger)) == 4
+
+
+def test_a_response_that_was_edited_by_hand_is_read_again_from_the_solver(
+    dermis_study, tmp_path, ledger
+):
+    out = tmp_path / "out"
+    sweep = run_sweep(dermis_study(2), out)
+    table = sweep.results.read_bytes()
+    for item in sweep.plan.items.values():
+        (out / item.place / "item.toml").unlink()
+    stored = [out / item.response.place for item in sweep.plan.items.values()]
+    content = (stored[0] / "response.toml").read_text()
+    (stored[0] / "response.toml").write_text(content.replace("1", "2"))
+    (stored[1] / "response.toml").unlink()
+    (stored[1] / "mesh.npz").write_bytes(b"cut")
+
+    run_sweep(dermis_study(2), out)
+
+    assert (out / "results.csv").read_bytes() == table
+    assert (stored[0] / "response.toml").read_text() == content
+    assert len(begun(ledger)) == 2  # what the solver wrote was whole
+
+
+def test_a_folder_of_many_strange_letters_is_a_folder(dermis_study, tmp_path):
+    folder = tmp_path / "Über prüfung 'ß' {x}" / ("long" * 40)
+    assert not run_sweep(dermis_study(1), folder).failed
+    assert (folder / "results.csv").read_text().count("done") == 3
+
+
+def test_a_folder_in_which_nothing_can_be_made_is_one_line(
+    dermis_study, tmp_path, command, capsys
+):
+    (tmp_path / "out").write_text("a file")
+    assert command(dermis_study(1), "-o", tmp_path / "out") == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert "a file stands where a folder is wanted" in line

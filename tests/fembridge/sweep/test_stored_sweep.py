@@ -1,0 +1,219 @@
+"""Sweeps of the stored responses: the table against the pipeline, and what is kept."""
+
+import csv
+import shutil
+
+import pytest
+
+from decks.presets import PRESETS
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
+from fembridge.build import model_of
+from fembridge.errors import UsageError
+from fembridge.simulate import simulate
+from fembridge.sweep import Study, Variant, run_sweep
+from fembridge.sweep import sweep as module
+from fembridge.sweep.answers import is_finished, read_answers
+from fembridge.sweep.plan import plan_of
+from fembridge.sweep.study_file import study_from
+from neural import parameter_set
+from neural.rate import spikes_inside
+
+QUICK = Variant("quick", PRESETS["quick"])
+
+
+def study(words, **changes):
+    return Study(
+        resolve(words), changes.pop("variants", (QUICK,)), stored=True, **changes
+    )
+
+
+def rows_of(sweep):
+    with sweep.results.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
+    chosen = parameter_set("fitted")
+    made = study("noise_25_250,sine_20_250", preindents_um=(0.0, 75.0))
+    sweep = run_sweep(made, tmp_path / "out")
+
+    rows = {
+        (float(row["preindent_um"]), row["stimulus"], row["afferent"]): row
+        for row in rows_of(sweep)
+    }
+    assert sweep.rows == len(rows) == 2 * 6 * 3
+    for depth_um in (0.0, 75.0):
+        expected = simulate(
+            [make_stimulus(entry, depth_um) for entry in made.stimuli],
+            model_of(PRESETS["quick"]),
+            tmp_path,
+            stored=True,
+            parameters=chosen.parameters,
+        )
+        windows = {each.id: each.window_ms for each in expected.stimuli}
+        for rate in expected.rates:
+            row = rows[depth_um, rate.stimulus, rate.afferent]
+            assert float(row["rate_ips"]) == rate.rate_ips
+            inside = [
+                spikes_inside(train.times_ms, windows[train.stimulus])
+                for train in expected.trains
+                if (train.stimulus, train.afferent) == (rate.stimulus, rate.afferent)
+            ]
+            assert int(row["spikes"]) == sum(inside)
+            assert (row["status"], row["cause"]) == ("done", "")
+        for stimulus, traces in zip(expected.stimuli, expected.traces, strict=True):
+            for trace in traces:
+                row = rows[depth_um, stimulus.id, trace.afferent]
+                assert float(row["peak_stress_pa"]) == trace.stress_pa.max()
+
+
+def test_what_is_finished_is_read_and_not_done_again(here, tmp_path):
+    made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
+    first = run_sweep(made, tmp_path)
+    table = first.results.read_bytes()
+    assert here.done == ["quick, map", "paper, map"]
+
+    second = run_sweep(made, tmp_path)
+    assert second.before == 2
+    assert second.results.read_bytes() == table
+    assert here.done == ["quick, map", "paper, map"]  # nobody was hired
+
+
+def test_a_study_that_grew_does_what_is_new(here, tmp_path):
+    run_sweep(study("sine_20_250"), tmp_path)
+    grown = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
+    assert run_sweep(grown, tmp_path).before == 1
+    assert here.done == ["paper, map"]
+
+
+@pytest.mark.parametrize("name", ["answers.csv", "spikes.csv", "item.toml"])
+@pytest.mark.parametrize("harm", ["cut", "edited", "gone", "nonsense"])
+def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(
+    here, tmp_path, name, harm
+):
+    made = study("sine_20_250")
+    sweep = run_sweep(made, tmp_path)
+    table = sweep.results.read_bytes()
+    [item] = sweep.plan.items.values()
+    path = tmp_path / item.place / name
+    content = path.read_bytes()
+    if harm == "gone":
+        path.unlink()
+    else:
+        changed = {
+            "cut": content[: len(content) // 2],
+            "edited": content.replace(b"2", b"3", 1),
+            "nonsense": b"\xff\x00",
+        }
+        path.write_bytes(changed[harm])
+    assert not is_finished(tmp_path / item.place, item)
+
+    again = run_sweep(made, tmp_path)
+
+    assert again.before == 0
+    assert again.results.read_bytes() == table
+    assert is_finished(tmp_path / item.place, item)
+
+
+def test_the_record_of_another_item_is_no_record(here, tmp_path):
+    made = study("sine_20_250", preindents_um=(0.0, 75.0))
+    one, other = run_sweep(made, tmp_path).plan.items.values()
+    shutil.rmtree(tmp_path / one.place)
+    shutil.copytree(tmp_path / other.place, tmp_path / one.place)
+    assert not is_finished(tmp_path / one.place, one)
+
+
+def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
+    table = {
+        "stimuli": ["noise_25_250", "sine_20_250"],
+        "fingers": ["quick", {"grid": {"skin": {"epidermis_mm": [0.5]}}}, "paper"],
+        "stored": True,
+    }
+    sweep = run_sweep(study_from(table, tmp_path), tmp_path)
+
+    [failed] = sweep.failed
+    assert "no response is stored for this finger" in sweep.causes[failed.key]
+    rows = rows_of(sweep)
+    assert [row["status"] for row in rows] == ["done"] * 18 + ["failed"] * 18 + [
+        "done"
+    ] * 18
+    bad = rows[18:36]
+    assert {row["cause"] for row in bad} == {sweep.causes[failed.key]}
+    assert {row["rate_ips"] + row["spikes"] + row["peak_stress_pa"] for row in bad} == {
+        ""
+    }
+    assert {(row["finger"], row["skin.epidermis_mm"]) for row in rows} == {
+        ("quick", "0.4"),
+        ("quick", "0.5"),
+        ("paper", "0.4"),
+    }
+
+
+def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(
+    here, tmp_path, monkeypatch
+):
+    from fembridge.sweep import work as work_module
+
+    real = work_module.simulate
+
+    def buggy(stimuli, model, *words, **options):
+        if model.finger.name == "quick":
+            raise ZeroDivisionError("by\nnothing")
+        return real(stimuli, model, *words, **options)
+
+    monkeypatch.setattr(work_module, "simulate", buggy)
+    made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
+    sweep = run_sweep(made, tmp_path)
+
+    [failed] = sweep.failed
+    assert sweep.causes[failed.key].endswith("ZeroDivisionError: by nothing")
+    trace = tmp_path / failed.place / "failed.txt"
+    assert "in buggy" in trace.read_text()
+    monkeypatch.undo()
+    monkeypatch.setattr(module, "LocalCrew", here)
+    assert not run_sweep(made, tmp_path).failed
+    assert not trace.exists()
+
+
+def test_the_study_stands_beside_its_results_and_is_the_same_study(
+    here, tmp_path, study_file
+):
+    text = 'stimuli = ["sine_20_250"]\nfingers = ["quick", "paper"]\nstored = true\n'
+    sweep = run_sweep(study_file(text), tmp_path / "out")
+
+    copy = (tmp_path / "out/study.toml").read_text()
+    assert copy.endswith(text)
+    assert copy.startswith("# sweep of the study 'study', 2 points, 2 items\n# fembri")
+    again = run_sweep(tmp_path / "out/study.toml", tmp_path / "out")
+    assert (again.before, again.rows) == (2, sweep.rows)
+
+
+def test_an_executor_that_is_none_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="executor 'slurm'"):
+        run_sweep(study("sine_20_250"), tmp_path, executor="slurm")
+
+
+def test_an_old_table_does_not_outlive_the_start_of_a_sweep(
+    here, tmp_path, monkeypatch
+):
+    made = study("sine_20_250")
+    sweep = run_sweep(made, tmp_path)
+    [item] = plan_of(made, "stored").items.values()
+    (tmp_path / item.place / "item.toml").unlink()
+
+    def stopped(*words):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "_do", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(made, tmp_path)
+    assert not sweep.results.exists()
+
+
+def test_answers_can_be_read_again(here, tmp_path):
+    sweep = run_sweep(study("sine_20_250"), tmp_path)
+    [item] = sweep.plan.items.values()
+    found = read_answers(tmp_path / item.place)
+    assert list(found) == [("sine_20_250", name) for name in ("SA", "RA", "PC")]
+    assert found["sine_20_250", "SA"].peak_stress_pa > 1e4
