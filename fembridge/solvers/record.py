@@ -7,6 +7,7 @@ stands and its checksums agree, the results are whole and of that deck.
 import tomllib
 from pathlib import Path
 
+from decks.dialects import JOB
 from fembridge.errors import OutputError
 from fembridge.outputs import write_text
 from fembridge.run_folder import SOLVER_FILE, RunFolder, sha256_of
@@ -14,6 +15,8 @@ from fembridge.solvers.outcome import Outcome
 from fembridge.typing import Table
 
 FORMAT = 1
+PRINTED_FILE = f"{JOB}.dat"
+"""Forces, where the deck asks for them."""
 
 
 def write_record(run: RunFolder, outcome: Outcome, deck_sha256: str) -> None:
@@ -31,6 +34,9 @@ def write_record(run: RunFolder, outcome: Outcome, deck_sha256: str) -> None:
         "deck_sha256": deck_sha256,
         "results_sha256": sha256_of(run.results),
     }
+    printed = run.folder / PRINTED_FILE
+    if printed != run.deck and printed.is_file():
+        table["printed_sha256"] = sha256_of(printed)
     if outcome.threads is not None:
         table["threads"] = outcome.threads
     write_text(run.folder / SOLVER_FILE, tomli_w.dumps(table))
@@ -58,6 +64,9 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
         if deck_sha256 != table["deck_sha256"]:
             return None
         if sha256_of(run.results) != table["results_sha256"]:
+            return None
+        printed = table.get("printed_sha256")  # not in records of earlier versions
+        if printed is not None and sha256_of(run.folder / PRINTED_FILE) != printed:
             return None
         return Outcome(
             folder=run.folder,

@@ -14,7 +14,7 @@ from pathlib import Path
 from decks.dialects import JOB
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.index import index_frd
+from fembridge.results.frd_format.index import FrdIndex, index_frd
 from fembridge.results.printed.sta import StaRow, read_sta
 from fembridge.run_folder import RunFolder
 from fembridge.solvers.guard import CANNOT_RUN
@@ -23,6 +23,9 @@ from fembridge.solvers.solver_log import LogMessage, SolverLog, find_card
 
 OUT_OF_MEMORY_EXIT = 16
 CANNOT_EXECUTE = 126  # as shells have it
+NO_ROOM_BYTES = 64 * 1024
+"""With less free, a failure that tells no reason is taken for one of room."""
+
 SHOWN = 3
 """Messages that are quoted; the log has them all."""
 
@@ -52,13 +55,19 @@ def judge(work: Path, run: RunFolder, exit_code: int, log: SolverLog) -> Failure
     The folder held nothing but the deck before, so all that is there is new.
     """
     deck = work / f"{JOB}.inp"
-    return (
+    told = (
         _from_errors(work, run, log, deck)
         or _from_exit(work, exit_code, log)
         or _from_warnings(log, deck)
-        or _from_sta(work, run, log)
-        or _from_frd(work, run)
     )
+    if told is not None:
+        return told
+    found = _whole_results(work)
+    if isinstance(found, FrdIndex):
+        return _from_sta(work, run, log) or _from_blocks(found, run)
+    if found.cause is Cause.DISK_FULL:  # which cuts the .sta as well
+        return found
+    return _from_sta(work, run, log) or found
 
 
 def increments_made(work: Path) -> list[StaRow]:
@@ -117,6 +126,8 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
         return _out_of_memory(log)
     if exit_code in (CANNOT_EXECUTE, CANNOT_RUN):
         return Failure(Cause.NO_SOLVER, log.end, "see fembridge doctor")
+    if shutil.disk_usage(work).free < NO_ROOM_BYTES:
+        return _disk_full(work, f"exit code {exit_code}")
     return Failure(Cause.UNKNOWN, f"exit code {exit_code}; last words: {log.end}")
 
 
@@ -163,7 +174,7 @@ def _from_sta(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
     return None
 
 
-def _from_frd(work: Path, run: RunFolder) -> Failure | None:
+def _whole_results(work: Path) -> FrdIndex | Failure:
     path = work / f"{JOB}.frd"
     try:
         with ByteFile(path) as file:
@@ -179,23 +190,27 @@ def _from_frd(work: Path, run: RunFolder) -> Failure | None:
     if index.damage:
         harm = index.damage[0]
         return _disk_full(work, f"{path.name}, byte {harm.offset}: {harm.problem}")
+    return index
+
+
+def _from_blocks(index: FrdIndex, run: RunFolder) -> Failure | None:
     if not index.blocks:
         return Failure(
             Cause.MISSING_OUTPUT,
-            f"{path.name} holds the mesh alone",
+            f"{JOB}.frd holds the mesh alone",
             "the deck asks for no *NODE OUTPUT and no *ELEMENT OUTPUT",
         )
     last = index.blocks[-1]
     if not _is_end(last.time_ms, run):
         return Failure(
             Cause.MISSING_OUTPUT,
-            f"{path.name} ends with {last} at {last.time_ms:g} ms, expected "
+            f"{JOB}.frd ends with {last} at {last.time_ms:g} ms, expected "
             f"{run.end_ms:g} ms",
         )
     if last.records == 0:
         return Failure(
             Cause.MISSING_OUTPUT,
-            f"{path.name} holds no node in {last}",
+            f"{JOB}.frd holds no node in {last}",
             "NSET does not go with OUTPUT=3D",
         )
     return None
