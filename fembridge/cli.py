@@ -13,9 +13,11 @@ import argparse
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from errno import ENOSPC
 from importlib import import_module
+from io import TextIOWrapper
 from types import ModuleType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 from fembridge import __version__
 from fembridge.errors import FembridgeError
@@ -46,6 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     0 is success, 1 our error, 2 misuse, 130 Ctrl-C. Anything that is not one of
     our errors is a bug of ours and keeps its traceback.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a path may be more than ASCII
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = _run(list(sys.argv[1:] if argv is None else argv))
         sys.stdout.flush()
@@ -56,6 +61,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not _reader_has_left():
             raise
         return 0
+    except OSError as error:
+        if error.errno != ENOSPC:  # of a file of ours it is an OutputError
+            raise
+        print(f"fembridge: cannot print: {error.strerror}", file=sys.stderr)
+        _to_nowhere(sys.stdout)
+        return 1
     return code
 
 
@@ -156,8 +167,12 @@ def _reader_has_left() -> bool:
         poll.register(stream.fileno(), 0)
         if any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0)):
             left = True
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            _to_nowhere(stream)
     return left
+
+
+def _to_nowhere(stream: TextIO) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

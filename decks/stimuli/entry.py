@@ -26,6 +26,9 @@ NYQUIST_HZ = 500.0 / DT_MS
 DECIMALS = 6
 """Decimals of an amplitude in um or a frequency in Hz; samples keep as many."""
 
+# Beyond this a number has no six decimals; another check refuses it.
+_MOST = 1e9
+
 MAX_AMPLITUDE_UM = 10_000.0
 """10 mm: more than the thickness of the pad; such a number is no um."""
 
@@ -214,7 +217,8 @@ def _check(entry: Entry, name: str, number: float) -> None:
         raise StimulusError(
             f"{name} of a {entry.family} must be > 0 and finite, got {number:g}"
         )
-    if abs(number * 10**DECIMALS - round(number * 10**DECIMALS)) > 1e-3:
+    millionths = min(number, _MOST) * 10**DECIMALS
+    if abs(millionths - round(millionths)) > 1e-3:
         raise StimulusError(
             f"{name} of a {entry.family} must have at most {DECIMALS} decimals, "
             f"got {number!r}"

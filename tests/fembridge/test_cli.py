@@ -190,3 +190,30 @@ def test_options_are_not_guessed_from_their_beginnings(capsys):
 def test_it_runs_as_a_module_from_any_folder(tmp_path):
     done = in_a_process("--version", stdout=subprocess.PIPE, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, f"fembridge {fembridge.__version__}\n")
+
+
+def _in_a_shell(words, **environment):
+    return subprocess.run(
+        ["sh", "-c", f'"{sys.executable}" -m fembridge.cli {words}'],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
+    )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_behind_standard_output_is_one_line():
+    ran = _in_a_shell("stimuli > /dev/full")
+    assert ran.returncode == 1
+    assert ran.stderr == "fembridge: cannot print: No space left on device\n"
+
+
+def test_a_name_that_the_terminal_cannot_show_is_printed_nevertheless(tmp_path):
+    path = tmp_path / "ä.csv"
+    words = f'stimuli --export csv sine_20_250 -o "{path}"'
+    ran = _in_a_shell(words, PYTHONIOENCODING="ascii", LC_ALL="C.UTF-8")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout == f"{tmp_path}/\\xe4.csv\n"
+    assert path.is_file()

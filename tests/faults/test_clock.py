@@ -1,0 +1,84 @@
+"""The clock of the day is moved: nothing that is decided may depend on it."""
+
+import os
+import threading
+import time
+
+import pytest
+
+from fembridge.cli import main
+from fembridge.solvers.batch import run_folders
+from fembridge.solvers.calculix import attempt_calculix
+from fembridge.solvers.outcome import Cause
+from fembridge.solvers.watchdog import Limits
+
+PATIENCE_S = 60.0
+YEAR_S = 365 * 86400
+YEARS_AWAY = {"past": 1971, "future": 2100}
+
+
+def put_into(folder, year):
+    moment_s = (year - 1970) * YEAR_S
+    for path in (*folder.iterdir(), folder):
+        os.utime(path, (moment_s, moment_s))
+
+
+@pytest.fixture(params=[-YEAR_S, YEAR_S], ids=["back", "on"])
+def moved_clock(request, monkeypatch):
+    """Let the clock of the day go a year at every look."""
+    now = [time.time()]
+
+    def look():
+        now[0] += request.param
+        return now[0]
+
+    monkeypatch.setattr(time, "time", look)
+    monkeypatch.setattr(time, "time_ns", lambda: int(look() * 1e9))
+
+
+@pytest.mark.parametrize("when", YEARS_AWAY)
+def test_finished_results_are_known_by_content_whatever_their_date(
+    fake_ccx, make_run, when, capsys, as_in_table
+):
+    folder = make_run("normal")
+    run_folders([folder])
+    put_into(folder, YEARS_AWAY[when])
+
+    assert main(["run", str(folder)]) == 0
+
+    as_in_table(capsys.readouterr().out.strip())
+
+
+@pytest.mark.parametrize("when", YEARS_AWAY)
+def test_another_deck_is_solved_again_whatever_its_date(fake_ccx, make_run, when):
+    folder = make_run("normal")
+    run_folders([folder])
+    make_run("harmless")
+    put_into(folder, YEARS_AWAY[when])
+
+    assert run_folders([folder])[0].skipped is False
+
+
+def test_a_clock_that_moves_during_a_run_changes_neither_its_cost_nor_its_end(
+    fake_ccx, make_run, moved_clock
+):
+    outcome = attempt_calculix(make_run("normal"), limits=Limits(time_limit_s=300))
+
+    assert outcome.accepted
+    assert 0 <= outcome.wall_s < 300
+
+
+def test_a_clock_that_moves_does_not_put_off_a_limit(
+    fake_ccx, make_run, moved_clock, as_in_table
+):
+    halt = threading.Event()
+    late = threading.Timer(PATIENCE_S, halt.set)
+    late.start()
+    try:
+        limits = Limits(stall_limit_s=0.3)
+        outcome = attempt_calculix(make_run("hang"), limits=limits, halt=halt)
+    finally:
+        late.cancel()
+
+    assert outcome.failure.cause is Cause.STALLED
+    as_in_table(str(outcome))

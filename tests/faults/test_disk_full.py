@@ -1,0 +1,126 @@
+"""No room: a limit of file size for us, and a file system that is really full."""
+
+import importlib.util
+import json
+import resource
+from pathlib import Path
+
+import pytest
+
+from fembridge.cli import main
+
+WORDS = ["simulate", "--stored", "--no-plot", "-o"]
+SOLVERS = Path(__file__).parents[1] / "fembridge" / "solvers"
+
+FILL = """
+import contextlib, io, json, os, pathlib, shutil, sys
+from fembridge.cli import main
+place, *words = sys.argv[1:]
+folder = pathlib.Path(place) / "out"
+def contents():
+    return {p.name: p.read_bytes().hex() for p in folder.iterdir()}
+def tell(stimulus):
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        code = main([*words, str(folder), "--stimulus", stimulus])
+    return code, said.getvalue().splitlines()[-1]
+codes = [tell("sine_20_250")[0]]
+before = contents()
+filler = pathlib.Path(place) / "filler"
+with contextlib.suppress(OSError), filler.open("wb", 0) as file:
+    while True:
+        file.write(bytes(4096))
+code, line = tell("sine_50_250")
+same = contents() == before
+filler.unlink()
+codes += [code, tell("sine_50_250")[0]]
+print(json.dumps({"codes": codes, "line": line, "same": same}))
+"""
+
+RUN = """
+import contextlib, io, json, os, pathlib, shutil, sys
+from fembridge.cli import main
+source, place = map(pathlib.Path, sys.argv[1:])
+folder = place / "run"
+shutil.copytree(source, folder)
+said = io.StringIO()
+with contextlib.redirect_stderr(said):
+    code = main(["run", str(folder)])
+names = sorted(path.name for path in folder.iterdir())
+print(json.dumps({"code": code, "said": said.getvalue(), "names": names}))
+"""
+
+
+@pytest.fixture
+def little_room(tmp_path):
+    place = tmp_path / "little room"
+    place.mkdir()
+
+    def mount(kib):
+        return place, f'mount -t tmpfs -o size={kib}k none "{place}"'
+
+    return mount
+
+
+def test_a_limit_of_file_size_leaves_the_earlier_results(
+    tmp_path, files_below, capsys, refused
+):
+    out = tmp_path / "out"
+    assert main([*WORDS, str(out), "--stimulus", "sine_20_250"]) == 0
+    before = files_below(out)
+    capsys.readouterr()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        refused(*WORDS, out, "--stimulus", "sine_50_250", notes=2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    assert files_below(out) == before
+
+
+def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
+    apart, little_room, as_in_table
+):
+    place, mount = little_room(200)
+
+    told = json.loads(apart(mount, FILL, place, *WORDS))
+
+    assert told["codes"] == [0, 1, 0]
+    assert told["same"]
+    as_in_table(told["line"].removeprefix("fembridge: "))
+
+
+@pytest.mark.solver
+def test_calculix_on_a_disk_that_fills_is_not_believed(
+    apart, little_room, make_run, as_in_table
+):
+    """It says `Job finished` and exits with 0."""
+    spec = importlib.util.spec_from_file_location(
+        "p", SOLVERS / "test_real_calculix.py"
+    )
+    real = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(real)
+    source = make_run(deck=real.patch(end_s=0.05), increments=100)
+    place, mount = little_room(64)
+
+    told = json.loads(apart(mount, RUN, source, place))
+
+    assert told["code"] == 1
+    (line,) = told["said"].splitlines()
+    as_in_table(line.removeprefix("fembridge: "))
+    assert told["names"] == ["failed", "job.inp", "run.toml"]
+
+
+def test_a_disk_that_fills_when_the_log_grows_is_told(
+    apart, little_room, fake_ccx, make_run, as_in_table
+):
+    source = make_run("loud")
+    place, mount = little_room(400)
+
+    told = json.loads(apart(mount, RUN, source, place))
+
+    assert told["code"] == 1
+    (line,) = told["said"].splitlines()
+    as_in_table(line.removeprefix("fembridge: "))
+    assert "job.frd" not in told["names"]

@@ -1,0 +1,70 @@
+"""The table of faults in the docs: its tests are there, its words are the program's."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TESTS = ROOT / "tests"
+SHORTEST = 8
+"""Letters of a piece of a message that say something about where it is from."""
+
+
+@cache
+def functions_of(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+@pytest.fixture(scope="module")
+def words_of_the_program():
+    """All strings of our packages, pieces of f-strings among them."""
+    texts = []
+    for package in ("fembridge", "decks", "neural"):
+        for path in (ROOT / package).rglob("*.py"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            nodes = (n for n in ast.walk(tree) if isinstance(n, ast.Constant))
+            texts += [node.value for node in nodes if isinstance(node.value, str)]
+    return "\n".join(texts)
+
+
+def test_every_row_names_tests_that_there_are(table):
+    assert len(table) > 30
+    for row in table:
+        for name in row.tests:
+            file, _, function = name.partition("::")
+            function, _, kind = function.partition("[")
+            path = TESTS / file
+            assert path.is_file(), name
+            assert function in functions_of(path), name
+            assert kind.removesuffix("]") in path.read_text(encoding="utf-8"), name
+
+
+def test_every_cell_is_filled(table):
+    for row in table:
+        assert all((row.fault, row.done, row.seen, row.survived, row.tests)), row
+
+
+def test_every_test_of_a_fault_has_its_row(table):
+    """A fault that is tried and not told is of use to nobody."""
+    named = {name.partition("[")[0] for row in table for name in row.tests}
+    for path in Path(__file__).parent.glob("test_*.py"):
+        if path != Path(__file__):
+            for function in functions_of(path):
+                if function.startswith("test_"):
+                    assert f"faults/{path.name}::{function}" in named
+
+
+def test_the_words_of_every_row_are_the_program_s(table, words_of_the_program):
+    """Rows of our own tests are also held against what was said; see `as_in_table`."""
+    for row in table:
+        if not any(name.startswith("faults/") for name in row.tests):
+            for message in row.messages:
+                pieces = (piece.strip(" :;,") for piece in message.split("…"))
+                for piece in pieces:
+                    for part in re.split(r": |; ", piece):
+                        if len(part) >= SHORTEST:
+                            assert part in words_of_the_program, (row.fault, part)

@@ -1,0 +1,67 @@
+"""``kill -9`` of the solver, of us, of both, and of us at every single moment."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from fembridge.solvers.calculix import attempt_calculix
+
+KILLED_AT = Path(__file__).with_name("killed_at.py")
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_solver_that_is_killed_is_told_and_leaves_no_result(
+    fake_ccx, make_run, pid_of, refused
+):
+    folder = make_run("hang")
+    killer = threading.Thread(target=lambda: os.kill(pid_of(folder), signal.SIGKILL))
+    killer.start()
+
+    refused("run", folder)
+
+    killer.join()
+    assert names_in(folder) == ["failed", "job.inp", "run.toml"]
+    assert "killed from outside" in (folder / "failed" / "cause.txt").read_text()
+
+
+def test_both_killed_leave_a_folder_that_runs_again(
+    fake_ccx, make_run, pid_of, is_alive, wait_until
+):
+    folder = make_run("hang")
+    command = [sys.executable, "-m", "fembridge.cli", "run", str(folder)]
+    child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        solver = pid_of(folder)
+        for number in (solver, child.pid):
+            os.kill(number, signal.SIGKILL)
+    finally:
+        child.kill()
+        child.wait()
+    wait_until(lambda: not is_alive(solver))
+    assert not (folder / "job.frd").exists()
+    make_run("normal")
+
+    assert attempt_calculix(folder).accepted
+    assert not {"failed", "solving", ".solver.lock"} & set(names_in(folder))
+
+
+@pytest.mark.parametrize(("scene", "least"), [("outputs", 10), ("results", 10)])
+def test_killed_before_any_file_operation_no_half_stands_for_a_whole(
+    tmp_path, monkeypatch, scene, least
+):
+    """After each kill the same work is done again, and finds nothing in its way."""
+    monkeypatch.setenv("FEMBRIDGE_CCX", sys.executable)  # found, never started
+    command = [sys.executable, str(KILLED_AT), scene, str(tmp_path / "scene")]
+
+    done = subprocess.run(command, capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) >= least

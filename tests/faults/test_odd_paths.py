@@ -1,0 +1,76 @@
+"""Folders as people name them, and longer than any solver expects."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from fembridge.cli import main
+from fembridge.solvers.calculix import attempt_calculix
+
+SOLVERS = Path(__file__).parents[1] / "fembridge" / "solvers"
+NAMES = {
+    "blanks": "my finger  model",
+    "umlauts": "Fingerkuppe größer als µ-Maß",
+    "200 characters": "n" * 200,
+    "quotes": 'the "quick" one\'s $HOME; `x` & %s {y} [z] *',
+    "no name of a file elsewhere": "a:b?c|d<e>\\f",
+    "other script": "人差し指の先",
+    "all of it": "größer als " + "n n" * 55,
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_in_an_odd_folder_is_like_any_other(
+    fake_ccx, make_run, capsys, as_in_table, name
+):
+    folder = make_run("normal", NAMES[name])
+
+    assert main(["run", str(folder)]) == 0
+
+    as_in_table(capsys.readouterr().out.strip())
+    assert (folder / "job.frd").read_text().endswith(" 9999\n")
+
+
+def test_an_odd_folder_gives_the_same_results_and_nothing_beside_them(
+    tmp_path, monkeypatch, files_below
+):
+    monkeypatch.chdir(tmp_path)
+    words = ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o"]
+    for output in ("plain", f"{NAMES['all of it']}/{NAMES['quotes']}"):
+        assert main([*words, output]) == 0
+
+    found = files_below(tmp_path)
+    plain = {name: found.pop(f"plain/{name}") for name in files_below(Path("plain"))}
+    odd = {name.rpartition("/")[2]: content for name, content in found.items()}
+    assert odd == plain
+    assert len(plain) == 4
+
+
+@pytest.mark.solver
+@pytest.mark.parametrize("name", ["quotes", "all of it"])
+def test_calculix_itself_works_in_an_odd_folder(make_run, name):
+    """It keeps 132 characters of its job's name; it is started in the folder."""
+    spec = importlib.util.spec_from_file_location(
+        "p", SOLVERS / "test_real_calculix.py"
+    )
+    real = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(real)
+
+    assert attempt_calculix(make_run(deck=real.patch(), name=NAMES[name])).accepted
+
+
+def test_a_solver_in_an_odd_folder_is_started(fake_ccx, make_run, monkeypatch):
+    odd = fake_ccx.parent / NAMES["all of it"]
+    odd.mkdir()
+    monkeypatch.setenv("FEMBRIDGE_CCX", str(fake_ccx.rename(odd / "my ccx")))
+
+    assert attempt_calculix(make_run("normal")).accepted
+
+
+def test_a_name_that_is_too_long_for_the_system_is_told(tmp_path, refused):
+    words = ["build-deck", "--stimulus", "sine_20_250", "-o", tmp_path / (300 * "n")]
+
+    refused(*words)
+
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,100 @@
+"""A folder that can be read and not written; root is kept out by the mount alone."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from decks.presets import stored_mesh
+from fembridge.cli import main
+
+NOBODY = 65534
+PROGRAM = """
+import contextlib, io, json, sys
+from fembridge.cli import main
+told = []
+for words in json.loads(sys.argv[1]):
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        code = main(words)
+    told.append([code, said.getvalue().splitlines()])
+print(json.dumps(told))
+"""
+SIMULATE = ["simulate", "--stored", "--stimulus", "sine_20_250", "-o", "{place}"]
+BUILD = ["build-deck", "--stimulus", "sine_20_250", "-o"]
+COMMANDS = [
+    [*BUILD, "{place}/runs"],
+    ["stimuli", "--export", "csv", "sine_20_250", "-o", "{place}/a.csv"],
+    ["run", "{place}"],
+    SIMULATE,
+]
+
+
+@pytest.fixture
+def read_only(apart, make_run):
+    folder = make_run("normal", "read only")
+    mount = f'mount --bind "{folder}" "{folder}"; mount -o remount,bind,ro "{folder}"'
+
+    def run(*commands):
+        words = [[word.format(place=folder) for word in words] for words in commands]
+        return json.loads(apart(mount, PROGRAM, json.dumps(words)))
+
+    return folder, run
+
+
+def test_a_read_only_folder_is_told_in_one_line(
+    fake_ccx, read_only, files_below, as_in_table
+):
+    folder, run = read_only
+    before = files_below(folder)
+
+    for words, (code, lines) in zip(COMMANDS, run(*COMMANDS), strict=True):
+        assert code == 1, lines
+        as_in_table(lines[-1].removeprefix("fembridge: "))
+        assert len(lines) == (3 if words is SIMULATE else 1)  # two tell of the model
+
+    assert files_below(folder) == before
+
+
+def test_finished_results_in_a_read_only_folder_are_taken_as_they_are(
+    fake_ccx, read_only, as_in_table
+):
+    folder, run = read_only
+    assert main(["run", str(folder)]) == 0
+
+    ((code, (line,)),) = run(["run", "{place}"])
+
+    assert code == 0
+    as_in_table(line)
+
+
+@pytest.fixture
+def not_ours(make_run, monkeypatch, tmp_path):
+    """Work in a run folder that belongs to somebody else, who lets us read it."""
+    folder = make_run("normal")
+    monkeypatch.setenv("FEMBRIDGE_CCX", "/bin/sh")  # found, never started
+    assert main([*BUILD, str(tmp_path)]) == 0  # all is imported while we may
+    before = os.geteuid()
+    monkeypatch.chdir(folder)
+    folder.chmod(0o555)
+    if before == 0:
+        os.seteuid(NOBODY)
+    try:
+        if not os.access(stored_mesh("quick"), os.R_OK, effective_ids=True):
+            pytest.skip("not root, and this package is for root alone")
+        yield folder
+    finally:
+        os.seteuid(before)
+        folder.chmod(0o755)
+
+
+@pytest.mark.parametrize("verb", ["build-deck", "run"])
+def test_a_folder_without_permission_is_told_in_one_line(
+    not_ours, capsys, refused, verb
+):
+    capsys.readouterr()
+    refused(*(["run", "."] if verb == "run" else [*BUILD, "runs"]))
+
+    names = sorted(path.name for path in Path().iterdir())
+    assert names == ["job.inp", "run.toml"]
