@@ -34,6 +34,7 @@ VERBS = {
     "fit": "find the parameters whose rates come closest to observed ones",
     "study": "compare models of the afferents, on what they were not fitted to",
     "validate": "the paper's figures and tables as one page: is the model any good",
+    "verify": "hold the finite-element model against closed forms, with bounds",
     "deflect": "how far the skin goes down around a thin probe",
     "plot": "draw the mesh, a response, a raster",
     "doctor": "tell what is installed and what is missing",

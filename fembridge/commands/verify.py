@@ -1,0 +1,82 @@
+"""Verify the finite-element model: studies against closed forms, with bounds.
+
+Patch test, a second solver, Hertz contact, incompressibility, mesh, contact models,
+contact stiffness, material laws, response map against transients. Written are a page
+(verification.md) with figures, tables as CSV and verification.json. It takes ccx and
+most of an hour; --quick makes all studies, smaller, in under five minutes on two
+cores. Finished studies and runs are kept: a verify that was stopped goes on where it
+was. Exits with 1 when a check fails its bound.
+"""
+
+import argparse
+import sys
+from typing import Any
+
+from fembridge.commands.model_options import add_output_option
+
+EXAMPLE = "fembridge verify --quick -o verification"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument(
+        "--quick", action="store_true", help="all studies, with fewer and shorter runs"
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        help="patch, solver, hertz, incompressible, mesh, contact, penalty, laws, map "
+        "(default: all)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="studies at the same time, a core each (default: the cores there are)",
+    )
+    add_output_option(parser, default="verification")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Make the studies and the page; the summary holds each check."""
+    from pathlib import Path
+
+    from fembridge.errors import UsageError
+    from fembridge.solvers.progress_bars import ProgressBars
+    from fembridge.verification.report import PAGE_FILE, summary_of, write_report
+    from fembridge.verification.verify import cores, verify, versions_here
+
+    if args.jobs is not None and args.jobs < 1:
+        raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
+    folder = Path(args.output)
+    with ProgressBars() as bars:
+        findings = verify(
+            folder,
+            args.only,
+            quick=args.quick,
+            jobs=args.jobs or cores(),
+            on_progress=bars,
+            tell=lambda line: print(line, file=sys.stderr, flush=True),
+        )
+    versions = versions_here()
+    write_report(folder, findings, versions, quick=args.quick)
+    summary = summary_of(findings, versions, quick=args.quick)
+    failed = [
+        (finding, check)
+        for finding in findings
+        for check in finding.checks
+        if not check.passed
+    ]
+    if not args.json:
+        for finding in findings:
+            kept = sum(check.passed for check in finding.checks)
+            state = finding.skipped or f"{kept} of {len(finding.checks)} checks"
+            print(f"{finding.name:<16}{state}")
+        for finding, check in failed:
+            print(
+                f"fails: {finding.name}: {check.what}: {check.found:.3g} {check.unit}, "
+                f"expected {check.side} {check.bound:g}"
+            )
+        print(f"{PAGE_FILE}: {folder}")
+    return {"output": str(folder), **summary, "exit_code": int(bool(failed))}

@@ -1,0 +1,201 @@
+"""Runs of the solver that a study asks for: each made once, its cost kept beside it.
+
+A run folder whose deck and results have the checksums on record is not run again,
+so that a study that was killed goes on where it was. Runs follow each other, on one
+thread: only then is the processor time of a child process that of one run.
+"""
+
+import hashlib
+import resource
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from decks.analysis import Analysis
+from decks.calculix.deck import calculix_deck
+from decks.dialects import JOB
+from fembridge.build import build_analysis_folder
+from fembridge.errors import DeckError, SolverError
+from fembridge.outputs import filling, write_text
+from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
+from fembridge.solvers.calculix import attempt_calculix
+from fembridge.solvers.outcome import Failure, Outcome
+from fembridge.solvers.record import finished_outcome
+from fembridge.solvers.watchdog import Limits, OnProgress
+from fembridge.stimulus import Stimulus
+from fembridge.typing import Table
+
+COST_FILE = "cost.toml"
+RUNS_FOLDER = "runs"
+THREADS = 1
+# No single run of a study takes as long on any machine of the last ten years.
+TIME_LIMIT_S = 4 * 3600.0
+
+_STEP_MS = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a run cost: `cpu_s` of processor time, `wall_s` by the clock."""
+
+    increments: int = 0
+    iterations: int = 0
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+    def __add__(self, other: "Cost") -> "Cost":
+        return Cost(
+            self.increments + other.increments,
+            self.iterations + other.iterations,
+            self.wall_s + other.wall_s,
+            self.cpu_s + other.cpu_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One run in `folder`: its cost, and why it is not accepted, if it is not."""
+
+    folder: Path
+    cost: Cost
+    failure: Failure | None = None
+
+    def to_error(self) -> SolverError:
+        """Turn a failure into the error that names folder and cause."""
+        return Outcome(self.folder, self.failure).to_error()
+
+
+class Bench:
+    """Where the runs of one study are made; `quick` asks for fewer and shorter ones."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        quick: bool = False,
+        on_progress: OnProgress | None = None,
+        tell: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.folder = folder
+        self.quick = quick
+        self.tell = tell
+        self.spent = Cost()
+        self._on_progress = on_progress
+
+    def solve(
+        self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table
+    ) -> Attempt:
+        """Solve `analysis` in the folder `name`, or raise what `attempt` found.
+
+        Raises
+        ------
+        SolverError
+            The run is not accepted.
+        """
+        return _accepted(self.attempt(name, analysis, stimulus, inputs))
+
+    def attempt(
+        self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table
+    ) -> Attempt:
+        """Solve `analysis`, which prescribes `stimulus`, in the folder `name`."""
+        place = self.folder / RUNS_FOLDER / name
+        return self._made(build_analysis_folder(place, analysis, stimulus, inputs))
+
+    def solve_deck(
+        self, name: str, deck: str, increments: int = 1, dt_ms: float = _STEP_MS
+    ) -> Attempt:
+        """Solve the text of a deck of `increments` equal increments of `dt_ms`.
+
+        Raises
+        ------
+        SolverError
+            The run is not accepted.
+        """
+        place = self.folder / RUNS_FOLDER / name
+        run = RunFolder(
+            folder=place,
+            solver="calculix",
+            increments=increments,
+            dt_ms=dt_ms,
+            start_ms=0.0,
+            afferents=(),
+            deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
+        )
+        with filling(place, last=RUN_FILE) as draft:
+            write_text(draft / f"{JOB}.inp", deck)
+            replace(run, folder=draft).write()
+        return _accepted(self._made(read_run_folder(place)))
+
+    def solve_changed(
+        self,
+        name: str,
+        analysis: Analysis,
+        stimulus: Stimulus,
+        words: tuple[str, str],
+    ) -> Attempt:
+        """Solve the deck of `analysis` with the first of `words` put by the second.
+
+        For what no deck of ours has: the words stand in the deck once.
+
+        Raises
+        ------
+        SolverError
+            The run is not accepted.
+        """
+        deck = calculix_deck(analysis)
+        if deck.count(words[0]) != 1:
+            raise DeckError(f"{name}: {words[0]!r} stands {deck.count(words[0])} times")
+        increments = analysis.motion.increments
+        return self.solve_deck(name, deck.replace(*words), increments, stimulus.dt_ms)
+
+    def _made(self, run: RunFolder) -> Attempt:
+        """Take the run that stands there, if it is whole, or make it."""
+        outcome = finished_outcome(run)
+        cpu_s = None if outcome is None else _kept_cpu_s(run)
+        if outcome is None or cpu_s is None:
+            before_s = _children_s()
+            outcome = attempt_calculix(
+                run.folder,
+                threads=THREADS,
+                limits=Limits(time_limit_s=TIME_LIMIT_S),
+                on_progress=self._on_progress,
+            )
+            cpu_s = _children_s() - before_s
+            if outcome.accepted:
+                _keep(run, cpu_s)
+        cost = _cost(outcome, cpu_s)
+        self.spent += cost
+        return Attempt(run.folder, cost, outcome.failure)
+
+
+def _accepted(attempt: Attempt) -> Attempt:
+    if attempt.failure is not None:
+        raise attempt.to_error()
+    return attempt
+
+
+def _cost(outcome: Outcome, cpu_s: float) -> Cost:
+    return Cost(outcome.increments, outcome.iterations, outcome.wall_s, cpu_s)
+
+
+def _children_s() -> float:
+    """Processor time of all child processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _keep(run: RunFolder, cpu_s: float) -> None:
+    text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'
+    write_text(run.folder / COST_FILE, text)
+
+
+def _kept_cpu_s(run: RunFolder) -> float | None:
+    """Processor time on record; None where there is none of this deck."""
+    try:
+        table = tomllib.loads((run.folder / COST_FILE).read_text(encoding="utf-8"))
+        if table["deck_sha256"] != run.deck_sha256:
+            return None
+        return float(table["cpu_s"])
+    except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
+        return None

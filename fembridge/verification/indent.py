@@ -1,0 +1,128 @@
+"""A probe pressed into a finger to one depth, in equal steps: what most studies do."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from decks.analysis import analyse
+from decks.dialects import JOB
+from fembridge.build import Model, inputs_of
+from fembridge.results.frd import read_stress_and_displacement
+from fembridge.results.printed.dat import read_total_force
+from fembridge.results.stress import von_mises_pa
+from fembridge.run_folder import read_run_folder
+from fembridge.solvers.workplace import LOG_FILE
+from fembridge.stimulus import Stimulus
+from fembridge.typing import FloatArray
+from fembridge.verification.bench import Attempt, Bench, Cost
+
+AFFERENTS = ("SA", "RA", "PC")
+DEPTH_UM = 200.0
+STEPS, STEPS_QUICK = 10, 4
+
+_PROBE_SET = "PROBE"
+_SPRINGS = re.compile(r"Number of contact spring elements=(\d+)")
+_DT_MS = 0.5
+_UM_PER_MM = 1000.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Indented:
+    """Von Mises stress `stress_pa` ``(T, afferent)`` at `depth_um` ``(T,)``.
+
+    Afferents are those of the finger, in its order; `apex_um` ``(T,)`` is how far the
+    skin under the probe moved in. The state at rest comes first. `touching` nodes of
+    the skin touch the probe at the end.
+    """
+
+    elements: int
+    depth_um: FloatArray
+    stress_pa: FloatArray
+    force_n_per_mm: FloatArray
+    apex_um: FloatArray
+    touching: int
+    cost: Cost
+
+    @property
+    def last_pa(self) -> FloatArray:
+        """Stress ``(afferent,)`` at the end."""
+        last: FloatArray = self.stress_pa[-1]
+        return last
+
+
+def way(depths_um: FloatArray, name: str) -> Stimulus:
+    """Give a probe's way through `depths_um` ``(T,)``, the first of them 0."""
+    return Stimulus(name, depths_um, _DT_MS, (0.0, (depths_um.size - 1) * _DT_MS))
+
+
+def down(depth_um: float = DEPTH_UM, steps: int = STEPS) -> Stimulus:
+    """Give the way down to `depth_um` in equal steps."""
+    return way(np.linspace(0.0, depth_um, steps + 1), f"down_{depth_um:g}")
+
+
+def indent(
+    bench: Bench,
+    name: str,
+    model: Model,
+    stimulus: Stimulus | None = None,
+    *,
+    law: str = "linear",
+) -> Indented:
+    """Solve and read it.
+
+    Raises
+    ------
+    SolverError
+        The run is not accepted.
+    """
+    stimulus = stimulus or down(steps=STEPS_QUICK if bench.quick else STEPS)
+    attempt = attempt_indent(bench, name, model, stimulus, law=law)
+    if attempt.failure is not None:
+        raise attempt.to_error()
+    return read_indented(attempt, model, stimulus)
+
+
+def attempt_indent(
+    bench: Bench, name: str, model: Model, stimulus: Stimulus, *, law: str = "linear"
+) -> Attempt:
+    """Solve it, and give a failure instead of raising it."""
+    analysis = analyse(
+        model.finger,
+        model.mesh,
+        stimulus,
+        probe=model.probe,
+        contact=model.contact,
+        element=model.element,
+        law=law,
+    )
+    inputs = {"law": law, **inputs_of(model, stimulus)}
+    return bench.attempt(name, analysis, stimulus, inputs)
+
+
+def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indented:
+    """Read what a run gave, with the state at rest in front."""
+    run = read_run_folder(attempt.folder)
+    nodes = [place.node for place in run.afferents]
+    read = read_stress_and_displacement(run.results, nodes, [run.apex_node])
+    _, force_n = read_total_force(attempt.folder / f"{JOB}.dat", _PROBE_SET)
+    return Indented(
+        elements=len(model.mesh.quad),
+        depth_um=stimulus.displacement_um,
+        stress_pa=_from_rest(von_mises_pa(read.tensor_pa)),
+        force_n_per_mm=_from_rest(-force_n[:, 1]),
+        apex_um=_from_rest(-_UM_PER_MM * read.displacement_mm[:, 0, 1]),
+        touching=read_touching(attempt.folder / LOG_FILE),
+        cost=attempt.cost,
+    )
+
+
+def read_touching(log: Path) -> int:
+    """Give the last number of contact springs that CalculiX told of."""
+    numbers = _SPRINGS.findall(log.read_text(encoding="utf-8", errors="replace"))
+    return int(numbers[-1]) if numbers else 0
+
+
+def _from_rest(values: FloatArray) -> FloatArray:
+    return np.concatenate([np.zeros_like(values[:1]), values])
