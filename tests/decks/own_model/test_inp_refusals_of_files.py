@@ -1,63 +1,11 @@
 """Nodes, sets, output and included files that are refused, and where they stand."""
 
-import numpy as np
 import pytest
-
-from decks.analysis import Motion
-from decks.own_model.inp_deck import rebase_inp
-from decks.own_model.request import Request
-from fembridge.errors import DeckError
-
-MOTION = Motion(np.arange(5) * 5e-4, np.array([0.0, 0.1, 0.2, 0.1, 0.0]), 5e-4, 0)
-DECK = """\
-*HEADING
-somebody's deck
-*NODE, NSET=ALL
-1, 0., 0., 0.
-2, 1., 0., 0.
-3, 1., 1., 0.
-4, 0., 1., 0.
-*ELEMENT, TYPE=CPE4, ELSET=SKIN
-1, 1, 2, 3, 4
-*AMPLITUDE, NAME=PRESS
-0., 0., 1., 1.
-*AMPLITUDE, NAME=OTHER
-0., 0., 1., 1.
-*STEP, NAME=push, INC=200
-*STATIC
-0.1, 1.
-*BOUNDARY
-1, 1, 2
-*BOUNDARY, AMPLITUDE=PRESS
-4, 2, 2, -1.
-*NODE FILE
-U
-*END STEP
-"""
-STEP = DECK[DECK.index("*STEP") :]
-
-
-def rebase(deck=DECK, dialect=None, resolver=None, **request):
-    return rebase_inp(
-        deck.encode(), MOTION, Request(**request), dialect=dialect, resolver=resolver
-    )
-
-
-def refused(deck=DECK, **options):
-    with pytest.raises(DeckError) as caught:
-        rebase(deck, **options)
-    return str(caught.value)
-
-
-def changed(old, new):
-    assert DECK.count(old) == 1
-    return DECK.replace(old, new)
-
 
 # ---- Nodes and sets
 
 
-def test_a_node_that_is_not_there_is_refused():
+def test_a_node_that_is_not_there_is_refused(changed, refused):
     assert refused(afferents={"SA": 9}) == "no *NODE of the deck defines node 9"
     deck = changed("*ELEMENT", "*NGEN\n1, 9, 8\n*ELEMENT")
     assert refused(deck, afferents={"SA": 9}) == (
@@ -65,7 +13,7 @@ def test_a_node_that_is_not_there_is_refused():
     )
 
 
-def test_a_node_that_is_there_twice_must_be_in_one_place():
+def test_a_node_that_is_there_twice_must_be_in_one_place(changed, rebase, refused):
     deck = changed("*ELEMENT", "*NODE\n3, 1., 1.\n*ELEMENT")
     assert rebase(deck, afferents={"SA": 3}).place_mm == {"SA": (1.0, 1.0)}
     deck = changed("*ELEMENT", "*NODE\n3, 1., 1.5\n*ELEMENT")
@@ -74,22 +22,22 @@ def test_a_node_that_is_there_twice_must_be_in_one_place():
     )
 
 
-def test_a_node_in_another_system_of_coordinates_is_refused():
+def test_a_node_in_another_system_of_coordinates_is_refused(changed, refused):
     deck = changed("*NODE, NSET=ALL", "*NODE, NSET=ALL, SYSTEM=C")
     assert refused(deck, afferents={"SA": 3}).startswith("line 3: *NODE, SYSTEM=C")
 
 
-def test_a_coordinate_that_is_no_number_is_refused():
+def test_a_coordinate_that_is_no_number_is_refused(changed, refused):
     deck = changed("3, 1., 1., 0.", "3, 1., one, 0.")
     assert refused(deck, afferents={"SA": 3}).startswith("line 6: 'one' where")
 
 
 @pytest.mark.parametrize("name", ["S A", "", "SA,B", "ß", "SA\n*STEP"])
-def test_an_afferent_whose_name_is_no_name_of_a_set_is_refused(name):
+def test_an_afferent_whose_name_is_no_name_of_a_set_is_refused(name, refused):
     assert "its name becomes that of a set" in refused(afferents={name: 3})
 
 
-def test_afferents_that_differ_in_case_alone_are_refused():
+def test_afferents_that_differ_in_case_alone_are_refused(refused):
     assert "two names of one set" in refused(afferents={"SA": 3, "sa": 4})
 
 
@@ -103,7 +51,9 @@ def test_afferents_that_differ_in_case_alone_are_refused():
         "*NSET, NSET=FEMBRIDGE_OUTPUT, GENERATE\n2, 4\n",
     ],
 )
-def test_a_set_of_that_name_that_holds_something_else_is_refused(there):
+def test_a_set_of_that_name_that_holds_something_else_is_refused(
+    there, changed, refused
+):
     deck = changed("*AMPLITUDE, NAME=OTHER", there + "*AMPLITUDE, NAME=OTHER")
     message = refused(deck, afferents={"SA": 3})
     assert message.startswith("line 12: set ")
@@ -113,12 +63,14 @@ def test_a_set_of_that_name_that_holds_something_else_is_refused(there):
 # ---- The output request
 
 
-def test_time_points_do_not_go_with_fixed_increments():
+def test_time_points_do_not_go_with_fixed_increments(changed, refused):
     deck = changed("*NODE FILE", "*CONTACT FILE, TIME POINTS=T\nCDIS\n*NODE FILE")
     assert refused(deck).startswith("line 21: *CONTACT FILE, TIME POINTS")
 
 
-def test_expanded_results_from_a_step_before_are_refused_for_a_set_of_nodes():
+def test_expanded_results_from_a_step_before_are_refused_for_a_set_of_nodes(
+    changed, rebase, refused
+):
     first = "*STEP\n*STATIC\n*NODE FILE, OUTPUT=3D\nU\n*END STEP\n"
     deck = changed("*STEP", first + first.replace(", OUTPUT=3D", "") + "*STEP")
     assert refused(deck, afferents={"SA": 3}).startswith("line 16: *NODE FILE, OUTPUT=")
@@ -182,13 +134,15 @@ def include(name):
         ),
     ],
 )
-def test_what_would_have_to_change_in_an_included_file_is_refused(old, new, told):
+def test_what_would_have_to_change_in_an_included_file_is_refused(
+    old, new, told, changed, refused
+):
     amplitude = "WAVE" if "wave" in new else "PRESS"
     message = refused(changed(old, new), resolver=FILES.get, amplitude=amplitude)
     assert message.startswith(told)
 
 
-def test_what_may_stand_in_a_file_that_was_not_read_is_said():
+def test_what_may_stand_in_a_file_that_was_not_read_is_said(changed, rebase, refused):
     deck = changed("*ELEMENT", include("mesh.inp") + "*ELEMENT")
     assert refused(deck, afferents={"SA": 9}) == (
         "no *NODE of the deck defines node 9; not read: mesh.inp (line 8)"
