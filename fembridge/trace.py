@@ -57,11 +57,11 @@ class StressTrace:
     def on_grid(
         cls,
         node: int,
-        samples: Sequence[tuple[float, float]],
+        samples: Sequence[tuple[float, float]] | FloatArray,
         path: Path,
         afferent: str | None = None,
     ) -> "StressTrace":
-        """Make a trace of ``(time_ms, stress_pa)`` samples that `path` holds.
+        """Make a trace of ``(time_ms, stress_pa)`` samples ``(T, 2)`` of `path`.
 
         Raises
         ------

@@ -16,11 +16,6 @@ from decks.inp.model import OUTPUT_SET
 from decks.numbered import NumberedAnalysis, numbered
 from fembridge.typing import IntArray
 
-_CONTACT_TYPES = {
-    "node-to-surface": "NODE TO SURFACE",
-    "surface-to-surface": "SURFACE TO SURFACE",
-}
-
 
 def abaqus_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     """Give the deck under its name in a run folder; `options` leave no choice."""
@@ -77,19 +72,12 @@ def _contact(model: NumberedAnalysis) -> Iterator[str]:
         yield "** default (SLIP TOLERANCE), not the stick stiffness of CalculiX"
         yield "*FRICTION"
         yield f"{real(contact.friction)},"
-    kind = _CONTACT_TYPES[contact.formulation]
-    yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}"
-    yield "SKIN_SURFACE, PROBE_SURFACE"
+    yield from parts.contact_pair(model)
 
 
 def _step(model: NumberedAnalysis) -> Iterator[str]:
-    large = "YES" if model.analysis.large_strain else "NO"
-    yield "**"
-    yield "** ---- One step of equal increments: no inertia, no viscosity"
-    yield f"*STEP, NLGEOM={large}, INC=100000"
-    yield "*STATIC, DIRECT"
-    yield parts.increments(model)
-    yield from parts.prescribed(model)
+    large = ", NLGEOM=YES" if model.analysis.large_strain else ", NLGEOM=NO"
+    yield from parts.fixed_step(model, large)
     yield "*OUTPUT, FIELD, FREQUENCY=1"
     yield f"*NODE OUTPUT, NSET={OUTPUT_SET}"
     yield "U"

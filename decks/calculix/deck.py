@@ -15,10 +15,6 @@ from decks.numbered import NumberedAnalysis, numbered
 from fembridge.errors import DeckError
 
 _DIALECT = DIALECTS["calculix"]
-_CONTACT_TYPES = {
-    "node-to-surface": "NODE TO SURFACE",
-    "surface-to-surface": "SURFACE TO SURFACE",
-}
 _TENSION_MPA = 0.001
 
 
@@ -56,7 +52,7 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
 
 def _contact(model: NumberedAnalysis) -> Iterator[str]:
     contact = model.analysis.contact
-    if contact.formulation not in _CONTACT_TYPES:
+    if contact.formulation not in parts.CONTACT_TYPES:
         raise DeckError(
             f"ccx has no contact {contact.formulation!r} for plane elements"
         )
@@ -81,20 +77,13 @@ def _contact(model: NumberedAnalysis) -> Iterator[str]:
         yield "** coefficient, stick stiffness in MPa/mm"
         stick = contact.stiffness_mpa_per_mm * contact.stick_share
         yield f"{real(contact.friction)}, {real(stick)}"
-    kind = _CONTACT_TYPES[contact.formulation]
-    yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}"
-    yield "SKIN_SURFACE, PROBE_SURFACE"
+    yield from parts.contact_pair(model)
 
 
 def _step(model: NumberedAnalysis, binary: bool) -> Iterator[str]:
     kind, double = ("OUTPUT", ", DOUBLE") if binary else ("FILE", "")
     large = ", NLGEOM" if model.analysis.large_strain else ""
-    yield "**"
-    yield "** ---- One step of equal increments: no inertia, no viscosity"
-    yield f"*STEP{large}, INC=100000"
-    yield "*STATIC, DIRECT"
-    yield parts.increments(model)
-    yield from parts.prescribed(model)
+    yield from parts.fixed_step(model, large)
     yield f"*NODE {kind}, NSET={OUTPUT_SET}{double}"
     yield "U"
     yield f"*{'ELEMENT' if binary else 'EL'} {kind}, NSET={OUTPUT_SET}{double}"

@@ -20,6 +20,11 @@ from decks.numbered import NumberedAnalysis, Section
 
 # The set whose stress and displacement the solver writes.
 OUTPUT_SET = "OUTPUT_NODES"
+# Our name of a contact formulation, and the keyword's.
+CONTACT_TYPES = {
+    "node-to-surface": "NODE TO SURFACE",
+    "surface-to-surface": "SURFACE TO SURFACE",
+}
 
 _HEADING_WIDTH = 78
 
@@ -139,17 +144,28 @@ def waveform(model: NumberedAnalysis) -> Iterator[str]:
     )
 
 
-def prescribed(model: NumberedAnalysis) -> Iterator[str]:
-    """Who is held, and how the probe moves."""
+def contact_pair(model: NumberedAnalysis) -> Iterator[str]:
+    """Name the two sides: the skin is the slave, the probe the master."""
+    kind = CONTACT_TYPES[model.analysis.contact.formulation]
+    yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}"
+    yield "SKIN_SURFACE, PROBE_SURFACE"
+
+
+def fixed_step(model: NumberedAnalysis, large_strain: str) -> Iterator[str]:
+    """Begin the step: equal increments, who is held, how the probe moves.
+
+    `large_strain` is the solver's word for it, with its comma, or "".
+    """
+    motion = model.analysis.motion
+    end_s = motion.increments * motion.dt_s
+    yield "**"
+    yield "** ---- One step of equal increments: no inertia, no viscosity"
+    yield f"*STEP{large_strain}, INC=100000"
+    yield "*STATIC, DIRECT"
+    yield f"{fixed(motion.dt_s, 7)}, {fixed(end_s, 7)}"
     yield "*BOUNDARY"
     yield "HELD, 1, 2"
     yield "PROBE, 1, 1"
     yield "** into the skin is -y"
     yield "*BOUNDARY, AMPLITUDE=DEPTH"
     yield "PROBE, 2, 2, -1.0"
-
-
-def increments(model: NumberedAnalysis) -> str:
-    """Give the step's line: length of an increment and of the step, in s."""
-    motion = model.analysis.motion
-    return f"{fixed(motion.dt_s, 7)}, {fixed(motion.increments * motion.dt_s, 7)}"

@@ -59,9 +59,7 @@ def read(
     with np.errstate(over="ignore"):  # a trace refuses what is not finite
         stress_pa = von_mises_pa(tensor_pa)
     return [
-        StressTrace.on_grid(
-            node, list(zip(times_ms.tolist(), column.tolist(), strict=True)), path
-        )
+        StressTrace.on_grid(node, np.stack([times_ms, column], -1), path)
         for node, column in zip(nodes, stress_pa.T, strict=True)
     ]
 

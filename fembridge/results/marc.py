@@ -60,9 +60,7 @@ def read(
         times_ms, stress_pa = times_ms[kept], stress_pa[kept]
         times_ms = unrounded_ms(times_ms, post.kind, post.precision)
     return [
-        StressTrace.on_grid(
-            node, list(zip(times_ms.tolist(), column.tolist(), strict=True)), path
-        )
+        StressTrace.on_grid(node, np.stack([times_ms, column], -1), path)
         for node, column in zip(nodes, stress_pa.T, strict=True)
     ]
 

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from fembridge.errors import ResultError
 from fembridge.results.mentat.history_text import HistoryText, read_history_tables
 from fembridge.results.read_options import ReadOptions, in_pa
@@ -44,11 +46,7 @@ def read(
         missing, twice, or not said; times that are not one even grid.
     """
     return [
-        StressTrace.on_grid(
-            node,
-            list(zip(curve.times_ms.tolist(), curve.stress_pa.tolist(), strict=True)),
-            path,
-        )
+        StressTrace.on_grid(node, np.stack([curve.times_ms, curve.stress_pa], -1), path)
         for node, curve in _chosen(_curves(path, options), nodes, path)
     ]
 
