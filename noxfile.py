@@ -27,7 +27,7 @@ def check(session: nox.Session) -> None:
     session.run("ruff", "check")
     session.run("mypy")
     session.run("lint-imports")
-    session.run("pytest", *session.posargs)
+    session.run("pytest", *session.posargs, env={"CI": "true"})
     wheel(session)
 
 

@@ -12,28 +12,27 @@ import numpy as np
 from decks.checks import not_negative, positive
 from decks.finger import Finger
 from decks.meshing.mesh import Mesh
-from decks.probe import Probe, ProbeMesh, mesh_probe, touched_node
+from decks.motion import Motion, motion_of
+from decks.probe import Probe, ProbeMesh, check_on_pad, mesh_probe, touched_node
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import IntArray
 
 # Names are those of Abaqus, which CalculiX shares; `decks.marc` has Marc's numbers.
 ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
 FORMULATIONS = ("node-to-surface", "surface-to-surface")
 # How stress follows from large strain; for small ones both are Hooke's law.
 LAWS = ("linear", "neo-hookean")
+# Each of the probe's nodes is prescribed, or all hang on a stiff spring that is.
+DRIVES = ("prescribed", "spring")
+# All of the section is computed, or the right half of it where that tells all.
+SECTIONS = ("whole", "half")
 
 # Skin beyond this is never reached by the probe; the search for contact is
 # limited to what is within it, beyond the probe's own half width.
 _CONTACT_MARGIN_MM = 1.5
-# A pre-indentation is reached in this many increments before the stimulus.
-RAMP_INCREMENTS = 20
 # Stiffness of sticking springs, as a share of the normal ones.
 STICK_SHARE = 0.1
-_MM_PER_UM = 1.0e-3
-# Depths are written to a picometre.
-_SAME_UM = 1.0e-6
-_S_PER_MS = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,48 +66,6 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """The probe's way into the skin: `depth_mm` ``(T,)`` at `time_s` ``(T,)``.
-
-    The solver takes equal increments of `dt_s`, one a sample; `ramp` of them lie
-    before the stimulus and lead to its pre-indentation.
-    """
-
-    time_s: FloatArray
-    depth_mm: FloatArray
-    dt_s: float
-    ramp: int
-
-    @property
-    def increments(self) -> int:
-        """Number of increments the solver takes."""
-        return len(self.time_s) - 1
-
-
-def motion_of(stimulus: Stimulus) -> Motion:
-    """Put the ramp to the pre-indentation in front of `stimulus`.
-
-    Raises
-    ------
-    DeckError
-        The first sample is not the pre-indentation: the probe would jump.
-    """
-    start_um = float(stimulus.displacement_um[0])
-    if abs(start_um - stimulus.preindent_um) > _SAME_UM:
-        raise DeckError(
-            f"{stimulus.id}: starts at {start_um:g} um, expected "
-            f"{stimulus.preindent_um:g} um, where the probe stands before time 0"
-        )
-    depth_mm = stimulus.displacement_um * _MM_PER_UM
-    ramp = RAMP_INCREMENTS if stimulus.preindent_um > 0 else 0
-    way_mm = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
-    depth_mm = np.concatenate([way_mm, depth_mm])
-    dt_s = stimulus.dt_ms * _S_PER_MS
-    time_s: FloatArray = np.arange(len(depth_mm), dtype=np.float64) * dt_s
-    return Motion(time_s, depth_mm, dt_s, ramp)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
     """One run: a finger, a probe, a motion, and the nodes to be watched.
 
@@ -121,6 +78,10 @@ class Analysis:
     second Piola–Kirchhoff stress to be linear in Green's strain, which gives way
     under strong compression; ``neo-hookean`` has the same moduli at rest and does
     not. `watched` ``(W,)`` are rows of further nodes whose results are written.
+    With `inertia` the skin's mass counts while the probe follows its waveform. `drive`
+    is how a solver that is the faster for it moves the probe: one of `DRIVES`.
+    `section`, one of `SECTIONS`, is what such a solver computes; see
+    `decks.half_section` for where half of it will do.
     """
 
     title: str
@@ -138,6 +99,9 @@ class Analysis:
     notes: tuple[str, ...] = field(default_factory=tuple)
     law: str = "linear"
     watched: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    inertia: bool = False
+    drive: str = DRIVES[0]
+    section: str = SECTIONS[0]
 
 
 def analyse(
@@ -150,19 +114,26 @@ def analyse(
     element: str = "CPE4",
     law: str = "linear",
     watched: IntArray | None = None,
+    inertia: bool = False,
+    drive: str = DRIVES[0],
+    section: str = SECTIONS[0],
 ) -> Analysis:
     """Put a finger, its mesh and a stimulus together.
 
     Raises
     ------
     DeckError, FingerError
-        An unknown element or law, a node to be watched that the mesh has not, an
-        afferent without a node, a probe beside the pad.
+        An unknown element, law, drive or section, a node to be watched that the mesh
+        has not, an afferent without a node, a probe that is or comes beside the pad.
     """
-    if element not in ELEMENTS:
-        raise DeckError(f"element {element!r}, expected one of {', '.join(ELEMENTS)}")
-    if law not in LAWS:
-        raise DeckError(f"law {law!r}, expected one of {', '.join(LAWS)}")
+    for name, word, known in (
+        ("element", element, ELEMENTS),
+        ("law", law, LAWS),
+        ("drive", drive, DRIVES),
+        ("section", section, SECTIONS),
+    ):
+        if word not in known:
+            raise DeckError(f"{name} {word!r}, expected one of {', '.join(known)}")
     rows = np.array([] if watched is None else watched, dtype=np.int64)
     if rows.size and not 0 <= rows.min() <= rows.max() < len(mesh.node_mm):
         raise DeckError(
@@ -173,9 +144,14 @@ def analyse(
     probe_mesh = mesh_probe(probe, mesh)
     edge, owner, face = mesh.outline()
     middle = mesh.node_mm[edge].mean(axis=1)
+    motion = motion_of(stimulus, _procedure(finger, inertia), finger.relaxing_s)
     reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
-    reached = (np.abs(middle[:, 0] - probe.x_mm) <= reach_mm) & (
-        middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min()
+    left_mm, right_mm = _span_mm(probe, motion)
+    check_on_pad(mesh, left_mm, right_mm, 0.5 * probe.diameter_mm)
+    reached = (
+        (middle[:, 0] >= left_mm - reach_mm)
+        & (middle[:, 0] <= right_mm + reach_mm)
+        & (middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min())
     )
     surface = np.unique(edge)
     nail = np.unique(mesh.quad[mesh.in_layer("nail")])
@@ -185,7 +161,7 @@ def analyse(
         finger=finger,
         mesh=mesh,
         probe=probe_mesh,
-        motion=motion_of(stimulus),
+        motion=motion,
         contact=contact or Contact(),
         element=element,
         afferent={name: mesh.node_at(site) for name, site in finger.afferents.items()},
@@ -199,4 +175,23 @@ def analyse(
         ),
         law=law,
         watched=rows,
+        inertia=inertia,
+        drive=drive,
+        section=section,
+    )
+
+
+def _procedure(finger: Finger, inertia: bool) -> str:
+    if inertia:
+        return "dynamic"
+    return "viscous" if finger.relaxing_s else "static"
+
+
+def _span_mm(probe: Probe, motion: Motion) -> tuple[float, float]:
+    """Leftmost and rightmost place of the probe's middle."""
+    if motion.aside_mm is None:
+        return probe.x_mm, probe.x_mm
+    return (
+        probe.x_mm + float(motion.aside_mm.min()),
+        probe.x_mm + float(motion.aside_mm.max()),
     )

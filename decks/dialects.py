@@ -7,7 +7,7 @@ files of a run folder; it is imported when a deck of it is written.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fembridge.errors import DeckError
 
@@ -43,11 +43,14 @@ class Dialect:
     `deck` and `results` are names of files in a run folder; the first of `results`
     that is there holds the stresses. `result_kinds` and `probes` are the words of
     `DeckOptions` that it knows, its own choice first. `contact` are the fields of
-    `decks.analysis.Contact` that its decks hold. `elements` gives, for our
+    `decks.analysis.Contact` that its decks hold, `procedures` those of
+    `decks.motion.PROCEDURES` that they can ask for, `slides` whether a probe's way
+    aside stands in them. `elements` gives, for our
     (Abaqus's) name of an element, the solver's own. `how_to_run` tells what a person
     does where fembridge cannot run the solver itself. `target` is
     ``module:function``, called as ``(analysis, options)`` and giving text by name of
-    file.
+    file; `branches` is one that gives what `branches_at` does, "" where decks have no
+    elements over others. `springs` tells whether a probe may hang on a spring.
     """
 
     name: str
@@ -60,6 +63,10 @@ class Dialect:
     contact: tuple[str, ...]
     target: str
     how_to_run: str = ""
+    procedures: tuple[str, ...] = ("static",)
+    slides: bool = False
+    branches: str = ""
+    springs: bool = False
 
     def element_named(self, word: str) -> str:
         """Give our name of the element that `word` is, ours or the solver's.
@@ -87,14 +94,31 @@ class Dialect:
             Something that this dialect cannot say.
         """
         self.element_named(analysis.element)
+        self._check_motion(analysis)
         chosen = DeckOptions(
             self._choice("results", options.results, self.result_kinds),
             self._choice("probe", options.probe, self.probes),
         )
-        module, _, function = self.target.partition(":")
-        write: Callable[[Analysis, DeckOptions], dict[str, str]]
-        write = getattr(import_module(module), function)
+        write: Callable[[Analysis, DeckOptions], dict[str, str]] = _named(self.target)
         return write(analysis, chosen)
+
+    def branches_at(self, analysis: "Analysis") -> dict[int, int]:
+        """Count what a node's stress is the sum of, where the file holds the mean."""
+        if not self.branches:
+            return {}
+        count: Callable[[Analysis], dict[int, int]] = _named(self.branches)
+        return count(analysis)
+
+    def _check_motion(self, analysis: "Analysis") -> None:
+        motion = analysis.motion
+        if motion.aside_mm is not None and not self.slides:
+            raise DeckError(f"fembridge writes no sliding probe for {self.name}")
+        for phase in motion.phases:
+            if phase.procedure not in self.procedures:
+                words = {"viscous": "relaxing skin", "dynamic": "inertia"}
+                raise DeckError(
+                    f"fembridge writes no {words[phase.procedure]} for {self.name}"
+                )
 
     def _choice(self, what: str, word: str | None, known: tuple[str, ...]) -> str:
         if word is not None and word not in known:
@@ -103,6 +127,11 @@ class Dialect:
                 f"{' or '.join(known)}"
             )
         return known[0] if word is None else word
+
+
+def _named(target: str) -> Any:  # noqa: ANN401 - whatever the name stands for
+    module, _, function = target.partition(":")
+    return getattr(import_module(module), function)
 
 
 DIALECTS = {
@@ -118,6 +147,10 @@ DIALECTS = {
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction", "stick_share"),
             target="decks.calculix.deck:calculix_files",
+            procedures=("static", "viscous", "dynamic"),
+            slides=True,
+            branches="decks.calculix.relaxation:branches_at",
+            springs=True,
         ),
         Dialect(
             name="marc",
@@ -158,6 +191,8 @@ DIALECTS = {
             target="decks.abaqus.deck:abaqus_files",
             how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
             "encode, as a table time_ms,afferent,node,von_mises_pa",
+            procedures=("static", "viscous", "dynamic"),
+            slides=True,
         ),
     )
 }

@@ -6,10 +6,11 @@ depth is ``-y`` there. Everything is in mm and MPa, the units of the decks.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from decks.checks import between, finite, not_negative, positive
 from decks.finger_fit import check_fit
+from decks.material import TABLE_1, Material
 from fembridge.errors import FingerError
 
 # Thinner layers make elements that no solver gets a stress out of.
@@ -23,30 +24,6 @@ LAYERS = (
     "bone",
     "nail",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Material:
-    """Linear elastic, isotropic."""
-
-    young_mpa: float
-    poisson: float
-
-    def __post_init__(self) -> None:
-        between(self, "young_mpa", 1e-6, 1e9)
-        if not 0 <= finite(self, "poisson") < 0.5:
-            raise FingerError(f"poisson must be in [0, 0.5), got {self.poisson}")
-
-
-# Ishizuka et al., Table 1.
-TABLE_1: Mapping[str, Material] = {
-    "stratum_corneum": Material(2.0, 0.30),
-    "epidermis": Material(2.0, 0.30),
-    "dermis": Material(0.050, 0.48),
-    "subcutaneous_tissue": Material(0.024, 0.40),
-    "bone": Material(1.7e4, 0.30),
-    "nail": Material(1.7e2, 0.30),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,3 +235,14 @@ class Finger:
         if missing:
             raise FingerError(f"no material for {', '.join(missing)}")
         check_fit(self)
+
+    @property
+    def relaxing_s(self) -> float:
+        """Longest time constant of its materials, 0 where none relaxes."""
+        terms = [term for one in self.materials.values() for term in one.prony]
+        return max((term.tau_s for term in terms), default=0.0)
+
+    def at_once(self) -> "Finger":
+        """Give the finger that does not relax: with the moduli that it has at once."""
+        still = {layer: replace(one, prony=()) for layer, one in self.materials.items()}
+        return replace(self, materials=still)

@@ -17,11 +17,12 @@ Ten lines make another finger::
 import difflib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from decks.finger import LAYERS, AfferentSite, Finger
+from decks.material import TABLE_1, PronyTerm
 from decks.presets import PRESETS
 from fembridge.errors import FingerError
 
@@ -69,7 +70,8 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     materials = dict(finger.materials)
     for layer, entries in _table(table, "materials").items():
         _known({layer: 0}, LAYERS, "materials")
-        materials[layer] = _changed(materials[layer], entries, f"materials.{layer}")
+        here = f"materials.{layer}"
+        materials[layer] = _changed(materials[layer], _with_terms(entries, here), here)
     sites = dict(finger.afferents)
     for afferent, entries in _table(table, "afferents").items():
         _known({afferent: 0}, _AFFERENTS, "afferents")
@@ -77,6 +79,46 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
         start = sites.get(afferent, AfferentSite("dermis", 0.0, 1.0))
         sites[afferent] = _changed(start, entries, here)
     return replace(finger, materials=materials, afferents=sites, **changes)
+
+
+def finger_table(finger: Finger) -> dict[str, Any]:
+    """Give `finger` as TOML has it, sizes and materials in full.
+
+    What only makes stress depend on time stands there where it differs from a
+    preset's: what was stored before it could be told stays what it is.
+    """
+    table = asdict(finger)
+    for layer, material in table["materials"].items():
+        material["prony"] = list(material["prony"])
+        for key, usual in (
+            ("prony", []),
+            ("density_kg_m3", TABLE_1[layer].density_kg_m3),
+        ):
+            if material[key] == usual:
+                del material[key]
+    return table
+
+
+def _with_terms(entries: object, where: str) -> object:
+    """Make Prony terms of the tables of ``prony``; all else stays as it is."""
+    if not isinstance(entries, Mapping) or "prony" not in entries:
+        return entries
+    rows = entries["prony"]
+    if not isinstance(rows, list):
+        raise FingerError(f"[{where}] prony must be a list of tables, got {rows!r}")
+    terms = []
+    for number, row in enumerate(rows, start=1):
+        here = f"{where}.prony {number}"
+        if not isinstance(row, Mapping):
+            raise FingerError(f"[{here}] must be a table of g and tau_s, got {row!r}")
+        _known(row, [field.name for field in fields(PronyTerm)], here)
+        try:
+            terms.append(PronyTerm(**row))
+        except TypeError as error:
+            raise FingerError(f"[{here}] expected g and tau_s, got {row!r}") from error
+        except FingerError as error:
+            raise FingerError(f"[{here}] {error}") from error
+    return {**entries, "prony": tuple(terms)}
 
 
 def _text(path: Path) -> str:

@@ -2,16 +2,19 @@
 
 This is what every deck writer takes: nodes, sections, sets, the two sides of the
 contact. The finger's nodes come first, then the probe's; elements alike. What is
-not about numbers (motion, contact, title) stays in `analysis`.
+not about numbers (motion, contact, title) stays in `analysis`. A half keeps the
+numbers of the whole; those of what is left out do not occur.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from decks.analysis import Analysis
-from decks.finger import LAYERS, Material
+from decks.finger import LAYERS
+from decks.half_section import HalfSection, on_axis
+from decks.material import Material
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # Elements of eight nodes; all others have four.
@@ -48,13 +51,18 @@ class NumberedAnalysis:
     lower side from left to right. `held` do not move. `contact_node` are the skin's
     nodes that the probe can reach, `contact_face` ``(K, 2)`` (element, face from 1).
     `watched` are the nodes whose results are wanted, no node twice.
+
+    `node` and `probe_node` are the numbers of the nodes that elements use: of a half
+    fewer than there are rows. `axis` are the finger's nodes at x = 0 of a half.
     """
 
     analysis: Analysis
     node_mm: FloatArray
+    node: IntArray
     layers: tuple[Section, ...]
     first_probe_node: int
     probe_node_mm: FloatArray
+    probe_node: IntArray
     probe: Section
     held: IntArray
     afferent: Mapping[str, int]
@@ -62,6 +70,17 @@ class NumberedAnalysis:
     watched: IntArray
     contact_node: IntArray
     contact_face: IntArray
+    axis: IntArray
+
+    @property
+    def is_half(self) -> bool:
+        """Whether the left half is left out."""
+        return self.axis.size > 0
+
+    @property
+    def thickness_mm(self) -> float:
+        """Of the section: a half stands for both, so that forces are the whole's."""
+        return 2.0 if self.is_half else 1.0
 
     @property
     def lower_side_mm(self) -> FloatArray:
@@ -81,8 +100,8 @@ class NumberedAnalysis:
         return words
 
 
-def numbered(analysis: Analysis) -> NumberedAnalysis:
-    """Give `analysis` with the numbers of its nodes and elements."""
+def numbered(analysis: Analysis, half: HalfSection | None = None) -> NumberedAnalysis:
+    """Give `analysis`, or a `half` of it, with numbers of its nodes and elements."""
     mesh = analysis.mesh
     node_mm, element = mesh.node_mm, mesh.quad
     if analysis.element in QUADRATIC:
@@ -90,12 +109,14 @@ def numbered(analysis: Analysis) -> NumberedAnalysis:
     first_node, first_element = len(node_mm) + 1, len(element) + 1
     quad = analysis.probe.quad
     watched = [*analysis.afferent.values(), analysis.apex, *analysis.watched.tolist()]
-    return NumberedAnalysis(
+    whole = NumberedAnalysis(
         analysis=analysis,
         node_mm=node_mm,
+        node=np.arange(1, first_node),
         layers=tuple(_layers(analysis, element)),
         first_probe_node=first_node,
         probe_node_mm=analysis.probe.node_mm,
+        probe_node=np.arange(first_node, first_node + len(analysis.probe.node_mm)),
         probe=Section(
             "probe_body",
             np.arange(first_element, first_element + len(quad)),
@@ -109,7 +130,31 @@ def numbered(analysis: Analysis) -> NumberedAnalysis:
         watched=np.array(list(dict.fromkeys(watched)), dtype=np.int64) + 1,
         contact_node=_contact_nodes(analysis, element) + 1,
         contact_face=analysis.contact_edge + 1,
+        axis=np.zeros(0, dtype=np.int64),
     )
+    return whole if half is None else _reduced(whole, half)
+
+
+def _reduced(whole: NumberedAnalysis, half: HalfSection) -> NumberedAnalysis:
+    """Leave out what `half` has not: elements, and nodes that these alone use."""
+    layers = [_kept(layer, half.element[layer.number - 1]) for layer in whole.layers]
+    probe = _kept(whole.probe, half.probe_quad)
+    node = np.unique(np.concatenate([np.unique(layer.node) for layer in layers]))
+    return replace(
+        whole,
+        node=node,
+        layers=tuple(layer for layer in layers if layer.number.size),
+        probe_node=np.unique(probe.node),
+        probe=probe,
+        held=np.intersect1d(whole.held, node),
+        contact_node=np.intersect1d(whole.contact_node, node),
+        contact_face=whole.contact_face[half.element[whole.contact_face[:, 0] - 1]],
+        axis=node[on_axis(whole.node_mm[node - 1])],
+    )
+
+
+def _kept(section: Section, which: BoolArray) -> Section:
+    return replace(section, number=section.number[which], node=section.node[which])
 
 
 def _layers(analysis: Analysis, element: IntArray) -> list[Section]:

@@ -148,6 +148,25 @@ def touched_node(probe: ProbeMesh, skin: Mesh) -> int:
     return int(pad[aside_mm.argmin()])
 
 
+def check_on_pad(
+    skin: Mesh, left_mm: float, right_mm: float, half_width_mm: float
+) -> None:
+    """Refuse a probe whose middle goes from `left_mm` to `right_mm` beyond the pad.
+
+    Raises
+    ------
+    FingerError
+        Tells where it would come to.
+    """
+    pad_mm = skin.node_mm[_pad(skin)]
+    first_mm, last_mm = left_mm - half_width_mm, right_mm + half_width_mm
+    if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:
+        raise FingerError(
+            f"the probe spans x = {first_mm:g} to {last_mm:g} mm on its way, expected "
+            f"inside the pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
+        )
+
+
 def _touching_height_mm(lower_mm: FloatArray, skin: Mesh) -> float:
     """Height of the lowest point of the probe at which it first touches."""
     pad_mm = skin.node_mm[_pad(skin)]

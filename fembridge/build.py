@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from decks.analysis import Analysis, Contact, analyse
+from decks.analysis import DRIVES, SECTIONS, Analysis, Contact, analyse
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
+from decks.finger_file import finger_table
+from decks.half_section import nodes_on_axis, why_whole
 from decks.meshing.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
@@ -17,16 +19,38 @@ from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolde
 from fembridge.stimulus import Stimulus
 from fembridge.typing import Table
 
+_MS_PER_S = 1.0e3
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """What stays the same from stimulus to stimulus: finger, mesh, probe, contact."""
+    """What stays the same from stimulus to stimulus: finger, mesh, probe, contact.
+
+    With `inertia` the skin's mass counts. `drive` is how CalculiX moves the probe, one
+    of `decks.analysis.DRIVES`: see `decks.calculix.drive` for what a spring does. Of a
+    section that is a mirror image of itself half is enough for a probe on a spring;
+    `section` "whole" asks for all of it.
+    """
 
     finger: Finger
     mesh: Mesh
     probe: Probe = field(default_factory=Probe)
     contact: Contact = field(default_factory=Contact)
     element: str = "CPE4"
+    inertia: bool = False
+    drive: str = "spring"
+    section: str = "half"
+
+    @property
+    def depends_on_time(self) -> bool:
+        """Whether stress follows from more than the place of the probe."""
+        return self.inertia or self.finger.relaxing_s > 0
+
+    def at_once(self) -> "Model":
+        """Give the model whose stress does not depend on time, for its contact."""
+        if not self.depends_on_time:
+            return self
+        return replace(self, finger=self.finger.at_once(), inertia=False)
 
     def analysis(self, stimulus: Stimulus) -> Analysis:
         """Put `stimulus` on this model."""
@@ -37,6 +61,9 @@ class Model:
             probe=self.probe,
             contact=self.contact,
             element=self.element,
+            inertia=self.inertia,
+            drive=DRIVES[0] if self.inertia else self.drive,
+            section=self.section,
         )
 
 
@@ -46,10 +73,16 @@ def model_of(
     probe: Probe | None = None,
     contact: Contact | None = None,
     element: str = "CPE4",
+    inertia: bool = False,
 ) -> Model:
     """Find or make the mesh of `finger`; see `decks.presets.mesh_of` for errors."""
     return Model(
-        finger, mesh_of(finger), probe or Probe(), contact or Contact(), element
+        finger,
+        mesh_of(finger),
+        probe or Probe(),
+        contact or Contact(),
+        element,
+        inertia,
     )
 
 
@@ -77,9 +110,14 @@ def build_run_folder(
     inputs = inputs_of(model, stimulus)
     held = dialect_named(solver).contact
     inputs["contact"] = {name: getattr(model.contact, name) for name in held}
+    analysis = model.analysis(stimulus)
+    if analysis.drive != DRIVES[0] and dialect_named(solver).springs:
+        inputs["drive"] = analysis.drive
+        whole = why_whole(analysis)
+        inputs["section"] = f"{SECTIONS[0]}: {whole}" if whole else SECTIONS[1]
     return build_analysis_folder(
         folder,
-        model.analysis(stimulus),
+        analysis,
         stimulus,
         inputs,
         solver=solver,
@@ -103,12 +141,23 @@ def build_analysis_folder(
     """
     dialect = dialect_named(solver)
     files = dialect.write(analysis, options)
+    motion = analysis.motion
+    own_steps = len(motion.phases) > 1  # up to the waveform
+    last = motion.phases[-1]
+    start_ms = (
+        _MS_PER_S * motion.start_s
+        if own_steps
+        else motion.ramp // last.every * stimulus.dt_ms
+    )
     run = RunFolder(
         folder=folder,
         solver=solver,
-        increments=analysis.motion.increments,
+        increments=last.increments // last.every,
         dt_ms=stimulus.dt_ms,
-        start_ms=analysis.motion.ramp * stimulus.dt_ms,
+        start_ms=start_ms,
+        before_ms=start_ms if own_steps else 0.0,
+        branches=dialect.branches_at(analysis),
+        on_axis=nodes_on_axis(analysis) if dialect.springs else (),
         afferents=_places(analysis),
         apex_node=analysis.apex + 1,
         deck_sha256=hashlib.sha256(files[dialect.deck].encode()).hexdigest(),
@@ -138,7 +187,8 @@ def inputs_of(model: Model, stimulus: Stimulus) -> Table:
         "stimulus": stimulus_inputs(stimulus),
         "probe": asdict(model.probe),
         "contact": asdict(model.contact),
-        "finger": asdict(model.finger),
+        "finger": finger_table(model.finger),
+        **({"inertia": True} if model.inertia else {}),
     }
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from fembridge.errors import OutputError
 from fembridge.outputs import replacing, write_text
+from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
 
 MM_PER_UM = 1.0e-3
@@ -73,12 +74,16 @@ def export_paths(
 
 
 def write_csv(stimulus: Stimulus, path: Path) -> None:
-    """Write ``time_ms,displacement_um``; reading it back gives the same floats."""
-    rows = zip(
-        stimulus.times_ms.tolist(), stimulus.displacement_um.tolist(), strict=True
-    )
-    lines = [f"{time_ms!r},{depth_um!r}\n" for time_ms, depth_um in rows]
-    write_text(path, "time_ms,displacement_um\n" + "".join(lines))
+    """Write ``time_ms,displacement_um``; reading it back gives the same floats.
+
+    Of a probe that slides ``aside_um`` follows.
+    """
+    columns = [stimulus.times_ms, stimulus.displacement_um]
+    if stimulus.aside_um is not None:
+        columns.append(stimulus.aside_um)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    lines = [",".join(COLUMNS[: len(columns)]), *(",".join(map(repr, r)) for r in rows)]
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def write_npy(stimulus: Stimulus, path: Path) -> None:

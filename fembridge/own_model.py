@@ -9,8 +9,8 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from decks.analysis import Motion, motion_of
 from decks.dialects import dialect_of
+from decks.motion import Motion, motion_of
 from decks.own_model.request import Rebased, Request
 from fembridge.build import stimulus_inputs
 from fembridge.errors import DeckError
@@ -107,6 +107,11 @@ def build_own_folder(
     OutputError
         The folder cannot be made or written.
     """
+    if stimulus.aside_um is not None:
+        raise DeckError(
+            f"{stimulus.id}: a probe of your own deck slides by your own conditions; "
+            "fembridge puts in its way into the skin alone"
+        )
     motion = motion_of(stimulus)
     rebased = base.with_motion(motion, request)
     before_ms = rebased.before_s * _MS_PER_S

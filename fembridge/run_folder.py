@@ -1,7 +1,8 @@
 """A run folder: one deck, the waveform it prescribes, and what was built from what.
 
 ``job.inp``       the deck; ccx is called with ``-i job`` (``job.dat`` for Marc)
-``stimulus.csv``  ``time_ms,displacement_um``: the waveform, sample by sample
+``stimulus.csv``  ``time_ms,displacement_um``: the waveform, sample by sample; where
+                  the probe slides, ``aside_um`` as well
 ``run.toml``      this value: which node is which afferent, times, inputs
 
 After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
@@ -26,6 +27,7 @@ FORMAT = 1
 RUN_FILE = "run.toml"
 STIMULUS_FILE = "stimulus.csv"
 SOLVER_FILE = "solver.toml"
+COLUMNS = ["time_ms", "displacement_um", "aside_um"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +70,12 @@ class RunFolder:
 
     The solver's clock starts `start_ms` before the stimulus does (a ramp to a
     pre-indentation takes place there) and ends at `end_ms` of solver time after
-    `increments` fixed increments of `dt_ms`. In someone's own model `before_ms` of
-    steps that are his alone precede all that, and stress may be in another unit.
+    `increments` fixed increments of `dt_ms`. Steps of other increments, `before_ms` of
+    them, may precede all that: of someone's own model, or, where stress depends on
+    time, the way to the pre-indentation. Stress may be in another unit there.
+    Where skin relaxes, `branches` tells of a node how many branches its stress is the
+    sum of, whose mean the solver writes. Of a half of the section `on_axis` are the
+    nodes on its axis, where shear is 0, whatever the solver writes of one half.
     `apex_node` is the skin's node under the probe: its displacement shows that the
     probe pushed (0 where unknown).
     `inputs` tells what the deck was made from: for people, and for the origin of a
@@ -92,11 +98,19 @@ class RunFolder:
     inputs: Mapping[str, object] = field(default_factory=dict)
     before_ms: float = 0.0
     stress_unit: str = "MPa"
+    branches: Mapping[int, int] = field(default_factory=dict)
+    on_axis: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for name, least in (("increments", 1), ("apex_node", 0)):
             if not _is_whole(number := getattr(self, name), least):
                 raise self._error(f"{name} is {number!r}, expected {least} or more")
+        for node, count in self.branches.items():
+            if not (_is_whole(node, 1) and _is_whole(count, 1)):
+                raise self._error(f"branches of node {node!r} are {count!r}")
+        for node in self.on_axis:
+            if not _is_whole(node, 1):
+                raise self._error(f"a node on the axis is {node!r}, expected 1 or more")
         if not (math.isfinite(self.dt_ms) and self.dt_ms > 0):
             raise self._error(f"dt_ms is {self.dt_ms}, expected more than 0")
         if not (math.isfinite(self.before_ms) and self.before_ms >= 0):
@@ -149,11 +163,18 @@ class RunFolder:
                 **({"before_ms": self.before_ms} if self.before_ms else {}),
             },
             "apex_node": self.apex_node,
+            **({"on_axis": list(self.on_axis)} if self.on_axis else {}),
             **({} if self.stress_unit == "MPa" else {"stress_unit": self.stress_unit}),
             "afferents": {place.afferent: place.to_table() for place in self.afferents},
+            **self._branches_table(),
             "inputs": dict(self.inputs),
         }
         write_text(self.folder / RUN_FILE, tomli_w.dumps(table))
+
+    def _branches_table(self) -> Table:
+        if not self.branches:
+            return {}
+        return {"branches": {str(node): n for node, n in self.branches.items()}}
 
 
 def read_run_folder(folder: Path) -> RunFolder:
@@ -196,6 +217,8 @@ def read_run_folder(folder: Path) -> RunFolder:
             ),
             apex_node=table.get("apex_node", 0),
             stress_unit=str(table.get("stress_unit", "MPa")),
+            branches={int(k): n for k, n in table.get("branches", {}).items()},
+            on_axis=tuple(table.get("on_axis", ())),
             deck_sha256=str(table["deck_sha256"]),
             inputs=dict(table["inputs"]),  # the last section: a cut file has none
         )
@@ -220,13 +243,16 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.reader(file)
-            if next(reader, None) != ["time_ms", "displacement_um"]:
+            header = next(reader, [])
+            if header not in (COLUMNS[:2], COLUMNS):
                 raise ResultError("expected time_ms,displacement_um", path, 1)
             for row in reader:
-                time_ms, depth_um = (float(field) for field in row)
-                if not (math.isfinite(time_ms) and math.isfinite(depth_um)):
+                sample = [float(field) for field in row]
+                if len(sample) != len(header):
+                    raise ValueError(f"{len(sample)} numbers, not {len(header)}")
+                if not all(map(math.isfinite, sample)):
                     raise ValueError("not finite")
-                rows.append((time_ms, depth_um))
+                rows.append((sample[0], sample[1]))
     except (ValueError, csv.Error) as error:  # also: not UTF-8
         raise ResultError(f"not a sample: {error}", path, len(rows) + 2) from error
     except OSError as error:

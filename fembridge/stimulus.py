@@ -1,7 +1,7 @@
 """The waveform of a probe on the skin: what a deck prescribes and a map answers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +17,9 @@ class Stimulus:
     which spikes are counted: start excluded, end included. `preindent_um` is
     how deep the probe stands before time 0; the samples hold the whole depth,
     so the first of them equals it. `origin` says how the samples were made
-    (family, frequencies, amplitudes, seed).
+    (family, frequencies, amplitudes, seed). `aside_um` ``(T,)`` is the probe's way
+    across the finger, along the skin, from where it stands before time 0; None, as
+    in all stimuli of the paper, where it does not slide.
     """
 
     id: str
@@ -26,6 +28,7 @@ class Stimulus:
     window_ms: tuple[float, float]
     preindent_um: float = 0.0
     origin: Mapping[str, object] = field(default_factory=dict)
+    aside_um: FloatArray | None = None
 
     def __post_init__(self) -> None:
         depth = np.array(self.displacement_um, dtype=np.float64)
@@ -48,13 +51,50 @@ class Stimulus:
             )
         depth.flags.writeable = False
         object.__setattr__(self, "displacement_um", depth)
+        if self.aside_um is not None:
+            object.__setattr__(self, "aside_um", self._checked_aside(depth.shape))
         object.__setattr__(self, "origin", dict(self.origin))
+
+    def _checked_aside(self, shape: tuple[int, ...]) -> FloatArray:
+        aside = np.array(self.aside_um, dtype=np.float64)
+        if aside.shape != shape or not np.isfinite(aside).all() or aside[0] != 0:
+            raise StimulusError(
+                f"{self.id}: the way aside must be {shape} finite numbers from 0 on, "
+                f"got {aside.shape}"
+            )
+        aside.flags.writeable = False
+        return aside
+
+    def sliding(self, speed_mm_per_s: float) -> "Stimulus":
+        """Give this stimulus while the probe also slides along x from time 0 on.
+
+        Raises
+        ------
+        StimulusError
+            A speed that is 0 or not finite.
+        """
+        if not (np.isfinite(speed_mm_per_s) and speed_mm_per_s):
+            raise StimulusError(
+                f"{self.id}: slides at {speed_mm_per_s:g} mm/s, expected a speed "
+                "other than 0"
+            )
+        return replace(
+            self,
+            id=f"{self.id}_slide_{speed_mm_per_s:g}",
+            aside_um=speed_mm_per_s * self.times_ms,  # 1 mm/s is 1 um/ms
+            origin={**self.origin, "slide_mm_per_s": float(speed_mm_per_s)},
+        )
 
     @property
     def times_ms(self) -> FloatArray:
         """Time of each sample, ``(T,)`` in ms."""
         steps: FloatArray = np.arange(self.displacement_um.size, dtype=np.float64)
         return steps * self.dt_ms
+
+    @property
+    def deepest_um(self) -> float:
+        """How deep the probe goes."""
+        return float(self.displacement_um.max())
 
     @property
     def window_s(self) -> float:

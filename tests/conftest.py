@@ -1,6 +1,11 @@
-"""What all tests share: no deadlines, and no solver where there is none."""
+"""What all tests share: how much a run tries, and no solver where there is none.
+
+``CI=true`` is the run before a change lands: more examples, every cut, every slow
+test. A person's run tries a part of them and is done in a minute or two.
+"""
 
 import os
+import signal
 
 import pytest
 from hypothesis import settings
@@ -8,19 +13,33 @@ from hypothesis import settings
 from fembridge.errors import MissingError
 from fembridge.machine import find_ccx
 
-# A person's run takes fewer examples than the checks before a change lands.
-EXAMPLES = 100 if os.environ.get("CI") == "true" else 25
-settings.register_profile("fembridge", deadline=None, max_examples=EXAMPLES)
+CI = os.environ.get("CI") == "true"
+settings.register_profile("fembridge", deadline=None, max_examples=100 if CI else 25)
+settings.register_profile("costly", deadline=None, max_examples=120 if CI else 10)
 settings.load_profile("fembridge")
 
 
-def pytest_collection_modifyitems(items):
-    marked = [item for item in items if item.get_closest_marker("solver")]
-    if not marked or solver_is_here():
-        return
-    absent = pytest.mark.skip(reason="ccx is not on the PATH")
-    for item in marked:
-        item.add_marker(absent)
+def pytest_addoption(parser):
+    parser.addoption(
+        "--slow", action="store_true", help="run the slow tests too, as CI=true does"
+    )
+
+
+def pytest_collection_modifyitems(config, items):
+    skip_marked(items, "solver", "ccx is not on the PATH", unless=solver_is_here)
+    skip_marked(
+        items,
+        "slow",
+        "slow: runs with --slow or CI=true",
+        unless=lambda: CI or config.getoption("slow"),
+    )
+
+
+def skip_marked(items, mark, reason, unless):
+    marked = [item for item in items if item.get_closest_marker(mark)]
+    if marked and not unless():
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason=reason))
 
 
 def solver_is_here():
@@ -28,3 +47,23 @@ def solver_is_here():
         return find_ccx() is not None
     except MissingError:  # FEMBRIDGE_CCX names something that is no program
         return False
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _ctrl_c_reaches_children():
+    """Under ``&`` or nohup a shell has us ignore it, and children inherit that."""
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if ignored:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    if ignored:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_power_cut():
+    """A person's run does not wait until the disk has what was written."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not CI:
+            patch.setattr(os, "fsync", lambda handle: None)
+        yield

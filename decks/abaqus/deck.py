@@ -10,11 +10,19 @@ import numpy as np
 
 from decks.analysis import Analysis
 from decks.dialects import DIALECTS, DeckOptions
+from decks.inp import materials
 from decks.inp import model as parts
 from decks.inp.lines import list_lines, real
 from decks.inp.model import OUTPUT_SET
-from decks.numbered import NumberedAnalysis, numbered
+from decks.inp.steps import steps, waveform
+from decks.numbered import NumberedAnalysis, Section, numbered
 from fembridge.typing import IntArray
+
+_CARDS = {
+    "static": "*STATIC, DIRECT",
+    "viscous": "*VISCO",  # without CETOL its increments are fixed
+    "dynamic": "*DYNAMIC, DIRECT",
+}
 
 
 def abaqus_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
@@ -35,10 +43,10 @@ def abaqus_deck(analysis: Analysis) -> str:
         parts.probe(model),
         parts.sets(model),
         _around(model),
-        parts.materials(model),
+        _materials(model),
         _contact(model),
-        parts.waveform(model),
-        _step(model),
+        waveform(model),
+        steps(model, _CARDS, _large_strain(model), _output),
     )
     return "\n".join(line for block in blocks for line in block) + "\n"
 
@@ -54,6 +62,26 @@ def _elements_at(model: NumberedAnalysis, node: int) -> IntArray:
     return np.concatenate(
         [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]
     )
+
+
+def _materials(model: NumberedAnalysis) -> Iterator[str]:
+    yield from materials.heading()
+    for section in (*model.layers, model.probe):
+        relaxes = bool(section.material.prony)
+        yield from materials.material(
+            section,
+            inertia=model.analysis.inertia,
+            moduli=", MODULI=INSTANTANEOUS" if relaxes else "",
+            relaxation=_relaxation(section),
+        )
+
+
+def _relaxation(section: Section) -> Iterator[str]:
+    if section.material.prony:
+        yield "** share of the shear modulus, of the bulk modulus, time constant in s"
+        yield "*VISCOELASTIC, TIME=PRONY"
+    for term in section.material.prony:
+        yield f"{real(term.g)}, 0.0, {real(term.tau_s)}"
 
 
 def _contact(model: NumberedAnalysis) -> Iterator[str]:
@@ -75,10 +103,13 @@ def _contact(model: NumberedAnalysis) -> Iterator[str]:
     yield from parts.contact_pair(model)
 
 
-def _step(model: NumberedAnalysis) -> Iterator[str]:
-    large = ", NLGEOM=YES" if model.analysis.large_strain else ", NLGEOM=NO"
-    yield from parts.fixed_step(model, large)
-    yield "*OUTPUT, FIELD, FREQUENCY=1"
+def _large_strain(model: NumberedAnalysis) -> str:
+    return ", NLGEOM=YES" if model.analysis.large_strain else ", NLGEOM=NO"
+
+
+def _output(model: NumberedAnalysis) -> Iterator[str]:
+    every = model.analysis.motion.phases[-1].every
+    yield f"*OUTPUT, FIELD, FREQUENCY={every}"
     yield f"*NODE OUTPUT, NSET={OUTPUT_SET}"
     yield "U"
     for name in model.afferent:
@@ -87,10 +118,9 @@ def _step(model: NumberedAnalysis) -> Iterator[str]:
     for name in model.afferent:
         yield (
             f"*EL PRINT, ELSET=AROUND_{name.upper()}, POSITION=AVERAGED AT NODES, "
-            "FREQUENCY=1, SUMMARY=NO"
+            f"FREQUENCY={every}, SUMMARY=NO"
         )
         yield "MISES"
     yield "** force of the skin on the probe"
-    yield "*NODE PRINT, NSET=PROBE, TOTALS=YES, FREQUENCY=1, SUMMARY=NO"
+    yield f"*NODE PRINT, NSET=PROBE, TOTALS=YES, FREQUENCY={every}, SUMMARY=NO"
     yield "RF2"
-    yield "*END STEP"

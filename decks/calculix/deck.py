@@ -5,17 +5,30 @@ each part. The same analysis gives the same bytes, ASCII with LF line ends.
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 from decks.analysis import Analysis
+from decks.calculix import inertia
+from decks.calculix.contact import contact_blocks
+from decks.calculix.drive import drive_blocks, moved, sprung
+from decks.calculix.relaxation import branch_blocks, branches, lasting
 from decks.dialects import DIALECTS, DeckOptions
+from decks.half_section import half_section
+from decks.inp import materials
 from decks.inp import model as parts
-from decks.inp.lines import list_lines, real
+from decks.inp.lines import list_lines
 from decks.inp.model import OUTPUT_SET
+from decks.inp.steps import steps, waveform
 from decks.numbered import NumberedAnalysis, numbered
-from fembridge.errors import DeckError
 
 _DIALECT = DIALECTS["calculix"]
-_TENSION_MPA = 0.001
+_RIGID = "all of its nodes are tied to one"
+# Fixed increments make nothing of CETOL, a bound of creep; ccx wants it all the same.
+_CARDS = {
+    "static": "*STATIC, DIRECT",
+    "viscous": "*VISCO, DIRECT, CETOL=1.0E6",
+    "dynamic": inertia.CARD,
+}
 
 
 def calculix_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
@@ -36,59 +49,77 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
         An element or a contact that ccx has not.
     """
     _DIALECT.element_named(analysis.element)
-    model = numbered(analysis)
+    model = numbered(analysis, half_section(analysis))
+    moves = inertia.moved(model) if analysis.inertia else moved(model)
     blocks = (
-        parts.heading(model),
+        _heading(model),
         parts.finger(model),
-        parts.probe(model),
+        parts.probe(model, _RIGID if sprung(model) else parts.PRESCRIBED),
         parts.sets(model),
-        parts.materials(model),
-        _contact(model),
-        parts.waveform(model),
-        _step(model, binary),
+        _axis(model),
+        _materials(model),
+        contact_blocks(model),
+        _drive(model),
+        waveform(model),
+        steps(model, _CARDS, _large_strain(model), partial(_output, binary), moves),
     )
     return "\n".join(line for block in blocks for line in block) + "\n"
 
 
-def _contact(model: NumberedAnalysis) -> Iterator[str]:
-    contact = model.analysis.contact
-    if contact.formulation not in parts.CONTACT_TYPES:
-        raise DeckError(
-            f"ccx has no contact {contact.formulation!r} for plane elements"
+def _materials(model: NumberedAnalysis) -> Iterator[str]:
+    yield from materials.heading()
+    has_mass, thickness_mm = model.analysis.inertia, model.thickness_mm
+    for section in (*map(lasting, model.layers), model.probe):
+        yield from materials.material(
+            section, inertia=has_mass, thickness_mm=thickness_mm
         )
-    by_node = contact.formulation == "node-to-surface"
-    yield "**"
-    yield "** ---- Contact: the skin is the slave, the probe the master"
-    if by_node:
-        yield "*NSET, NSET=SKIN_CONTACT"
-        yield from list_lines(model.contact_node)
-        yield "*SURFACE, NAME=SKIN_SURFACE, TYPE=NODE"
-        yield "SKIN_CONTACT"
-    else:
-        yield from parts.skin_surface(model)
-    yield from parts.probe_surface(model)
-    yield "*SURFACE INTERACTION, NAME=TOUCH"
-    yield "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
-    yield "** stiffness in MPa/mm" + (", tension at infinity in MPa" if by_node else "")
-    stiffness = real(contact.stiffness_mpa_per_mm)
-    yield f"{stiffness}, {real(_TENSION_MPA)}" if by_node else stiffness
-    if contact.friction > 0:
-        yield "*FRICTION"
-        yield "** coefficient, stick stiffness in MPa/mm"
-        stick = contact.stiffness_mpa_per_mm * contact.stick_share
-        yield f"{real(contact.friction)}, {real(stick)}"
-    yield from parts.contact_pair(model)
+    first = int(model.probe.number.max()) + 1
+    found = branches(model.layers, first, model.analysis.motion.phases[-1].dt_s)
+    yield from branch_blocks(
+        found, model.analysis.element, inertia=has_mass, thickness_mm=thickness_mm
+    )
 
 
-def _step(model: NumberedAnalysis, binary: bool) -> Iterator[str]:
+def _drive(model: NumberedAnalysis) -> Iterator[str]:
+    """Give what the probe hangs on, or what lets dynamics with contact through."""
+    return inertia.store(model) if model.analysis.inertia else drive_blocks(model)
+
+
+def _heading(model: NumberedAnalysis) -> Iterator[str]:
+    """Say what is in the deck, and of a half what is not."""
+    yield from parts.heading(model)
+    if model.is_half:
+        yield "**"
+        yield "** Of this section the right half alone, x >= 0: finger, probe and"
+        yield "** motion are mirror images about x = 0. Numbers are those of the whole;"
+        yield "** those of the left half do not occur. The half is 2 mm thick, for both"
+        yield "** halves of 1 mm: forces are those of the whole."
+
+
+def _axis(model: NumberedAnalysis) -> Iterator[str]:
+    """Name the nodes on the axis of a half."""
+    if model.is_half:
+        yield "** ---- On the axis of the half nothing moves aside, and shear is 0; the"
+        yield "** SXY that is written there is a mean over one half, not over both"
+        yield "*NSET, NSET=AXIS"
+        yield from list_lines(model.axis)
+
+
+def _large_strain(model: NumberedAnalysis) -> str:
+    return ", NLGEOM" if model.analysis.large_strain else ""
+
+
+def _output(binary: bool, model: NumberedAnalysis) -> Iterator[str]:
     kind, double = ("OUTPUT", ", DOUBLE") if binary else ("FILE", "")
-    large = ", NLGEOM" if model.analysis.large_strain else ""
-    yield from parts.fixed_step(model, large)
+    every = model.analysis.motion.phases[-1].every
+    often = f", FREQUENCY={every}" if every > 1 else ""
+    double += often
     yield f"*NODE {kind}, NSET={OUTPUT_SET}{double}"
     yield "U"
     yield f"*{'ELEMENT' if binary else 'EL'} {kind}, NSET={OUTPUT_SET}{double}"
     yield "S"
+    if model.analysis.inertia:
+        yield from inertia.energies(every)
     yield "** force of the skin on the probe"
-    yield "*NODE PRINT, NSET=PROBE, TOTALS=ONLY"
+    yield f"*NODE PRINT, NSET=PROBE, TOTALS=ONLY{often}"
     yield "RF"
-    yield "*END STEP"

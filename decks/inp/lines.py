@@ -36,7 +36,12 @@ def plain(text: str) -> str:
 
 def node_lines(node_mm: FloatArray, first: int) -> Iterator[str]:
     """List nodes in the plane, numbered from `first`."""
-    for number, (x, y) in enumerate((node_mm + 0.0).tolist(), start=first):
+    yield from numbered_node_lines(range(first, first + len(node_mm)), node_mm)
+
+
+def numbered_node_lines(numbers: Iterable[int], node_mm: FloatArray) -> Iterator[str]:
+    """List nodes in the plane by their `numbers`."""
+    for number, (x, y) in zip(numbers, (node_mm + 0.0).tolist(), strict=True):
         yield f"{number}, {x:.9f}, {y:.9f}, 0.0"
 
 

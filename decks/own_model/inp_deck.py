@@ -6,7 +6,7 @@ case and line ends included. What is missing or can be meant in two ways is refu
 with its line.
 """
 
-from decks.analysis import Motion
+from decks.motion import Motion
 from decks.own_model.inp_blocks import Blocks, Resolver, read_blocks
 from decks.own_model.inp_dialect import dialect_of, sign_of_abaqus
 from decks.own_model.inp_drive import find_drive

@@ -5,8 +5,8 @@
 0.0005, 0.25
 """
 
-from decks.analysis import Motion
 from decks.inp.lines import fixed
+from decks.motion import Motion
 from decks.own_model.inp_blocks import Block
 from decks.own_model.inp_drive import Drive
 from decks.own_model.inp_edits import Edit, in_place_of

@@ -1,7 +1,7 @@
 """The waveform in an own deck: the data lines of the amplitude that moves the probe."""
 
-from decks.analysis import Motion
 from decks.inp.lines import fixed, pair_lines
+from decks.motion import Motion
 from decks.own_model.inp_drive import Drive
 from decks.own_model.inp_edits import Edit, in_place_of
 

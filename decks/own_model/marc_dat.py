@@ -9,10 +9,10 @@ decks that Mentat wrote.
 
 from collections.abc import Mapping
 
-from decks.analysis import Motion
 from decks.marc_grammar.deck import MarcDeck
 from decks.marc_grammar.reader import Resolver, read_marc_deck
 from decks.marc_grammar.table import Table
+from decks.motion import Motion
 from decks.own_model.marc_drive import driving_table, one_factor
 from decks.own_model.marc_edits import Edits, reals_line, set_integer
 from decks.own_model.marc_output import set_output

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from decks.analysis import Motion
 from decks.marc_grammar.deck import MarcDeck
 from decks.marc_grammar.history import ADAPTIVE, FIXED, LoadCase, load_cases
 from decks.marc_grammar.layout import fields
 from decks.marc_grammar.option import Option
+from decks.motion import Motion
 from decks.own_model.marc_drive import Use
 from decks.own_model.marc_edits import (
     Edits,

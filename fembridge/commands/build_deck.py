@@ -18,6 +18,7 @@ from decks.dialects import DIALECTS, PROBES, RESULTS, DeckOptions, dialect_named
 from fembridge.commands.built_rows import told
 from fembridge.commands.model_options import (
     add_finger_options,
+    add_inertia_option,
     add_output_option,
     add_stimulus_options,
     model_from,
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_deck_options(group: argparse._ActionsContainer) -> None:
     add_finger_options(group)
+    add_inertia_option(group)
     group.add_argument(
         "--element",
         metavar="NAME",

@@ -29,11 +29,18 @@ def add_stimulus_options(
     parser.add_argument(
         "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
     )
+    parser.add_argument(
+        "--slide-mm-per-s",
+        type=float,
+        metavar="V",
+        help="the probe also slides along x from time 0 on (default: it does not)",
+    )
 
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Which finger, of which elements, and which probe."""
     add_finger_options(parser)
+    add_inertia_option(parser)
     parser.add_argument(
         "--element",
         choices=("CPE4", "CPE4R", "CPE8R"),
@@ -74,6 +81,15 @@ def add_finger_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_inertia_option(parser: argparse._ActionsContainer) -> None:
+    """Whether mass counts."""
+    parser.add_argument(
+        "--inertia",
+        action="store_true",
+        help="the skin's mass counts while the probe follows its waveform",
+    )
+
+
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     """Where to."""
     parser.add_argument(
@@ -92,7 +108,10 @@ def model_from(args: argparse.Namespace) -> "Model":
     from fembridge.build import model_of
 
     return model_of(
-        read_finger(args.finger), probe=probe_from(args), element=args.element
+        read_finger(args.finger),
+        probe=probe_from(args),
+        element=args.element,
+        inertia=args.inertia,
     )
 
 
@@ -134,10 +153,13 @@ def stimuli_from(
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
     asked_um = args.preindent_um
     depth_um = preindent_um if asked_um is None else asked_um
-    return [
+    stimuli = [
         make_stimulus(entry, preindent_um=depth_um, seed=args.seed)
         for entry in resolve(args.stimulus)
     ]
+    if args.slide_mm_per_s is None:
+        return stimuli
+    return [stimulus.sliding(args.slide_mm_per_s) for stimulus in stimuli]
 
 
 def _folder(word: str) -> str:

@@ -12,6 +12,7 @@ from fembridge.commands.plot_options import (
     add_mesh,
     add_raster,
     add_response,
+    add_sensitivity,
     add_stimulus,
     add_trace,
 )
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_trace(pictures)
     add_raster(pictures)
     add_stimulus(pictures)
+    add_sensitivity(pictures)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -47,6 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "trace": _draw_trace,
         "raster": _draw_raster,
         "stimulus": _draw_stimulus,
+        "sensitivity": _draw_sensitivity,
     }[args.picture]
     told = draw(args)
     if not args.json:
@@ -171,6 +174,12 @@ def _draw_stimulus(args: argparse.Namespace) -> dict[str, Any]:
     stimuli = _stimuli(args.ids, args.preindent_um, args.seed)
     draw_waveforms(stimuli, args.output)
     return {"stimuli": [stimulus.id for stimulus in stimuli]}
+
+
+def _draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.commands.plot_sensitivity import draw_sensitivity
+
+    return draw_sensitivity(args)
 
 
 def _stimuli(

@@ -119,6 +119,35 @@ def add_stimulus(
     )
 
 
+def add_sensitivity(pictures: Pictures) -> None:
+    """Which sweep, and where its tables go."""
+    parser = _add_picture(
+        pictures,
+        "sensitivity",
+        "which parameter of a sweep's fingers moves rates and stress how much",
+        "fembridge plot sensitivity sweep/results.csv --table effects.md",
+    )
+    parser.add_argument(
+        "table",
+        type=Path,
+        metavar="CSV",
+        help="results.csv of a sweep with a design (docs/sweeps.md), or its --fingers",
+    )
+    parser.add_argument(
+        "--table",
+        dest="effects",
+        type=Path,
+        metavar="FILE",
+        help="write the numbers too: .csv has all, .md a table a class",
+    )
+    parser.add_argument(
+        "--fingers",
+        type=Path,
+        metavar="FILE.csv",
+        help="write a row a finger: parameters, and mean answers by set of stimuli",
+    )
+
+
 def _add_picture(
     pictures: Pictures,
     name: str,

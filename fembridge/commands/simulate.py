@@ -1,7 +1,8 @@
 """From stimuli to spikes: solve the finger, take the stress, fire the afferents.
 
 With ccx on the PATH one indentation is solved and answers every stimulus
-(--method map), or the solver follows each whole waveform (--method transient).
+(--method map), or the solver follows each whole waveform (--method transient): where
+skin relaxes, slips under friction, or the probe slides, that is what is done.
 Without ccx the stored response of the reference finger is taken. Rates, spikes,
 stress traces and a raster are written to the output folder.
 """
@@ -39,9 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_option(parser, default="out")
     parser.add_argument(
         "--method",
-        choices=("map", "transient"),
-        default="map",
-        help="interpolate in one indentation, or solve each waveform (default: map)",
+        choices=("auto", "map", "transient"),
+        default="auto",
+        help="interpolate in one indentation, or solve each waveform (default: auto, "
+        "the map where stress depends on depth alone)",
     )
     parser.add_argument(
         "--stored",
@@ -83,7 +85,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.outputs import filling
-    from fembridge.simulate import SolverSettings, simulate
+    from fembridge.simulate import simulate
     from fembridge.simulation import (
         RATES_FILE,
         RECORD_FILE,
@@ -91,6 +93,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         TRACES_FILE,
     )
     from fembridge.solvers.progress_bars import ProgressBars
+    from fembridge.solvers.settings import SolverSettings
     from fembridge.solvers.watchdog import Limits
     from neural import parameter_set_or_file
 
@@ -133,7 +136,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(f"{RATES_FILE}, {SPIKES_FILE}, {TRACES_FILE}{raster}: {output}")
     return {
         "output": str(output),
-        "method": args.method,
+        "method": simulation.origin["method"],
         "parameters": chosen.name,
         "notes": lines,
         "rates": [

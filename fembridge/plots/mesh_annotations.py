@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from decks.finger import LAYERS, Material
+from decks.finger import LAYERS
+from decks.material import Material
 from decks.probe import Probe
 from fembridge.plots.layer_palette import LAYER_COLOURS, PROBE_COLOUR
 from fembridge.plots.palette import (

@@ -35,6 +35,11 @@ class Acceptance:
     followed_share: float
     problem: str | None
 
+    @property
+    def remembers(self) -> bool:
+        """Whether all that speaks against it is that unloading differs."""
+        return self.problem is not None and self.closure_percent > CLOSURE_PERCENT
+
 
 def judge(
     depth_um: FloatArray,

@@ -7,6 +7,7 @@ import numpy as np
 from decks.dialects import JOB
 from fembridge.errors import ResponseError, ResultError
 from fembridge.response.acceptance import judge
+from fembridge.response.path_dependence import RemembersError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed.dat import read_total_force
@@ -48,6 +49,8 @@ def measured_response(folder: Path) -> ResponseMap:
     # `RF` is the force that holds the probe down; the section is 1 mm thick.
     force_n_per_mm = _from_rest(-force_n[:, 1])
     found = judge(depth_um, von_mises_pa(tensor_pa), force_n_per_mm, apex_um)
+    if found.problem is not None and found.remembers:
+        raise RemembersError(f"{folder}: {found.problem}", found.closure_percent)
     if found.problem is not None:
         raise ResponseError(f"{folder}: {found.problem}")
     loading = slice(0, int(depth_um.argmax()) + 1)

@@ -5,21 +5,30 @@ loading curve in every run to 400 um and takes two iterations an increment; what
 follows is for meshes and depths on which it does not converge, in the order of
 what it changes: softer stick springs, then no friction (0.3 % of stress at most),
 softer springs (2 %), and last surface-to-surface contact, which remembers. A rung
-that runs but does not come back is not taken: see `acceptance`.
+that runs but does not come back is not taken: see `acceptance`. Where it comes back
+without friction, it is not the contact that remembers but the skin that slips: see
+`path_dependence`.
 """
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from decks.analysis import Contact
+from decks.analysis import DRIVES, Contact
 from fembridge.build import Model, build_run_folder
 from fembridge.errors import ResponseError, ResultError
 from fembridge.outputs import make_folder
 from fembridge.response.indentation import DEFAULT_DEPTH_UM, indentation
 from fembridge.response.map_file import MAP_FILE, write_map
 from fembridge.response.measured import measured_response
+from fembridge.response.path_dependence import (
+    FrictionSlipError,
+    RemembersError,
+    slip_words,
+    why_no_map,
+)
 from fembridge.response.response_map import ResponseMap
 from fembridge.run_folder import RunFolder
 from fembridge.solvers.calculix import attempt_calculix
@@ -83,22 +92,41 @@ def solve_response(
     ------
     SolverError
         A run ended for a reason that another contact model does not cure.
+    FrictionSlipError
+        A rung is not accepted for the friction alone: no map holds for it.
     ResponseError
-        No rung was accepted; the message lists each with its reason.
+        No rung was accepted; the message lists each with its reason. Or stress
+        depends on time: no map holds for such a model.
     OutputError
         `folder` cannot be written.
     """
+    if (reason := why_no_map(model, ())) is not None:
+        raise ResponseError(f"{folder}: no response map: {reason}")
+    # Each node prescribed: so all that was measured of contacts was measured.
+    model = replace(model, drive=DRIVES[0])
     stimulus = indentation(depth_um)
     make_folder(folder)
+    climb = partial(_climb, threads=threads, limits=limits, on_progress=on_progress)
     rungs: list[Rung] = []
     for number, contact in enumerate(ladder, start=1):
         place = folder / f"contact_{number}"
         run = build_run_folder(place, replace(model, contact=contact), stimulus)
-        outcome, found = _climb(run, threads, limits, on_progress)
+        outcome, found = climb(run)
         if isinstance(found, ResponseMap):
             write_map(folder / MAP_FILE, found)
             return Solved(found, (*rungs, Rung(contact, None)), outcome)
-        rungs.append(Rung(contact, found))
+        if isinstance(found, RemembersError) and contact.friction > 0:
+            smooth = replace(model, contact=replace(contact, friction=0.0))
+            place = folder / f"frictionless_{number}"
+            _, without = climb(build_run_folder(place, smooth, stimulus))
+            if isinstance(without, ResponseMap):
+                words = slip_words(
+                    contact, found.closure_percent, without.closure_percent
+                )
+                raise FrictionSlipError(
+                    f"{folder}: {words}", found.closure_percent, number
+                )
+        rungs.append(Rung(contact, str(found).removeprefix(f"{run.folder}: ")))
         if tell is not None:
             tell(f"left {rungs[-1]}")
     listed = "; ".join(str(rung) for rung in rungs)
@@ -107,10 +135,11 @@ def solve_response(
 
 def _climb(
     run: RunFolder,
+    *,
     threads: int | None,
     limits: Limits | None,
     on_progress: OnProgress | None,
-) -> tuple[Outcome, ResponseMap | str]:
+) -> tuple[Outcome, ResponseMap | ResponseError]:
     """Give the response that was accepted, or why the rung is left."""
     finished = finished_outcome(run)
     if finished is not None:
@@ -123,11 +152,11 @@ def _climb(
         return outcome, _judged(run.folder)
     if outcome.failure.cause not in CONTACT_CAUSES:
         raise outcome.to_error()
-    return outcome, str(outcome.failure)
+    return outcome, ResponseError(str(outcome.failure))
 
 
-def _judged(folder: Path) -> ResponseMap | str:
+def _judged(folder: Path) -> ResponseMap | ResponseError:
     try:
         return measured_response(folder)
     except ResponseError as error:
-        return str(error).removeprefix(f"{folder}: ")
+        return error

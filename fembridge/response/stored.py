@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from decks.finger import Finger
+from decks.finger_file import finger_table
 from decks.probe import Probe
 from fembridge.errors import ResponseError
 from fembridge.response.map_file import read_map
@@ -32,7 +33,11 @@ def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
             f"no response is stored for finger {finger.name!r}, only for {names}"
         )
     response = read_map(path)
-    made_of = {"finger": asdict(finger), "probe": asdict(probe), "element": element}
+    made_of = {
+        "finger": finger_table(finger),
+        "probe": asdict(probe),
+        "element": element,
+    }
     for part, wanted in made_of.items():
         stored = response.origin.get(part)
         if stored != wanted:

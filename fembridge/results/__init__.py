@@ -135,6 +135,7 @@ def read(
         if run.before_ms:
             since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms
             options = replace(options, since_ms=since_ms)
+        options = replace(options, branches=run.branches, on_axis=run.on_axis)
     traces = reader.load()(path, [node for _, node in places], options)
     traces = [
         replace(trace, afferent=afferent)

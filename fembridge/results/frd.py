@@ -8,7 +8,7 @@ CalculiX has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from fembridge.trace import MS_PER_S, StressTrace
 from fembridge.typing import FloatArray, Table
 
 STRESS, STRESS_COMPONENTS = "STRESS", ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX")
+_SXY = STRESS_COMPONENTS.index("SXY")
 DISPLACEMENT, DISPLACEMENT_COMPONENTS = "DISP", ("D1", "D2", "D3")
 _DEFAULTS = ReadOptions()
 
@@ -79,7 +80,7 @@ def read_stress_tensor(
         is no finite number.
     """
     history = _read(path, {STRESS: nodes}, options)
-    return history.times_ms, in_pa(history.values[STRESS], options, path)
+    return history.times_ms, _in_pa(history, nodes, options, path)
 
 
 def read_displacement(
@@ -114,7 +115,7 @@ def read_stress_and_displacement(
     history = _read(path, wanted, options)
     return StressAndDisplacement(
         times_ms=history.times_ms,
-        tensor_pa=in_pa(history.values[STRESS], options, path),
+        tensor_pa=_in_pa(history, stress_nodes, options, path),
         displacement_mm=history.values[DISPLACEMENT],
     )
 
@@ -173,15 +174,33 @@ def _read(
         ]
         history = read_history(file, index, wants, options)
         if STRESS in nodes_of and not options.across_materials:
-            _check_materials(file, index, nodes_of[STRESS])
+            _check_materials(file, index, nodes_of[STRESS], options.branches)
         return history
 
 
-def _check_materials(file: ByteFile, index: FrdIndex, nodes: Sequence[int]) -> None:
+def _in_pa(
+    history: NodeHistory, nodes: Sequence[int], options: ReadOptions, path: Path
+) -> FloatArray:
+    """Give stress in Pa; in relaxing skin the sum over branches, not their mean.
+
+    On the axis of a half of a section there is no shear in it: see `ReadOptions`.
+    """
+    counts = [options.branches.get(int(node), 1) for node in nodes]
+    summed = history.values[STRESS] * np.array(counts, dtype=np.float64)[:, None]
+    summed[:, [int(node) in options.on_axis for node in nodes], _SXY] = 0.0
+    return in_pa(summed, options, path)
+
+
+def _check_materials(
+    file: ByteFile,
+    index: FrdIndex,
+    nodes: Sequence[int],
+    branches: Mapping[int, int],
+) -> None:
     if index.elements is None or not nodes:
         return
     for node, numbers in materials_at(file, index.elements, nodes).items():
-        if len(numbers) > 1:
+        if len(numbers) > branches.get(node, 1):
             names = " and ".join(
                 index.materials.get(number, f"material {number}")
                 for number in sorted(numbers)

@@ -1,8 +1,8 @@
 """What a caller may ask of any reader, beside the nodes."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,12 @@ class ReadOptions:
 
     A trace begins at `since_ms` of solver time: steps of someone's own model before
     the stimulus need not have its time step.
+
+    `branches` tells of nodes in relaxing skin how many branches their stress is the
+    sum of: a ``.frd`` holds the mean, over elements of that many materials.
+
+    `on_axis` are nodes on the axis of a half of a section. There is no shear in it:
+    what a ``.frd`` holds is the mean over one half, and the other has the other sign.
     """
 
     partial: bool = False
@@ -42,6 +48,8 @@ class ReadOptions:
     extrapolate: str | None = None
     von_mises: str | None = None
     since_ms: float = -math.inf
+    branches: Mapping[int, int] = field(default_factory=dict)
+    on_axis: Collection[int] = ()
 
     def __post_init__(self) -> None:
         if self.stress_unit not in PA_PER_UNIT:

@@ -14,7 +14,7 @@ from pathlib import Path
 import fembridge
 from fembridge.solvers.process import GRACE_S
 from fembridge.sweep.crew import Begun, Ended, Event, PutOff
-from fembridge.sweep.task import Task
+from fembridge.sweep.task import Item, Task
 from fembridge.sweep.work import Finding
 
 GOES = 2
@@ -29,6 +29,7 @@ class LocalCrew:
 
     def __init__(self, folder: Path, jobs: int, threads: int | None) -> None:
         self._folder, self._threads = folder, threads
+        self._first: deque[Task] = deque()
         self._waiting: deque[Task] = deque()
         self._put_off: set[str] = set()
         self._news = threading.Condition()
@@ -42,9 +43,13 @@ class LocalCrew:
             foreman.start()
 
     def submit(self, task: Task) -> None:
-        """Put `task` behind the others."""
+        """Put `task` behind the others; an item before the responses that wait.
+
+        So it is known early what comes of the first fingers, and how long all take.
+        """
         with self._news:
-            self._waiting.append(task)
+            first = isinstance(task, Item) and task.key not in self._put_off
+            (self._first if first else self._waiting).append(task)
             self._news.notify()
 
     def next_event(self) -> Event:
@@ -55,6 +60,7 @@ class LocalCrew:
         """Have every process stop its solver and go; kill those that do not."""
         with self._news:
             self._closed = True
+            self._first.clear()
             self._waiting.clear()
             processes = list(self._processes)
             self._news.notify_all()
@@ -101,9 +107,9 @@ class LocalCrew:
     def _next_task(self) -> Task | None:
         """Wait for a task; None: closed."""
         with self._news:
-            while not self._waiting and not self._closed:
+            while not (self._first or self._waiting or self._closed):
                 self._news.wait()
-            return None if self._closed else self._waiting.popleft()
+            return None if self._closed else (self._first or self._waiting).popleft()
 
     def _start(self) -> subprocess.Popen[bytes] | None:
         above = str(Path(fembridge.__file__).parents[1])

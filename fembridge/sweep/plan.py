@@ -48,12 +48,15 @@ def plan_of(study: Study, solver: str) -> Plan:
     deepest_um = _deepest_um(study)
     points: dict[tuple[str, ...], Point] = {}
     items: dict[str, Item] = {}
-    for variant, probe, asked in product(study.variants, study.probes, study.contacts):
+    for variant, probe, shared in product(study.variants, study.probes, study.contacts):
+        asked = {**shared, **variant.contact}
         responses: dict[float, Response] = {}  # by depth
-        label = _label(study, variant, probe, asked)
-        for preindent_um, method in product(study.preindents_um, study.methods):
+        label = _label(study, variant, probe, shared)
+        for preindent_um, asked_method in product(study.preindents_um, study.methods):
+            # Of skin that relaxes there is no map: each waveform is solved.
+            method = "transient" if variant.finger.relaxing_s else asked_method
             columns = {
-                **_columns(study, variant, probe, asked),
+                **_columns(study, variant, probe, shared),
                 "preindent_um": preindent_um,
                 "method": method,
             }

@@ -87,6 +87,17 @@ class Study:
             raise UsageError(f"seed: {self.seed}, expected 0 or more")
         for asked in self.contacts:
             ladder_of(asked)
+        for variant in self.variants:
+            if twice := sorted(
+                {n for each in self.contacts for n in each}.intersection(
+                    variant.contact
+                )
+            ):
+                raise UsageError(
+                    f"contacts: {twice[0]} stands there and among the fingers"
+                )
+            if variant.contact:
+                ladder_of(variant.contact)
         self._check_methods()
 
     @property
@@ -107,7 +118,8 @@ class Study:
     def _check_methods(self) -> None:
         if self.stored and "transient" in self.methods:
             raise UsageError("stored: a stored response answers no transient")
-        if self.stored and any(self.contacts):
+        varied = any(each.contact for each in self.variants)
+        if self.stored and (varied or any(self.contacts)):
             raise UsageError("contacts: a stored response has its own")
         energy = reading_energy(self.parameters.parameters)
         if energy and "transient" in self.methods:

@@ -12,6 +12,12 @@
     skin.epidermis_mm = [0.3, 0.4, 0.5]
     materials.dermis.young_mpa = [0.04, 0.05]
 
+    [[fingers]]
+    design = "latin-hypercube"        # or "one-at-a-time"
+    samples = 50
+    [fingers.ranges]
+    skin.dermis_mm = [0.9, 1.3]
+
     [[probes]]
     diameter_mm = [0.5, 1.0]
 
@@ -21,34 +27,27 @@ and stay below it.
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
-from decks.presets import PRESETS
 from decks.probe import Probe
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.entry import Entry
 from fembridge.errors import FembridgeError, UsageError
 from fembridge.sweep.study import Study, check_points
+from fembridge.sweep.study_fingers import CONTACT_KEYS, fingers_of
 from fembridge.sweep.toml_value import (
+    below,
     check_keys,
     list_of,
     number_of,
     table_of,
     truth_of,
-    value_of,
     values_of,
     word_of,
     words_of,
 )
-from fembridge.sweep.variant import (
-    Value,
-    Variant,
-    grid_rows,
-    grid_size,
-    variants_of,
-)
-from fembridge.typing import Table
+from fembridge.sweep.variant import Value, grid_rows, grid_size
 from neural import SET_NAMES, ParameterSet, parameter_set_or_file
 
 KEYS = (
@@ -64,9 +63,7 @@ KEYS = (
     "element",
     "stored",
 )
-FINGER_KEYS = ("base", "grid", "rows")
 PROBE_KEYS = ("shape", "diameter_mm", "fillet_mm", "x_mm")
-CONTACT_KEYS = ("formulation", "stiffness_mpa_per_mm", "friction", "stick_share")
 
 _MAX_BYTES = 10_000_000
 _MAX_NAME = 60
@@ -122,7 +119,7 @@ def study_from(
     rest *= len(probes)
     return Study(
         stimuli=stimuli,
-        variants=tuple(_fingers(fingers, folder, rest)),
+        variants=tuple(fingers_of(fingers, folder, rest)),
         probes=tuple(_probe(row, f"probes {k}") for k, row in enumerate(probes, 1)),
         contacts=tuple(contacts),
         methods=tuple(methods),
@@ -141,70 +138,6 @@ def _stimuli(words: Sequence[str]) -> tuple[Entry, ...]:
         return resolve(words)
     except FembridgeError as error:
         raise UsageError(f"stimuli: {error}") from error
-
-
-def _fingers(entries: Sequence[object], folder: Path, rest: int) -> Iterable[Variant]:
-    """Make the fingers; their number is checked before the first is made."""
-    asked = [_finger_rows(entry, f"fingers {k}") for k, entry in enumerate(entries, 1)]
-    check_points(rest * sum(count for _, count, _ in asked))
-    for k, (base, _, rows) in enumerate(asked, start=1):
-        try:
-            if base not in PRESETS:
-                _below(base, "base")
-            yield from variants_of(base, list(rows), folder)
-        except FembridgeError as error:
-            raise UsageError(f"fingers {k}: {error}") from error
-
-
-def _finger_rows(
-    entry: object, where: str
-) -> tuple[str, int, Iterable[dict[str, Value]]]:
-    """Give the base of one entry of ``fingers``, and how many rows it has."""
-    if isinstance(entry, str):
-        return entry, 1, [{}]
-    table = table_of(entry, where)
-    check_keys(table, FINGER_KEYS, where)
-    base = word_of(table.get("base", "quick"), f"{where}: base")
-    if "grid" in table and "rows" in table:
-        raise UsageError(f"{where}: grid and rows, expected one of them")
-    if "rows" in table:
-        rows = []
-        for k, each in enumerate(list_of(table["rows"], f"{where}: rows"), start=1):
-            here = f"{where}: row {k}"
-            flat = _flat(table_of(each, here), here)
-            rows.append({n: value_of(v, f"{here}: {n}") for n, v in flat.items()})
-        if not rows:
-            raise UsageError(f"{where}: rows: none, expected one or more")
-        return base, len(rows), rows
-    flat = _flat(table_of(table.get("grid", {}), f"{where}: grid"), f"{where}: grid")
-    grid = {n: values_of(v, f"{where}: grid: {n}") for n, v in flat.items()}
-    return base, grid_size(grid), grid_rows(grid)
-
-
-def _flat(table: Mapping[str, object], where: str, above: str = "") -> Table:
-    """Turn nested sections into dotted names; quoted dotted names stay."""
-    flat: Table = {}
-    for key, value in table.items():
-        name = f"{above}{key}"
-        inner = (
-            _flat(value, where, f"{name}.")
-            if isinstance(value, Mapping)
-            else {name: value}
-        )
-        for one, content in inner.items():
-            if "." not in one:
-                raise UsageError(
-                    f"{where}: {one!r}, expected section.key, as skin.epidermis_mm"
-                )
-            if any(_overlap(one, other) for other in flat):
-                raise UsageError(f"{where}: {one} stands there twice")
-            flat[one] = content
-    return flat
-
-
-def _overlap(one: str, other: str) -> bool:
-    """Whether they are the same, or one is a section that holds the other."""
-    return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 
 def _combinations(
@@ -241,22 +174,11 @@ def _probe(row: Mapping[str, Value], where: str) -> Probe:
 def _parameters(word: object, folder: Path) -> ParameterSet:
     word = word_of(word, "parameters")
     if word not in SET_NAMES and PurePosixPath(word).suffix:
-        word = str(folder / _below(word, "parameters"))
+        word = str(folder / below(word, "parameters"))
     try:
         return parameter_set_or_file(word)
     except FembridgeError as error:
         raise UsageError(f"parameters: {error}") from error
-
-
-def _below(word: str, where: str) -> str:
-    """Refuse the name of a file that is not below the study's folder."""
-    path = PurePosixPath(word)
-    if path.is_absolute() or ".." in path.parts or "\0" in word or not word:
-        raise UsageError(
-            f"{where}: {word!r}, expected a name known here or a file below the "
-            "folder of the study"
-        )
-    return word
 
 
 def _text(path: Path) -> str:

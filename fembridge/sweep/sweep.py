@@ -19,8 +19,8 @@ import numpy as np
 from fembridge import __version__
 from fembridge.errors import OutputError, UsageError
 from fembridge.outputs import make_folder, write_text
-from fembridge.simulate import SolverSettings
 from fembridge.solvers.process import signals_as_exits
+from fembridge.solvers.settings import SolverSettings
 from fembridge.sweep.answers import is_finished
 from fembridge.sweep.board import Board
 from fembridge.sweep.crew import Crew, Ended

@@ -9,6 +9,7 @@ from functools import cache, cached_property
 from pathlib import Path
 
 from decks.finger import Finger
+from decks.finger_file import finger_table
 from decks.probe import Probe
 from decks.stimuli.entry import Entry
 from decks.stimuli.waveform import make_stimulus
@@ -64,7 +65,7 @@ class Response:
             "depth_um": self.depth_um,
             "contact": dict(self.asked),
             "probe": asdict(self.probe),
-            "finger": asdict(self.finger),
+            "finger": finger_table(self.finger),
         }
 
     def __str__(self) -> str:

@@ -6,6 +6,7 @@
 import difflib
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import PurePosixPath
 
 from fembridge.errors import UsageError
 from fembridge.sweep.variant import Value
@@ -88,3 +89,14 @@ def values_of(value: object, where: str) -> list[Value]:
         twice = next(each for each in values if values.count(each) > 1)
         raise UsageError(f"{where}: {twice!r} stands there twice")
     return values
+
+
+def below(word: str, where: str) -> str:
+    """Refuse the name of a file that is not below the study's folder."""
+    path = PurePosixPath(word)
+    if path.is_absolute() or ".." in path.parts or "\0" in word or not word:
+        raise UsageError(
+            f"{where}: {word!r}, expected a name known here or a file below the "
+            "folder of the study"
+        )
+    return word

@@ -24,12 +24,14 @@ from fembridge.errors import (
     ResponseError,
 )
 from fembridge.outputs import write_text
+from fembridge.response.accepted import Tell
 from fembridge.response.map_file import MAP_FILE, read_map
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import solve_response
 from fembridge.response.stored import stored_response
-from fembridge.simulate import SolverSettings, Tell, simulate
+from fembridge.simulate import simulate
 from fembridge.simulation import Simulation
+from fembridge.solvers.settings import SolverSettings
 from fembridge.solvers.watchdog import OnProgress
 from fembridge.sweep.answers import is_finished, write_item
 from fembridge.sweep.lease import BusyError, leased
@@ -136,7 +138,7 @@ def _do_response(
         )
         solve_response(
             place,
-            model,
+            model.at_once(),
             depth_um=task.depth_um,
             ladder=ladder_of(task.asked),
             threads=settings.threads_each(1),

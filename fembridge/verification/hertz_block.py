@@ -20,9 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.analysis import Analysis, Contact, motion_of
-from decks.finger import AfferentSite, Bone, Finger, Material, Outline
+from decks.analysis import Analysis, Contact
+from decks.finger import AfferentSite, Bone, Finger, Outline
+from decks.material import Material
 from decks.meshing.mesh import Mesh
+from decks.motion import motion_of
 from decks.presets import QUICK
 from decks.probe import ProbeMesh
 from fembridge.results.stress import von_mises_pa

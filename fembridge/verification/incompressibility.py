@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from decks.dialects import JOB
-from decks.finger import TABLE_1, AfferentSite, Material
+from decks.finger import AfferentSite
+from decks.material import TABLE_1, Material
 from decks.presets import QUICK
 from fembridge.build import Model, model_of
 from fembridge.results.printed.dat import read_point_stress

@@ -27,12 +27,6 @@ TITLE = "Response map against whole transients"
 TRACE_PERCENT, DRIVE_PERCENT, EQUAL_PERCENT = 0.2, 5.0, 99.0
 FEWER_INCREMENTS, LESS_CPU = 1000.0, 300.0
 _SHOWN = "diharm_10_50_125"
-_OF_PAPER = (
-    "On `paper` `sine_100_85.98` stands for `sine_300_31.02`, which, unheld, did not "
-    "converge there at its first return from the air (contact of 200 MPa/mm with "
-    "friction; decision 0003 has another such case, and `simulate` takes the next "
-    "contact of its ladder then).",
-)
 _EVERY = 2
 
 
@@ -42,9 +36,7 @@ class Compared:
 
     `trace_percent` and `drive_percent` are by afferent. `spikes` counts those of the
     transient, `equal` those that the map has at the same sample, `more` those that
-    the map alone has. `stray` samples are those on which the solver converged to a
-    contact that is none; errors leave them out. `traces` are the map's and the
-    transient's.
+    the map alone has. `traces` are the map's and the transient's.
     """
 
     finger: str
@@ -55,7 +47,6 @@ class Compared:
     spikes: int
     equal: int
     more: int
-    stray: int
     cost: Cost
     traces: tuple[Sequence[StressTrace], Sequence[StressTrace]]
 
@@ -104,8 +95,6 @@ def finding_of(
         ),
         words=(
             f"Followed were the first {_parts(found)} of each stimulus.",
-            *(_OF_PAPER if "paper" in maps else ()),
-            *_of_stray(found),
             f"{equal} of {either} spikes stand at the same sample "
             f"({share:.2f} %); stress is within {worst_trace:.2g} % of "
             f"its peak, the drives within {worst_drive:.2g} %.",
@@ -148,23 +137,6 @@ def finding_of(
     )
 
 
-def _of_stray(found: Sequence[Compared]) -> tuple[str, ...]:
-    """Tell of increments on which the transient, not the map, is wrong."""
-    runs = [each for each in found if each.stray]
-    if not runs:
-        return ()
-    named = ", ".join(f"`{one.stimulus.id}` on `{one.finger}`" for one in runs)
-    return (
-        f"What surprised: {sum(one.stray for one in runs)} increment of a transient "
-        f"({named}) converged to a stray contact, with several times as many springs "
-        "as before and after it (17 instead of 1, where this was found). Stress is "
-        "0.5 % too high on that one sample, and a second difference makes of it a "
-        "drive of PC several times too large on the next two. "
-        "It is the transient that is wrong, and the map is not, so such "
-        "samples are left out of the errors; spikes are compared on all.",
-    )
-
-
 def _parts(found: Sequence[Compared]) -> str:
     """Tell how much of the stimuli was followed on each finger."""
     parts = []
@@ -184,14 +156,14 @@ def _errors(found: Sequence[Compared]) -> NumberTable:
     return NumberTable(
         name="map",
         caption="Largest error in percent of the peak, of stress and of drive; spikes "
-        "of the transient, those that are not in both, stray increments. `held` is "
+        "of the transient, those that are not in both. `held` is "
         "the depth of the probe before time 0, `solved` the part of the stimulus "
         "that was followed",
         columns=(
             *("finger", "stimulus", "held_um", "solved_ms"),
             *(f"{name}_stress" for name in names),
             *(f"{name}_drive" for name in names),
-            *("spikes", "different", "stray", "iterations", "cpu_s", "contact"),
+            *("spikes", "different", "iterations", "cpu_s", "contact"),
         ),
         rows=tuple(
             (
@@ -203,7 +175,6 @@ def _errors(found: Sequence[Compared]) -> NumberTable:
                 *each.drive_percent.values(),
                 each.spikes,
                 each.spikes - each.equal + each.more,
-                each.stray,
                 each.cost.iterations,
                 each.cost.cpu_s,
                 each.contact,
@@ -213,7 +184,7 @@ def _errors(found: Sequence[Compared]) -> NumberTable:
         formats=(
             *("", "", "g", "g"),
             *[".1e"] * (2 * len(names)),
-            *("d", "d", "d", "d", ".0f", ""),
+            *("d", "d", "d", ".0f", ""),
         ),
     )
 

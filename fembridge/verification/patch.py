@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decks.dialects import JOB
-from decks.finger import TABLE_1
+from decks.material import TABLE_1
 from decks.meshing.mesh import Mesh
 from fembridge.results.frd import read_displacement
 from fembridge.results.printed.dat import read_point_stress

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.finger import Material
 from decks.inp.lines import element_lines, list_lines, node_lines, real
+from decks.material import Material
 from fembridge.typing import FloatArray, IntArray
 
 NEO_HOOKEAN = "neo-hookean"

@@ -12,7 +12,7 @@ finite. An element that cannot keep its volume pays with a mean stress that is w
 
 import numpy as np
 
-from decks.finger import Material
+from decks.material import Material
 from fembridge.typing import FloatArray, IntArray
 from fembridge.verification.plane_deck import PlaneProblem, moduli_mpa
 

@@ -157,6 +157,7 @@ def test_a_wrong_number_of_a_reader_is_named(files, process, run, tmp_path):
         process.check([(last, wrong)], held)
 
 
+@pytest.mark.slow
 def test_one_command_measures_and_writes_the_table_into_the_page(
     jobs, process, tmp_path
 ):

@@ -3,7 +3,7 @@
 It knows cards, options and data lines, nothing of fingers.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -70,13 +70,14 @@ def parse(text):
 
 SKIN = mesh_of(QUICK)
 SHORT = Stimulus("short", np.array([0.0, 1.5, -2.25, 100.0]), 0.5, (0.0, 1.5))
+PLAIN = Model(QUICK, SKIN, drive="prescribed")
 MODELS = {
-    "plain": Model(QUICK, SKIN),
-    "reduced": Model(QUICK, SKIN, element="CPE4R"),
-    "quadratic": Model(QUICK, SKIN, element="CPE8R"),
-    "by surface": Model(QUICK, SKIN, contact=Contact("surface-to-surface", 1000.0)),
-    "smooth": Model(QUICK, SKIN, contact=Contact(friction=0.0)),
-    "flat aside": Model(QUICK, SKIN, Probe("flat", 2.0, 0.2, 0.3), element="CPE8R"),
+    "plain": PLAIN,
+    "reduced": replace(PLAIN, element="CPE4R"),
+    "quadratic": replace(PLAIN, element="CPE8R"),
+    "by surface": replace(PLAIN, contact=Contact("surface-to-surface", 1000.0)),
+    "smooth": replace(PLAIN, contact=Contact(friction=0.0)),
+    "flat aside": replace(PLAIN, probe=Probe("flat", 2.0, 0.2, 0.3), element="CPE8R"),
 }
 
 

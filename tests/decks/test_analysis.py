@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import ELEMENTS, RAMP_INCREMENTS, Contact, analyse, motion_of
+from decks.analysis import ELEMENTS, Contact, analyse
 from decks.finger import SITES, AfferentSite, Finger
+from decks.motion import RAMP_INCREMENTS, motion_of
 from decks.presets import PRESETS, QUICK, mesh_of
 from decks.probe import Probe
 from decks.stimuli.catalogue import resolve

@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from decks.finger import (
     LAYERS,
     SITES,
-    TABLE_1,
     AfferentSite,
     Bone,
     Finger,
-    Material,
     Nail,
     Outline,
     Papillae,
@@ -24,6 +22,7 @@ from decks.finger import (
     Ridges,
     Skin,
 )
+from decks.material import TABLE_1, Material
 from fembridge.errors import FingerError
 
 PARTS = (Outline, Skin, Ridges, Papillae, Bone, Nail, Resolution)

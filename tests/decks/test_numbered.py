@@ -5,16 +5,47 @@ import pytest
 
 from decks.analysis import analyse
 from decks.finger import LAYERS
+from decks.half_section import half_section
 from decks.numbered import QUADRATIC, numbered
 from decks.presets import QUICK, mesh_of
 
 SKIN = mesh_of(QUICK)
 ELEMENTS = ("CPE4", "CPE4H", "CPE8", "CPE8R")
+HALVES = ("CPE4", "CPE8R")
 
 
-@pytest.fixture(params=ELEMENTS)
+def whole_of(stimulus, element):
+    return numbered(analyse(QUICK, SKIN, stimulus, element=element))
+
+
+def half_of(stimulus, element):
+    analysis = analyse(
+        QUICK, SKIN, stimulus, element=element, drive="spring", section="half"
+    )
+    return numbered(analysis, half_section(analysis))
+
+
+@pytest.fixture(
+    params=[*((whole_of, name) for name in ELEMENTS), *((half_of, n) for n in HALVES)],
+    ids=lambda param: f"{param[0].__name__.removesuffix('_of')}-{param[1]}",
+)
 def model(request, short):
-    return numbered(analyse(QUICK, SKIN, short, element=request.param))
+    make, element = request.param
+    return make(short, element)
+
+
+@pytest.fixture(params=HALVES)
+def both(request, short):
+    """Give a whole and its half."""
+    return whole_of(short, request.param), half_of(short, request.param)
+
+
+def kept_rows(model):
+    """Rows of the mesh's elements that are there, by a plain loop."""
+    if not model.is_half:
+        return list(range(len(SKIN.quad)))
+    x_mm = SKIN.node_mm[:, 0]
+    return [row for row, quad in enumerate(SKIN.quad) if min(x_mm[quad]) >= 0]
 
 
 def test_every_element_of_the_mesh_is_in_the_section_of_its_layer_once(model):
@@ -23,8 +54,9 @@ def test_every_element_of_the_mesh_is_in_the_section_of_its_layer_once(model):
         for number, nodes in zip(layer.number, layer.node, strict=True):
             seen[int(number)] = (layer.name, tuple(nodes[:4].tolist()))
     assert len(seen) == sum(len(layer.number) for layer in model.layers)
-    assert sorted(seen) == list(range(1, len(SKIN.quad) + 1))
-    for row, quad in enumerate(SKIN.quad):
+    assert sorted(seen) == [row + 1 for row in kept_rows(model)]
+    for row in kept_rows(model):
+        quad = SKIN.quad[row]
         expected = LAYERS[SKIN.layer[row]], tuple(int(node) + 1 for node in quad)
         assert seen[row + 1] == expected
 
@@ -42,13 +74,16 @@ def test_a_mid_side_is_half_way_between_its_corners(model):
 
 
 def test_the_probe_follows_the_finger_without_a_gap(model):
-    count = sum(len(layer.number) for layer in model.layers)
     assert model.first_probe_node == len(model.node_mm) + 1
-    assert model.probe.number[0] == count + 1
-    used = np.unique(model.probe.node)
-    assert used[0] == model.first_probe_node
-    assert used.size == len(model.probe_node_mm)
-    assert used[-1] == used[0] + used.size - 1
+    first, count = len(SKIN.quad) + 1, len(model.analysis.probe.quad)
+    numbers = np.arange(first, first + count)
+    nodes = model.first_probe_node + np.arange(len(model.probe_node_mm))
+    if model.is_half:
+        right = model.probe_node_mm[:, 0] >= 0
+        numbers, nodes = numbers[count // 2 :], nodes[right]
+    assert model.probe.number.tolist() == numbers.tolist()
+    assert np.unique(model.probe.node).tolist() == nodes.tolist()
+    assert model.probe_node.tolist() == nodes.tolist()
 
 
 def test_the_lower_side_runs_from_left_to_right_and_touches_the_skin_from_above(model):
@@ -102,3 +137,34 @@ def test_only_soft_layers_take_another_law(short):
         "nail",
     }
     assert model.probe.law == "linear"
+
+
+def test_the_nodes_are_those_that_elements_use(model):
+    used = {int(node) for layer in model.layers for node in layer.node.flat}
+    assert model.node.tolist() == sorted(used)
+    if not model.is_half:
+        assert used == set(range(1, len(model.node_mm) + 1))
+
+
+def test_a_half_has_the_numbers_of_the_whole_and_none_from_the_left(both):
+    whole, half = both
+    assert np.array_equal(half.node_mm, whole.node_mm)
+    right = {n for n, (x, _) in enumerate(whole.node_mm, start=1) if x >= 0}
+    assert set(half.node.tolist()) == right
+    for name in ("held", "contact_node", "watched"):
+        numbers = set(getattr(whole, name).tolist())
+        assert set(getattr(half, name).tolist()) == numbers & right
+    assert (half.afferent, half.apex) == (whole.afferent, whole.apex)
+    elements = {n for layer in half.layers for n in layer.number.tolist()}
+    faces = {tuple(face) for face in whole.contact_face.tolist() if face[0] in elements}
+    assert {tuple(face) for face in half.contact_face.tolist()} == faces
+    assert 2 * len(faces) == len(whole.contact_face)
+
+
+def test_the_axis_of_a_half_is_at_x_0_and_a_whole_has_none(both):
+    whole, half = both
+    there = [n for n, (x, _) in enumerate(whole.node_mm, start=1) if x == 0]
+    assert half.axis.tolist() == there
+    assert len(there) > 10
+    assert whole.axis.size == 0
+    assert (whole.thickness_mm, half.thickness_mm) == (1.0, 2.0)

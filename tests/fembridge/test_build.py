@@ -9,6 +9,7 @@ import pytest
 from decks.analysis import Contact
 from decks.dialects import DeckOptions
 from decks.presets import PRESETS
+from decks.probe import Probe
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge import build
@@ -192,6 +193,35 @@ def test_inputs_tell_what_the_deck_was_made_from(tmp_path, model):
     assert inputs["stimulus"]["seed"] == 77
     assert inputs["probe"]["diameter_mm"] == 1.0
     assert inputs["finger"]["name"] == "quick"
+
+
+def test_a_run_tells_how_much_of_the_section_is_computed_and_why(tmp_path, model):
+    stimulus = stimulus_of("sine_50_250")
+    half = build_run_folder(tmp_path / "half", model, stimulus)
+    aside = dataclasses.replace(model, probe=Probe(x_mm=0.25))
+    whole = build_run_folder(tmp_path / "whole", aside, stimulus)
+
+    assert half.inputs["section"] == "half"
+    assert set(half.on_axis) == {
+        *(place.node for place in half.afferents if place.x_mm == 0),
+        half.apex_node,
+    }
+    assert whole.inputs["section"] == "whole: the probe is no mirror image of itself"
+    assert whole.on_axis == ()
+    for built in (half, whole):
+        assert read_run_folder(built.folder) == built
+
+
+def test_a_prescribed_probe_and_other_solvers_know_no_half(tmp_path, model):
+    stimulus = stimulus_of("sine_50_250")
+    still = dataclasses.replace(model, drive="prescribed")
+    abaqus = dataclasses.replace(model, element="CPE4H")
+    for built in (
+        build_run_folder(tmp_path / "prescribed", still, stimulus),
+        build_run_folder(tmp_path / "abaqus", abaqus, stimulus, solver="abaqus"),
+    ):
+        assert "section" not in built.inputs
+        assert built.on_axis == ()
 
 
 def test_a_model_has_defaults_of_the_paper():

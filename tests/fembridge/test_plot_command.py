@@ -50,6 +50,16 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Let figures be made and none be rendered, which is most of the time."""
+
+    def save(figure, path, **options):
+        Path(path).write_bytes(PNG)
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+
+
 def summary(capsys, *words):
     assert main(["plot", *words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
@@ -86,6 +96,7 @@ def test_the_suffix_chooses_the_format(here, name, start):
     assert (here / name).read_bytes().startswith(start)
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_json_may_stand_before_or_after_the_picture(here, capsys):
     words = ["stimulus", "noise_25_250"]
     after = summary(capsys, *words)
@@ -98,6 +109,7 @@ def test_json_may_stand_before_or_after_the_picture(here, capsys):
     }
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_summary_of_a_mesh_names_the_nodes_of_the_afferents(here, capsys):
     told = summary(capsys, "mesh", "--probe-shape", "flat", "--probe-x-mm", "0.5")
     mesh = mesh_of(QUICK)
@@ -107,11 +119,13 @@ def test_the_summary_of_a_mesh_names_the_nodes_of_the_afferents(here, capsys):
         assert place["node"] == mesh.node_at(QUICK.afferents[name]) + 1
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_finger_file_with_other_materials_is_drawn(here, capsys):
     Path("soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.02\n")
     assert summary(capsys, "mesh", "--finger", "soft.toml")["finger"] == "soft"
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_response_is_that_of_the_file(here, capsys):
     told = summary(capsys, "response", "response.toml")
     assert told["afferents"] == ["SA"]
@@ -119,6 +133,7 @@ def test_a_response_is_that_of_the_file(here, capsys):
     assert told["closure_percent"] == 0.02
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_without_a_file_the_stored_response_of_a_finger_is_drawn(
     here, capsys, monkeypatch
 ):
@@ -136,6 +151,7 @@ def test_without_a_file_the_stored_response_of_a_finger_is_drawn(
     assert asked == [("quick", 1.0, "CPE4"), ("paper", 1.0, "CPE4")]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_traces_are_told_with_their_peaks(here, capsys):
     told = summary(capsys, "trace", "traces.csv", "--stimulus", "sine_20_250")
     assert told["traces"] == [
@@ -144,6 +160,7 @@ def test_traces_are_told_with_their_peaks(here, capsys):
     ]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(
     here, capsys
 ):
@@ -164,6 +181,7 @@ def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(
     assert "spikes.csv: no spike of sine_20_6.71, sine_20_18: silent" in streams.err
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_raster_of_one_class_counts_its_spikes(here, capsys):
     words = ["--afferent", "RA", "--window-ms", "100", "200"]
     assert summary(capsys, "raster", "spikes.csv", *words)["spikes"] == 1
@@ -238,6 +256,7 @@ def test_what_cannot_be_drawn_is_1_in_one_line(here, capsys, words, told):
     assert set(here.iterdir()) == before
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_table_of_no_spikes_is_drawn_where_a_stimulus_is_named(here, capsys):
     Path("none.csv").write_text("stimulus,afferent,repeat,spike_time_ms\n")
     assert main(["plot", "raster", "none.csv"]) == 2

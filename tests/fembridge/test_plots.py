@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.finger import LAYERS, AfferentSite, Material
+from decks.finger import LAYERS, AfferentSite
+from decks.material import Material
 from decks.meshing.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe

@@ -20,12 +20,14 @@ from fembridge.errors import (
     UsageError,
 )
 from fembridge.machine import SOLVER_INSTALL_LINE
-from fembridge.response import solve
+from fembridge.response import accepted, solve
 from fembridge.response.map_file import read_map
 from fembridge.response.solve import Rung, Solved
 from fembridge.response.stored import FOLDER
-from fembridge.simulate import SolverSettings, simulate
+from fembridge.simulate import simulate
+from fembridge.solvers import settings
 from fembridge.solvers.outcome import Outcome
+from fembridge.solvers.settings import SolverSettings
 from neural import PUBLISHED
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
@@ -58,7 +60,7 @@ def ccx(monkeypatch):
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(module, "solve_response", solved)
+    monkeypatch.setattr(accepted, "solve_response", solved)
     return calls
 
 
@@ -179,7 +181,7 @@ def test_a_transient_takes_a_solver(tmp_path, model, no_ccx):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "method 'magic', expected map or transient"),
+        ({"method": "magic"}, "method 'magic', expected auto, map or transient"),
         ({"method": "transient", "stored": True}, "a stored response answers no"),
     ],
 )
@@ -215,7 +217,7 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     monkeypatch, threads, asked, runs, expected
 ):
     """OMP_NUM_THREADS is the user's word about the machine: None leaves it alone."""
-    monkeypatch.setattr(module, "_cores", lambda: 8)
+    monkeypatch.setattr(settings, "_cores", lambda: 8)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     if asked is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", asked)

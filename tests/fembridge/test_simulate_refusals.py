@@ -15,6 +15,25 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
+    """What a run left: names and bytes."""
+    folder = tmp_path_factory.mktemp("earlier")
+    words = ["--stimulus", "sine_50_250", "--stored", "-o", str(folder)]
+    assert main(["simulate", *words]) == 0
+    return contents(folder)
+
+
+@pytest.fixture
+def result(here, earlier):
+    """Give the folder of an earlier run, as that left it."""
+    folder = here / "out"
+    folder.mkdir()
+    for name, content in earlier.items():
+        (folder / name).write_bytes(content)
+    return folder
+
+
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -156,23 +175,18 @@ def test_an_output_that_is_a_file_is_told_and_stays(here, capsys, output):
         ["--stimulus", "nois"],
     ],
 )
-def test_an_earlier_result_survives_a_run_that_fails(here, words):
-    main(["simulate", "--stimulus", "sine_50_250", "-o", "out"])
-    before = contents(here / "out")
-
+def test_an_earlier_result_survives_a_run_that_fails(result, earlier, words):
     assert main(["simulate", "-o", "out", *words]) != 0
 
-    assert contents(here / "out") == before
+    assert contents(result) == earlier
+    assert "raster.png" in earlier
 
 
 def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
-    here, capsys, monkeypatch
+    result, earlier, capsys, monkeypatch
 ):
     from fembridge.errors import OutputError
     from fembridge.plots import raster
-
-    main(["simulate", "--stimulus", "sine_50_250", "-o", "out"])
-    before = contents(here / "out")
 
     def disk_full(trains, path, **options):
         raise OutputError("cannot write: No space left on device", path)
@@ -182,4 +196,4 @@ def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
 
     last = capsys.readouterr().err.splitlines()[-1]
     assert last == "fembridge: out/raster.png: cannot write: No space left on device"
-    assert contents(here / "out") == before
+    assert contents(result) == earlier

@@ -1,5 +1,6 @@
 """Whole transients in the pipeline: which contact they get, and what ends them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,18 +8,23 @@ import pytest
 
 from decks.analysis import Contact
 from decks.dialects import JOB
+from decks.material import PronyTerm
 from decks.presets import PRESETS
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge import simulate as module
+from fembridge import transients as transients_module
 from fembridge.build import model_of
-from fembridge.errors import SolverError
+from fembridge.errors import SolverError, UsageError
+from fembridge.response import accepted
 from fembridge.response.map_file import read_map
+from fembridge.response.path_dependence import FrictionSlipError
 from fembridge.response.solve import LADDER, Rung, Solved
 from fembridge.response.stored import FOLDER
 from fembridge.run_folder import read_run_folder
-from fembridge.simulate import SolverSettings, simulate
+from fembridge.simulate import simulate
 from fembridge.solvers.outcome import Cause, Failure, Outcome
+from fembridge.solvers.settings import SolverSettings
 from fembridge.trace import StressTrace
 
 
@@ -44,7 +50,7 @@ def ccx(monkeypatch):
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(module, "solve_response", solved)
+    monkeypatch.setattr(accepted, "solve_response", solved)
     return calls
 
 
@@ -62,8 +68,8 @@ def transients(monkeypatch, ccx):
         wave = np.linspace(0, 1e4, run.increments + 1)
         return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
 
-    monkeypatch.setattr(module, "run_folders", run_folders)
-    monkeypatch.setattr(module, "read", read)
+    monkeypatch.setattr(transients_module, "run_folders", run_folders)
+    monkeypatch.setattr(transients_module, "read", read)
     return calls
 
 
@@ -102,7 +108,7 @@ def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, monkeypat
         failure = Failure(Cause.DISK_FULL, "increment 30")
         return [Outcome(calls[0][0]), Outcome(calls[0][1], failure)]
 
-    monkeypatch.setattr(module, "run_folders", failing)
+    monkeypatch.setattr(transients_module, "run_folders", failing)
     with pytest.raises(SolverError, match="sine_20_250: the results could not"):
         simulate(
             stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient"
@@ -119,7 +125,7 @@ def accepting(monkeypatch, transients):
         rungs = (Rung(ladder[0], None),)
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
-    monkeypatch.setattr(module, "solve_response", solved)
+    monkeypatch.setattr(accepted, "solve_response", solved)
 
 
 def diverging(times, seen):
@@ -140,7 +146,7 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
     tmp_path, model, accepting, monkeypatch
 ):
     seen, told = [], []
-    monkeypatch.setattr(module, "run_folders", diverging(1, seen))
+    monkeypatch.setattr(transients_module, "run_folders", diverging(1, seen))
 
     found = simulate(
         stimuli_of("sine_20_12.5,sine_20_250"),
@@ -166,8 +172,93 @@ def test_a_transient_that_diverges_with_every_contact_is_an_error(
     tmp_path, model, accepting, monkeypatch
 ):
     seen = []
-    monkeypatch.setattr(module, "run_folders", diverging(99, seen))
+    monkeypatch.setattr(transients_module, "run_folders", diverging(99, seen))
 
     with pytest.raises(SolverError, match="sine_20_250: an increment did not converge"):
         simulate(stimuli_of("sine_20_250"), model, tmp_path, method="transient")
     assert len(seen) == len(LADDER)
+
+
+def soft(model):
+    dermis = replace(model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    materials = {**model.finger.materials, "dermis": dermis}
+    return replace(model, finger=replace(model.finger, materials=materials))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda model, waves: (soft(model), waves), "dermis relaxes"),
+        (
+            lambda model, waves: (model, [each.sliding(2.0) for each in waves]),
+            "slides across the skin",
+        ),
+    ],
+)
+def test_where_there_is_no_map_each_waveform_is_solved_and_the_reason_told(
+    tmp_path, model, ccx, transients, change, reason
+):
+    told = []
+    model, waves = change(model, stimuli_of("sine_20_12.5,sine_20_250"))
+
+    found = simulate(waves, model, tmp_path, tell=told.append)
+
+    [(places, _)] = transients
+    assert len(places) == 2
+    assert reason in told[0]
+    assert told[0].endswith("so there is no response map: each waveform is solved")
+    assert found.origin["method"] == "transient"
+    assert reason in found.origin["no_map"]
+    [(_, indented, _)] = ccx
+    assert not indented.depends_on_time
+
+
+def test_a_map_that_was_asked_for_and_cannot_be_is_refused(tmp_path, model, ccx):
+    with pytest.raises(UsageError, match=r"no response map: dermis relaxes.*transient"):
+        simulate(stimuli_of("sine_20_250"), soft(model), tmp_path, method="map")
+    assert ccx == []
+
+
+def slipping(folder, model, *, ladder, **options):
+    raise FrictionSlipError("skin slips under the probe", 1.5, 1)
+
+
+def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
+    tmp_path, model, transients, monkeypatch
+):
+    told = []
+    monkeypatch.setattr(accepted, "solve_response", slipping)
+
+    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+
+    [([place], _)] = transients
+    contact = read_run_folder(place).inputs["contact"]
+    assert contact["friction"] == LADDER[0].friction
+    assert told[0].startswith("skin slips under the probe; so there is no response map")
+    assert (found.origin["method"], found.origin["closure_percent"]) == (
+        "transient",
+        1.5,
+    )
+    assert "response" not in found.origin
+
+
+def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(
+    tmp_path, model, ccx, monkeypatch
+):
+    monkeypatch.setattr(accepted, "solve_response", slipping)
+    with pytest.raises(UsageError, match="no response map: skin slips under the probe"):
+        simulate(stimuli_of("sine_20_250"), model, tmp_path, method="map")
+
+
+def test_after_a_slip_the_next_contact_is_taken_though_it_slips_as_well(
+    tmp_path, model, transients, monkeypatch
+):
+    monkeypatch.setattr(accepted, "solve_response", slipping)
+    seen = []
+    monkeypatch.setattr(transients_module, "run_folders", diverging(1, seen))
+
+    simulate(stimuli_of("sine_20_250"), model, tmp_path)
+
+    place = tmp_path / "runs" / "sine_20_250"
+    contact = read_run_folder(place).inputs["contact"]
+    assert contact["stick_share"] == LADDER[1].stick_share

@@ -13,7 +13,7 @@ from decks.numbered import numbered
 ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
 
 
-@pytest.fixture(params=ELEMENTS)
+@pytest.fixture(scope="module", params=ELEMENTS)
 def read(request, models, short, parse_deck):
     analysis = replace(models["plain"], element=request.param).analysis(short)
     return numbered(analysis), parse_deck(abaqus_deck(analysis))

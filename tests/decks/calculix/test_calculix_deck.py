@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose
 
 from decks.analysis import analyse
 from decks.calculix.deck import calculix_deck
-from decks.finger import LAYERS, Material
+from decks.finger import LAYERS
 from decks.inp.lines import LONGEST_NUMBER
+from decks.material import Material
 from decks.presets import QUICK, mesh_of
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus

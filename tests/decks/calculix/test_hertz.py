@@ -41,10 +41,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import Analysis, Contact, motion_of
+from decks.analysis import Analysis, Contact
 from decks.calculix.deck import calculix_deck
-from decks.finger import AfferentSite, Bone, Finger, Material, Outline
+from decks.finger import AfferentSite, Bone, Finger, Outline
+from decks.material import Material
 from decks.meshing.mesh import Mesh
+from decks.motion import motion_of
 from decks.numbered import numbered
 from decks.presets import QUICK
 from decks.probe import Probe, mesh_probe, touched_node

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from decks.analysis import analyse
 from decks.calculix.deck import calculix_deck
-from decks.finger import TABLE_1
 from decks.inp.lines import element_lines, node_lines, real
+from decks.material import TABLE_1
 from decks.numbered import numbered
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError

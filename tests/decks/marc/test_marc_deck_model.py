@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.finger import TABLE_1
 from decks.marc.deck import marc_deck
+from decks.material import TABLE_1
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 

@@ -71,6 +71,11 @@ FINGERS = {
     "short nail": {"nail": {"start_deg": 160, "thickness_mm": 0.2}},
     "afferent aside": {"afferents": {"RA": {"x_mm": -0.375, "depth_mm": 0.5}}},
 }
+ALIKE = {
+    *("no papillae", "no ridges", "thick epidermis"),
+    *("small", "large", "finer", "short nail"),
+}
+SLOW = pytest.mark.slow
 
 
 @cache
@@ -79,7 +84,9 @@ def meshed(kind):
 
 
 @needs_gmsh
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n == "quick" else SLOW) for n in PRESETS]
+)
 def test_a_preset_is_meshed_again_to_the_same_bytes(name, tmp_path):
     """Stored with gmsh 4.15.2 on x86-64; another version may place nodes otherwise."""
     if gmsh.__version__ != "4.15.2":
@@ -89,7 +96,9 @@ def test_a_preset_is_meshed_again_to_the_same_bytes(name, tmp_path):
 
 
 @needs_gmsh
-@pytest.mark.parametrize("kind", FINGERS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=SLOW if k in ALIKE else []) for k in FINGERS]
+)
 def test_another_finger_gets_a_sound_mesh_with_its_afferents(kind):
     """`Mesh` checks shapes and cover when it is made."""
     finger = finger_from(FINGERS[kind], kind)
@@ -106,6 +115,7 @@ def test_another_finger_gets_a_sound_mesh_with_its_afferents(kind):
 
 
 @needs_gmsh
+@SLOW
 def test_more_rows_and_narrower_columns_make_more_elements():
     counts = [len(meshed(kind).quad) for kind in ("coarser", "finer")]
     assert counts[0] < len(mesh_of(QUICK).quad) < counts[1]

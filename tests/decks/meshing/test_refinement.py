@@ -1,5 +1,7 @@
 """A mesh made finer around a point: the same section, nothing hanging, no worse."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +16,11 @@ from decks.presets import PRESETS, mesh_of
 from fembridge.errors import FingerError
 
 MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
+
+
+@cache
+def twice_refined(name):
+    return refined(refined(MESHES[name], (0.0, 0.0), 0.2), (0.0, 0.0), 0.1)
 
 
 def grid(columns, rows, width=1.0, height=1.0):
@@ -77,8 +84,7 @@ def test_a_dent_in_the_fine_part_is_filled():
 
 @pytest.mark.parametrize("name", MESHES)
 def test_a_preset_keeps_its_layers_its_symmetry_and_the_shape_of_its_elements(name):
-    coarse = MESHES[name]
-    fine = refined(refined(coarse, (0.0, 0.0), 0.2), (0.0, 0.0), 0.1)
+    coarse, fine = MESHES[name], twice_refined(name)
     assert_allclose(layer_areas(fine), layer_areas(coarse), rtol=1e-7)
     way_mm, image = KDTree(fine.node_mm).query(fine.node_mm * [-1.0, 1.0])
     assert way_mm.max() <= 2e-9  # they are rounded to 1e-9
@@ -88,8 +94,7 @@ def test_a_preset_keeps_its_layers_its_symmetry_and_the_shape_of_its_elements(na
 
 @pytest.mark.parametrize("name", MESHES)
 def test_twice_makes_the_elements_at_the_apex_of_a_preset_nine_times_narrower(name):
-    coarse = MESHES[name]
-    fine = refined(refined(coarse, (0.0, 0.0), 0.2), (0.0, 0.0), 0.1)
+    coarse, fine = MESHES[name], twice_refined(name)
 
     def narrowest_mm(mesh):
         edge, _, _ = mesh.outline()

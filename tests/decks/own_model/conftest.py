@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from decks.analysis import Motion
+from decks.motion import Motion
 from decks.own_model.inp_deck import rebase_inp
 from decks.own_model.request import Request
 from fembridge.errors import DeckError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from decks.analysis import Motion
+from decks.motion import Motion
 from decks.own_model.inp_deck import rebase_inp
 from decks.own_model.inp_dialect import dialect_of
 from decks.own_model.request import Request

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.analysis import Motion
+from decks.motion import Motion
 from decks.own_model.inp_deck import rebase_inp
 from decks.own_model.inp_dialect import dialect_of
 from decks.own_model.inp_text import read_inp_text

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from decks.analysis import Motion
+from decks.motion import Motion
 from decks.own_model.inp_deck import rebase_inp
 from decks.own_model.request import Request
 

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from decks.analysis import Motion
+from decks.motion import Motion
 from decks.own_model.inp_deck import rebase_inp
 from decks.own_model.inp_dialect import dialect_of
 from decks.own_model.request import Request
@@ -167,7 +167,7 @@ def put_together(pieces, end):
     return old, new
 
 
-@settings(max_examples=80)
+@settings(settings.get_profile("costly"))
 @given(built=decks())
 def test_only_waveform_increments_and_output_change(built):
     pieces, motion, request, end = built
@@ -179,7 +179,7 @@ def test_only_waveform_increments_and_output_change(built):
     assert rebased.place_mm == {name: places[name] for name in request.afferents}
 
 
-@settings(max_examples=30)
+@settings(settings.get_profile("costly"))
 @given(built=decks())
 def test_rebased_twice_is_rebased_once(built):
     pieces, motion, request, end = built
@@ -192,7 +192,7 @@ def test_rebased_twice_is_rebased_once(built):
         assert rebase_inp(once, motion, request, dialect=dialect).deck == once
 
 
-@settings(max_examples=30)
+@settings(settings.get_profile("costly"))
 @given(built=decks())
 def test_another_waveform_on_top_is_the_other_waveform_alone(built):
     pieces, motion, request, end = built
@@ -204,7 +204,7 @@ def test_another_waveform_on_top_is_the_other_waveform_alone(built):
     assert on_top.deck == rebase_inp(deck, longer, request).deck
 
 
-@settings(max_examples=120)
+@settings(settings.get_profile("costly"))
 @given(
     built=decks(),
     cut=st.tuples(st.floats(0, 1), st.floats(0, 1)),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import Motion, motion_of
+from decks.motion import Motion, motion_of
 from decks.own_model.inp_deck import rebase_inp
 from decks.own_model.request import Request
 from decks.stimuli.catalogue import resolve

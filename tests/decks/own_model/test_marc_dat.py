@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import Motion
 from decks.marc_grammar import read_marc_deck
 from decks.marc_grammar.history import load_cases
 from decks.marc_grammar.post import BOTH, FORMATTED, post
+from decks.motion import Motion
 from decks.own_model.marc_dat import rebase_marc
 from decks.own_model.request import Request
 from fembridge.errors import DeckError

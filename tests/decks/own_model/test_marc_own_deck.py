@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import analyse, motion_of
+from decks.analysis import analyse
 from decks.marc.deck import marc_deck
+from decks.motion import motion_of
 from decks.numbered import numbered
 from decks.own_model.marc_dat import rebase_marc
 from decks.own_model.request import Request

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from decks.analysis import Motion
 from decks.marc_grammar import read_marc_deck
+from decks.motion import Motion
 from decks.own_model.marc_dat import rebase_marc
 from decks.own_model.request import Request
 from fembridge.errors import DeckError

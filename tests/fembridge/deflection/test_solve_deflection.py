@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.finger import TABLE_1, Material
+from decks.material import TABLE_1, Material
 from decks.presets import QUICK, mesh_of
 from fembridge.deflection.press import Press, press_of
 from fembridge.deflection.profile_file import PROFILE_FILE, read_profile, write_profile

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from decks.finger_file import finger_table
 from decks.presets import PAPER, QUICK
 from fembridge.deflection import stored
 from fembridge.deflection.convergence import convergence
@@ -33,7 +34,7 @@ def test_three_meshes_or_more_are_stored_from_3000_to_beyond_18000_elements():
 
 
 def test_each_is_of_a_finger_that_we_ship_and_of_the_probe_of_the_paper(deflection):
-    assert deflection.origin["finger"] == asdict(FINGERS[deflection.name])
+    assert deflection.origin["finger"] == finger_table(FINGERS[deflection.name])
     assert deflection.origin["probe"] == asdict(PROBE)
     assert deflection.depth_mm == 1.0
 

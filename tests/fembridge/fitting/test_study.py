@@ -93,6 +93,7 @@ def test_the_whole_study_has_every_drive_unheld_and_held():
     assert len(cases) == len(set(cases))
 
 
+@pytest.mark.slow
 def test_two_processes_find_what_one_finds(table, made):
     cases = [finding.case for finding in made.findings]
     response = stored_source("quick").response

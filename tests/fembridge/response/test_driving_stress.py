@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from decks.finger import TABLE_1
+from decks.material import TABLE_1
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import ResponseError

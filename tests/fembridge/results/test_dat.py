@@ -1,5 +1,6 @@
 """Prints of CalculiX: total force, nodes, integration points."""
 
+import os
 import shutil
 
 import numpy as np
@@ -12,6 +13,7 @@ from fembridge.results.printed import dat
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 
+CUT_STEP = 1 if os.environ.get("CI") == "true" else 5
 STRESSES = (
     " stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and time"
     "  0.5000000E-03"
@@ -107,8 +109,8 @@ def test_every_cut_is_an_error_or_a_true_beginning(samples, tmp_path):
     path.write_bytes(run)
     _, _, forces_n = dat.read_node_print(path, "forces", "NTOP")
     counts = set()
-    for size in range(len(run)):
-        path.write_bytes(run[:size])
+    for size in range(len(run) - 1, -1, -CUT_STEP):
+        os.truncate(path, size)
         try:
             _, _, some_n = dat.read_node_print(
                 path, "forces", "NTOP", ReadOptions(partial=True)

@@ -29,6 +29,9 @@ ALL
 99
 """
 
+# A thousand entries, named a thousand times.
+TOO_MANY = "*NSET, NSET=B\n" + "1\n3\n" * 500 + "*NSET, NSET=A\n" + "B\n" * 1000
+
 
 @pytest.fixture
 def deck(tmp_path):
@@ -95,7 +98,7 @@ def test_a_set_that_is_absent_is_named_beside_those_there(deck):
         ("*NSET\n1\n", "NSET without NSET="),
         ("*NODE, NSET=A\nx, 0., 0.\n", "'x' where a node is expected"),
         ("*NSET, NSET=A, GENERATE\n1, 2000000000\n", "are the most to read"),
-        ("*NSET, NSET=A\n" + "1\n3\n" * 500_001, "more than 1000000 entries"),
+        (TOO_MANY, "set A: more than 1000000 entries"),
         ("1" * 100_000, "no text of a solver"),
     ],
 )

@@ -1,4 +1,7 @@
-"""Files that are cut, changed or foreign: an error with words, never a number."""
+"""Files that are cut, changed or foreign: an error with words, never a number.
+
+All cuts and 600 changes where ``CI`` is set, a part of them elsewhere.
+"""
 
 import os
 import re
@@ -12,6 +15,7 @@ from fembridge.errors import ResultError
 from fembridge.results import frd
 from fembridge.results.read_options import ReadOptions
 
+CUT_STEP, CHANGES = (1, 600) if os.environ.get("CI") == "true" else (7, 120)
 PRINTED = re.compile(rb"(?=([+-]?\d\.\d{5}[Ee][+-]\d{2}))")  # they may overlap
 LENIENT = ReadOptions(partial=True, across_materials=True, stress_unit="Pa")
 
@@ -38,7 +42,8 @@ def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(block, write_frd, 
     times_ms, tensor = frd.read_stress_tensor(path, [1, 3], LENIENT)
     _, moved = frd.read_displacement(path, [1, 3], LENIENT)
     seen, whole_size = set(), path.stat().st_size
-    for size in range(whole_size - 1, -1, -1):
+    ending = range(whole_size - 1, whole_size - 30, -1)
+    for size in [*ending, *range(whole_size - 30, -1, -CUT_STEP)]:
         os.truncate(path, size)
         if size < whole_size - 1:  # without its last line end nothing is lost
             with pytest.raises(ResultError):
@@ -66,16 +71,17 @@ def test_changed_bytes_never_make_a_number_that_is_not_in_the_file(
     path = write_frd(blocks, f"fuzz{flag}.frd", mesh_flag=min(flag, 2))
     whole, rng = path.read_bytes(), np.random.default_rng(flag)
     read = refused = 0
-    for _ in range(300):
+    for _ in range(CHANGES):
         changed = bytearray(whole)
-        for at in rng.integers(0, len(whole), rng.integers(1, 4)):
-            kind = rng.integers(3)
+        for place in rng.integers(0, len(whole), rng.integers(1, 4)):
+            at, kind = min(place, len(changed) - 1), rng.integers(3)
             if kind == 0:
                 changed[at] = rng.integers(256)
             elif kind == 1:
                 changed[at] ^= 1 << rng.integers(8)
             else:
                 changed[at : at + rng.integers(1, 9)] = b""
+        path.unlink()  # else the disk is waited for
         path.write_bytes(changed)
         try:
             _, values = frd.read_stress_tensor(path, [1, 3], LENIENT)
@@ -85,8 +91,8 @@ def test_changed_bytes_never_make_a_number_that_is_not_in_the_file(
         read += 1
         for value in values.ravel():
             assert in_file(float(value), bytes(changed), flag)
-    assert read > 20
-    assert refused > 20
+    assert read > CHANGES // 15
+    assert refused > CHANGES // 15
 
 
 def in_file(value, content, flag):

@@ -2,10 +2,12 @@
 
 They were written by other people with CalculiX 2.11 and are GPL: they are read
 where they stand and never copied. Frequency, buckling and cyclic modes, beams and
-shells expanded to bricks, contact, fluid networks, up to sixty components.
+shells expanded to bricks, contact, fluid networks, up to sixty components. All files
+where ``CI`` is set, one of five elsewhere.
 """
 
 import gzip
+import os
 import re
 from pathlib import Path
 
@@ -23,9 +25,12 @@ from fembridge.results.printed.dat_section import dat_sections
 from fembridge.results.read_options import ReadOptions
 
 FOLDER = Path("/usr/share/doc/calculix-ccx-test/examples/test")
-FRD = sorted(path.name for path in FOLDER.glob("*.frd*") if "check" not in path.name)
-DAT = sorted(path.name for path in FOLDER.glob("*.dat.ref*"))
-DECKS = sorted(path.name for path in FOLDER.glob("*.inp*"))
+OF = 1 if os.environ.get("CI") == "true" else 5
+FRD = sorted(p.name for p in FOLDER.glob("*.frd*") if "check" not in p.name)[
+    OF - 1 :: OF
+]
+DAT = sorted(path.name for path in FOLDER.glob("*.dat.ref*"))[OF - 1 :: OF]
+DECKS = sorted(path.name for path in FOLDER.glob("*.inp*"))[OF - 1 :: OF]
 HERE = pytest.mark.skipif(not FRD, reason="calculix-ccx-test is not installed")
 LENIENT = ReadOptions(across_materials=True, stress_unit="Pa")
 
@@ -121,7 +126,7 @@ def test_every_print_is_read_to_its_end(tmp_path):
             assert np.isfinite(section.values).all()
             assert len(section.labels) == len(section.values)
         path.unlink()
-    assert count > 100_000
+    assert count > 100_000 / OF / 2
 
 
 @HERE
@@ -131,4 +136,4 @@ def test_the_sets_of_every_deck_are_read(tmp_path):
         path = unpacked(name, tmp_path)
         count += len(read_node_sets(path))
         path.unlink()
-    assert count > 1000
+    assert count > 1000 / OF / 2

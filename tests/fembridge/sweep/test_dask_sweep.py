@@ -79,6 +79,7 @@ def count(ledger, word):
 
 
 @needs_dask
+@pytest.mark.slow
 @pytest.mark.usefixtures("recorded_ccx")
 def test_a_worker_killed_in_the_middle_loses_nothing_and_repeats_nothing(
     dermis_study, tmp_path, ledger, gate, start_cluster, wait_until, is_alive
@@ -103,6 +104,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_repeats_nothing(
 
 
 @needs_dask
+@pytest.mark.slow
 @pytest.mark.usefixtures("recorded_ccx")
 def test_a_cluster_of_our_own_ends_with_the_sweep(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive

@@ -44,7 +44,7 @@ def test_each_response_is_solved_once_and_every_item_reads_it(
     assert {row["status"] for row in table_of(tmp_path / "out")} == {"done"}
 
     more = dermis_study(4, 'preindent_um = [0, 75]\nparameters = "published"')
-    run_sweep(more, tmp_path / "out", jobs=2)
+    run_sweep(more, tmp_path / "out", jobs=1)
     assert sorted(solved(ledger).values()) == [1, 1, 1, 1]
 
 
@@ -67,7 +67,7 @@ def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
     assert sum(line.startswith("failed: ") for line in err) == 2
 
     monkeypatch.delenv("SWEEP_REFUSES")
-    again = run_sweep(path, tmp_path / "out")
+    again = run_sweep(path, tmp_path / "out", jobs=1)
     assert (again.before, again.failed) == (4, ())
     assert len(begun(ledger)) == 4
 
@@ -105,7 +105,8 @@ def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+    ("number", "code"),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
 )
 def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
     dermis_study,
@@ -129,7 +130,7 @@ def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
     assert not (tmp_path / "out/results.csv").exists()
 
     gate.touch()
-    assert not run_sweep(path, tmp_path / "out", jobs=2).failed
+    assert not run_sweep(path, tmp_path / "out", jobs=1).failed
     assert sorted(solved(ledger).values()) == [1, 1, 1]
 
 
@@ -150,6 +151,7 @@ def test_a_worker_that_is_killed_is_replaced_and_its_task_done_once(
     assert len(begun(ledger)) == 4
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_its_worker_every_time_fails_alone(
     dermis_study, tmp_path, monkeypatch, recorded_ccx
 ):
@@ -166,6 +168,7 @@ def test_a_task_that_kills_its_worker_every_time_fails_alone(
     assert sum(row["status"] == "done" for row in table_of(tmp_path / "out")) == 6
 
 
+@pytest.mark.slow
 def test_two_sweeps_on_one_folder_share_the_work(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until
 ):
@@ -181,6 +184,7 @@ def test_two_sweeps_on_one_folder_share_the_work(
     assert len(begun(ledger)) == 4
 
 
+@pytest.mark.slow
 def test_a_response_that_was_edited_by_hand_is_read_again_from_the_solver(
     dermis_study, tmp_path, ledger
 ):
@@ -202,6 +206,7 @@ def test_a_response_that_was_edited_by_hand_is_read_again_from_the_solver(
     assert len(begun(ledger)) == 2  # what the solver wrote was whole
 
 
+@pytest.mark.slow
 def test_a_folder_of_many_strange_letters_is_a_folder(dermis_study, tmp_path):
     folder = tmp_path / "Über prüfung 'ß' {x}" / ("long" * 40)
     assert not run_sweep(dermis_study(1), folder).failed

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decks.analysis import Contact
+from decks.material import PronyTerm
 from decks.presets import PRESETS
 from decks.probe import Probe
 from decks.stimuli.catalogue import CATALOGUE, resolve
@@ -269,3 +270,19 @@ def test_a_task_is_the_same_after_a_pickle():
         one.solve_place,
     )
     assert [each.id for each in again.stimuli()] == [each.id for each in one.stimuli()]
+
+
+def test_of_a_finger_that_relaxes_each_waveform_is_solved():
+    finger = PRESETS["quick"]
+    dermis = replace(finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    soft = replace(finger, materials={**finger.materials, "dermis": dermis})
+    variants = (QUICK, Variant("soft", soft))
+
+    plan = plan_of(study("sine_20", variants=variants), CCX)
+
+    method_of = {
+        item.response.finger.relaxing_s > 0: item.method for item in plan.items.values()
+    }
+    assert method_of == {False: "map", True: "transient"}
+    assert len(plan.items) == 1 + len(resolve("sine_20"))
+    assert {point.columns["method"] for point in plan.points} == {"map", "transient"}

@@ -1,6 +1,7 @@
 """Cells of the agreement tables against rates whose agreement is known."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,9 +42,13 @@ def compared():
     return compare_rates(STIMULI, sources)
 
 
+@cache
+def cells_of(compared, reference):
+    return agreement_cells(compared, reference)
+
+
 def of_sines(compared, source, afferent="RA", reference=OBSERVED):
-    cells = agreement_cells(compared, reference)
-    return cell_of(cells, reference, source, "sine", afferent)
+    return cell_of(cells_of(compared, reference), reference, source, "sine", afferent)
 
 
 def test_equal_rates_agree_fully_and_meet_both_goals(compared):
@@ -87,7 +92,7 @@ def test_agreement_with_touchsim_is_no_goal(compared):
 
 
 def test_without_a_common_stimulus_a_cell_is_empty_and_meets_nothing(compared):
-    cells = agreement_cells(compared, OBSERVED)
+    cells = cells_of(compared, OBSERVED)
     cell = cell_of(cells, OBSERVED, "equal", "noise", "SA")
     assert cell.agreement is None
     assert cell.count == 0
@@ -95,14 +100,14 @@ def test_without_a_common_stimulus_a_cell_is_empty_and_meets_nothing(compared):
 
 
 def test_there_is_a_cell_for_each_source_set_and_class(compared):
-    cells = agreement_cells(compared, OBSERVED)
+    cells = cells_of(compared, OBSERVED)
     sets = sum(len(family.sets) + 1 for family in FAMILIES)
     assert len(cells) == 4 * sets * len(AFFERENTS)
     assert references_of(compared) == (OBSERVED, TOUCHSIM)
 
 
 def test_the_points_of_a_family_are_those_of_its_sets(compared):
-    cells = agreement_cells(compared, TOUCHSIM)
+    cells = cells_of(compared, TOUCHSIM)
     for family in FAMILIES:
         each = [
             cell_of(cells, TOUCHSIM, "double", family.name, "PC", one.name).count
@@ -114,4 +119,4 @@ def test_the_points_of_a_family_are_those_of_its_sets(compared):
 
 def test_a_cell_that_is_not_there_is_named(compared):
     with pytest.raises(UsageError, match="no agreement of observed, nobody, sine"):
-        cell_of(agreement_cells(compared, OBSERVED), OBSERVED, "nobody", "sine", "SA")
+        cell_of(cells_of(compared, OBSERVED), OBSERVED, "nobody", "sine", "SA")

@@ -22,19 +22,24 @@ from fembridge.validation.threshold_figure import threshold_figure
 LEAST_PT = 7.0
 
 
-def figures(study):
+def rates(study):
+    return rate_figure(study.compared, FAMILIES[2], "own")
+
+
+def regression(study):
     family = FAMILIES[2]
     reference = study.compared.reference(family.stimuli)
+    return regression_figure(study.compared, study.cells, family, reference, "own")
+
+
+def raster(study):
     simulation = study.simulations["own"]
     stimuli = [one for one in simulation.stimuli if one.id in RASTER_STIMULI]
-    return {
-        "rates": rate_figure(study.compared, family, "own"),
-        "regression": regression_figure(
-            study.compared, study.cells, family, reference, "own"
-        ),
-        "raster": raster_figure(repeated_trains(simulation), stimuli),
-        "thresholds": threshold_figure(study.thresholds, "own"),
-    }
+    return raster_figure(repeated_trains(simulation), stimuli)
+
+
+def thresholds(study):
+    return threshold_figure(study.thresholds, "own")
 
 
 def words_of(figure):
@@ -52,9 +57,9 @@ def words_of(figure):
     return [text for text in words if text.get_text().strip() and text.get_visible()]
 
 
-@pytest.mark.parametrize("name", ["rates", "regression", "raster", "thresholds"])
-def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, name):
-    shown = words_of(figure := figures(study)[name])
+@pytest.mark.parametrize("figure_of", [rates, regression, raster, thresholds])
+def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_of):
+    shown = words_of(figure := figure_of(study))
     assert len(shown) > 15
     boxes = [(text, text.get_window_extent()) for text in shown]
     for k, (text, box) in enumerate(boxes):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from decks.finger import Material
+from decks.material import Material
 from fembridge.verification.hertz_block import (
     E_STAR_MPA,
     MATERIAL,

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from fembridge.verification.bench import Cost
-from fembridge.verification.map_and_transient import stray_samples
 from fembridge.verification.map_finding import Compared, MapCost, finding_of
 
 DEPTH_UM = np.array([0.0, 10.0, 20.0, 10.0])
@@ -29,7 +28,6 @@ def compared():
         spikes=120,
         equal=119,
         more=1,
-        stray=0,
         cost=Cost(3, 6, 2.0, 1.5),
         traces=(traces, traces),
     )
@@ -79,26 +77,3 @@ def test_the_page_tells_how_much_of_a_stimulus_was_followed(compared):
     row = dict(zip(finding.tables[0].columns, finding.tables[0].rows[0], strict=True))
     assert row["solved_ms"] == 1.5
     assert row["different"] == 2
-
-
-def test_an_increment_with_many_times_the_usual_springs_is_stray(tmp_path):
-    """Of a ramp of two and four increments that follow; the third's last attempt."""
-    counts = [("1", 1), ("2", 1), ("3", 2), ("4", 99), ("4", 1), ("5", 17), ("6", 1)]
-    log = tmp_path / "solver.log"
-    log.write_text(
-        "heading\n"
-        + "".join(
-            f" increment {number} attempt 1 \n Number of contact spring elements=9\n"
-            f" Number of contact spring elements={springs}\n"
-            for number, springs in counts
-        )
-    )
-    found = stray_samples(log, samples=5)
-    assert found.tolist() == [False, False, False, True, False]
-
-
-def test_a_stray_increment_is_told_of(compared):
-    finding = finding_of([replace(compared, stray=1)], MAPS, spent=Cost(), reduced="")
-    assert any("stray contact" in words for words in finding.words)
-    whole = finding_of([compared], MAPS, spent=Cost(), reduced="")
-    assert not any("stray" in words for words in whole.words)

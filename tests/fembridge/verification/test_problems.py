@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.finger import Material
+from decks.material import Material
 from decks.presets import PAPER
 from fembridge.errors import DeckError
 from fembridge.verification.bench import Bench

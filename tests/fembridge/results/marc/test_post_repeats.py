@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from fembridge.results.marc_format import repeats
+
+SMALL_BYTES = 1 << 14
 BINARY_AND_TEXT = pytest.mark.parametrize("binary", [True, False])
+
+
+@pytest.fixture
+def read_in_parts(monkeypatch):
+    """Let an increment of more than `SMALL_BYTES` not be compared as a whole."""
+    monkeypatch.setattr(repeats, "_SMALL_BYTES", SMALL_BYTES)
 
 
 @pytest.fixture
@@ -65,28 +74,30 @@ def check(post, increments):
 @BINARY_AND_TEXT
 @pytest.mark.parametrize("every", [1, 2, 7])
 def test_many_small_increments(binary, every, many, writer, write_post, open_post):
-    model, increments = many(300, every=every)
+    model, increments = many(150, every=every)
     with open_post(write_post(writer.Storage(binary), model, increments)) as post:
         check(post, increments)
 
 
 @BINARY_AND_TEXT
+@pytest.mark.usefixtures("read_in_parts")
 def test_increments_of_more_bytes_than_are_compared_as_a_whole(
     binary, many, writer, write_post, open_post
 ):
-    model, increments = many(4, elements=4000, nodes=9000)
+    model, increments = many(4, elements=300, nodes=1500)
     path = write_post(writer.Storage(binary), model, increments)
-    assert path.stat().st_size > 4 * 300_000
+    assert path.stat().st_size > 5 * SMALL_BYTES
     with open_post(path) as post:
         check(post, increments)
 
 
 @BINARY_AND_TEXT
-@pytest.mark.parametrize("elements", [2, 4000])
+@pytest.mark.parametrize(("elements", "nodes"), [(2, 200), (300, 1500)])
+@pytest.mark.usefixtures("read_in_parts")
 def test_one_of_another_kind_among_them_is_read_as_it_is(
-    binary, elements, many, writer, write_post, open_post
+    binary, elements, nodes, many, writer, write_post, open_post
 ):
-    model, increments = many(7, elements=elements, nodes=9000)
+    model, increments = many(7, elements=elements, nodes=nodes)
     moved = increments[4].nodal[0]
     other = (replace(moved, name="Velocity", code=28), moved)
     increments[4] = replace(increments[4], nodal=other, title="another", sub=3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 
-@settings(max_examples=60)
+@settings(settings.get_profile("costly"))
 @given(data=st.data())
 def test_what_is_written_is_read_whatever_the_storage(
     data, writer, random_posts, write_post, open_post

@@ -1,0 +1,254 @@
+"""What each parameter does to rates and stress: a panel a class, a row a parameter.
+
+One at a time: a line from the answer where the parameter is low (hollow) to that
+where it is high (filled), about the base. All at once: coefficients of the rank
+regression with their intervals.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fembridge.errors import UsageError
+from fembridge.plots.palette import (
+    AFFERENT_COLOURS,
+    HAIR_PT,
+    INK,
+    LINE_PT,
+    PAGE_WIDTH_IN,
+    SHADE,
+    SMALL_TEXT_PT,
+    TEXT_PT,
+)
+from fembridge.plots.picture import make_plain, save_figure
+from fembridge.sensitivity.ranks import RankRegression, regressions_in_order
+from fembridge.sensitivity.single import Effect, effects_in_order
+from fembridge.sensitivity.swept import ALL, QUANTITIES, RATE, Output, SweptFingers
+from fembridge.sensitivity.words import parameter_words, quantity_words, shown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+MOST_PARAMETERS = 60
+
+_ROW_IN, _BETWEEN_IN, _MARGIN_IN = 0.16, 0.62, 0.45
+_DOT_PT, _MARK_PT = 4.2, 3.4
+# Rates stand a little above the middle of their row, stress a little below.
+_ASIDE = 0.17
+_ROOM = 0.07
+_OTHER_COLOUR = "#555555"
+
+
+def draw_effects(swept: SweptFingers, effects: Sequence[Effect], path: Path) -> None:
+    """Draw one-at-a-time effects into a file; its suffix chooses the format.
+
+    Raises
+    ------
+    UsageError
+        Over `MOST_PARAMETERS`, or a suffix that Matplotlib does not know.
+    OutputError
+        A place where nothing can be written.
+    """
+    save_figure(effects_figure(swept, effects), path)
+
+
+def draw_regressions(
+    swept: SweptFingers, regressions: Sequence[RankRegression], path: Path
+) -> None:
+    """Draw rank regressions into a file; its suffix chooses the format.
+
+    Raises
+    ------
+    UsageError
+        Over `MOST_PARAMETERS`, or a suffix that Matplotlib does not know.
+    OutputError
+        A place where nothing can be written.
+    """
+    save_figure(regressions_figure(swept, regressions), path)
+
+
+def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
+    """Make the figure that `draw_effects` saves: rates above, stress below."""
+    order = effects_in_order(effects)
+    found = {(each.parameter, each.output): each for each in effects}
+    figure, panels = _panels(swept, len(QUANTITIES), len(order))
+    for quantity, row in zip(QUANTITIES, panels, strict=True):
+        for afferent, panel in zip(swept.afferents, row, strict=True):
+            output = Output(afferent, quantity, ALL)
+            colour = AFFERENT_COLOURS.get(afferent, _OTHER_COLOUR)
+            for place, name in enumerate(order):
+                effect = found[name, output]
+                ends = [shown(quantity, e) for e in (effect.at_low, effect.at_high)]
+                panel.plot(ends, [place] * 2, color=colour, linewidth=2 * LINE_PT)
+                for end, face in zip(ends, ("white", colour), strict=True):
+                    panel.plot(
+                        [end],
+                        [place],
+                        "o",
+                        color=colour,
+                        markersize=_DOT_PT,
+                        markerfacecolor=face,
+                        markeredgewidth=LINE_PT,
+                        zorder=3 if face == "white" else 4,
+                    )
+            base = found[order[0], output].at_base
+            panel.axvline(shown(quantity, base), color=INK, linewidth=HAIR_PT, zorder=1)
+            _finish(panel, [parameter_words(name) for name in order])
+            panel.margins(x=_ROOM)
+            panel.set_xlabel(f"Mean {quantity_words(quantity)}", fontsize=TEXT_PT)
+            if quantity == QUANTITIES[0]:
+                _head(panel, afferent)
+    _legend_of_ends(figure)
+    return figure
+
+
+def regressions_figure(
+    swept: SweptFingers, regressions: Sequence[RankRegression]
+) -> "Figure":
+    """Make the figure that `draw_regressions` saves."""
+    order = regressions_in_order(regressions)
+    found = {each.output: each for each in regressions}
+    figure, [panels] = _panels(swept, 1, len(order))
+    for afferent, panel in zip(swept.afferents, panels, strict=True):
+        colour = AFFERENT_COLOURS.get(afferent, _OTHER_COLOUR)
+        told = []
+        for quantity, aside in zip(QUANTITIES, (-_ASIDE, _ASIDE), strict=True):
+            fit = found[Output(afferent, quantity, ALL)]
+            is_rate = quantity == RATE
+            word = "rate" if is_rate else "stress"
+            if not fit.varies:
+                told.append(f"{word}: no variation")
+                continue
+            told.append(f"{word}: R² {fit.r_squared:.2f}")
+            for place, row in enumerate(order):
+                height = place + aside
+                shade = colour if is_rate else INK
+                panel.plot(
+                    [fit.low[row], fit.high[row]],
+                    [height] * 2,
+                    color=shade,
+                    linewidth=LINE_PT,
+                )
+                panel.plot(
+                    [fit.coefficient[row]],
+                    [height],
+                    "o" if is_rate else "D",
+                    color=shade,
+                    markersize=_DOT_PT if is_rate else _MARK_PT,
+                    markerfacecolor=shade if is_rate else "white",
+                    markeredgewidth=LINE_PT,
+                )
+        panel.axvline(0.0, color=INK, linewidth=HAIR_PT, zorder=1)
+        _finish(panel, [parameter_words(swept.names[row]) for row in order])
+        panel.set_xlim(-1.05, 1.05)
+        panel.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["−1", "−0.5", "0", "0.5", "1"])
+        panel.set_xlabel("Rank regression coefficient", fontsize=TEXT_PT)
+        _head(panel, afferent, ",  ".join(told))
+    _legend_of_quantities(figure, len(swept.value))
+    return figure
+
+
+def _panels(
+    swept: SweptFingers, rows: int, parameters: int
+) -> "tuple[Figure, list[list[Axes]]]":
+    """Make a figure of `rows` rows of panels with a class each."""
+    from matplotlib.figure import Figure
+
+    if parameters > MOST_PARAMETERS:
+        raise UsageError(
+            f"{parameters} parameters, expected at most {MOST_PARAMETERS} in a picture"
+        )
+    height_in = _MARGIN_IN + rows * (_BETWEEN_IN + _ROW_IN * max(parameters, 3))
+    figure = Figure(figsize=(PAGE_WIDTH_IN, height_in), layout="constrained")
+    panels = figure.subplots(rows, len(swept.afferents), squeeze=False, sharey="row")
+    return figure, [list(row) for row in panels]
+
+
+def _finish(panel: "Axes", labels: Sequence[str]) -> None:
+    """Name the rows of a panel, the first on top, every other one shaded."""
+    make_plain(panel)
+    for place in range(0, len(labels), 2):
+        panel.axhspan(place - 0.5, place + 0.5, color=SHADE, linewidth=0, zorder=0)
+    panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT)
+    panel.set_ylim(len(labels) - 0.5, -0.5)
+    panel.tick_params(axis="y", length=0)
+    panel.spines["left"].set_visible(False)
+
+
+def _head(panel: "Axes", afferent: str, told: str = "") -> None:
+    panel.set_title(
+        afferent,
+        color=AFFERENT_COLOURS.get(afferent, _OTHER_COLOUR),
+        fontsize=TEXT_PT,
+        fontweight="bold",
+        pad=16 if told else 6,
+    )
+    if told:
+        panel.annotate(
+            told,
+            (0.5, 1.0),
+            xycoords="axes fraction",
+            xytext=(0, 4),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=SMALL_TEXT_PT,
+            color=INK,
+        )
+
+
+def _legend_of_ends(figure: "Figure") -> None:
+    from matplotlib.lines import Line2D
+
+    def mark(face: str, label: str) -> Line2D:
+        return Line2D(
+            [],
+            [],
+            marker="o",
+            linestyle="none",
+            color=INK,
+            markerfacecolor=face,
+            markersize=_DOT_PT,
+            label=label,
+        )
+
+    base = Line2D([], [], color=INK, linewidth=HAIR_PT, label="base")
+    _legend(figure, [mark("white", "parameter low"), mark(INK, "parameter high"), base])
+
+
+def _legend_of_quantities(figure: "Figure", fingers: int) -> None:
+    from matplotlib.lines import Line2D
+
+    rate = Line2D(
+        [],
+        [],
+        marker="o",
+        color=_OTHER_COLOUR,
+        linewidth=LINE_PT,
+        markersize=_DOT_PT,
+        label="mean rate (in the colour of its class)",
+    )
+    stress = Line2D(
+        [],
+        [],
+        marker="D",
+        color=INK,
+        linewidth=LINE_PT,
+        markerfacecolor="white",
+        markersize=_MARK_PT,
+        label=f"mean peak stress; lines: 95 %; {fingers} fingers",
+    )
+    _legend(figure, [rate, stress])
+
+
+def _legend(figure: "Figure", handles: "list[Line2D]") -> None:
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=len(handles),
+        frameon=False,
+        fontsize=SMALL_TEXT_PT,
+        labelcolor=INK,
+    )

@@ -1,0 +1,113 @@
+"""The probe on a spring: tied nodes, a driver that the waveform moves, no force."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from decks.analysis import analyse
+from decks.calculix.deck import calculix_deck
+from decks.material import PronyTerm
+from decks.numbered import numbered
+from decks.presets import QUICK, mesh_of
+from decks.stimuli.catalogue import resolve
+from decks.stimuli.waveform import make_stimulus
+from fembridge.build import build_run_folder, model_of
+from fembridge.errors import DeckError
+from fembridge.results import read
+from fembridge.run_folder import read_run_folder
+from fembridge.solvers.calculix import run_calculix
+
+SKIN = mesh_of(QUICK)
+
+
+def deck_of(parse_deck, stimulus, **options):
+    analysis = analyse(QUICK, SKIN, stimulus, drive="spring", **options)
+    return numbered(analysis), parse_deck(calculix_deck(analysis))
+
+
+def tied(deck, axis):
+    """Nodes that follow another one along `axis`, by that one."""
+    rows = [card[2][1] for card in deck.all("EQUATION")]
+    pairs = {}
+    for node, dof, one, other, same_dof, minus_one in rows:
+        assert (dof, float(one), float(minus_one)) == (same_dof, 1.0, -1.0)
+        if int(dof) == axis:
+            pairs[int(node)] = int(other)
+    return pairs
+
+
+def test_all_nodes_of_the_probe_go_down_with_the_node_on_the_spring(parse_deck, short):
+    model, deck = deck_of(parse_deck, short)
+    count = len(model.probe_node_mm)
+    probe = set(range(model.first_probe_node, model.first_probe_node + count))
+    pairs = tied(deck, 2)
+    assert set(pairs) == probe
+    [rigid] = set(pairs.values())
+    [(_, _, [spring])] = [
+        card for card in deck.all("ELEMENT") if card[1]["TYPE"] == "SPRING2"
+    ]
+    _, on_spring, driver = map(int, spring)
+    assert on_spring == rigid
+    assert {rigid, driver}.isdisjoint(probe)
+    assert not tied(deck, 1)
+
+
+def test_the_waveform_moves_the_driver_and_nothing_else(parse_deck, short):
+    _, deck = deck_of(parse_deck, short)
+    moved = [card[2] for card in deck.all("BOUNDARY") if card[1]]
+    assert moved == [[["DRIVER", "2", "2", "-1.0"]]]
+    [fixed] = [card[2] for card in deck.all("BOUNDARY") if not card[1]]
+    assert ["PROBE", "1", "1"] in fixed
+    assert ["PROBE", "2", "2"] not in [row[:3] for row in fixed]
+
+
+def test_a_probe_that_slides_hangs_on_two_springs(parse_deck, short):
+    _, deck = deck_of(parse_deck, short.sliding(10.0))
+    springs = list(deck.all("SPRING"))
+    assert [card[2][0] for card in springs] == [["1", "1"], ["2", "2"]]
+    assert set(tied(deck, 1)) == set(tied(deck, 2))
+    assert [card[2] for card in deck.all("BOUNDARY") if card[1]] == [
+        [["DRIVER", "1", "1", "1.0"]],
+        [["DRIVER", "2", "2", "-1.0"]],
+    ]
+
+
+def test_no_number_is_given_twice(parse_deck, short):
+    relaxing = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    finger = replace(QUICK, materials={**QUICK.materials, "dermis": relaxing})
+    analysis = analyse(finger, SKIN, short.sliding(10.0), drive="spring")
+    deck = parse_deck(calculix_deck(analysis))
+    numbers = [int(row[0]) for card in deck.all("ELEMENT") for row in card[2]]
+    assert len(numbers) == len(set(numbers))
+    nodes = [int(row[0]) for card in deck.all("NODE") for row in card[2]]
+    assert len(nodes) == len(set(nodes))
+
+
+def test_a_drive_that_is_none_is_refused(short):
+    with pytest.raises(DeckError, match="drive 'motor', expected one of prescribed"):
+        analyse(QUICK, SKIN, short, drive="motor")
+
+
+@pytest.mark.solver
+def test_the_spring_changes_the_iterations_and_not_the_stress(tmp_path):
+    """Twenty increments of a held sine, both ways; within 0.05 % of the peak."""
+    [entry] = resolve(["sine_100_54.98"])
+    whole = make_stimulus(entry, preindent_um=75.0)
+    wave = replace(
+        whole, displacement_um=whole.displacement_um[:21], window_ms=(0.0, 10.0)
+    )
+    traces, iterations = {}, {}
+    for drive in ("prescribed", "spring"):
+        model = replace(model_of(QUICK), drive=drive)
+        run = build_run_folder(tmp_path / drive, model, wave)
+        outcome = run_calculix(run.folder, threads=1)
+        traces[drive] = np.array([one.stress_pa for one in read(run.folder)])
+        iterations[drive] = outcome.iterations
+        assert read_run_folder(run.folder).inputs.get("drive", "prescribed") == drive
+    peak_pa = traces["prescribed"].max(axis=1, keepdims=True)
+    assert_allclose(
+        traces["spring"] / peak_pa, traces["prescribed"] / peak_pa, rtol=0, atol=5e-4
+    )
+    assert iterations["spring"] < iterations["prescribed"]

@@ -1,0 +1,105 @@
+"""Inertia in decks of CalculiX: one dynamic step, and the store beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from decks.analysis import analyse
+from decks.calculix.deck import calculix_deck
+from decks.material import PronyTerm
+from decks.presets import QUICK, mesh_of
+from fembridge.build import build_run_folder, model_of
+from fembridge.results import read
+from fembridge.solvers.calculix import run_calculix
+from fembridge.stimulus import Stimulus
+
+SKIN = mesh_of(QUICK)
+
+
+@pytest.fixture
+def held(short):
+    held_um = 300.0 + short.displacement_um
+    return replace(short, displacement_um=held_um, preindent_um=300.0)
+
+
+@pytest.fixture
+def deck(parse_deck, held):
+    return parse_deck(calculix_deck(analyse(QUICK, SKIN, held, inertia=True)))
+
+
+def test_the_ramp_is_in_the_one_dynamic_step(deck):
+    [(_, options, [times])] = deck.all("DYNAMIC")
+    assert options == {"DIRECT": "", "ALPHA": "-0.3"}
+    assert len(deck.all("STEP")) == 1
+    assert_allclose([float(word) for word in times], [0.00025, 0.0215], rtol=1e-12)
+
+
+def test_samples_are_written_and_not_the_increments_between(deck):
+    for keyword in ("NODE OUTPUT", "ELEMENT OUTPUT", "NODE PRINT", "EL PRINT"):
+        assert [card[1]["FREQUENCY"] for card in deck.all(keyword)] == ["2"]
+
+
+def test_every_material_has_its_density(deck):
+    named = zip(deck.all("MATERIAL"), deck.all("DENSITY"), strict=True)
+    density = {one[1]["NAME"]: float(other[2][0][0]) for one, other in named}
+    for layer, material in QUICK.materials.items():
+        assert density[layer.upper()] == pytest.approx(1e-12 * material.density_kg_m3)
+
+
+def test_the_store_touches_nothing_and_outweighs_the_skin(deck):
+    numbers = [int(row[0]) for row in deck.one("NODE", NSET="STORE")[2]]
+    elements = deck.all("ELEMENT")
+    for card in elements:
+        if card[1]["TYPE"] != "SPRING1":
+            assert not any(str(n) in row[1:] for row in card[2] for n in numbers)
+    stiffness = float(deck.one("SPRING", ELSET="STORE_SPRING")[2][1][0])
+    [(_, _, [[node, _, force]])] = deck.all("CLOAD")
+    assert int(node) in numbers
+    stored_n_mm = float(force) ** 2 / stiffness / 2
+    pressed_n_mm = 0.5 * 0.02 * 0.3  # 0.02 N at 300 um, about linear
+    assert stored_n_mm > 1e4 * pressed_n_mm
+
+
+def test_no_number_is_given_twice_with_relaxing_skin_as_well(parse_deck, held):
+    dermis = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
+    deck = parse_deck(calculix_deck(analyse(finger, SKIN, held, inertia=True)))
+    for keyword in ("ELEMENT", "NODE"):
+        numbers = [int(row[0]) for card in deck.all(keyword) for row in card[2]]
+        assert len(numbers) == len(set(numbers))
+
+
+def test_a_run_folder_tells_samples_and_not_increments(tmp_path, held):
+    model = replace(model_of(QUICK), inertia=True)
+    run = build_run_folder(tmp_path / "run", model, held)
+    assert (run.increments, run.dt_ms, run.before_ms) == (43, 0.5, 0.0)
+    assert_allclose([run.start_ms, run.end_ms], [20.0, 21.5])
+    assert run.inputs["inertia"] is True
+    assert "drive" not in run.inputs
+
+
+@pytest.mark.solver
+def test_skin_that_weighs_next_to_nothing_answers_as_without_inertia(tmp_path):
+    """On the way in: unloading, so light a skin flutters."""
+    depth_um = 60.0 * (1 - np.cos(np.linspace(0, np.pi, 9)))
+    wave = Stimulus("in", depth_um, 0.5, (0.0, 4.0))
+    light = {
+        layer: replace(one, density_kg_m3=1.0) for layer, one in QUICK.materials.items()
+    }
+    whole = replace(model_of(QUICK), drive="prescribed")
+    light_finger = replace(QUICK, materials=light)
+    models = {
+        "static": whole,
+        "dynamic": replace(whole, finger=light_finger, inertia=True),
+    }
+    stress_pa = {}
+    for name, model in models.items():
+        build_run_folder(tmp_path / name, model, wave)
+        run_calculix(tmp_path / name, threads=1)
+        stress_pa[name] = np.array([one.stress_pa for one in read(tmp_path / name)])
+    peak_pa = stress_pa["static"].max(axis=1, keepdims=True)
+    assert_allclose(
+        stress_pa["dynamic"] / peak_pa, stress_pa["static"] / peak_pa, atol=5e-3
+    )

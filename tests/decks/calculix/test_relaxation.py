@@ -1,0 +1,201 @@
+"""Relaxing skin in decks of CalculiX: Maxwell branches over a layer's elements.
+
+The closed form is the convolution of the strain with G(t) = G0 (1 - sum g (1 -
+exp(-t/tau))); for strain that changes evenly from sample to sample it is a sum that
+a plain loop gives.
+"""
+
+import math
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from decks.analysis import analyse
+from decks.calculix.deck import calculix_deck
+from decks.calculix.relaxation import branch_blocks, branches, branches_at, lasting
+from decks.dialects import DIALECTS, DeckOptions
+from decks.inp.lines import real
+from decks.inp.materials import material
+from decks.material import Material, PronyTerm
+from decks.numbered import Section, numbered
+from decks.presets import QUICK, mesh_of
+from fembridge.errors import DeckError
+from fembridge.machine import find_ccx
+from fembridge.results.printed.dat import read_point_stress
+
+SKIN = mesh_of(QUICK)
+TERMS = (PronyTerm(0.4, 0.02), PronyTerm(0.25, 0.005))
+DT_S = 0.0005
+RELAXING = Material(0.05, 0.48, prony=TERMS)
+
+
+def layer_of(values, name="dermis"):
+    """One square element."""
+    return Section(name, np.array([1]), np.array([[1, 2, 3, 4]]), values, "linear")
+
+
+def finger_with(**layers):
+    """`quick` with Prony terms in some layers."""
+    materials = dict(QUICK.materials)
+    for name, terms in layers.items():
+        materials[name] = replace(materials[name], prony=terms)
+    return replace(QUICK, materials=materials)
+
+
+def relaxed_stress(strain, modulus, terms, dt_s):
+    """Stress of strain that is 0 before the first sample and even between samples."""
+    stress = np.empty_like(strain)
+    kept = [0.0] * len(terms)
+    lasting_share = 1 - sum(term.g for term in terms)
+    before = 0.0
+    for row, now in enumerate(strain):
+        for k, term in enumerate(terms):
+            fade = math.exp(-dt_s / term.tau_s)
+            rise = (1 - fade) * term.tau_s / dt_s
+            kept[k] = kept[k] * fade + term.g * modulus * (now - before) * rise
+        stress[row] = lasting_share * modulus * now + sum(kept)
+        before = now
+    return stress
+
+
+def backward_euler(strain, branch, dt_s):
+    """What ccx makes of a branch: creep of 3/2 of the rate times the deviator."""
+    shear_mpa, stress, now = branch.section.material.shear_mpa, 0.0, []
+    for step in np.diff(strain, prepend=0.0):
+        stress += 2 * shear_mpa * step
+        stress /= 1 + 3 * shear_mpa * branch.creep * dt_s
+        now.append(stress)
+    return np.array(now)
+
+
+def waveform():
+    """A jump, a hold, and a vibration."""
+    time_s = DT_S * np.arange(1, 121)
+    return np.where(time_s < 0.02, 1e-3, 1e-3 + 5e-4 * np.sin(600 * time_s))
+
+
+def test_branches_stepped_backward_give_the_exact_relaxation():
+    strain = waveform()
+    layer = layer_of(RELAXING)
+    stress = 2 * lasting(layer).material.shear_mpa * strain
+    for branch in branches([layer], 2, DT_S):
+        stress = stress + backward_euler(strain, branch, DT_S)
+    exact = relaxed_stress(strain, 2 * RELAXING.shear_mpa, TERMS, DT_S)
+    assert_allclose(stress, exact, rtol=1e-12)
+
+
+def test_volume_does_not_relax_and_mass_is_kept():
+    layer = layer_of(RELAXING)
+    parts = [lasting(layer), *(one.section for one in branches([layer], 2, DT_S))]
+    bulk_mpa = sum(part.material.bulk_mpa for part in parts)
+    density = sum(part.material.density_kg_m3 for part in parts)
+    assert_allclose(bulk_mpa, RELAXING.bulk_mpa, rtol=1e-12)
+    assert_allclose(density, RELAXING.density_kg_m3, rtol=1e-12)
+
+
+def test_a_layer_without_terms_stays_as_it_is():
+    layer = layer_of(Material(0.05, 0.48))
+    assert lasting(layer) is layer
+    assert branches([layer], 2, DT_S) == []
+
+
+def test_branches_are_numbered_after_all_others_on_the_same_nodes(parse_deck, short):
+    finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
+    model = numbered(analyse(finger, SKIN, short))
+    first = int(model.probe.number.max()) + 1
+    found = branches(model.layers, first, model.analysis.motion.dt_s)
+    numbers = np.concatenate([one.section.number for one in found])
+    assert numbers.tolist() == list(range(first, first + len(numbers)))
+    by_name = {layer.name: layer for layer in model.layers}
+    names = [one.section.name for one in found]
+    assert names == ["dermis_prony_1", "dermis_prony_2", "subcutaneous_tissue_prony_1"]
+    for one in found:
+        layer = by_name[one.section.name.rsplit("_prony_")[0]]
+        assert np.array_equal(one.section.node, layer.node)
+    deck = parse_deck(calculix_deck(analyse(finger, SKIN, short)))
+    assert len(deck.all("CREEP")) == 3
+    assert not deck.all("VISCOELASTIC")
+
+
+def test_a_node_counts_the_branches_of_its_layer(short):
+    finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
+    analysis = analyse(finger, SKIN, short)
+    counts = branches_at(analysis)
+    assert counts == {analysis.afferent["PC"] + 1: 2}
+    assert branches_at(analyse(QUICK, SKIN, short)) == {}
+
+
+def test_the_waveform_is_a_viscous_step(parse_deck, short):
+    deck = parse_deck(calculix_deck(analyse(finger_with(dermis=TERMS), SKIN, short)))
+    assert len(deck.all("VISCO")) == 1
+    assert not deck.all("STATIC")
+
+
+def test_held_skin_gets_a_ramp_and_a_hold_before_the_waveform(short):
+    held_um = 300.0 + short.displacement_um
+    held = replace(short, displacement_um=held_um, preindent_um=300.0)
+    motion = analyse(finger_with(dermis=TERMS), SKIN, held).motion
+    assert [one.procedure for one in motion.phases] == ["static", "viscous", "viscous"]
+    ramp, hold, waves = motion.phases
+    assert hold.length_s >= 20 * max(term.tau_s for term in TERMS) - 1e-12
+    assert (1 + hold.dt_s / TERMS[0].tau_s) ** -hold.increments < 1e-3
+    assert_allclose(motion.start_s, ramp.length_s + hold.length_s)
+    assert_allclose(np.diff(motion.time_s[motion.ramp :]), waves.dt_s)
+    held_mm = motion.depth_mm[ramp.increments : motion.ramp + 1]
+    assert (held_mm == held_mm[0]).all()
+
+
+def test_a_term_faster_than_a_sample_is_refused(short):
+    finger = finger_with(dermis=(PronyTerm(0.4, 0.0002),))
+    with pytest.raises(DeckError, match=r"dermis: tau_s is 0.0002, expected the time"):
+        calculix_deck(analyse(finger, SKIN, short))
+
+
+def test_a_marc_deck_of_relaxing_skin_is_refused(short):
+    analysis = analyse(finger_with(dermis=TERMS), SKIN, short, element="CPE4H")
+    with pytest.raises(DeckError, match="writes no relaxing skin for marc"):
+        DIALECTS["marc"].write(analysis, DeckOptions())
+
+
+@pytest.mark.solver
+def test_ccx_relaxes_a_sheared_square_as_the_convolution_says(tmp_path):
+    """Simple shear, small strain: the sum over branches against the exact stress."""
+    shear = waveform()
+    layer = layer_of(RELAXING)
+    found = branches([layer], 2, DT_S)
+    rows = [(0.0, 0.0), *zip(DT_S * np.arange(1, 121), shear, strict=True)]
+    table = "\n".join(f"{at_s:.7f}, {real(float(way))}" for at_s, way in rows)
+    lines = [
+        "*NODE, NSET=ALL\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0",
+        "*ELEMENT, TYPE=CPE4, ELSET=DERMIS\n1, 1, 2, 3, 4",
+        *material(lasting(layer), inertia=False),
+        *branch_blocks(found, "CPE4", inertia=False),
+        f"*AMPLITUDE, NAME=WAY\n{table}",
+        "*STEP, INC=1000\n*VISCO, DIRECT, CETOL=1.0E6",
+        f"{DT_S}, {120 * DT_S}",
+        "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 2, 2\n4, 2, 2",
+        "*BOUNDARY, AMPLITUDE=WAY\n3, 1, 1, 1.0\n4, 1, 1, 1.0",
+        *(
+            f"*EL PRINT, ELSET={name}\nS"
+            for name in ("DERMIS", "DERMIS_PRONY_1", "DERMIS_PRONY_2")
+        ),
+        "*END STEP",
+    ]
+    (tmp_path / "job.inp").write_text("\n".join(lines) + "\n", "ascii")
+    done = subprocess.run(
+        [find_ccx(), "-i", "job"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout[-500:]
+    sets = ("DERMIS", *(one.section.name.upper() for one in found))
+    summed_pa = sum(
+        read_point_stress(tmp_path / "job.dat", name)[2][:, :, 3] for name in sets
+    )
+    exact_pa = 1e6 * relaxed_stress(shear, RELAXING.shear_mpa, TERMS, DT_S)
+    assert_allclose(
+        summed_pa,
+        np.broadcast_to(exact_pa[:, None], summed_pa.shape),
+        atol=1e-5,
+    )

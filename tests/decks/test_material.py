@@ -1,0 +1,90 @@
+"""Materials: elasticity, Prony terms, density."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from decks.finger_file import finger_from, finger_table
+from decks.material import TABLE_1, Material, PronyTerm
+from decks.presets import PRESETS, QUICK
+from fembridge.errors import FingerError
+
+
+@given(young=st.floats(1e-3, 1e4), poisson=st.floats(0, 0.499))
+def test_shear_and_bulk_modulus_are_those_of_young_and_poisson(young, poisson):
+    one = Material(young, poisson)
+    shear, bulk = one.shear_mpa, one.bulk_mpa
+    assert_allclose(9 * bulk * shear / (3 * bulk + shear), young, rtol=1e-12)
+    ratio = (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
+    assert_allclose(ratio, poisson, rtol=1e-9, atol=1e-12)
+
+
+def test_prony_terms_leave_a_share_that_lasts():
+    one = Material(1.0, 0.4, prony=(PronyTerm(0.3, 0.01), PronyTerm(0.2, 1.0)))
+    assert_allclose(one.lasting_share, 0.5)
+    assert TABLE_1["dermis"].lasting_share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        ([(0.6, 0.1), (0.4, 0.2)], "take 1 of the shear modulus"),
+        ([(0.0, 0.1)], "g must be in"),
+        ([(1.0, 0.1)], "g must be in"),
+        ([(0.5, 0.0)], "tau_s must be 0.0001 to 10, got 0"),
+        ([(0.5, float("nan"))], "tau_s must be finite"),
+        ([(0.1, 0.1)] * 6, "6 Prony terms, expected at most 5"),
+    ],
+)
+def test_terms_that_cannot_be_are_refused(terms, words):
+    with pytest.raises(FingerError, match=words):
+        Material(1.0, 0.4, prony=tuple(PronyTerm(*term) for term in terms))
+
+
+def test_a_finger_file_has_terms_and_a_density():
+    dermis = {"prony": [{"g": 0.3, "tau_s": 0.02}], "density_kg_m3": 1200.0}
+    finger = finger_from({"materials": {"dermis": dermis}}, "f")
+    assert finger.materials["dermis"].prony == (PronyTerm(0.3, 0.02),)
+    assert finger.materials["dermis"].density_kg_m3 == 1200.0
+    assert finger.materials["dermis"].young_mpa == TABLE_1["dermis"].young_mpa
+    assert finger.relaxing_s == 0.02
+    assert finger.at_once().relaxing_s == 0.0
+
+
+@pytest.mark.parametrize(
+    ("prony", "words"),
+    [
+        ("0.3", r"\[materials.dermis\] prony must be a list of tables"),
+        ([0.3], r"prony 1\] must be a table of g and tau_s"),
+        ([{"g": 0.3}], r"prony 1\] expected g and tau_s"),
+        ([{"g": 0.3, "tau": 1}], "unknown key 'tau'.*did you mean tau_s"),
+        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], r"prony 2\] g must be"),
+    ],
+)
+def test_terms_in_a_file_that_mean_nothing_are_refused(prony, words):
+    with pytest.raises(FingerError, match=words):
+        finger_from({"materials": {"dermis": {"prony": prony}}}, "f")
+
+
+def test_a_finger_that_does_not_relax_is_told_as_it_always_was():
+    """Stored responses and addresses of sweeps hold such tables."""
+    for finger in PRESETS.values():
+        for layer in finger_table(finger)["materials"].values():
+            assert set(layer) == {"young_mpa", "poisson"}
+
+
+def test_what_a_finger_relaxes_by_is_told_as_toml_has_it():
+    dermis = {"prony": [{"g": 0.3, "tau_s": 0.02}], "density_kg_m3": 1200.0}
+    finger = finger_from({"materials": {"dermis": dermis}}, "f")
+    told = finger_table(finger)["materials"]["dermis"]
+    assert told == {"young_mpa": 0.05, "poisson": 0.48, **dermis}
+    assert finger_from({"materials": {"dermis": told}}, "f") == finger
+
+
+def test_materials_alone_make_no_other_mesh():
+    finger = finger_from(
+        {"materials": {"dermis": {"prony": [{"g": 0.3, "tau_s": 0.02}]}}}, "quick"
+    )
+    assert finger.skin == QUICK.skin
+    assert finger.resolution == QUICK.resolution

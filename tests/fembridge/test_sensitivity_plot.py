@@ -1,0 +1,211 @@
+"""``fembridge plot sensitivity``: from a sweep's table to a picture and its numbers."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from fembridge.cli import main
+from fembridge.errors import UsageError
+from fembridge.plots.sensitivity import effects_figure, regressions_figure
+from fembridge.sensitivity import (
+    Output,
+    SweptFingers,
+    rank_regressions,
+    single_effects,
+)
+from fembridge.sensitivity.effects_table import effects_markdown, regressions_markdown
+from fembridge.sensitivity.words import parameter_words, signed, unit_of
+from fembridge.sweep.design import Range, latin_hypercube, one_at_a_time
+
+PNG = b"\x89PNG\r\n\x1a\n"
+NAMES = ("skin.dermis_mm", "materials.dermis.young_mpa", "contact.friction")
+BASE = dict(zip(NAMES, (1.0, 0.05, 0.4), strict=True))
+RANGES = {name: Range(0.8 * value, 1.2 * value, False) for name, value in BASE.items()}
+OUTPUTS = tuple(
+    Output(afferent, quantity, group)
+    for quantity in ("rate_ips", "peak_stress_pa")
+    for afferent in ("SA", "PC")
+    for group in ("all", "sine_20")
+)
+
+
+def answers(row):
+    """SA goes up with the dermis' modulus, PC never changes its rate."""
+    share = [row[name] / BASE[name] for name in NAMES]
+    sa = 20 * share[1] - 4 * share[0]
+    return [sa, 2 * sa, 50, 50, 1000 * share[1], 900, 500 + 10 * share[0], 400]
+
+
+def fingers(rows):
+    value = [[row[name] for name in NAMES] for row in rows]
+    return SweptFingers(NAMES, value, OUTPUTS, [answers(row) for row in rows])
+
+
+@pytest.fixture
+def single():
+    return fingers(one_at_a_time(BASE, RANGES))
+
+
+@pytest.fixture
+def cube():
+    return fingers(latin_hypercube(RANGES, 20, 1))
+
+
+@pytest.fixture
+def results(tmp_path):
+    """Tables as a sweep leaves them, of one design or the other."""
+
+    def write(rows, *, failed=()):
+        path = tmp_path / "results.csv"
+        with path.open("w", newline="") as file:
+            table = csv.writer(file)
+            head = ["finger", *NAMES, "stimulus", "afferent", "rate_ips", "spikes"]
+            table.writerow([*head, "peak_stress_pa", "status", "cause", "run"])
+            for k, row in enumerate(rows):
+                sa, _, pc, _, stress, _, deep, _ = answers(row)
+                for afferent, rate, peak in (("SA", sa, stress), ("PC", pc, deep)):
+                    begin = ["quick", *row.values(), "sine_20_250", afferent]
+                    if k in failed:
+                        table.writerow([*begin, "", "", "", "failed", "it broke", "x"])
+                    else:
+                        table.writerow([*begin, rate, 3, peak, "done", "", "x"])
+        return path
+
+    return write
+
+
+def told(capsys, *words):
+    assert main(["plot", "sensitivity", *map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_one_at_a_time_is_known_by_its_table_and_drawn(results, tmp_path, capsys):
+    picture, numbers = tmp_path / "s.png", tmp_path / "effects.csv"
+    rows = one_at_a_time(BASE, RANGES)
+    summary = told(capsys, results(rows), "-o", picture, "--table", numbers)
+
+    assert picture.read_bytes().startswith(PNG)
+    assert (summary["kind"], summary["fingers"]) == ("one-at-a-time", 7)
+    assert summary["parameters"] == list(NAMES)
+    one = next(
+        each
+        for each in summary["effects"]
+        if (each["parameter"], each["afferent"], each["quantity"], each["stimuli"])
+        == (NAMES[1], "SA", "rate_ips", "all")
+    )
+    assert one["change"] == pytest.approx(8.0)
+    assert one["change_percent"] == pytest.approx(50.0)
+    with numbers.open() as file:
+        written = list(csv.DictReader(file))
+    assert len(written) == len(summary["effects"]) == 3 * 2 * 2 * 2
+    assert {row["monotone"] for row in written} == {"yes"}
+
+
+def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(
+    results, tmp_path, capsys
+):
+    rows = latin_hypercube(RANGES, 20, 1)
+    first, again = tmp_path / "first.md", tmp_path / "again.md"
+    short = tmp_path / "fingers.csv"
+    out = ["-o", tmp_path / "s.svg"]
+    summary = told(
+        capsys, results(rows, failed=[4]), *out, "--table", first, "--fingers", short
+    )
+    told(capsys, short, *out, "--table", again)
+
+    assert (summary["kind"], summary["fingers"]) == ("rank regression", 19)
+    assert summary["left_out"] == 1
+    assert first.read_text() == again.read_text()
+    still = [e for e in summary["effects"] if e["afferent"] == "PC"]
+    assert {e["coefficient"] for e in still if e["quantity"] == "rate_ips"} == {None}
+    assert "no variation" in first.read_text()
+
+
+def test_a_finger_that_is_left_out_is_told_on_stderr(results, tmp_path, capsys):
+    path = results(latin_hypercube(RANGES, 20, 1), failed=[4])
+    assert main(["plot", "sensitivity", str(path), "-o", str(tmp_path / "s.png")]) == 0
+
+    said = capsys.readouterr()
+    assert "a finger is left out: it broke" in said.err
+    assert said.out.strip() == str(tmp_path / "s.png")
+
+
+def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_written(
+    results, tmp_path, capsys
+):
+    path = results(one_at_a_time(BASE, RANGES))
+    words = ["-o", str(tmp_path / "s.png"), "--table", str(tmp_path / "effects.xls")]
+    assert main(["plot", "sensitivity", str(path), *words]) == 2
+    assert "effects.xls: expected .csv or .md" in capsys.readouterr().err
+    assert not (tmp_path / "s.png").exists()
+
+
+def test_the_picture_has_a_line_from_low_to_high_in_each_row(single):
+    figure = effects_figure(single, single_effects(single))
+    sa, pc, sa_stress, _ = figure.axes
+
+    rows = [text.get_text() for text in sa.get_yticklabels()]
+    assert rows == ["dermis modulus", "dermis thickness", "friction"]
+    assert sa.get_title() == "SA"
+    ends = [line.get_xdata() for line in sa.lines if len(line.get_xdata()) == 2]
+    np.testing.assert_allclose(ends[:3], [[12, 20], [16.8, 15.2], [16, 16]])
+    np.testing.assert_allclose(pc.lines[0].get_xdata(), [50, 50])
+    assert sa_stress.get_xlabel() == "Mean peak stress (kPa)"
+    assert sa.get_ylim() == (2.5, -0.5)
+
+
+def test_the_picture_of_ranks_has_dots_within_their_intervals(cube):
+    fits = rank_regressions(cube, resamples=50)
+    sa, pc = regressions_figure(cube, fits).axes
+
+    assert sa.get_yticklabels()[0].get_text() == "dermis modulus"
+    spans = [line.get_xdata() for line in sa.lines if line.get_marker() == "None"]
+    dots = [line.get_xdata() for line in sa.lines if line.get_marker() != "None"]
+    for (low, high), [dot] in zip(spans[:6], dots, strict=True):
+        assert low <= dot <= high
+    assert "rate: no variation" in pc.texts[0].get_text()
+    assert "R² 1.00" in sa.texts[0].get_text()
+
+
+def test_too_many_parameters_for_a_picture_are_refused():
+    names = tuple(f"skin.part_{k}" for k in range(61))
+    value = np.vstack([np.zeros(61), np.eye(61)])
+    swept = SweptFingers(names, value, OUTPUTS[:1], np.ones((62, 1)))
+    with pytest.raises(UsageError, match="61 parameters, expected at most 60"):
+        effects_figure(swept, single_effects(swept))
+
+
+def test_tables_for_people_sort_each_class_and_tell_units(single, cube):
+    text = effects_markdown(single, single_effects(single))
+    lines = text.splitlines()
+
+    assert lines[0] == "**SA**"
+    head = (
+        "| parameter | from, to | all (16.0) | 20 Hz (32.0) | peak stress (1.00 kPa) |"
+    )
+    assert lines[2] == head
+    assert lines[4].startswith("| dermis modulus | 0.04, 0.06 MPa | +8.0 (+50 %) |")
+    assert lines[6] == (
+        "| friction | 0.32, 0.48 | 0.0 (0 %) | 0.0 (0 %) | 0.00 (0 %) |"
+    )
+    ranks = regressions_markdown(cube, rank_regressions(cube, resamples=50))
+    assert "| dermis modulus | **+0.9" in ranks
+    assert "| R² (adjusted) | no variation | no variation |" in ranks
+    assert "| 50.0 to 50.0 | 50.0 to 50.0 | 0.50" in ranks
+
+
+def test_words_name_what_people_know_and_leave_other_names_alone():
+    assert parameter_words("materials.stratum_corneum.young_mpa") == (
+        "stratum corneum modulus"
+    )
+    assert parameter_words("afferents.RA.to_boundary_mm") == "RA to boundary"
+    assert parameter_words("bone.depth_mm") == "bone.depth_mm"
+    assert (unit_of("skin.dermis_mm"), unit_of("contact.friction")) == ("mm", "")
+    assert [signed(x, 1) for x in (0.04, -0.04, -1.25, float("nan"))] == [
+        "0.0",
+        "0.0",
+        "−1.2",
+        "–",
+    ]
