@@ -50,7 +50,8 @@ class Dialect:
     does where fembridge cannot run the solver itself. `target` is
     ``module:function``, called as ``(analysis, options)`` and giving text by name of
     file; `branches` is one that gives what `branches_at` does, "" where decks have no
-    elements over others. `springs` tells whether a probe may hang on a spring.
+    elements over others. `springs` tells whether a probe may hang on a spring, and
+    half of a section do.
     """
 
     name: str

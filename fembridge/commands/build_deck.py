@@ -18,8 +18,8 @@ from decks.dialects import DIALECTS, PROBES, RESULTS, DeckOptions, dialect_named
 from fembridge.commands.built_rows import told
 from fembridge.commands.model_options import (
     add_finger_options,
-    add_inertia_option,
     add_output_option,
+    add_solving_options,
     add_stimulus_options,
     model_from,
     stimuli_from,
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_deck_options(group: argparse._ActionsContainer) -> None:
     add_finger_options(group)
-    add_inertia_option(group)
+    add_solving_options(group)
     group.add_argument(
         "--element",
         metavar="NAME",

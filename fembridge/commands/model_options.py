@@ -1,6 +1,7 @@
 """Options that verbs with a finger, a probe and stimuli share."""
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def add_stimulus_options(
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Which finger, of which elements, and which probe."""
     add_finger_options(parser)
-    add_inertia_option(parser)
+    add_solving_options(parser)
     parser.add_argument(
         "--element",
         choices=("CPE4", "CPE4R", "CPE8R"),
@@ -81,8 +82,14 @@ def add_finger_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
-def add_inertia_option(parser: argparse._ActionsContainer) -> None:
-    """Whether mass counts."""
+def add_solving_options(parser: argparse._ActionsContainer) -> None:
+    """Whether mass counts; whether all of the section is solved."""
+    parser.add_argument(
+        "--whole-section",
+        action="store_true",
+        help="solve both halves of a section whose halves are mirror images (default: "
+        "the right one, for waveforms in CalculiX)",
+    )
     parser.add_argument(
         "--inertia",
         action="store_true",
@@ -107,12 +114,13 @@ def model_from(args: argparse.Namespace) -> "Model":
     from decks.finger_file import read_finger
     from fembridge.build import model_of
 
-    return model_of(
+    model = model_of(
         read_finger(args.finger),
         probe=probe_from(args),
         element=args.element,
         inertia=args.inertia,
     )
+    return replace(model, section="whole") if args.whole_section else model
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":

@@ -11,6 +11,7 @@ from fembridge.response.path_dependence import RemembersError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed.dat import read_total_force
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.trace import MS_PER_S
@@ -40,7 +41,8 @@ def measured_response(folder: Path) -> ResponseMap:
     if not run.afferents:
         raise ResultError("run.toml names no afferent, expected one or more", folder)
     nodes = [place.node for place in run.afferents]
-    read = read_stress_and_displacement(run.results, nodes, [run.apex_node])
+    options = ReadOptions(branches=run.branches, on_axis=run.on_axis)
+    read = read_stress_and_displacement(run.results, nodes, [run.apex_node], options)
     _check_times(read.times_ms, times_ms[1:], run.results)
     force_times_ms, force_n = read_total_force(folder / f"{JOB}.dat", PROBE_SET)
     _check_times(force_times_ms, times_ms[1:], folder / f"{JOB}.dat")
