@@ -1,10 +1,23 @@
-"""A response map whose curves are known in closed form."""
+"""A response map whose curves are known, and a solver that plays what it is told.
+
+The solver stands for ccx on the ladder of contact models: each rung's results are
+the recorded ones of the quick finger, put where the solver would leave them.
+"""
+
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from decks.presets import PRESETS
+from fembridge.build import model_of
+from fembridge.response import solve
+from fembridge.response.path_dependence import RemembersError
 from fembridge.response.response_map import ResponseMap
-from fembridge.run_folder import AfferentNode
+from fembridge.run_folder import AfferentNode, read_run_folder, sha256_of
+from fembridge.solvers.outcome import Cause, Failure, Outcome
+from fembridge.solvers.record import write_record
 
 DEPTH_UM = np.array([0.0, 2.0, 7.0, 20.0, 55.0, 110.0, 190.0, 300.0])
 PLACES = (
@@ -41,3 +54,69 @@ def made_map():
         return ResponseMap(**(fields | changes))
 
     return make
+
+
+RECORDED = Path(__file__).parents[3] / "fixtures" / "response_quick"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(PRESETS["quick"])
+
+
+class Player:
+    """Stands for `attempt_calculix`: one play a rung, by the rung's number."""
+
+    def __init__(self):
+        self.plays = {}
+        self.rungs = []
+        self.smooth = []
+        self.options = []
+
+    def __call__(self, folder, **options):
+        if folder.name.startswith("frictionless_"):
+            self.smooth.append(folder)
+            return self.solve(folder)
+        number = int(folder.name.removeprefix("contact_"))
+        self.rungs.append(number)
+        self.options.append(options)
+        play = self.plays.get(number, "solve")
+        if isinstance(play, Cause):
+            return Outcome(folder, Failure(play, "increment 3"))
+        return self.solve(folder)
+
+    def solve(self, folder):
+        run = read_run_folder(folder)
+        for name in ("job.frd", "job.dat"):
+            shutil.copy(RECORDED / name, folder)
+        outcome = Outcome(folder, version="2.20", exit_code=0, increments=39)
+        write_record(run, outcome, sha256_of(run.deck))
+        return outcome
+
+
+@pytest.fixture
+def player(monkeypatch):
+    player = Player()
+    monkeypatch.setattr(solve, "attempt_calculix", player)
+    return player
+
+
+@pytest.fixture
+def remembering(monkeypatch):
+    """Have rungs of these numbers refused after they were solved.
+
+    With their number the frictionless twin is refused, too.
+    """
+    numbers = set()
+    measured = solve.measured_response
+
+    def judge(folder):
+        kind, _, number = folder.name.partition("_")
+        if int(number) in numbers or kind in numbers:
+            raise RemembersError(
+                f"{folder}: unloading differs from loading by 17 %", 17.0
+            )
+        return measured(folder)
+
+    monkeypatch.setattr(solve, "measured_response", judge)
+    return numbers

@@ -5,90 +5,15 @@ solver would leave them.
 """
 
 import dataclasses
-import pickle
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from decks.material import PronyTerm
-from decks.presets import PRESETS
-from fembridge.build import model_of
 from fembridge.errors import OutputError, ResponseError, SolverError, StimulusError
-from fembridge.response import solve
 from fembridge.response.map_file import MAP_FILE, read_map
-from fembridge.response.path_dependence import FrictionSlipError, RemembersError
 from fembridge.response.solve import LADDER, solve_response
 from fembridge.response.stored import FOLDER
-from fembridge.run_folder import read_run_folder, sha256_of
-from fembridge.solvers.outcome import Cause, Failure, Outcome
-from fembridge.solvers.record import write_record
-
-RECORDED = Path(__file__).parents[3] / "fixtures" / "response_quick"
-
-
-@pytest.fixture(scope="module")
-def model():
-    return model_of(PRESETS["quick"])
-
-
-class Player:
-    """Stands for `attempt_calculix`: one play a rung, by the rung's number."""
-
-    def __init__(self):
-        self.plays = {}
-        self.rungs = []
-        self.smooth = []
-        self.options = []
-
-    def __call__(self, folder, **options):
-        if folder.name.startswith("frictionless_"):
-            self.smooth.append(folder)
-            return self.solve(folder)
-        number = int(folder.name.removeprefix("contact_"))
-        self.rungs.append(number)
-        self.options.append(options)
-        play = self.plays.get(number, "solve")
-        if isinstance(play, Cause):
-            return Outcome(folder, Failure(play, "increment 3"))
-        return self.solve(folder)
-
-    def solve(self, folder):
-        run = read_run_folder(folder)
-        for name in ("job.frd", "job.dat"):
-            shutil.copy(RECORDED / name, folder)
-        outcome = Outcome(folder, version="2.20", exit_code=0, increments=39)
-        write_record(run, outcome, sha256_of(run.deck))
-        return outcome
-
-
-@pytest.fixture
-def player(monkeypatch):
-    player = Player()
-    monkeypatch.setattr(solve, "attempt_calculix", player)
-    return player
-
-
-@pytest.fixture
-def remembering(monkeypatch):
-    """Have rungs of these numbers refused after they were solved.
-
-    With their number the frictionless twin is refused, too.
-    """
-    numbers = set()
-    measured = solve.measured_response
-
-    def judge(folder):
-        kind, _, number = folder.name.partition("_")
-        if int(number) in numbers or kind in numbers:
-            raise RemembersError(
-                f"{folder}: unloading differs from loading by 17 %", 17.0
-            )
-        return measured(folder)
-
-    monkeypatch.setattr(solve, "measured_response", judge)
-    return numbers
+from fembridge.solvers.outcome import Cause
 
 
 def test_the_first_rung_that_is_accepted_is_taken(tmp_path, model, player):
@@ -280,62 +205,3 @@ def test_the_ladder_tries_what_was_measured_to_come_back_first():
     assert LADDER[0].formulation == "node-to-surface"
     assert LADDER[0].friction == 0.4
     assert len(set(LADDER)) == len(LADDER)
-
-
-def test_what_comes_back_without_friction_alone_is_skin_that_slips(
-    tmp_path, model, player, monkeypatch
-):
-    measured = solve.measured_response
-
-    def judge(folder):
-        if folder.name == "contact_2":
-            raise RemembersError(f"{folder}: unloading differs by 1.5 %", 1.5)
-        return measured(folder)
-
-    monkeypatch.setattr(solve, "measured_response", judge)
-    player.plays[1] = Cause.DIVERGED
-
-    with pytest.raises(FrictionSlipError) as slip:
-        solve_response(tmp_path, model)
-
-    assert (slip.value.rung, slip.value.closure_percent) == (2, 1.5)
-    for words in ("skin slips", "friction 0.4", "by 1.5 %", "the probe's way"):
-        assert words in str(slip.value)
-    assert player.rungs == [1, 2]
-    [folder] = player.smooth
-    contact = read_run_folder(folder).inputs["contact"]
-    rough = read_run_folder(tmp_path / "contact_2").inputs["contact"]
-    assert contact == {**rough, "friction": 0.0}
-    assert not (tmp_path / MAP_FILE).exists()
-
-
-def test_a_rung_without_friction_has_no_frictionless_twin(
-    tmp_path, model, player, remembering
-):
-    remembering.update({1, 2, 3})
-
-    solve_response(tmp_path, model)
-
-    assert [folder.name for folder in player.smooth] == [
-        "frictionless_1",
-        "frictionless_2",
-    ]
-
-
-def test_a_slip_is_still_itself_after_a_worker_raised_it():
-    slip = pickle.loads(pickle.dumps(FrictionSlipError("words", 1.5, 2)))
-
-    assert (str(slip), slip.closure_percent, slip.rung) == ("words", 1.5, 2)
-
-
-def test_no_indentation_is_solved_for_skin_that_relaxes(tmp_path, model, player):
-    dermis = dataclasses.replace(
-        model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),)
-    )
-    materials = {**model.finger.materials, "dermis": dermis}
-    finger = dataclasses.replace(model.finger, materials=materials)
-
-    with pytest.raises(ResponseError, match="no response map: dermis relaxes"):
-        solve_response(tmp_path, dataclasses.replace(model, finger=finger))
-
-    assert player.rungs == []
