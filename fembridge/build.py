@@ -153,6 +153,11 @@ def build_analysis_folder(
         folder=folder,
         solver=solver,
         increments=last.increments // last.every,
+        solver_increments=(
+            motion.increments
+            if motion.increments != last.increments // last.every
+            else 0
+        ),
         dt_ms=stimulus.dt_ms,
         start_ms=start_ms,
         before_ms=start_ms if own_steps else 0.0,

@@ -73,6 +73,8 @@ class RunFolder:
     `increments` fixed increments of `dt_ms`. Steps of other increments, `before_ms` of
     them, may precede all that: of someone's own model, or, where stress depends on
     time, the way to the pre-indentation. Stress may be in another unit there.
+    `solver_increments` is how many the solver makes in all, where that is another
+    number: there are more than one to a sample, or steps before. 0: the same.
     Where skin relaxes, `branches` tells of a node how many branches its stress is the
     sum of, whose mean the solver writes. Of a half of the section `on_axis` are the
     nodes on its axis, where shear is 0, whatever the solver writes of one half.
@@ -99,10 +101,15 @@ class RunFolder:
     before_ms: float = 0.0
     stress_unit: str = "MPa"
     branches: Mapping[int, int] = field(default_factory=dict)
+    solver_increments: int = 0
     on_axis: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, least in (("increments", 1), ("apex_node", 0)):
+        for name, least in (
+            ("increments", 1),
+            ("apex_node", 0),
+            ("solver_increments", 0),
+        ):
             if not _is_whole(number := getattr(self, name), least):
                 raise self._error(f"{name} is {number!r}, expected {least} or more")
         for node, count in self.branches.items():
@@ -123,6 +130,11 @@ class RunFolder:
 
     def _error(self, problem: str) -> ResultError:
         return ResultError(problem, self.folder / RUN_FILE)
+
+    @property
+    def increments_in_all(self) -> int:
+        """How many increments the solver makes, as far as is known."""
+        return self.solver_increments or self.increments
 
     @property
     def end_ms(self) -> float:
@@ -161,6 +173,11 @@ class RunFolder:
                 "dt_ms": self.dt_ms,
                 "start_ms": self.start_ms,
                 **({"before_ms": self.before_ms} if self.before_ms else {}),
+                **(
+                    {"solver_increments": self.solver_increments}
+                    if self.solver_increments
+                    else {}
+                ),
             },
             "apex_node": self.apex_node,
             **({"on_axis": list(self.on_axis)} if self.on_axis else {}),
@@ -211,6 +228,7 @@ def read_run_folder(folder: Path) -> RunFolder:
             dt_ms=float(table["time"]["dt_ms"]),
             start_ms=float(table["time"]["start_ms"]),
             before_ms=float(table["time"].get("before_ms", 0.0)),
+            solver_increments=table["time"].get("solver_increments", 0),
             afferents=tuple(
                 AfferentNode.from_table(name, place)
                 for name, place in table["afferents"].items()

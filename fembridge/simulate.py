@@ -82,9 +82,11 @@ def simulate(
     if not stimuli:
         raise UsageError("no stimulus to simulate")
     reason = why_no_map(model, stimuli)
+    if stored and (reason or method == "transient"):
+        raise UsageError(
+            f"a stored response answers no transient: {reason or 'leave one out'}"
+        )
     method = _possible(method, reason, parameters, tell)
-    if stored and method == "transient":
-        raise UsageError("a stored response answers no transient: leave one out")
     settings = settings or SolverSettings()
     deepest = max(stimuli, key=lambda stimulus: stimulus.deepest_um)
     closure_percent: float | None = None
@@ -92,7 +94,12 @@ def simulate(
     if response is not None:
         origin = {"source": "response given"}
     elif stored or find_ccx() is None:
-        response = _stored(model, deepest, method, stored, tell)
+        if method == "transient":
+            raise MissingError(
+                f"{reason or '--method transient'}: that takes a solver, and there is "
+                f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}"
+            )
+        response = _stored(model, deepest, stored, tell)
         origin = {"source": "stored response"}
     else:
         place = folder / RESPONSE_FOLDER
@@ -101,12 +108,20 @@ def simulate(
                 model, place, deepest.deepest_um, settings, tell, ladder
             )
         except FrictionSlipError as slip:
-            reason = str(slip)
+            reason = "; ".join(why for why in (reason, str(slip)) if why)
             method = _possible(method, reason, parameters, tell)
             model = replace(model, contact=ladder[slip.rung - 1])
             closure_percent = slip.closure_percent
     if response is None or method == "transient":
-        traces = solve_transients(stimuli, model, folder, settings, tell, ladder)
+        traces = solve_transients(
+            stimuli,
+            model,
+            folder,
+            settings,
+            tell,
+            ladder,
+            rough=isinstance(closure_percent, float),
+        )
         origin = {**origin, "contacts": contacts_of(stimuli, folder)}
     else:
         method = "map"
@@ -139,27 +154,18 @@ def _possible(
     if method == AUTO and reason is not None:
         tell(f"{reason}; so there is no response map: each waveform is solved")
         method = "transient"
-    if method == "transient":
-        _check_quantity(parameters)
+    if method == "transient" and (other := reading_energy(parameters)):
+        way_out = "take other parameters" if reason else "take --method map"
+        raise UsageError(
+            f"drive {parameters[other].drive!r} of {other} reads strain energy, "
+            f"--method transient gives von Mises stress alone: {way_out}"
+        )
     return method
 
 
-def _check_quantity(parameters: Parameters) -> None:
-    if other := reading_energy(parameters):
-        raise UsageError(
-            f"drive {parameters[other].drive!r} of {other} reads strain energy, "
-            "--method transient gives von Mises stress alone: take --method map"
-        )
-
-
 def _stored(
-    model: Model, deepest: Stimulus, method: str, asked_for: bool, tell: Tell
+    model: Model, deepest: Stimulus, asked_for: bool, tell: Tell
 ) -> ResponseMap:
-    if method == "transient":
-        raise MissingError(
-            f"--method transient takes a solver, and there is no ccx on the PATH; "
-            f"install it: {SOLVER_INSTALL_LINE}"
-        )
     install = "" if asked_for else f"; install the solver: {SOLVER_INSTALL_LINE}"
     try:
         response = stored_response(model.finger, model.probe, model.element)

@@ -30,12 +30,15 @@ def solve_transients(
     settings: SolverSettings,
     tell: Tell,
     ladder: Sequence[Contact],
+    *,
+    rough: bool = False,
 ) -> list[list[StressTrace]]:
     """Solve each waveform; one that does not converge gets the next contact model.
 
     `model` has a contact that was accepted; another one of the ladder is tried only
     after its own indentation was. What skin that slips under friction makes of an
-    indentation speaks against a map, not against the contact.
+    indentation speaks against a map, not against the contact. Where skin is known to
+    slip (`rough`) or the probe slides, contacts of another friction are no choice.
 
     Raises
     ------
@@ -45,7 +48,10 @@ def solve_transients(
     deepest_um = max(stimulus.deepest_um for stimulus in stimuli)
     waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}
     places, failure = list(waiting), None
+    rough = rough or any(stimulus.aside_um is not None for stimulus in stimuli)
     for number, contact in enumerate(_from(model.contact, ladder), start=1):
+        if rough and contact.friction != model.contact.friction:
+            continue
         if contact != model.contact:
             again = folder / f"{RESPONSE_FOLDER}_{number}"
             try:
@@ -53,6 +59,7 @@ def solve_transients(
                     model, again, deepest_um, settings, tell, (contact,)
                 )
             except FrictionSlipError:
+                rough = True
                 model = replace(model, contact=contact)
             except ResponseError as error:
                 tell(f"left {contact}: {error}")

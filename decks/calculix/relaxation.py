@@ -26,6 +26,9 @@ from decks.material import Material, PronyTerm
 from decks.numbered import Section, numbered
 from fembridge.errors import DeckError
 
+# Branches add no mass to the layer that they lie over.
+NO_MASS_KG_M3 = 1.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Branch:
@@ -36,7 +39,7 @@ class Branch:
 
 
 def lasting(section: Section) -> Section:
-    """Give a layer with the share of its stiffness and mass that does not relax."""
+    """Give a layer with the stiffness that does not relax, and all of its mass."""
     share = section.material.lasting_share
     values = section.material
     if share == 1.0:
@@ -46,7 +49,7 @@ def lasting(section: Section) -> Section:
         material=Material(
             share * values.young_mpa,
             values.poisson,
-            density_kg_m3=share * values.density_kg_m3,
+            density_kg_m3=values.density_kg_m3,
         ),
     )
 
@@ -128,5 +131,5 @@ def _maxwell(values: Material, term: PronyTerm, dt_s: float) -> tuple[Material, 
             f"tau_s {term.tau_s:g} is too near the time step, {dt_s:g} s, for a layer "
             f"of Poisson's ratio {values.poisson:g}: expected more of one or the other"
         )
-    branch = Material(young_mpa, poisson, density_kg_m3=term.g * values.density_kg_m3)
+    branch = Material(young_mpa, poisson, density_kg_m3=NO_MASS_KG_M3)
     return branch, grown / (3 * shear_mpa * dt_s)

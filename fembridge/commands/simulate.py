@@ -2,7 +2,8 @@
 
 With ccx on the PATH one indentation is solved and answers every stimulus
 (--method map), or the solver follows each whole waveform (--method transient): where
-skin relaxes, slips under friction, or the probe slides, that is what is done.
+skin relaxes or slips under friction, the probe slides or inertia counts, that is
+what is done.
 Without ccx the stored response of the reference finger is taken. Rates, spikes,
 stress traces and a raster are written to the output folder.
 """

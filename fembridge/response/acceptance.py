@@ -27,18 +27,15 @@ class Acceptance:
 
     `closure_percent` is the largest difference between unloading and loading at
     the same depth, in percent of the loading stress there, over all afferents; NaN
-    where nothing could be compared.
+    where nothing could be compared. It `remembers` where the problem is that unloading
+    differs from loading, and no other.
     """
 
     closure_percent: float
     force_n_per_mm: float
     followed_share: float
     problem: str | None
-
-    @property
-    def remembers(self) -> bool:
-        """Whether all that speaks against it is that unloading differs."""
-        return self.problem is not None and self.closure_percent > CLOSURE_PERCENT
+    remembers: bool = False
 
 
 def judge(
@@ -63,7 +60,7 @@ def judge(
     force = float(force_n_per_mm[deepest])
     followed = moved_um / deepest_um if deepest_um > 0 else 0.0
     closure = _closure_percent(depth_um, stress_pa, deepest)
-    problem = None
+    problem, remembers = None, False
     if not (force > 0 and followed >= _FOLLOWED_SHARE):
         problem = (
             f"the probe did not push: at {deepest_um:g} um the skin moved "
@@ -76,11 +73,12 @@ def judge(
     elif math.isnan(closure):
         problem = "the run does not come back over depths that it loaded to"
     elif not closure <= CLOSURE_PERCENT:
+        remembers = True
         problem = (
             f"unloading differs from loading by {closure:.3g} % at the same depth, "
             f"expected at most {CLOSURE_PERCENT} %"
         )
-    return Acceptance(closure, force, followed, problem)
+    return Acceptance(closure, force, followed, problem, remembers)
 
 
 def _closure_percent(

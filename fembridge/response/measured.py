@@ -51,7 +51,7 @@ def measured_response(folder: Path) -> ResponseMap:
     # `RF` is the force that holds the probe down; the section is 1 mm thick.
     force_n_per_mm = _from_rest(-force_n[:, 1])
     found = judge(depth_um, von_mises_pa(tensor_pa), force_n_per_mm, apex_um)
-    if found.problem is not None and found.remembers:
+    if found.remembers:
         raise RemembersError(f"{folder}: {found.problem}", found.closure_percent)
     if found.problem is not None:
         raise ResponseError(f"{folder}: {found.problem}")

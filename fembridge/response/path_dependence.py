@@ -29,8 +29,8 @@ class RemembersError(ResponseError):
 class FrictionSlipError(RemembersError):
     """Friction is what unloading differs by: without it the same contact comes back.
 
-    The contact model is sound, `contact_number` of the ladder; the stress of a
-    waveform takes the whole way of the probe, a transient.
+    The contact model is sound, the one of number `rung` on the ladder, from 1; the
+    stress of a waveform takes the whole way of the probe, a transient.
     """
 
     def __init__(self, words: str, closure_percent: float, rung: int) -> None:

@@ -123,9 +123,7 @@ def solve_response(
                 words = slip_words(
                     contact, found.closure_percent, without.closure_percent
                 )
-                raise FrictionSlipError(
-                    f"{folder}: {words}", found.closure_percent, number
-                )
+                raise FrictionSlipError(words, found.closure_percent, number)
         rungs.append(Rung(contact, str(found).removeprefix(f"{run.folder}: ")))
         if tell is not None:
             tell(f"left {rungs[-1]}")

@@ -227,7 +227,7 @@ def _diverged(rows: list[StaRow], run: RunFolder) -> Failure:
 def _place(rows: list[StaRow], run: RunFolder) -> str:
     """Tell where a run stopped: of a failed attempt the times are its start's."""
     good = sum(not row.failed for row in rows)
-    count = f"{good} of {run.increments} increments are good"
+    count = f"{good} of {run.increments_in_all} increments are good"
     if not rows:
         return count
     last = rows[-1]

@@ -112,7 +112,7 @@ class Watchdog:
         return Progress(
             folder=self._run.folder,
             increment=len(good),
-            increments=self._run.increments,
+            increments=self._run.increments_in_all,
             time_ms=good[-1].total_time_ms if good else 0.0,
             end_ms=self._run.end_ms,
             iterations=len(self._cvg),

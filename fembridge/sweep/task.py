@@ -142,11 +142,15 @@ class Item:
             "format": FORMAT,
             "method": self.method,
             "stimuli": stimuli,
+            **(_HOW_SOLVED if self.method == "transient" else {}),
         }
 
     def __str__(self) -> str:
         return self.label
 
+
+# What makes a transient another one than those before: see decision 0014.
+_HOW_SOLVED = {"drive": "spring", "section": "half"}
 
 Task = Response | Item
 

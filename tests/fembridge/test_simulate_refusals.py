@@ -109,7 +109,7 @@ SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"
             ["--preindent-um", "500"],
             "sine_20_250 goes 750 um deep, the stored response",
         ),
-        (["--method", "transient"], "--method transient takes a solver"),
+        (["--method", "transient"], "--method transient: that takes a solver"),
         (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
         (["--finger", "named.toml"], "young_mpa 0.05, asked for is 0.08"),
         (["--element", "CPE8R"], "no response is stored for this element"),

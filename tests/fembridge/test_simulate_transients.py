@@ -262,3 +262,23 @@ def test_after_a_slip_the_next_contact_is_taken_though_it_slips_as_well(
     place = tmp_path / "runs" / "sine_20_250"
     contact = read_run_folder(place).inputs["contact"]
     assert contact["stick_share"] == LADDER[1].stick_share
+
+
+def test_where_skin_slips_no_contact_without_friction_is_tried(
+    tmp_path, model, transients, monkeypatch
+):
+    monkeypatch.setattr(accepted, "solve_response", slipping)
+    seen = []
+    monkeypatch.setattr(transients_module, "run_folders", diverging(99, seen))
+
+    with pytest.raises(SolverError):
+        simulate(stimuli_of("sine_20_250"), model, tmp_path)
+
+    rough = [contact for contact in LADDER if contact.friction == LADDER[0].friction]
+    assert len(seen) == len(rough) < len(LADDER)
+
+
+def test_a_stored_response_is_no_answer_where_there_is_no_map(tmp_path, model, ccx):
+    with pytest.raises(UsageError, match="answers no transient: dermis relaxes"):
+        simulate(stimuli_of("sine_20_250"), soft(model), tmp_path, stored=True)
+    assert ccx == []

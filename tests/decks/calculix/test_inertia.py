@@ -75,6 +75,7 @@ def test_a_run_folder_tells_samples_and_not_increments(tmp_path, held):
     model = replace(model_of(QUICK), inertia=True)
     run = build_run_folder(tmp_path / "run", model, held)
     assert (run.increments, run.dt_ms, run.before_ms) == (43, 0.5, 0.0)
+    assert run.increments_in_all == 86
     assert_allclose([run.start_ms, run.end_ms], [20.0, 21.5])
     assert run.inputs["inertia"] is True
     assert "drive" not in run.inputs

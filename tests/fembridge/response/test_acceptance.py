@@ -135,3 +135,17 @@ def test_a_run_that_compares_nothing_proves_nothing(depth_um):
 
 def test_a_probe_that_never_moved_did_not_push():
     assert run(np.zeros(5)).problem.startswith("the probe did not push: at 0 um")
+
+
+def test_a_probe_that_never_pushed_does_not_remember():
+    depth_um = np.array([0.0, 100.0, 200.0, 100.0])
+    stress_pa = np.array([[0.0], [1.0], [2.0], [1.5]])
+    nothing = np.zeros_like(depth_um)
+
+    lost = judge(depth_um, stress_pa, nothing, nothing)
+    pushed = judge(depth_um, stress_pa, depth_um, depth_um)
+
+    assert "did not push" in lost.problem
+    assert not lost.remembers
+    assert "unloading differs" in pushed.problem
+    assert pushed.remembers
