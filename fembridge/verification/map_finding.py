@@ -24,7 +24,7 @@ from fembridge.verification.finding import (
 NAME = "map"
 TITLE = "Response map against whole transients"
 
-TRACE_PERCENT, DRIVE_PERCENT, EQUAL_PERCENT = 0.1, 1.0, 99.0
+TRACE_PERCENT, DRIVE_PERCENT, EQUAL_PERCENT = 0.1, 3.0, 99.0
 FEWER_INCREMENTS, LESS_CPU = 1000.0, 300.0
 _SHOWN = "diharm_10_50_125"
 _EVERY = 2
