@@ -40,7 +40,6 @@ _CASES = (
 # How many samples of 0.5 ms are followed: 501 are a whole stimulus.
 _SAMPLES = {"quick": 501, "paper": 101}
 _QUICK_RUN_SAMPLES = 21
-_DT_MS = 0.5
 
 
 def study(bench: Bench) -> Finding:
