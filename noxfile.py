@@ -36,9 +36,7 @@ def wheel(session: nox.Session) -> None:
     """Build the wheel and look inside it."""
     session.install("-c", "constraints.txt", "build", "hatchling")
     folder = session.create_tmp()
-    session.run(
-        "python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation"
-    )
+    session.run("python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation")
     session.run("python", "tests/look_inside_wheel.py", folder)
 
 

@@ -15,11 +15,7 @@ from neural import PUBLISHED, afferent_drives, candidate_counts, window_rows
 DT_MS = 0.5
 SAMPLES = 501
 CONDITIONS_AT_HZ = {20.0: 12, 50.0: 10, 100.0: 9, 300.0: 6}
-HALVES = {
-    "SA": ("a1_pa", "a2_pa_per_ms"),
-    "RA": ("a3_pa_per_ms",),
-    "PC": ("a4_pa_per_ms2",),
-}
+HALVES = {"SA": ("a1_pa", "a2_pa_per_ms"), "RA": ("a3_pa_per_ms",), "PC": ("a4_pa_per_ms2",)}
 
 
 def main(candidates: int) -> None:
@@ -32,9 +28,7 @@ def main(candidates: int) -> None:
     )
     steps = SAMPLES - 1
     whole = window_rows((0.0, 250.0), DT_MS)
-    windows_ms = [
-        (5.0, 250.0) if hz == 20.0 else (100.0, 200.0) for hz in frequencies_hz
-    ]
+    windows_ms = [(5.0, 250.0) if hz == 20.0 else (100.0, 200.0) for hz in frequencies_hz]
     rows = [window_rows(window_ms, DT_MS) for window_ms in windows_ms]
     own = ([each.start for each in rows], [each.stop for each in rows])
     print(f"{candidates} candidates x {frequencies_hz.size} conditions x {steps} steps")

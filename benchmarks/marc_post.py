@@ -102,10 +102,7 @@ def header(size: Size) -> bytes:
             block(
                 50602,
                 "Element Variable Postcodes",
-                *(
-                    record(np.array([c, 0], "<i4").tobytes() + b" " * 192)
-                    for c in CODES
-                ),
+                *(record(np.array([c, 0], "<i4").tobytes() + b" " * 192) for c in CODES),
             ),
             block(
                 50702,
@@ -138,12 +135,7 @@ def increments(size: Size, seed: int) -> Iterator[bytes]:
                 record(b"****"),
                 block(51600, "Loadcase Title", text("          lcase1", 70)),
                 block(51701, "Integer Increment Verification Data", integers(*words)),
-                block(
-                    51801,
-                    "Real Increment Verification Data",
-                    integers(24),
-                    reals(*energies),
-                ),
+                block(51801, "Real Increment Verification Data", integers(24), reals(*energies)),
                 block(52300, "Element Integration Point Values", table(points)),
                 block(52401, "Nodal Results", *nodal),
                 record(b"----"),

@@ -43,10 +43,7 @@ class Job:
         """Bytes that the job has to go through."""
         if not self.quantities:
             return path.stat().st_size
-        size = sum(
-            held["record_bytes"][storage_of(self.file)][name]
-            for name in self.quantities
-        )
+        size = sum(held["record_bytes"][storage_of(self.file)][name] for name in self.quantities)
         return size if self.one_increment else size * held["increments"][self.file]
 
 
@@ -195,9 +192,7 @@ EVERY = ("DISP", "STRESS", "ERROR")
 JOBS = {
     "nothing": Job("Python", "NumPy imported", "ascii", nothing),
     "nodes": Job("fembridge", "five nodes", "ascii", ours_at_nodes),
-    "nodes_pyvista": Job(
-        "pyvista-frd-reader", "five nodes", "ascii", pyvista_at_nodes, **PYVISTA
-    ),
+    "nodes_pyvista": Job("pyvista-frd-reader", "five nodes", "ascii", pyvista_at_nodes, **PYVISTA),
     "nodes_float32": Job("fembridge", "five nodes", "float32", ours_at_nodes),
     "nodes_float64": Job("fembridge", "five nodes", "float64", ours_at_nodes),
     "fields": Job("fembridge", "STRESS", "ascii", ours_fields, ("STRESS",)),

@@ -112,9 +112,7 @@ def report(rounds: Rounds, held: Held, facts: Mapping[str, Any]) -> str:
     if size_mb < GOALS_FROM_MB:
         parts.append(f"The goals are for files of {GOALS_FROM_MB:g} MB and more.")
     if absent:
-        parts.append(
-            f"Not here: {', '.join(absent)}; `pip install {' '.join(absent)}`."
-        )
+        parts.append(f"Not here: {', '.join(absent)}; `pip install {' '.join(absent)}`.")
     parts += [_ratios(rounds, held), _jobs(rounds)]
     return "\n\n".join(parts) + "\n"
 
@@ -126,10 +124,7 @@ def peak_mb(rounds: Rounds, name: str) -> float:
 
 
 def _ratios(rounds: Rounds, held: Held) -> str:
-    lines = [
-        "| ratio | by the clock | by processor time | goal | |",
-        "|---|---|---|---|---|",
-    ]
+    lines = ["| ratio | by the clock | by processor time | goal | |", "|---|---|---|---|---|"]
     for ratio in RATIOS:
         goal = "" if ratio.goal is None else f"≥ {ratio.goal:g}"
         if ratio.theirs not in rounds:
@@ -137,15 +132,12 @@ def _ratios(rounds: Rounds, held: Held) -> str:
             continue
         pairs = list(zip(rounds[ratio.ours], rounds[ratio.theirs], strict=True))
         wall, cpu = (
-            [ratio.of(held, clock, *pair) for pair in pairs]
-            for clock in ("wall_s", "cpu_s")
+            [ratio.of(held, clock, *pair) for pair in pairs] for clock in ("wall_s", "cpu_s")
         )
         verdict = ""
         if ratio.goal is not None:
             verdict = _verdict(statistics.median(wall) >= ratio.goal)
-        lines.append(
-            f"| {ratio.says} | {_three(wall)} | {_three(cpu)} | {goal} | {verdict} |"
-        )
+        lines.append(f"| {ratio.says} | {_three(wall)} | {_three(cpu)} | {goal} | {verdict} |")
     ours = [name for name in rounds if JOBS[name].reader == "fembridge"]
     worst = max(peak_mb(rounds, name) for name in ours)
     lines.append(

@@ -179,7 +179,5 @@ def _solved(folder: Path, deck: str) -> Path:
     ):
         folder.mkdir(parents=True, exist_ok=True)
         inputs.write_text(deck, encoding="ascii", newline="\n")
-        subprocess.run(
-            ["ccx", "-i", "job"], cwd=folder, check=True, stdout=subprocess.DEVNULL
-        )
+        subprocess.run(["ccx", "-i", "job"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     return result

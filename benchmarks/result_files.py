@@ -95,9 +95,7 @@ def increments_of(run: RecordedRun, megabytes: float) -> int:
     return max(2, math.ceil((megabytes * 1e6 - mesh) / one))
 
 
-def history(
-    run: RecordedRun, increments: int
-) -> Iterator[tuple[float, list[Quantity]]]:
+def history(run: RecordedRun, increments: int) -> Iterator[tuple[float, list[Quantity]]]:
     """Yield time in s and quantities of each increment."""
     dt_s = run.times_s[1] - run.times_s[0]
     for row in range(increments):
@@ -152,9 +150,7 @@ def _write_mesh(run: RecordedRun, file: BinaryIO, flag: int) -> None:
     if flag == 1:
         lines = (
             f" -1{node:10d}{x:12.5E}{y:12.5E}{z:12.5E}\n"
-            for node, (x, y, z) in zip(
-                run.nodes.tolist(), run.xyz_mm.tolist(), strict=True
-            )
+            for node, (x, y, z) in zip(run.nodes.tolist(), run.xyz_mm.tolist(), strict=True)
         )
         file.write("".join(lines).encode("ascii") + b" -3\n")
     else:
@@ -180,15 +176,11 @@ def _mesh_header(mark: str, count: int, flag: int) -> bytes:
     return f"    {mark}{'':18}{count:12d}{'':37}{flag}\n".encode("ascii")
 
 
-def _write_records(
-    run: RecordedRun, quantity: Quantity, file: BinaryIO, storage: str
-) -> None:
+def _write_records(run: RecordedRun, quantity: Quantity, file: BinaryIO, storage: str) -> None:
     columns = quantity.values.shape[1]
     if storage != "ascii":
         kind = {"float32": "<f4", "float64": "<f8"}[storage]
-        table = np.empty(
-            run.nodes.size, [("node", "<i4"), ("values", kind, (columns,))]
-        )
+        table = np.empty(run.nodes.size, [("node", "<i4"), ("values", kind, (columns,))])
         table["node"], table["values"] = run.nodes, quantity.values
         file.write(table.tobytes())
         return
@@ -213,8 +205,7 @@ def main() -> None:
         "--source",
         type=Path,
         metavar="FRD",
-        help="a float64 result of ccx (DOUBLE) with all fields, instead of the "
-        "recorded run",
+        help="a float64 result of ccx (DOUBLE) with all fields, instead of the recorded run",
     )
     args = parser.parse_args()
     run, origin = record(args.folder, args.source)

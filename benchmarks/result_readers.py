@@ -44,11 +44,7 @@ def python(*words: str) -> str:
 
 def measure(folder: Path, rounds: int, alone: bool) -> dict[str, list[Measured]]:
     """Do every job whose reader is here, in turn, `rounds` times."""
-    names = [
-        name
-        for name, job in JOBS.items()
-        if not (job.absent or (alone and job.package))
-    ]
+    names = [name for name, job in JOBS.items() if not (job.absent or (alone and job.package))]
     measured: dict[str, list[Measured]] = {name: [] for name in names}
     for number in range(1, rounds + 1):
         for name in names:
@@ -61,8 +57,7 @@ def measure(folder: Path, rounds: int, alone: bool) -> dict[str, list[Measured]]
 def facts() -> dict[str, str]:
     """Tell the machine and the versions."""
     found = {
-        "Machine:": f"{os.cpu_count()} cores, {platform.machine()}, "
-        f"{platform.system()}",
+        "Machine:": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
         "Python": platform.python_version(),
     }
     if hasattr(os, "getloadavg"):
@@ -96,16 +91,10 @@ def main() -> None:
     parser.add_argument(
         "--folder", type=Path, help="keep the files here, and take those that are here"
     )
+    parser.add_argument("--source", help="a float64 result of ccx (DOUBLE) to make the files from")
+    parser.add_argument("--alone", action="store_true", help="leave the readers of others out")
     parser.add_argument(
-        "--source", help="a float64 result of ccx (DOUBLE) to make the files from"
-    )
-    parser.add_argument(
-        "--alone", action="store_true", help="leave the readers of others out"
-    )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help=f"{QUICK_MEGABYTES:g} MB and {QUICK_ROUNDS} rounds",
+        "--quick", action="store_true", help=f"{QUICK_MEGABYTES:g} MB and {QUICK_ROUNDS} rounds"
     )
     parser.add_argument(
         "--update-docs",

@@ -55,9 +55,7 @@ def table(study: Path, folder: Path) -> list[str]:
     for mesh, change in (("own", lambda r: r), ("finer", finer)):
         first = None
         for variant in variants:
-            finger = replace(
-                variant.finger, resolution=change(variant.finger.resolution)
-            )
+            finger = replace(variant.finger, resolution=change(variant.finger.resolution))
             name = f"{mesh}_{variant.told}".replace("=", "_").replace(".", "_")
             pressed = indent(bench, name, model_of(finger))
             print(f"{mesh} {variant.told}: {pressed.elements}", file=sys.stderr)
@@ -73,9 +71,7 @@ def table(study: Path, folder: Path) -> list[str]:
     lines = [
         f"{heads[0]}; {heads[1]}",
         "",
-        "| finger | "
-        + " | ".join(f"{a}, {m}" for a in afferents for m in ("own", "finer"))
-        + " |",
+        "| finger | " + " | ".join(f"{a}, {m}" for a in afferents for m in ("own", "finer")) + " |",
         "|---" * (1 + len(order)) + "|",
     ]
     for told, cells in columns.items():

@@ -111,9 +111,7 @@ def solve(run: RunFolder, threads: int) -> Solved:
         stress_pa = np.array([trace.stress_pa for trace in read(run.folder)])
     else:
         print(outcome.failure, file=sys.stderr)
-    return Solved(
-        cpu_s, outcome.wall_s, outcome.increments, outcome.iterations, stress_pa
-    )
+    return Solved(cpu_s, outcome.wall_s, outcome.increments, outcome.iterations, stress_pa)
 
 
 def off_percent(one: FloatArray, first: FloatArray) -> float:

@@ -169,8 +169,7 @@ def analyse(
         held=np.union1d(bone, np.intersect1d(nail, surface)),
         contact_edge=np.stack([owner[reached], face[reached]], -1),
         notes=(
-            f"finger {finger.name}: {len(mesh.quad)} elements, "
-            f"{len(mesh.node_mm)} corner nodes",
+            f"finger {finger.name}: {len(mesh.quad)} elements, {len(mesh.node_mm)} corner nodes",
             f"probe: {probe.shape}, {probe.diameter_mm:g} mm",
         ),
         law=law,
@@ -191,7 +190,4 @@ def _span_mm(probe: Probe, motion: Motion) -> tuple[float, float]:
     """Leftmost and rightmost place of the probe's middle."""
     if motion.aside_mm is None:
         return probe.x_mm, probe.x_mm
-    return (
-        probe.x_mm + float(motion.aside_mm.min()),
-        probe.x_mm + float(motion.aside_mm.max()),
-    )
+    return (probe.x_mm + float(motion.aside_mm.min()), probe.x_mm + float(motion.aside_mm.max()))

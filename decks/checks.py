@@ -37,11 +37,7 @@ def not_negative(value: object, *names: str, error: _Kind = FingerError) -> None
 
 
 def between(
-    value: object,
-    name: str,
-    least: float,
-    most: float,
-    error: _Kind = FingerError,
+    value: object, name: str, least: float, most: float, error: _Kind = FingerError
 ) -> None:
     """Refuse a number outside `least` to `most`; both belong to the range."""
     if not least <= (number := finite(value, name, error)) <= most:

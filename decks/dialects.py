@@ -117,15 +117,12 @@ class Dialect:
         for phase in motion.phases:
             if phase.procedure not in self.procedures:
                 words = {"viscous": "relaxing skin", "dynamic": "inertia"}
-                raise DeckError(
-                    f"fembridge writes no {words[phase.procedure]} for {self.name}"
-                )
+                raise DeckError(f"fembridge writes no {words[phase.procedure]} for {self.name}")
 
     def _choice(self, what: str, word: str | None, known: tuple[str, ...]) -> str:
         if word is not None and word not in known:
             raise DeckError(
-                f"a deck for {self.name} has no {what} {word!r}, expected "
-                f"{' or '.join(known)}"
+                f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
             )
         return known[0] if word is None else word
 
@@ -156,19 +153,8 @@ DIALECTS = {
         Dialect(
             name="marc",
             deck=f"{JOB}.dat",
-            results=(
-                f"{JOB}{REWRITTEN}.t16",
-                f"{JOB}{REWRITTEN}.t19",
-                f"{JOB}.t16",
-                f"{JOB}.t19",
-            ),
-            elements={
-                "CPE4H": "80",
-                "CPE4": "11",
-                "CPE8": "27",
-                "CPE8R": "54",
-                "CPE4RH": "118",
-            },
+            results=(f"{JOB}{REWRITTEN}.t16", f"{JOB}{REWRITTEN}.t19", f"{JOB}.t16", f"{JOB}.t19"),
+            elements={"CPE4H": "80", "CPE4": "11", "CPE8": "27", "CPE8R": "54", "CPE4RH": "118"},
             element="CPE4H",
             result_kinds=("both", "binary", "text"),
             probes=("rigid", "meshed"),
@@ -181,10 +167,7 @@ DIALECTS = {
             name="abaqus",
             deck=f"{JOB}.inp",
             results=(f"{JOB}.odb",),
-            elements={
-                name: name
-                for name in ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
-            },
+            elements={name: name for name in ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")},
             element="CPE4H",
             result_kinds=("binary",),
             probes=("meshed",),

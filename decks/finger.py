@@ -16,14 +16,7 @@ from fembridge.errors import FingerError
 # Thinner layers make elements that no solver gets a stress out of.
 THINNEST_MM = 0.02
 
-LAYERS = (
-    "stratum_corneum",
-    "epidermis",
-    "dermis",
-    "subcutaneous_tissue",
-    "bone",
-    "nail",
-)
+LAYERS = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue", "bone", "nail")
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,10 +90,7 @@ def finger_table(finger: Finger) -> dict[str, Any]:
     table = asdict(finger)
     for layer, material in table["materials"].items():
         material["prony"] = list(material["prony"])
-        for key, usual in (
-            ("prony", []),
-            ("density_kg_m3", TABLE_1[layer].density_kg_m3),
-        ):
+        for key, usual in (("prony", []), ("density_kg_m3", TABLE_1[layer].density_kg_m3)):
             if material[key] == usual:
                 del material[key]
     return table
@@ -157,9 +154,7 @@ def _known(entries: Mapping[str, Any], names: Any, where: str) -> None:  # noqa:
         if key not in names:
             near = difflib.get_close_matches(str(key), list(names), n=2)
             hint = f"; did you mean {' or '.join(near)}?" if near else ""
-            raise FingerError(
-                f"[{where}] unknown key {key!r}, expected {', '.join(names)}{hint}"
-            )
+            raise FingerError(f"[{where}] unknown key {key!r}, expected {', '.join(names)}{hint}")
 
 
 def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:

@@ -34,8 +34,7 @@ def half_section(analysis: Analysis) -> HalfSection | None:
         return None
     mesh, probe = analysis.mesh, analysis.probe
     return HalfSection(
-        _on_the_right(mesh.node_mm, mesh.quad),
-        _on_the_right(probe.node_mm, probe.quad),
+        _on_the_right(mesh.node_mm, mesh.quad), _on_the_right(probe.node_mm, probe.quad)
     )
 
 
@@ -121,9 +120,7 @@ def _are_mirrored(node_mm: FloatArray, rows: IntArray) -> bool:
 def _images(node_mm: FloatArray) -> IntArray | None:
     """Give the row of each node's mirror image; None where one has none."""
     image_mm = node_mm * _MIRROR
-    rows, image_rows = (
-        np.lexsort(np.round(at, _DIGITS).T) for at in (node_mm, image_mm)
-    )
+    rows, image_rows = (np.lexsort(np.round(at, _DIGITS).T) for at in (node_mm, image_mm))
     if not np.abs(node_mm[rows] - image_mm[image_rows]).max() <= SAME_MM:
         return None
     image = np.empty_like(rows)

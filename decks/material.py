@@ -52,9 +52,7 @@ class Material:
         between(self, "density_kg_m3", 1.0, 1e5)
         object.__setattr__(self, "prony", tuple(self.prony))
         if len(self.prony) > _MOST_TERMS:
-            raise FingerError(
-                f"{len(self.prony)} Prony terms, expected at most {_MOST_TERMS}"
-            )
+            raise FingerError(f"{len(self.prony)} Prony terms, expected at most {_MOST_TERMS}")
         if not self.lasting_share > 0:
             raise FingerError(
                 f"Prony terms take {1 - self.lasting_share:g} of the shear modulus, "

@@ -82,9 +82,7 @@ class Motion:
         return float(self.time_s[self.ramp])
 
 
-def motion_of(
-    stimulus: Stimulus, procedure: str = "static", relaxing_s: float = 0.0
-) -> Motion:
+def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float = 0.0) -> Motion:
     """Put the way to the pre-indentation in front of `stimulus`.
 
     `relaxing_s` is the longest time constant of the skin, 0 where none relaxes: the
@@ -121,12 +119,7 @@ def motion_of(
     if aside_mm is not None:
         aside_mm = np.concatenate([np.zeros(before), aside_mm])
     return Motion(
-        time_s,
-        np.concatenate([way_mm, held_mm, depth_mm]),
-        dt_s,
-        before,
-        phases,
-        aside_mm,
+        time_s, np.concatenate([way_mm, held_mm, depth_mm]), dt_s, before, phases, aside_mm
     )
 
 

@@ -44,9 +44,7 @@ class Probe:
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
-            raise FingerError(
-                f"probe shape {self.shape!r}, expected one of {', '.join(SHAPES)}"
-            )
+            raise FingerError(f"probe shape {self.shape!r}, expected one of {', '.join(SHAPES)}")
         between(self, "diameter_mm", 0.01, 20)
         not_negative(self, "fillet_mm")
         finite(self, "x_mm")
@@ -71,9 +69,7 @@ class Probe:
         opening = np.radians(_HALF_OPENING_DEG)
         segments = 2 * round(max(_MIN_SEGMENTS, 2 * radius_mm / _SEGMENT_MM) / 2)
         angle = np.linspace(-opening, opening, segments + 1)
-        points: FloatArray = radius_mm * np.stack(
-            [np.sin(angle), 1 - np.cos(angle)], -1
-        )
+        points: FloatArray = radius_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
         points[segments // 2] = 0.0
         return points
 
@@ -148,9 +144,7 @@ def touched_node(probe: ProbeMesh, skin: Mesh) -> int:
     return int(pad[aside_mm.argmin()])
 
 
-def check_on_pad(
-    skin: Mesh, left_mm: float, right_mm: float, half_width_mm: float
-) -> None:
+def check_on_pad(skin: Mesh, left_mm: float, right_mm: float, half_width_mm: float) -> None:
     """Refuse a probe whose middle goes from `left_mm` to `right_mm` beyond the pad.
 
     Raises
@@ -176,9 +170,7 @@ def _touching_height_mm(lower_mm: FloatArray, skin: Mesh) -> float:
             f"the probe spans x = {ends[0]:g} to {ends[1]:g} mm, expected inside the "
             f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
         )
-    over_skin_mm = lower_mm[:, 1] - np.interp(
-        lower_mm[:, 0], pad_mm[:, 0], pad_mm[:, 1]
-    )
+    over_skin_mm = lower_mm[:, 1] - np.interp(lower_mm[:, 0], pad_mm[:, 0], pad_mm[:, 1])
     lowest = min(over_skin_mm.min(), _gap_mm(pad_mm, lower_mm).min())
     return -float(lowest) + 0.0
 

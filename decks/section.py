@@ -39,12 +39,8 @@ class Section:
 
     def curve(self, depth: DepthOfArc, arc_mm: FloatArray) -> FloatArray:
         """Points ``(A, 2)`` in mm at `depth` below the outline, at `arc_mm`."""
-        at = np.stack(
-            [np.interp(arc_mm, self.arc_mm, self.point_mm[:, k]) for k in (0, 1)], -1
-        )
-        inward = np.stack(
-            [np.interp(arc_mm, self.arc_mm, self.normal[:, k]) for k in (0, 1)], -1
-        )
+        at = np.stack([np.interp(arc_mm, self.arc_mm, self.point_mm[:, k]) for k in (0, 1)], -1)
+        inward = np.stack([np.interp(arc_mm, self.arc_mm, self.normal[:, k]) for k in (0, 1)], -1)
         inward /= np.linalg.norm(inward, axis=1)[:, None]
         points: FloatArray = at + depth(arc_mm)[:, None] * inward
         points[(arc_mm <= 0) | (arc_mm >= self.end_arc_mm), 0] = 0.0
@@ -70,9 +66,7 @@ class Section:
         spacing_mm = 0.5 * self.finger.ridges.spacing_mm
         wave = 0.5 * np.cos(2 * np.pi * arc_mm / spacing_mm)
         mean = self.finger.skin.epidermis_depth_mm
-        depth: FloatArray = mean + self.finger.papillae.height_mm * wave * self._fade(
-            arc_mm
-        )
+        depth: FloatArray = mean + self.finger.papillae.height_mm * wave * self._fade(arc_mm)
         return depth
 
     def dermis(self, arc_mm: FloatArray) -> FloatArray:
@@ -97,14 +91,9 @@ class Section:
 
 def section_of(finger: Finger) -> Section:
     """Sample the outline of `finger`."""
-    half_width, half_height = (
-        finger.outline.half_width_mm,
-        finger.outline.half_height_mm,
-    )
+    half_width, half_height = (finger.outline.half_width_mm, finger.outline.half_height_mm)
     angle = np.linspace(0.0, np.pi, _SAMPLES)
-    point = np.stack(
-        [half_width * np.sin(angle), half_height * (np.cos(angle) - 1.0)], -1
-    )
+    point = np.stack([half_width * np.sin(angle), half_height * (np.cos(angle) - 1.0)], -1)
     tangent = np.stack([half_width * np.cos(angle), -half_height * np.sin(angle)], -1)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     steps = np.linalg.norm(np.diff(point, axis=0), axis=1)

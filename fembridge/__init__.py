@@ -77,9 +77,7 @@ def _refuse_strangers() -> None:
         if str(home / name) in {str(Path(folder).resolve()) for folder in found}:
             continue
         if spec is None:
-            raise ImportError(
-                f"fembridge: no package {name!r} in {home}; install fembridge again"
-            )
+            raise ImportError(f"fembridge: no package {name!r} in {home}; install fembridge again")
         stranger = spec.origin or ", ".join(found)
         raise ImportError(
             f"fembridge: {stranger} is in the way of the package {name!r} of "

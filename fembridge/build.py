@@ -76,14 +76,7 @@ def model_of(
     inertia: bool = False,
 ) -> Model:
     """Find or make the mesh of `finger`; see `decks.presets.mesh_of` for errors."""
-    return Model(
-        finger,
-        mesh_of(finger),
-        probe or Probe(),
-        contact or Contact(),
-        element,
-        inertia,
-    )
+    return Model(finger, mesh_of(finger), probe or Probe(), contact or Contact(), element, inertia)
 
 
 def build_run_folder(
@@ -115,14 +108,7 @@ def build_run_folder(
         inputs["drive"] = analysis.drive
         whole = why_whole(analysis)
         inputs["section"] = f"{SECTIONS[0]}: {whole}" if whole else SECTIONS[1]
-    return build_analysis_folder(
-        folder,
-        analysis,
-        stimulus,
-        inputs,
-        solver=solver,
-        options=options,
-    )
+    return build_analysis_folder(folder, analysis, stimulus, inputs, solver=solver, options=options)
 
 
 def build_analysis_folder(
@@ -145,18 +131,14 @@ def build_analysis_folder(
     own_steps = len(motion.phases) > 1  # up to the waveform
     last = motion.phases[-1]
     start_ms = (
-        _MS_PER_S * motion.start_s
-        if own_steps
-        else motion.ramp // last.every * stimulus.dt_ms
+        _MS_PER_S * motion.start_s if own_steps else motion.ramp // last.every * stimulus.dt_ms
     )
     run = RunFolder(
         folder=folder,
         solver=solver,
         increments=last.increments // last.every,
         solver_increments=(
-            motion.increments
-            if motion.increments != last.increments // last.every
-            else 0
+            motion.increments if motion.increments != last.increments // last.every else 0
         ),
         dt_ms=stimulus.dt_ms,
         start_ms=start_ms,

@@ -103,9 +103,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument(
-        "--version", action="version", version=f"fembridge {__version__}"
-    )
+    parser.add_argument("--version", action="version", version=f"fembridge {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", help="one of the above")
     asked = next((word for word in words if not word.startswith("-")), None)
     if asked is None:
@@ -121,9 +119,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
         allow_abbrev=False,
     )
     command.add_arguments(child)
-    child.add_argument(
-        "--json", action="store_true", help="print a summary a program can read"
-    )
+    child.add_argument("--json", action="store_true", help="print a summary a program can read")
     return parser, command
 
 
@@ -131,9 +127,7 @@ def _refuse_verb(parser: argparse.ArgumentParser, asked: str) -> NoReturn:
     from difflib import get_close_matches
 
     near = get_close_matches(asked, VERBS, n=2, cutoff=0.5)
-    hint = (
-        f"did you mean {' or '.join(near)}?" if near else f"choose {', '.join(VERBS)}"
-    )
+    hint = f"did you mean {' or '.join(near)}?" if near else f"choose {', '.join(VERBS)}"
     parser.error(f"no verb {asked!r}; {hint}")
 
 

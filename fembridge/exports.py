@@ -49,9 +49,7 @@ def write_stimulus(stimulus: Stimulus, path: Path, format_name: str) -> Export:
     return Export(stimulus.id, format_name, path, full_scale_um)
 
 
-def export_paths(
-    ids: Sequence[str], format_name: str, output: str | None
-) -> list[Path]:
+def export_paths(ids: Sequence[str], format_name: str, output: str | None) -> list[Path]:
     """Where each stimulus goes: into the folder `output`, or the one into that file.
 
     Without `output` the folder is the current one. A single stimulus takes
@@ -117,9 +115,7 @@ def write_marc_table(stimulus: Stimulus, path: Path) -> None:
         f"$ {stimulus.id}: time in s, displacement of the probe in mm, positive into",
         "$ the skin, 0 at first touch; reals in extended format (20 columns)",
         *time_table(
-            stimulus.id,
-            stimulus.times_ms * S_PER_MS,
-            stimulus.displacement_um * MM_PER_UM,
+            stimulus.id, stimulus.times_ms * S_PER_MS, stimulus.displacement_um * MM_PER_UM
         ),
     ]
     write_text(path, "\n".join(lines) + "\n")

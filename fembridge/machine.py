@@ -20,8 +20,7 @@ from pathlib import Path
 from fembridge.errors import MissingError
 
 SOLVER_INSTALL_LINE = (
-    "apt-get install -y calculix-ccx libglu1-mesa libgl1 libxcursor1 libxft2 "
-    "libxinerama1 libgomp1"
+    "apt-get install -y calculix-ccx libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
 )
 """Debian and Ubuntu: the solver, and what gmsh's wheel links to."""
 
@@ -180,9 +179,7 @@ def check_gmsh() -> Check:
     """Import gmsh in another process; it is for fingers without a stored mesh."""
     command = [sys.executable, "-P", "-c", "import gmsh; print(gmsh.__version__)"]
     try:
-        answer = subprocess.run(
-            command, capture_output=True, text=True, timeout=60, check=False
-        )
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         return Check("gmsh", State.NOTE, f"not tried: {error}")
     if answer.returncode == 0:
@@ -218,9 +215,7 @@ def check_folder(folder: Path) -> Check:
             free_gib = shutil.disk_usage(folder).free / GIB
     except OSError as error:
         found = f"{folder} cannot be written: {error.strerror}"
-        return Check(
-            "folder", State.NOTE, found, "go to another folder, or name one with -o"
-        )
+        return Check("folder", State.NOTE, found, "go to another folder, or name one with -o")
     found = f"{folder}, {free_gib:.1f} GiB free"
     if free_gib < ROOM_GIB:
         remedy = f"make room: a long run wants {ROOM_GIB:g} GiB"
@@ -231,11 +226,7 @@ def check_folder(folder: Path) -> Check:
 def check_encoding() -> Check:
     """Whether files and terminal speak UTF-8."""
     encoding = sys.getfilesystemencoding().lower()
-    named = [
-        f"{n}={os.environ[n]}"
-        for n in ("LC_ALL", "LC_CTYPE", "LANG")
-        if os.environ.get(n)
-    ]
+    named = [f"{n}={os.environ[n]}" for n in ("LC_ALL", "LC_CTYPE", "LANG") if os.environ.get(n)]
     found = f"{encoding}, {' '.join(named) or 'no locale set'}"
     if encoding.replace("-", "") != "utf8":
         return Check("locale", State.NOTE, found, "export LC_ALL=C.UTF-8")

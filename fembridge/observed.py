@@ -15,13 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fembridge.errors import TableError, UsageError
-from fembridge.observed_cells import (
-    afferent_of,
-    check_header,
-    check_units,
-    rate_of,
-    stimulus_of,
-)
+from fembridge.observed_cells import afferent_of, check_header, check_units, rate_of, stimulus_of
 from fembridge.table_rows import decoded, header_of, read_content, rows_of
 from fembridge.tables import AFFERENTS, RATE_COLUMNS, Rate
 from fembridge.typing import FloatArray
@@ -67,8 +61,7 @@ class ObservedRates:
                 raise TableError(f"{twice} stands there twice", self.path)
         if unknown := sorted(set(self.afferents) - set(AFFERENTS)):
             raise TableError(
-                f"afferent {unknown[0]!r}, expected one of {', '.join(AFFERENTS)}",
-                self.path,
+                f"afferent {unknown[0]!r}, expected one of {', '.join(AFFERENTS)}", self.path
             )
         if (rate_ips < 0).any() or np.isinf(rate_ips).any():
             raise TableError("a rate is negative or infinite", self.path)
@@ -109,11 +102,7 @@ class ObservedRates:
         UsageError
             No stimulus here is of that family.
         """
-        rows = [
-            row
-            for row, stimulus in enumerate(self.stimuli)
-            if _family_of(stimulus) == name
-        ]
+        rows = [row for row, stimulus in enumerate(self.stimuli) if _family_of(stimulus) == name]
         if not rows:
             raise UsageError(
                 f"no observed rates of family {name!r}, only of "
@@ -166,14 +155,10 @@ def read_observed(
     if wanted is None:
         wanted = tuple(name for name in AFFERENTS if name in there)
     elif absent := [name for name in wanted if name not in there]:
-        raise TableError(
-            f"no rates of {', '.join(absent)}, only of {', '.join(there)}", path
-        )
+        raise TableError(f"no rates of {', '.join(absent)}, only of {', '.join(there)}", path)
     placed = {names: rate for names, rate in placed.items() if names[1] in wanted}
     for name in wanted:
-        check_units(
-            name, [rate for (_, other), rate in placed.items() if other == name], path
-        )
+        check_units(name, [rate for (_, other), rate in placed.items() if other == name], path)
     stimuli = tuple(dict.fromkeys(stimulus for stimulus, _ in placed))
     if complete:
         _check_complete(placed, stimuli, wanted, path)
@@ -190,9 +175,7 @@ def _checked(afferents: Iterable[str]) -> tuple[str, ...]:
     wanted = tuple(dict.fromkeys(names))
     for name in wanted:
         if name not in AFFERENTS:
-            raise UsageError(
-                f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}"
-            )
+            raise UsageError(f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}")
     if not wanted:
         raise UsageError(f"no afferent, expected some of {', '.join(AFFERENTS)}")
     return wanted
@@ -231,9 +214,7 @@ def _check_complete(
         return
     stimulus, afferent = missing[0]
     other, line = next(
-        (name, placed[stimulus, name][1])
-        for name in afferents
-        if (stimulus, name) in placed
+        (name, placed[stimulus, name][1]) for name in afferents if (stimulus, name) in placed
     )
     more = f" ({len(missing)} rows are missing)" if missing[1:] else ""
     raise TableError(

@@ -53,20 +53,15 @@ def check_header(header: Sequence[str], path: Path) -> None:
     text = ",".join(header)
     for separator, name in _SEPARATORS.items():
         if len(header) == 1 and separator in text:
-            raise TableError(
-                f"{text!r} is parted by {name}, expected commas: {expected}", path, 1
-            )
+            raise TableError(f"{text!r} is parted by {name}, expected commas: {expected}", path, 1)
     extra = [name for name in header if name not in RATE_COLUMNS]
     missing = [name for name in RATE_COLUMNS if name not in header]
     if missing == list(RATE_COLUMNS) and any(map(_is_number, header)):
-        raise TableError(
-            f"{text!r} is no header, expected {expected} on the first line", path, 1
-        )
+        raise TableError(f"{text!r} is no header, expected {expected} on the first line", path, 1)
     classes = [name for name in extra if _class_of(name)]
     if len(classes) > 1 and "afferent" in missing:
         raise TableError(
-            f"one column a class ({', '.join(classes)}), expected one row a rate: "
-            f"{expected}",
+            f"one column a class ({', '.join(classes)}), expected one row a rate: {expected}",
             path,
             1,
         )
@@ -75,9 +70,7 @@ def check_header(header: Sequence[str], path: Path) -> None:
     if extra:
         named = [name or "without a name" for name in extra]
         raise TableError(
-            f"column {', '.join(named)} in {text!r}, expected {expected} and no other",
-            path,
-            1,
+            f"column {', '.join(named)} in {text!r}, expected {expected} and no other", path, 1
         )
 
 
@@ -138,8 +131,7 @@ def rate_of(row: Row) -> float:
     if not cell or cell.lower() in _NO_NUMBER:
         found = "empty" if not cell else repr(cell)
         raise row.error(
-            f"rate_ips is {found}, expected a number; "
-            f"a rate that was not measured has no row"
+            f"rate_ips is {found}, expected a number; a rate that was not measured has no row"
         )
     if "%" in cell:
         raise row.error(f"rate_ips is {cell!r}, a share; expected impulses a second")
@@ -154,9 +146,7 @@ def rate_of(row: Row) -> float:
     return rate_ips
 
 
-def check_units(
-    afferent: str, placed_ips: Sequence[tuple[float, int]], path: Path
-) -> None:
+def check_units(afferent: str, placed_ips: Sequence[tuple[float, int]], path: Path) -> None:
     """Refuse rates of one class that by their size are impulses a millisecond.
 
     Parameters
@@ -192,10 +182,7 @@ def _refuse_missing(
         if near:
             raise TableError(f"column {near[0]}, expected {name}{unit}", path, 1)
     raise TableError(
-        f"no column {', '.join(missing)} in {text!r}, expected "
-        f"{','.join(RATE_COLUMNS)}",
-        path,
-        1,
+        f"no column {', '.join(missing)} in {text!r}, expected {','.join(RATE_COLUMNS)}", path, 1
     )
 
 

@@ -110,9 +110,7 @@ def make_folder(folder: Path) -> Path:
             "a file stands where a folder is wanted", next(standing, folder)
         ) from error
     except OSError as error:
-        raise OutputError(f"cannot make this folder: {error.strerror}", folder) from (
-            error
-        )
+        raise OutputError(f"cannot make this folder: {error.strerror}", folder) from (error)
     return folder
 
 
@@ -125,9 +123,7 @@ def _check_replaceable(target: Path, path: Path) -> None:
 
 
 def _move_up(draft: Path, folder: Path, last: str) -> None:
-    names = sorted(
-        (file.name for file in draft.iterdir()), key=lambda n: (n == last, n)
-    )
+    names = sorted((file.name for file in draft.iterdir()), key=lambda n: (n == last, n))
     for name in names:
         _check_replaceable(folder / name, folder / name)
     with _alone_in(folder):

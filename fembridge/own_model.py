@@ -48,9 +48,7 @@ class BaseDeck:
         try:
             if self.solver == "marc":
                 return rebase_marc(self.data, motion, request, resolver)
-            return rebase_inp(
-                self.data, motion, request, dialect=self.solver, resolver=resolver
-            )
+            return rebase_inp(self.data, motion, request, dialect=self.solver, resolver=resolver)
         except DeckError as error:
             raise DeckError(f"{self.path}: {error}") from error
 
@@ -65,17 +63,14 @@ def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
     """
     known = _SUFFIXES.get(path.suffix.lower())
     if known is None:
-        raise DeckError(
-            f"{path}: expected a deck: a .inp of CalculiX or Abaqus, or a .dat of Marc"
-        )
+        raise DeckError(f"{path}: expected a deck: a .inp of CalculiX or Abaqus, or a .dat of Marc")
     try:
         data = path.read_bytes()
     except OSError as error:
         raise DeckError(f"{path}: cannot be read: {error.strerror}") from error
     if solver is not None and solver not in known:
         raise DeckError(
-            f"{path}: a {path.suffix} is a deck for {' or '.join(known)}, not for "
-            f"{solver}"
+            f"{path}: a {path.suffix} is a deck for {' or '.join(known)}, not for {solver}"
         )
     if solver is None:
         solver = known[0] if len(known) == 1 else _dialect_in(data)
@@ -89,11 +84,7 @@ def _dialect_in(data: bytes) -> str:
 
 
 def build_own_folder(
-    folder: Path,
-    base: BaseDeck,
-    stimulus: Stimulus,
-    request: Request,
-    stress_unit: str = "MPa",
+    folder: Path, base: BaseDeck, stimulus: Stimulus, request: Request, stress_unit: str = "MPa"
 ) -> tuple[RunFolder, tuple[str, ...]]:
     """Write deck, waveform and ``run.toml`` into `folder`; tell what was changed.
 
@@ -150,9 +141,7 @@ def build_own_folder(
 def _included(deck: Path, name: str) -> tuple[Path, str]:
     """Give where an included file is, and its name in the run folder."""
     if PurePosixPath(name.replace("\\", "/")).name != name or name in _OURS:
-        raise DeckError(
-            f"{deck}: includes {name!r}, expected a file beside it, by its name alone"
-        )
+        raise DeckError(f"{deck}: includes {name!r}, expected a file beside it, by its name alone")
     source = deck.parent / name
     if not source.is_file():
         raise DeckError(f"{deck}: includes {name}, which is not there")

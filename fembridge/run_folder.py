@@ -105,11 +105,7 @@ class RunFolder:
     on_axis: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, least in (
-            ("increments", 1),
-            ("apex_node", 0),
-            ("solver_increments", 0),
-        ):
+        for name, least in (("increments", 1), ("apex_node", 0), ("solver_increments", 0)):
             if not _is_whole(number := getattr(self, name), least):
                 raise self._error(f"{name} is {number!r}, expected {least} or more")
         for node, count in self.branches.items():
@@ -173,11 +169,7 @@ class RunFolder:
                 "dt_ms": self.dt_ms,
                 "start_ms": self.start_ms,
                 **({"before_ms": self.before_ms} if self.before_ms else {}),
-                **(
-                    {"solver_increments": self.solver_increments}
-                    if self.solver_increments
-                    else {}
-                ),
+                **({"solver_increments": self.solver_increments} if self.solver_increments else {}),
             },
             "apex_node": self.apex_node,
             **({"on_axis": list(self.on_axis)} if self.on_axis else {}),
@@ -207,9 +199,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         with path.open("rb") as file:
             table = tomllib.load(file)
     except (FileNotFoundError, NotADirectoryError) as error:
-        raise ResultError("no run.toml: not a run folder of fembridge", folder) from (
-            error
-        )
+        raise ResultError("no run.toml: not a run folder of fembridge", folder) from (error)
     except OSError as error:
         raise ResultError(f"cannot be read: {error.strerror}", path) from error
     except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
@@ -230,8 +220,7 @@ def read_run_folder(folder: Path) -> RunFolder:
             before_ms=float(table["time"].get("before_ms", 0.0)),
             solver_increments=table["time"].get("solver_increments", 0),
             afferents=tuple(
-                AfferentNode.from_table(name, place)
-                for name, place in table["afferents"].items()
+                AfferentNode.from_table(name, place) for name, place in table["afferents"].items()
             ),
             apex_node=table.get("apex_node", 0),
             stress_unit=str(table.get("stress_unit", "MPa")),

@@ -39,14 +39,10 @@ def read_sealed(path: Path, what: str, expected: object) -> Table:
     except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
         raise ResponseError(f"{path}: not readable as a {what}: {error}") from error
     if table.get("format") != expected:
-        raise ResponseError(
-            f"{path}: format {table.get('format')!r}, expected {expected}"
-        )
+        raise ResponseError(f"{path}: format {table.get('format')!r}, expected {expected}")
     stated, _, sealed = content.partition(b"\n")
     if stated != _seal(sealed).encode():
-        raise ResponseError(
-            f"{path}: its numbers do not match its checksum: it was edited or cut"
-        )
+        raise ResponseError(f"{path}: its numbers do not match its checksum: it was edited or cut")
     return table
 
 

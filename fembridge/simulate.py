@@ -83,9 +83,7 @@ def simulate(
         raise UsageError("no stimulus to simulate")
     reason = why_no_map(model, stimuli)
     if stored and (reason or method == "transient"):
-        raise UsageError(
-            f"a stored response answers no transient: {reason or 'leave one out'}"
-        )
+        raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
     method = _possible(method, reason, parameters, tell)
     settings = settings or SolverSettings()
     deepest = max(stimuli, key=lambda stimulus: stimulus.deepest_um)
@@ -104,9 +102,7 @@ def simulate(
     else:
         place = folder / RESPONSE_FOLDER
         try:
-            model, response = accepted(
-                model, place, deepest.deepest_um, settings, tell, ladder
-            )
+            model, response = accepted(model, place, deepest.deepest_um, settings, tell, ladder)
         except FrictionSlipError as slip:
             reason = "; ".join(why for why in (reason, str(slip)) if why)
             method = _possible(method, reason, parameters, tell)
@@ -114,13 +110,7 @@ def simulate(
             closure_percent = slip.closure_percent
     if response is None or method == "transient":
         traces = solve_transients(
-            stimuli,
-            model,
-            folder,
-            settings,
-            tell,
-            ladder,
-            rough=isinstance(closure_percent, float),
+            stimuli, model, folder, settings, tell, ladder, rough=isinstance(closure_percent, float)
         )
         origin = {**origin, "contacts": contacts_of(stimuli, folder)}
     else:
@@ -145,9 +135,7 @@ def simulate(
     )
 
 
-def _possible(
-    method: str, reason: str | None, parameters: Parameters, tell: Tell
-) -> str:
+def _possible(method: str, reason: str | None, parameters: Parameters, tell: Tell) -> str:
     """Give the method that is possible: there is no map where there is a `reason`."""
     if method == "map" and reason is not None:
         raise UsageError(f"no response map: {reason}; take --method transient")
@@ -163,9 +151,7 @@ def _possible(
     return method
 
 
-def _stored(
-    model: Model, deepest: Stimulus, asked_for: bool, tell: Tell
-) -> ResponseMap:
+def _stored(model: Model, deepest: Stimulus, asked_for: bool, tell: Tell) -> ResponseMap:
     install = "" if asked_for else f"; install the solver: {SOLVER_INSTALL_LINE}"
     try:
         response = stored_response(model.finger, model.probe, model.element)

@@ -131,9 +131,7 @@ def encode_all(
     )
 
 
-def trains_of(
-    stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]
-) -> list[SpikeTrain]:
+def trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> list[SpikeTrain]:
     """Give a train a cell; `repeat` counts them from 1, and is 0 for a single one."""
     first = 1 if len(cells_ms) > 1 else 0
     return [
@@ -143,9 +141,7 @@ def trains_of(
 
 
 def _shared_afferents(
-    stimuli: Sequence[Stimulus],
-    traces: Sequence[Sequence[StressTrace]],
-    parameters: Parameters,
+    stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTrace]], parameters: Parameters
 ) -> list[str]:
     """Give the classes that every row of traces has, in that order."""
     if not stimuli or len(traces) != len(stimuli):
@@ -164,9 +160,7 @@ def _shared_afferents(
     return [str(afferent) for afferent in first]
 
 
-def _check_times(
-    stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTrace]]
-) -> None:
+def _check_times(stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTrace]]) -> None:
     """Hold every trace against the time axis of the first stimulus."""
     count, dt_ms = stimuli[0].displacement_um.size, stimuli[0].dt_ms
     near_ms = STEP_TOLERANCE * dt_ms
@@ -174,11 +168,7 @@ def _check_times(
         axes = [(trace.stress_pa.size, trace.dt_ms, trace.start_ms) for trace in row]
         axes.append((stimulus.displacement_um.size, stimulus.dt_ms, 0.0))
         for size, step_ms, start_ms in axes:
-            if (
-                size != count
-                or abs(step_ms - dt_ms) > near_ms
-                or abs(start_ms) > near_ms
-            ):
+            if size != count or abs(step_ms - dt_ms) > near_ms or abs(start_ms) > near_ms:
                 raise TraceError(
                     f"{stimulus.id}: {size} samples every {step_ms:g} ms from "
                     f"{start_ms:g} ms, expected one time axis for all, {count} "

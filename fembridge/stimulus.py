@@ -46,9 +46,7 @@ class Stimulus:
                 f"0 to {(depth.size - 1) * self.dt_ms:g} ms"
             )
         if not (np.isfinite(self.preindent_um) and self.preindent_um >= 0):
-            raise StimulusError(
-                f"{self.id}: preindent_um must be >= 0, got {self.preindent_um}"
-            )
+            raise StimulusError(f"{self.id}: preindent_um must be >= 0, got {self.preindent_um}")
         depth.flags.writeable = False
         object.__setattr__(self, "displacement_um", depth)
         if self.aside_um is not None:
@@ -75,8 +73,7 @@ class Stimulus:
         """
         if not (np.isfinite(speed_mm_per_s) and speed_mm_per_s):
             raise StimulusError(
-                f"{self.id}: slides at {speed_mm_per_s:g} mm/s, expected a speed "
-                "other than 0"
+                f"{self.id}: slides at {speed_mm_per_s:g} mm/s, expected a speed other than 0"
             )
         return replace(
             self,

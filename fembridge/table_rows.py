@@ -42,9 +42,7 @@ class Row:
         """Give a cell that must be one of `choices`."""
         word = self.cells[column]
         if word not in choices:
-            raise self.error(
-                f"{column} is {word!r}, expected one of {', '.join(choices)}"
-            )
+            raise self.error(f"{column} is {word!r}, expected one of {', '.join(choices)}")
         return word
 
     def number(self, column: str, least: float = -math.inf) -> float:
@@ -63,9 +61,7 @@ class Row:
             raise self.error(f"{column} is {number}, expected {least} or more")
         return number
 
-    def _converted(
-        self, column: str, convert: Callable[[str], _Value], kind: str
-    ) -> _Value:
+    def _converted(self, column: str, convert: Callable[[str], _Value], kind: str) -> _Value:
         cell = self.cells[column]
         try:
             if "_" in cell:  # Python's digit groups, nobody else's
@@ -112,9 +108,7 @@ def decoded(content: bytes, path: Path) -> str:
     if content.startswith(_UTF_16):
         raise TableError("the text is UTF-16, expected UTF-8", path)
     if content.startswith(_ZIP):
-        raise TableError(
-            "a spreadsheet or another ZIP archive, expected a CSV table", path
-        )
+        raise TableError("a spreadsheet or another ZIP archive, expected a CSV table", path)
     if b"\0" in content:
         raise TableError("a binary file, expected a CSV table", path)
     try:
@@ -149,10 +143,7 @@ def rows_of(text: str, path: Path, columns: Sequence[str]) -> Iterator[Row]:
     missing = [name for name in columns if name not in header]
     if missing:
         raise TableError(
-            f"no column {', '.join(missing)} in {','.join(header)!r}, "
-            f"{_expected(columns)}",
-            path,
-            1,
+            f"no column {', '.join(missing)} in {','.join(header)!r}, {_expected(columns)}", path, 1
         )
     twice = [name for name in columns if header.count(name) > 1]
     if twice:

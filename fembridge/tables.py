@@ -84,10 +84,7 @@ def read_traces(path: Path) -> list[StressTrace]:
         samples.lines.append(row.line)
     if not found:
         raise TableError("a header and no rows, expected samples", path)
-    return [
-        _trace(path, afferent, node, samples)
-        for (afferent, node), samples in found.items()
-    ]
+    return [_trace(path, afferent, node, samples) for (afferent, node), samples in found.items()]
 
 
 def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:
@@ -158,8 +155,7 @@ def read_rates(path: Path) -> list[Rate]:
         _, first = found.setdefault((rate.stimulus, rate.afferent), (rate, row.line))
         if first != row.line:
             raise row.error(
-                f"a second rate of {rate.stimulus}, {rate.afferent}; "
-                f"the first is on line {first}"
+                f"a second rate of {rate.stimulus}, {rate.afferent}; the first is on line {first}"
             )
     if not found:
         raise TableError("a header and no rows, expected rates", path)
@@ -172,9 +168,7 @@ def write_rates(path: Path, rates: Iterable[Rate]) -> None:
     _write(path, RATE_COLUMNS, rows)
 
 
-def _trace(
-    path: Path, afferent: str | None, node: int, samples: _Samples
-) -> StressTrace:
+def _trace(path: Path, afferent: str | None, node: int, samples: _Samples) -> StressTrace:
     """Make the trace of one node; its times must be one even, rising grid."""
     who = f"{afferent} node {node}" if afferent else f"node {node}"
     if len(samples.pairs) < 2:

@@ -37,9 +37,7 @@ class StressTrace:
             raise TraceError(f"node {self.node}: expected (T,), got {stress.shape}")
         bad = np.flatnonzero(~np.isfinite(stress))
         if bad.size:
-            raise TraceError(
-                f"node {self.node}: stress is {stress[bad[0]]} at sample {bad[0]}"
-            )
+            raise TraceError(f"node {self.node}: stress is {stress[bad[0]]} at sample {bad[0]}")
         if not (np.isfinite(self.dt_ms) and self.dt_ms > 0):
             raise TraceError(f"node {self.node}: dt_ms must be > 0, got {self.dt_ms}")
         if not np.isfinite(self.start_ms):
@@ -69,9 +67,7 @@ class StressTrace:
             No sample of `node`, or times that are not one even grid.
         """
         if len(samples) < 2:
-            raise ResultError(
-                f"node {node}: {len(samples)} samples, expected two or more", path
-            )
+            raise ResultError(f"node {node}: {len(samples)} samples, expected two or more", path)
         times_ms, stress_pa = np.array(samples, dtype=np.float64).T
         steps_ms = np.diff(times_ms)
         dt_ms = float((times_ms[-1] - times_ms[0]) / steps_ms.size)

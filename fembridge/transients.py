@@ -55,9 +55,7 @@ def solve_transients(
         if contact != model.contact:
             again = folder / f"{RESPONSE_FOLDER}_{number}"
             try:
-                model, _ = accepted(
-                    model, again, deepest_um, settings, tell, (contact,)
-                )
+                model, _ = accepted(model, again, deepest_um, settings, tell, (contact,))
             except FrictionSlipError:
                 rough = True
                 model = replace(model, contact=contact)
@@ -85,9 +83,7 @@ def solve_transients(
 def contacts_of(stimuli: Sequence[Stimulus], folder: Path) -> Table:
     """Give the contact that each transient was solved with, as its folder has it."""
     return {
-        stimulus.id: read_run_folder(folder / RUNS_FOLDER / stimulus.id).inputs[
-            "contact"
-        ]
+        stimulus.id: read_run_folder(folder / RUNS_FOLDER / stimulus.id).inputs["contact"]
         for stimulus in stimuli
     }
 

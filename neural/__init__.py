@@ -5,14 +5,7 @@ are its three steps, ``neural.candidates`` is the same for many parameters at on
 ``neural.agreement``, ``neural.threshold`` and ``neural.spike_distance`` judge it.
 """
 
-from neural.agreement import (
-    Agreement,
-    Regression,
-    agreement,
-    bias_ips,
-    regression,
-    rmse_ips,
-)
+from neural.agreement import Agreement, Regression, agreement, bias_ips, regression, rmse_ips
 from neural.candidates import candidate_counts
 from neural.coefficients import Coefficients
 from neural.drive import DERIVATIVES
@@ -48,20 +41,8 @@ from neural.parameters import (
     RaParameters,
     SaParameters,
 )
-from neural.rate import (
-    impulses_per_cycle,
-    mean_rate_ips,
-    rate_ips,
-    spikes_inside,
-    window_rows,
-)
-from neural.sets import (
-    DEFAULT_SET,
-    SET_NAMES,
-    parameter_set,
-    parameter_set_or_file,
-    parameter_sets,
-)
+from neural.rate import impulses_per_cycle, mean_rate_ips, rate_ips, spikes_inside, window_rows
+from neural.sets import DEFAULT_SET, SET_NAMES, parameter_set, parameter_set_or_file, parameter_sets
 from neural.spike_distance import van_rossum_distance, victor_purpura_distance
 from neural.threshold import (
     Plateau,

@@ -70,11 +70,7 @@ class Agreement:
 
     def to_row(self) -> dict[str, float]:
         """Give every number under its name, the regression's first."""
-        return {
-            **asdict(self.regression),
-            "rmse_ips": self.rmse_ips,
-            "bias_ips": self.bias_ips,
-        }
+        return {**asdict(self.regression), "rmse_ips": self.rmse_ips, "bias_ips": self.bias_ips}
 
 
 def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
@@ -173,9 +169,7 @@ def checked_pair(
     columns = tuple(np.asarray(column, dtype=np.float64) for column in (first, second))
     for name, column in zip(names, columns, strict=True):
         if column.ndim != 1 or not column.size:
-            raise ParameterError(
-                f"{name} of shape {column.shape}, expected (N,) with N >= 1"
-            )
+            raise ParameterError(f"{name} of shape {column.shape}, expected (N,) with N >= 1")
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
             raise ParameterError(f"{name} is {column[bad[0]]} at row {bad[0]}")

@@ -79,9 +79,7 @@ def candidate_counts(
     name = "a half-saturation" if saturates else "a gain"
     per_drive = [per_candidate(name, value, candidates) for value in each]
     alpha = per_candidate("alpha_mv_per_ms", alpha, candidates)
-    decay, threshold, pause = membrane_constants(
-        tau_ms, candidates, dt_ms, gap_mv, refractory_ms
-    )
+    decay, threshold, pause = membrane_constants(tau_ms, candidates, dt_ms, gap_mv, refractory_ms)
     jump, kept = adaptation_constants(jump_mv, recovery_ms, candidates, dt_ms)
     kind: type[np.floating[Any]] = np.float32 if single else np.float64
     per_drive = [np.asarray(values, dtype=kind) for values in per_drive]
@@ -96,9 +94,7 @@ def candidate_counts(
         (members,) = np.nonzero(end == last)
         # Candidates lie along the last axis: there a drive is one number, and every
         # operation runs over memory in its order.
-        columns = [
-            np.asarray(drive[:, members, np.newaxis], dtype=kind) for drive in filtered
-        ]
+        columns = [np.asarray(drive[:, members, np.newaxis], dtype=kind) for drive in filtered]
         for block in blocks(candidates, members.size):
             shape = (members.size, block.stop - block.start)
             counts[block, members] = tally(

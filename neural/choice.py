@@ -80,8 +80,7 @@ def frequency_response_error_ips(problem: FitProblem, values: FloatArray) -> Flo
     rates_ips = problem.rates_ips(values)
     names = np.array(problem.groups)
     away = [
-        rates_ips[:, names == name].mean(axis=1)
-        - problem.observed_ips[names == name].mean()
+        rates_ips[:, names == name].mean(axis=1) - problem.observed_ips[names == name].mean()
         for name in problem.group_names
     ]
     error: FloatArray = np.sqrt(np.mean(np.square(away), axis=0))
@@ -90,9 +89,7 @@ def frequency_response_error_ips(problem: FitProblem, values: FloatArray) -> Flo
 
 _RULES: Mapping[str, _Rule] = MappingProxyType(
     {
-        "smallest_error": _Rule(
-            "the smallest RMSE over all stimuli together", _smallest_error
-        ),
+        "smallest_error": _Rule("the smallest RMSE over all stimuli together", _smallest_error),
         "frequency_response": _Rule(
             "of candidates within a tenth of the smallest RMSE, the one whose mean "
             "rate at each frequency is closest to the observed",
@@ -101,6 +98,4 @@ _RULES: Mapping[str, _Rule] = MappingProxyType(
     }
 )
 
-RULES: Mapping[str, str] = MappingProxyType(
-    {name: rule.sentence for name, rule in _RULES.items()}
-)
+RULES: Mapping[str, str] = MappingProxyType({name: rule.sentence for name, rule in _RULES.items()})

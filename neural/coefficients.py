@@ -41,9 +41,7 @@ class Coefficients:
     def for_need(self, need: ArrayLike) -> "Coefficients":
         """Give them for a cell that needs `need` times the stress for the same."""
         if self.halves is not None:
-            return replace(
-                self, halves=tuple(np.multiply(half, need) for half in self.halves)
-            )
+            return replace(self, halves=tuple(np.multiply(half, need) for half in self.halves))
         alpha = np.divide(self.alpha_mv_per_ms, np.power(need, self.degree))
         return replace(self, alpha_mv_per_ms=alpha)
 
@@ -60,13 +58,8 @@ class Coefficients:
         if len(each) != len(filtered):
             raise ParameterError(f"{len(each)} coefficients for {len(filtered)} drives")
         if self.halves is not None:
-            shares = [
-                saturation(x, half)
-                for x, half in zip(filtered, self.halves, strict=True)
-            ]
-            return np.asarray(
-                np.multiply(self.alpha_mv_per_ms, sum(shares[1:], shares[0]))
-            )
+            shares = [saturation(x, half) for x, half in zip(filtered, self.halves, strict=True)]
+            return np.asarray(np.multiply(self.alpha_mv_per_ms, sum(shares[1:], shares[0])))
         parts = [gain * x for x, gain in zip(filtered, self.gains(), strict=True)]
         return np.asarray(sum(parts[1:], parts[0]))
 
@@ -79,10 +72,7 @@ class Coefficients:
             Arrays of unequal length.
         """
         try:
-            return tuple(
-                np.multiply(self.alpha_mv_per_ms, weight)
-                for weight in self.weights or ()
-            )
+            return tuple(np.multiply(self.alpha_mv_per_ms, weight) for weight in self.weights or ())
         except ValueError as error:
             raise ParameterError(
                 f"{np.size(self.alpha_mv_per_ms)} alphas do not go with the weights"
@@ -111,9 +101,7 @@ def saturation(drive: ArrayLike, half: ArrayLike) -> FloatArray:
     """
     a = np.asarray(half, dtype=np.float64)
     if a.ndim > 1 or not (np.isfinite(a).all() and (a > 0).all()):
-        raise ParameterError(
-            f"half-saturation must be numbers > 0, one or (candidate,), got {a}"
-        )
+        raise ParameterError(f"half-saturation must be numbers > 0, one or (candidate,), got {a}")
     x = np.abs(np.asarray(drive, dtype=np.float64))
     if a.ndim:
         a = a.reshape(-1, *[1] * (x.ndim - 1))

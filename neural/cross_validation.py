@@ -50,9 +50,7 @@ def cross_validate(
     check_rule(rule)
     names = problem.group_names
     if len(names) < 2:
-        raise ParameterError(
-            f"only the group {names[0]}, expected two or more to leave one out"
-        )
+        raise ParameterError(f"only the group {names[0]}, expected two or more to leave one out")
     settings = (seed, evaluations, population, rule)
     best = _best(problem, *settings)
     on_fit("all groups")
@@ -76,8 +74,6 @@ def cross_validate(
 def _best(
     problem: FitProblem, seed: int, evaluations: int, population: int, rule: str
 ) -> FloatArray:
-    front = search_front(
-        problem, seed=seed, evaluations=evaluations, population=population
-    )
+    front = search_front(problem, seed=seed, evaluations=evaluations, population=population)
     best: FloatArray = front.values[choose(problem, front, rule).row]
     return best

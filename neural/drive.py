@@ -57,9 +57,7 @@ def sa_level(stress_pa: ArrayLike) -> FloatArray:
     return _windowed_mean(np.abs(checked_stress(stress_pa)), M1, M2, "edge")
 
 
-def sa_rate(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def sa_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Average the stress rate over a moving window: the dynamic part of what drives SA.
 
     Parameters
@@ -84,9 +82,7 @@ def sa_rate(
     return _windowed_mean(np.abs(rate), M3, M4, "constant")
 
 
-def ra_drive(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def ra_drive(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Rectified change of the stress rate: what drives RA.
 
     Parameters
@@ -112,9 +108,7 @@ def ra_drive(
     return np.abs(rate_change(stress_pa, dt_ms, derivative))
 
 
-def pc_drive(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def pc_drive(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Rectified change of the stress acceleration: what drives PC.
 
     Parameters
@@ -139,9 +133,7 @@ def pc_drive(
     return np.abs(acceleration_change(stress_pa, dt_ms, derivative))
 
 
-def rate_change(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def rate_change(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Give filter (3) before it is rectified, σ′(t) − σ′(t − dt) in Pa/ms."""
     return _change(stress_rate(stress_pa, dt_ms, derivative), 1, derivative)
 
@@ -154,9 +146,7 @@ def acceleration_change(
     return _change(_differentiate(rate, dt_ms, derivative), 2, derivative)
 
 
-def stress_rate(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """First derivative of the stress, σ′ in Pa/ms; 0 where a sample is missing.
 
     Raises
@@ -185,8 +175,7 @@ def checked_stress(stress_pa: ArrayLike) -> FloatArray:
     if not np.isfinite(stress).all():
         bad = np.argwhere(~np.isfinite(stress))
         place = "".join(
-            f"{name} {row}"
-            for name, row in zip(("sample", ", condition"), bad[0], strict=False)
+            f"{name} {row}" for name, row in zip(("sample", ", condition"), bad[0], strict=False)
         )
         raise TraceError(f"stress is {stress[tuple(bad[0])]} at {place}")
     return stress
@@ -198,9 +187,7 @@ def _differentiate(values: FloatArray, dt_ms: float, derivative: str) -> FloatAr
     behind, ahead = _reach(derivative)
     span = behind + ahead
     slope = np.zeros_like(values)
-    slope[behind : values.shape[0] - ahead] = (values[span:] - values[:-span]) / (
-        span * dt_ms
-    )
+    slope[behind : values.shape[0] - ahead] = (values[span:] - values[:-span]) / (span * dt_ms)
     return slope
 
 
@@ -223,9 +210,7 @@ def _reach(derivative: str) -> tuple[int, int]:
         ) from None
 
 
-def _windowed_mean(
-    values: FloatArray, ahead: int, behind: int, outside: str
-) -> FloatArray:
+def _windowed_mean(values: FloatArray, ahead: int, behind: int, outside: str) -> FloatArray:
     """Mean over samples t − `behind` to t + `ahead`; each t sums in the same order.
 
     A running sum would be quicker and leave a rounding residue of all that came

@@ -15,27 +15,8 @@ import numpy as np
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.coefficients import Coefficients
-from neural.drive import (
-    check_scheme,
-    pc_drive,
-    ra_drive,
-    sa_level,
-    sa_rate,
-    stress_rate,
-)
-from neural.drive_model import (
-    A1,
-    A2,
-    A3,
-    A4,
-    A5,
-    ALPHA,
-    BETA,
-    HELD,
-    STEP,
-    Drive,
-    Values,
-)
+from neural.drive import check_scheme, pc_drive, ra_drive, sa_level, sa_rate, stress_rate
+from neural.drive_model import A1, A2, A3, A4, A5, ALPHA, BETA, HELD, STEP, Drive, Values
 from neural.further_drives import (
     COMPRESSION,
     absolute_rate,
@@ -49,12 +30,7 @@ from neural.further_parameters import (
     RisingSaParameters,
     SharpPcParameters,
 )
-from neural.parameters import (
-    AfferentParameters,
-    PcParameters,
-    RaParameters,
-    SaParameters,
-)
+from neural.parameters import AfferentParameters, PcParameters, RaParameters, SaParameters
 
 # Cells of the models whose rates are means over a population: a recorded mean has
 # steps of a fifth of an impulse, as far as cells fire alike.
@@ -172,9 +148,7 @@ _ROWS = (
         name="one_sided",
         afferent="PC",
         parameters=PcParameters,
-        filters=lambda stress, dt_ms, scheme: (
-            acceleration_rise(stress, dt_ms, scheme),
-        ),
+        filters=lambda stress, dt_ms, scheme: (acceleration_rise(stress, dt_ms, scheme),),
         coefficients=_saturating("a4_pa_per_ms2"),
         own_free=(A4, ALPHA),
         equation="I' = α' x/(a4 + x), x = max(σ″(t) − σ″(t − dt), 0)",

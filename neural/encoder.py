@@ -70,10 +70,7 @@ def encode(
             f"{parameters.afferent}: {parameters.cells} cells, expected one; "
             "encode_cells gives the spikes of each"
         )
-    return [
-        cells[0]
-        for cells in encode_cells(stress_pa, dt_ms, parameters, start_ms, derivative)
-    ]
+    return [cells[0] for cells in encode_cells(stress_pa, dt_ms, parameters, start_ms, derivative)]
 
 
 def encode_cells(
@@ -126,10 +123,7 @@ def _by_condition(times_ms: list[FloatArray], cells: int) -> list[list[FloatArra
 
 
 def membrane_potential(
-    stress_pa: ArrayLike,
-    dt_ms: float,
-    parameters: AfferentParameters,
-    derivative: str = "backward",
+    stress_pa: ArrayLike, dt_ms: float, parameters: AfferentParameters, derivative: str = "backward"
 ) -> FloatArray:
     """Give the membrane potential in mV at each sample, of the median cell.
 
@@ -152,10 +146,7 @@ def membrane_potential(
 
 
 def membrane_current(
-    stress_pa: ArrayLike,
-    dt_ms: float,
-    parameters: AfferentParameters,
-    derivative: str = "backward",
+    stress_pa: ArrayLike, dt_ms: float, parameters: AfferentParameters, derivative: str = "backward"
 ) -> FloatArray:
     """Give the current I' in mV/ms at each sample, before any spike.
 

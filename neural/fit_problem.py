@@ -73,10 +73,7 @@ class FitProblem:
         if self.cells:
             check_cells(self.cells, self.drive.afferent)
         rows = [window_rows(window, self.dt_ms) for window in self.windows_ms]
-        edges = (
-            np.array([each.start for each in rows]),
-            np.array([each.stop for each in rows]),
-        )
+        edges = (np.array([each.start for each in rows]), np.array([each.stop for each in rows]))
         window_edges(edges, len(stress) - 1, observed.size)  # or tells which is wrong
         filtered = self.drive.filters(stress, self.dt_ms, "backward")
         for name, value in (
@@ -160,30 +157,20 @@ class FitProblem:
         """As `errors_ips2`, of rates ``(candidate, stimulus)`` that are known."""
         squared = (rates_ips - self.observed_ips) ** 2
         names = np.array(self.groups)
-        return np.stack(
-            [squared[:, names == name].mean(axis=1) for name in self.group_names], 1
-        )
+        return np.stack([squared[:, names == name].mean(axis=1) for name in self.group_names], 1)
 
     def parameters(self, values: Sequence[float] | FloatArray) -> AfferentParameters:
         """Give the parameters of one candidate, ``(free,)``."""
         if len(values) != len(self.free):
             raise ParameterError(f"{len(values)} values, expected {len(self.free)}")
-        found = {
-            one.field: float(value)
-            for one, value in zip(self.free, values, strict=True)
-        }
+        found = {one.field: float(value) for one, value in zip(self.free, values, strict=True)}
         return self.drive.parameters(
-            **found,
-            cells=self.cells,
-            drive=self.drive.name,
-            dt_ms=self.dt_ms,
+            **found, cells=self.cells, drive=self.drive.name, dt_ms=self.dt_ms
         )
 
 
 def _defaults(kind: type[AfferentParameters]) -> dict[str, float]:
     """Give what the parameters of a class have where a fit does not search."""
     return {
-        one.name: float(one.default)
-        for one in fields(kind)
-        if isinstance(one.default, int | float)
+        one.name: float(one.default) for one in fields(kind) if isinstance(one.default, int | float)
     }

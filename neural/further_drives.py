@@ -12,12 +12,7 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
-from neural.drive import (
-    acceleration_change,
-    checked_stress,
-    rate_change,
-    stress_rate,
-)
+from neural.drive import acceleration_change, checked_stress, rate_change, stress_rate
 
 # Over what time the differences of `sharp_rise` are taken. With it they are largest
 # at 1 / (2 LAG_MS), 500 Hz; over one sample they would grow up to 1000 Hz.
@@ -27,16 +22,12 @@ LAG_MS = 1.0
 COMPRESSION = 1.0 / 3.0
 
 
-def absolute_rate(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def absolute_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Give |σ′| in Pa/ms: how fast the stress changes, in either direction."""
     return np.abs(stress_rate(stress_pa, dt_ms, derivative))
 
 
-def rate_rise(
-    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
-) -> FloatArray:
+def rate_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Give filter (3) one-sided, ``max(σ′(t) − σ′(t − dt), 0)``, in Pa/ms."""
     return np.maximum(rate_change(stress_pa, dt_ms, derivative), 0.0)
 

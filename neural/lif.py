@@ -83,9 +83,7 @@ def spike_counts(
     candidates = current.shape[1] if current.ndim == 3 else 1
     cells = current.reshape(rows, candidates, -1)
     conditions = cells.shape[2]
-    decay, threshold, pause = membrane_constants(
-        tau_ms, candidates, dt_ms, gap_mv, refractory_ms
-    )
+    decay, threshold, pause = membrane_constants(tau_ms, candidates, dt_ms, gap_mv, refractory_ms)
     edges = window_edges(window, rows, conditions)
     counts = np.empty((candidates, conditions), dtype=np.int64)
     for block in blocks(candidates, conditions):
@@ -164,14 +162,10 @@ def integrate(
     """
     current = np.asarray(current_mv_per_ms, dtype=np.float64)
     if current.ndim not in (1, 2):
-        raise TraceError(
-            f"current of shape {current.shape}, expected (T,) or (T, condition)"
-        )
+        raise TraceError(f"current of shape {current.shape}, expected (T,) or (T, condition)")
     if not np.isfinite(current).all():
         raise TraceError("a current that is not finite reached the membrane")
-    decay, threshold, pause = membrane_constants(
-        tau_ms, 1, dt_ms, gap_mv, refractory_ms
-    )
+    decay, threshold, pause = membrane_constants(tau_ms, 1, dt_ms, gap_mv, refractory_ms)
     potential, fired = np.zeros_like(current), np.zeros(current.shape, dtype=np.bool_)
     [jump], [kept] = adaptation_constants(jump_mv, recovery_ms, 1, dt_ms)
     now: FloatArray = np.zeros(current.shape[1:])
@@ -191,11 +185,7 @@ def integrate(
 
 
 def membrane_constants(
-    tau_ms: ArrayLike,
-    candidates: int,
-    dt_ms: float,
-    gap_mv: float,
-    refractory_ms: float,
+    tau_ms: ArrayLike, candidates: int, dt_ms: float, gap_mv: float, refractory_ms: float
 ) -> tuple[FloatArray, float, int]:
     """Give decay ``(candidate,)``, threshold in units of dt, and pause in rows.
 
@@ -211,9 +201,7 @@ def membrane_constants(
         raise ParameterError(f"refractory_ms must be >= 0, got {refractory_ms}")
     tau = per_candidate("tau_ms", tau_ms, candidates)
     if not (tau >= dt_ms).all():
-        raise ParameterError(
-            f"tau_ms must be at least dt_ms, {dt_ms:g}, got {tau.min():g}"
-        )
+        raise ParameterError(f"tau_ms must be at least dt_ms, {dt_ms:g}, got {tau.min():g}")
     if refractory_ms > LONGEST_REST_MS:
         raise ParameterError(
             f"refractory_ms must be at most {LONGEST_REST_MS:g}, got {refractory_ms:g}"
@@ -234,9 +222,7 @@ def adaptation_constants(
     """
     try:
         jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
-        recovery = np.broadcast_to(
-            np.asarray(recovery_ms, dtype=np.float64), (candidates,)
-        )
+        recovery = np.broadcast_to(np.asarray(recovery_ms, dtype=np.float64), (candidates,))
     except ValueError as error:
         raise ParameterError(
             f"{np.size(jump_mv)} jumps and {np.size(recovery_ms)} recoveries, expected "

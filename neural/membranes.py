@@ -35,18 +35,13 @@ class Membranes:
 
 
 def membranes(
-    stress: FloatArray,
-    dt_ms: float,
-    parameters: AfferentParameters,
-    derivative: str,
+    stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
 ) -> Membranes:
     """Put the currents of all cells beside each other, ``(T − 1, membrane)``.
 
     The current of the last sample would act after the trace: it is left out.
     """
-    drive, filtered, coefficients = filtered_stress(
-        stress, dt_ms, parameters, derivative
-    )
+    drive, filtered, coefficients = filtered_stress(stress, dt_ms, parameters, derivative)
     needs = np.exp(parameters.spread * quantiles(parameters.cells))
     columns = [each[:-1].reshape(len(stress) - 1, -1) for each in filtered]
     rows, conditions = columns[0].shape
@@ -56,11 +51,7 @@ def membranes(
     membranes = current[0].size
     step_ms = parameters.dt_ms
     decay, threshold, pause = membrane_constants(
-        parameters.tau_ms,
-        membranes,
-        step_ms,
-        parameters.gap_mv,
-        parameters.refractory_ms,
+        parameters.tau_ms, membranes, step_ms, parameters.gap_mv, parameters.refractory_ms
     )
     jump, kept = adaptation_constants(
         parameters.jump_mv, parameters.recovery_ms, membranes, step_ms
@@ -78,9 +69,7 @@ def membranes(
     )
 
 
-def spike_times_of(
-    batches: Sequence[Membranes], start_ms: float = 0.0
-) -> list[FloatArray]:
+def spike_times_of(batches: Sequence[Membranes], start_ms: float = 0.0) -> list[FloatArray]:
     """Give the spike times of each membrane, of one batch after the other.
 
     Raises
@@ -117,10 +106,7 @@ def _adaptation(batches: Sequence[Membranes]) -> tuple[FloatArray, FloatArray] |
 
 
 def filtered_stress(
-    stress: FloatArray,
-    dt_ms: float,
-    parameters: AfferentParameters,
-    derivative: str,
+    stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
 ) -> tuple[Drive, tuple[FloatArray, ...], Coefficients]:
     """Give the drive of the parameters, its filtered stress, and its coefficients.
 

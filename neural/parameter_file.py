@@ -123,9 +123,7 @@ def _from_section(afferent: str, section: Mapping[str, object]) -> AfferentParam
         if one.default is MISSING and one.name not in section
     ]
     if needed:
-        raise ParameterError(
-            f"{afferent}: drive {name!r} also needs {', '.join(needed)}"
-        )
+        raise ParameterError(f"{afferent}: drive {name!r} also needs {', '.join(needed)}")
     return drive.parameters(**section)  # type: ignore[arg-type]
 
 

@@ -35,8 +35,7 @@ def check_cells(cells: object, afferent: str) -> None:
     whole = isinstance(cells, Integral) and not isinstance(cells, bool)
     if not (whole and 1 <= int(str(cells)) <= _MOST_CELLS):
         raise ParameterError(
-            f"{afferent}: cells must be a whole number from 1 to {_MOST_CELLS}, "
-            f"got {cells!r}"
+            f"{afferent}: cells must be a whole number from 1 to {_MOST_CELLS}, got {cells!r}"
         )
 
 
@@ -102,9 +101,7 @@ class AfferentParameters:
     def _check(self, name: str) -> None:
         value = getattr(self, name)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ParameterError(
-                f"{self.afferent}: {name} must be a number, got {value!r}"
-            )
+            raise ParameterError(f"{self.afferent}: {name} must be a number, got {value!r}")
         try:
             number = float(value)
         except OverflowError:
@@ -114,16 +111,13 @@ class AfferentParameters:
             raise ParameterError(f"{self.afferent}: {name} is {number}")
         if name == "spread" and number > _MOST_SPREAD:
             raise ParameterError(
-                f"{self.afferent}: spread must be at most {_MOST_SPREAD:g}, "
-                f"got {number:g}"
+                f"{self.afferent}: spread must be at most {_MOST_SPREAD:g}, got {number:g}"
             )
         if name in _POTENTIALS or value > 0:
             return
         if not (value == 0 and name in _MAY_BE_ZERO):
             least = ">= 0" if name in _MAY_BE_ZERO else "> 0"
-            raise ParameterError(
-                f"{self.afferent}: {name} must be {least}, got {value:g}"
-            )
+            raise ParameterError(f"{self.afferent}: {name} must be {least}, got {value:g}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,12 +139,7 @@ class RaParameters(AfferentParameters):
     """Rapidly adapting afferent: filter (3), current (5)."""
 
     afferent: ClassVar[str] = "RA"
-    drives: ClassVar[tuple[str, ...]] = (
-        "published",
-        "energy",
-        "adaptive",
-        "one_sided",
-    )
+    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive", "one_sided")
 
     a3_pa_per_ms: float
     alpha_mv_per_ms: float
@@ -163,12 +152,7 @@ class PcParameters(AfferentParameters):
     """Pacinian afferent: filter (4), current (6)."""
 
     afferent: ClassVar[str] = "PC"
-    drives: ClassVar[tuple[str, ...]] = (
-        "published",
-        "energy",
-        "adaptive",
-        "one_sided",
-    )
+    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive", "one_sided")
 
     a4_pa_per_ms2: float
     alpha_mv_per_ms: float
@@ -183,9 +167,7 @@ Parameters: TypeAlias = Mapping[str, AfferentParameters]
 # too, which is RA's: SA has no α'2, so it is taken as a slip of the table.
 PUBLISHED: Parameters = MappingProxyType(
     {
-        "SA": SaParameters(
-            tau_ms=32.14, a1_pa=1926.32, a2_pa_per_ms=9850.98, alpha_mv_per_ms=1.79
-        ),
+        "SA": SaParameters(tau_ms=32.14, a1_pa=1926.32, a2_pa_per_ms=9850.98, alpha_mv_per_ms=1.79),
         "RA": RaParameters(tau_ms=456.70, a3_pa_per_ms=17191.87, alpha_mv_per_ms=10.23),
         "PC": PcParameters(tau_ms=639.85, a4_pa_per_ms2=16.34, alpha_mv_per_ms=4.14),
     }

@@ -30,9 +30,7 @@ def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float
     return spikes * 1000.0 / (window_ms[1] - window_ms[0])
 
 
-def mean_rate_ips(
-    cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]
-) -> float:
+def mean_rate_ips(cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]) -> float:
     """Give the mean rate of the cells of a population, spike times of each in ms."""
     if not cells_ms:
         raise ParameterError("no cell, expected one or more")
@@ -49,9 +47,7 @@ def impulses_per_cycle(
     return rate_ips(spike_times_ms, window_ms) / frequency_hz
 
 
-def window_rows(
-    window_ms: tuple[float, float], dt_ms: float, start_ms: float = 0.0
-) -> slice:
+def window_rows(window_ms: tuple[float, float], dt_ms: float, start_ms: float = 0.0) -> slice:
     """Give the rows of a current whose spikes stand inside a window.
 
     The spike of row k stands at ``start_ms + (k + 1) dt_ms``; see `neural.lif`.
@@ -59,9 +55,7 @@ def window_rows(
     start, end = _checked(window_ms)
     if not (math.isfinite(dt_ms) and dt_ms > 0):
         raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
-    first, stop = (
-        math.floor((edge + EDGE_MS - start_ms) / dt_ms) for edge in (start, end)
-    )
+    first, stop = (math.floor((edge + EDGE_MS - start_ms) / dt_ms) for edge in (start, end))
     return slice(max(first, 0), max(stop, 0))
 
 

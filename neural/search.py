@@ -129,9 +129,7 @@ def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
     worse = np.all(apart >= 0, axis=2) & np.any(apart > 0, axis=2)
     kept = np.flatnonzero(~worse.any(axis=1))
     order = kept[np.argsort(total_rmse_ips(problem, errors[kept]), kind="stable")]
-    return replace(
-        front, values=values[order], errors_ips2=errors[order], finished=finished
-    )
+    return replace(front, values=values[order], errors_ips2=errors[order], finished=finished)
 
 
 def from_unit(unit: FloatArray, free: tuple[Free, ...]) -> FloatArray:
@@ -145,9 +143,7 @@ def from_unit(unit: FloatArray, free: tuple[Free, ...]) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def _algorithm(
-    problem: FitProblem, evaluations: int, seed: int, population: int
-) -> Any:  # noqa: ANN401 - pymoo is untyped
+def _algorithm(problem: FitProblem, evaluations: int, seed: int, population: int) -> Any:  # noqa: ANN401 - pymoo is untyped
     from pymoo.algorithms.moo.nsga2 import NSGA2
 
     algorithm = NSGA2(pop_size=population)

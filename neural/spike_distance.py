@@ -15,9 +15,7 @@ from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 
 
-def van_rossum_distance(
-    times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: float
-) -> float:
+def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: float) -> float:
     """Give the distance of two trains, each spike smeared into a decaying tail.
 
     Parameters
@@ -68,9 +66,7 @@ def van_rossum_distance(
     shares = -0.5 * np.expm1(-2.0 * intervals)  # 1/τ ∫ exp(−2t/τ) over the interval
 
     difference = squared = 0.0
-    for jump, decay, share in zip(
-        jumps.tolist(), decays.tolist(), shares.tolist(), strict=True
-    ):
+    for jump, decay, share in zip(jumps.tolist(), decays.tolist(), shares.tolist(), strict=True):
         difference += jump
         squared += difference * difference * share
         difference *= decay

@@ -115,9 +115,7 @@ def blocks(candidates: int, conditions: int) -> Iterator[slice]:
         yield slice(start, min(start + size, candidates))
 
 
-def window_edges(
-    window: Window, rows: int, conditions: int
-) -> tuple[IntArray, IntArray]:
+def window_edges(window: Window, rows: int, conditions: int) -> tuple[IntArray, IntArray]:
     """Give first and end row of each condition's window, ``(condition,)`` each.
 
     Raises

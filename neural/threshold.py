@@ -34,8 +34,7 @@ class Plateau:
     def __post_init__(self) -> None:
         if not 0 < self.low_um <= self.high_um < math.inf:
             raise ParameterError(
-                f"plateau from {self.low_um} to {self.high_um} um, expected "
-                "0 < low <= high"
+                f"plateau from {self.low_um} to {self.high_um} um, expected 0 < low <= high"
             )
 
     @property
@@ -45,9 +44,7 @@ class Plateau:
 
 
 def threshold_amplitude_um(
-    amplitude_um: ArrayLike,
-    rate_ips: ArrayLike,
-    criterion_ips: float = CRITERION_IPS,
+    amplitude_um: ArrayLike, rate_ips: ArrayLike, criterion_ips: float = CRITERION_IPS
 ) -> float:
     """Give the lowest amplitude at which the rate reaches a criterion.
 
@@ -197,9 +194,7 @@ def vector_strength(spike_times_ms: ArrayLike, frequency_hz: float) -> float:
     return min(1.0, float(np.abs(np.mean(np.exp(2j * np.pi * (cycles % 1.0))))))
 
 
-def _checked_curve(
-    amplitude_um: ArrayLike, rate_ips: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def _checked_curve(amplitude_um: ArrayLike, rate_ips: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Both columns in order of amplitude."""
     amplitude, rate = checked_pair(amplitude_um, rate_ips, ("amplitude_um", "rate_ips"))
     order = np.argsort(amplitude)

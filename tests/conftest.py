@@ -20,9 +20,7 @@ settings.load_profile("fembridge")
 
 
 def pytest_addoption(parser):
-    parser.addoption(
-        "--slow", action="store_true", help="run the slow tests too, as CI=true does"
-    )
+    parser.addoption("--slow", action="store_true", help="run the slow tests too, as CI=true does")
 
 
 def pytest_collection_modifyitems(config, items):

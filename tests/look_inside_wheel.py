@@ -29,8 +29,7 @@ def main(folder: str) -> int:
     strange = sorted(
         top
         for top in tops
-        if top not in ("fembridge", "decks", "neural")
-        and not top.endswith(".dist-info")
+        if top not in ("fembridge", "decks", "neural") and not top.endswith(".dist-info")
     )
     if missing or strange:
         print(f"{wheel.name}: missing {missing}, strange {strange}", file=sys.stderr)

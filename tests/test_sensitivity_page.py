@@ -63,9 +63,7 @@ def test_stress_goes_up_as_all_moduli_together(swept):
         and (effect.output.quantity, effect.output.group) == ("peak_stress_pa", "all")
     ]
     exponents = {
-        (effect.output.afferent, effect.parameter): math.log(
-            effect.at_high / effect.at_low
-        )
+        (effect.output.afferent, effect.parameter): math.log(effect.at_high / effect.at_low)
         / math.log(effect.high / effect.low)
         for effect in effects
     }

@@ -31,9 +31,7 @@ def contact_blocks(model: NumberedAnalysis) -> Iterator[str]:
     """
     contact = model.analysis.contact
     if contact.formulation not in parts.CONTACT_TYPES:
-        raise DeckError(
-            f"ccx has no contact {contact.formulation!r} for plane elements"
-        )
+        raise DeckError(f"ccx has no contact {contact.formulation!r} for plane elements")
     by_node = contact.formulation == "node-to-surface"
     yield "**"
     yield "** ---- Contact: the skin is the slave, the probe the master"

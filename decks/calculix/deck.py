@@ -70,9 +70,7 @@ def _materials(model: NumberedAnalysis) -> Iterator[str]:
     yield from materials.heading()
     has_mass, thickness_mm = model.analysis.inertia, model.thickness_mm
     for section in (*map(lasting, model.layers), model.probe):
-        yield from materials.material(
-            section, inertia=has_mass, thickness_mm=thickness_mm
-        )
+        yield from materials.material(section, inertia=has_mass, thickness_mm=thickness_mm)
     first = int(model.probe.number.max()) + 1
     found = branches(model.layers, first, model.analysis.motion.phases[-1].dt_s)
     yield from branch_blocks(

@@ -36,10 +36,7 @@ def drive_blocks(model: NumberedAnalysis) -> Iterator[str]:
     yield "**"
     yield "** ---- The probe on a stiff spring: its nodes are tied to RIGID, which the"
     yield "** spring, in N/mm, ties to the prescribed DRIVER"
-    for name, number, height_mm in (
-        ("DRIVER", driver, _DRIVER_MM),
-        ("RIGID", rigid, _RIGID_MM),
-    ):
+    for name, number, height_mm in (("DRIVER", driver, _DRIVER_MM), ("RIGID", rigid, _RIGID_MM)):
         yield f"*NODE, NSET={name}"
         yield f"{number}, 0.0, {height_mm}, 0.0"
     for count, axis in enumerate(_axes(model)):
@@ -81,7 +78,5 @@ def _axes(model: NumberedAnalysis) -> tuple[int, ...]:
 
 def first_free_element(model: NumberedAnalysis) -> int:
     """Give the first number that neither finger, probe nor Maxwell branch has."""
-    branches = sum(
-        len(layer.number) * len(layer.material.prony) for layer in model.layers
-    )
+    branches = sum(len(layer.number) * len(layer.material.prony) for layer in model.layers)
     return int(model.probe.number.max()) + 1 + branches

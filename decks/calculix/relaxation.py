@@ -47,9 +47,7 @@ def lasting(section: Section) -> Section:
     return replace(
         section,
         material=Material(
-            share * values.young_mpa,
-            values.poisson,
-            density_kg_m3=values.density_kg_m3,
+            share * values.young_mpa, values.poisson, density_kg_m3=values.density_kg_m3
         ),
     )
 
@@ -86,9 +84,7 @@ def branches_at(analysis: Analysis) -> dict[int, int]:
     model = numbered(analysis)
     for node in model.watched.tolist():
         around = [
-            1 + len(layer.material.prony)
-            for layer in model.layers
-            if (layer.node == node).any()
+            1 + len(layer.material.prony) for layer in model.layers if (layer.node == node).any()
         ]
         if max(around) > 1:
             counts[node] = max(around)
@@ -96,11 +92,7 @@ def branches_at(analysis: Analysis) -> dict[int, int]:
 
 
 def branch_blocks(
-    found: Sequence[Branch],
-    element: str,
-    *,
-    inertia: bool,
-    thickness_mm: float = 1.0,
+    found: Sequence[Branch], element: str, *, inertia: bool, thickness_mm: float = 1.0
 ) -> Iterator[str]:
     """Give the branches' elements and materials: elastic, creeping with stress."""
     if found:
@@ -115,9 +107,7 @@ def branch_blocks(
             "*CREEP, LAW=NORTON",
             f"{real(branch.creep)}, 1.0, 0.0",
         )
-        yield from material(
-            section, inertia=inertia, relaxation=creep, thickness_mm=thickness_mm
-        )
+        yield from material(section, inertia=inertia, relaxation=creep, thickness_mm=thickness_mm)
 
 
 def _maxwell(values: Material, term: PronyTerm, dt_s: float) -> tuple[Material, float]:

@@ -48,9 +48,6 @@ def _neo_hookean(values: Material, moduli: str) -> Iterator[str]:
 
     Equal to Hooke's law for small strain: C10 = G/2, D1 = 2/K.
     """
-    yield (
-        f"** C10 in MPa, D1 in 1/MPa: E = {values.young_mpa:g}, "
-        f"nu = {values.poisson:g} at rest"
-    )
+    yield (f"** C10 in MPa, D1 in 1/MPa: E = {values.young_mpa:g}, nu = {values.poisson:g} at rest")
     yield f"*HYPERELASTIC, NEO HOOKE{moduli}"
     yield f"{real(values.shear_mpa / 2)}, {real(2 / values.bulk_mpa)}"

@@ -6,21 +6,13 @@ touch and the output are each solver's own.
 
 from collections.abc import Iterator
 
-from decks.inp.lines import (
-    element_lines,
-    list_lines,
-    numbered_node_lines,
-    plain,
-)
+from decks.inp.lines import element_lines, list_lines, numbered_node_lines, plain
 from decks.numbered import NumberedAnalysis
 
 # The set whose stress and displacement the solver writes.
 OUTPUT_SET = "OUTPUT_NODES"
 # Our name of a contact formulation, and the keyword's.
-CONTACT_TYPES = {
-    "node-to-surface": "NODE TO SURFACE",
-    "surface-to-surface": "SURFACE TO SURFACE",
-}
+CONTACT_TYPES = {"node-to-surface": "NODE TO SURFACE", "surface-to-surface": "SURFACE TO SURFACE"}
 
 # Why the probe is rigid, unless a solver has another way to make it so.
 PRESCRIBED = "each of its nodes is prescribed"

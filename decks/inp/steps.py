@@ -68,21 +68,13 @@ def steps(
     word for that, with its comma, or "".
     """
     return chain.from_iterable(
-        chain(
-            _step(model, phase, cards, large_strain, moved),
-            output(model),
-            ["*END STEP"],
-        )
+        chain(_step(model, phase, cards, large_strain, moved), output(model), ["*END STEP"])
         for phase in model.analysis.motion.phases
     )
 
 
 def _step(
-    model: NumberedAnalysis,
-    phase: Phase,
-    cards: Mapping[str, str],
-    large_strain: str,
-    moved: Moved,
+    model: NumberedAnalysis, phase: Phase, cards: Mapping[str, str], large_strain: str, moved: Moved
 ) -> Iterator[str]:
     phases = model.analysis.motion.phases
     which = "One step" if len(phases) == 1 else f"Step {phases.index(phase) + 1}"

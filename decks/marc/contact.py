@@ -84,9 +84,7 @@ def contact(layout: Layout) -> Iterator[str]:
 
 def contact_table() -> Iterator[str]:
     """Write which table of pairs holds from here on."""
-    yield from comment(
-        f"allowed contact is defined by contact table {TABLE} ({TABLE_NAME})"
-    )
+    yield from comment(f"allowed contact is defined by contact table {TABLE} ({TABLE_NAME})")
     yield named("contact table")
     yield integers([0, 4])
     yield integers([TABLE])
@@ -96,8 +94,7 @@ def _heading(layout: Layout) -> Iterator[str]:
     friction = layout.model.analysis.contact.friction
     law = f"friction {friction:g} (Coulomb, bilinear)" if friction else "no friction"
     yield from comment(
-        f"contact with {law}. Marc has no contact springs, so that their stiffness is "
-        "not here"
+        f"contact with {law}. Marc has no contact springs, so that their stiffness is not here"
     )
     yield from comment(
         "which number of the option asks for segment-to-segment contact is not "
@@ -174,9 +171,7 @@ def _table() -> Iterator[str]:
     yield from comment(f"contact table {TABLE}: {TABLE_NAME}")
     yield option("con table", 1)
     yield integers([TABLE, 1, 0]) + TABLE_NAME
-    yield from comment(
-        f"the only pair: {FINGER_BODY} ({FINGER}), {PROBE_BODY} ({PROBE})"
-    )
+    yield from comment(f"the only pair: {FINGER_BODY} ({FINGER}), {PROBE_BODY} ({PROBE})")
     yield integers([FINGER_BODY, PROBE_BODY, INTERACTION, 0, 0])
     yield integers([0] * 8)
     yield reals(zeros(8, f1=2.0))

@@ -31,9 +31,7 @@ _LARGE_STRAIN = (4, 213, 123, 130, 230, 123, 1, 0)
 _RULE = "$..................."
 
 
-def marc_deck(
-    model: NumberedAnalysis, *, probe: str = "rigid", post: str = "both"
-) -> str:
+def marc_deck(model: NumberedAnalysis, *, probe: str = "rigid", post: str = "both") -> str:
     """Write `model` as a deck for Marc.
 
     Parameters

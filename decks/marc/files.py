@@ -24,7 +24,5 @@ def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     model = numbered(analysis)
     return {
         name: marc_deck(model, probe=options.probe or "rigid", post=post),
-        PROCEDURE: mentat_procedure(
-            name, post=post, friction=analysis.contact.friction > 0
-        ),
+        PROCEDURE: mentat_procedure(name, post=post, friction=analysis.contact.friction > 0),
     }

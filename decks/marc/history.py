@@ -57,9 +57,7 @@ def history(layout: Layout) -> Iterator[str]:
     for _ in ("force", "displacement"):
         yield reals(zeros(8, f1=TOLERANCE, f7=-1.0))
     yield from parameters(within_load_case=True)
-    yield from comment(
-        "an increment a sample, none cut back: results are wanted at these times"
-    )
+    yield from comment("an increment a sample, none cut back: results are wanted at these times")
     yield named("auto load")
     yield integers([motion.increments, 0, 0, 0, 0])
     yield named("time step")

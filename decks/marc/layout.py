@@ -55,9 +55,7 @@ class Layout:
     @property
     def nodes(self) -> int:
         """Number of all nodes, those that hold a pressure alone included."""
-        pressures = sum(
-            len(part.section.number) for part in self.parts if part.element.pressure
-        )
+        pressures = sum(len(part.section.number) for part in self.parts if part.element.pressure)
         return self.mesh_nodes + pressures
 
     @property

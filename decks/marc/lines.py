@@ -120,9 +120,7 @@ def node_lines(node_mm: FloatArray, first: int) -> Iterator[str]:
         yield f"{number:{INTEGER_WIDTH}d}{real(x_mm)}{real(y_mm)}{flat_z}"
 
 
-def element_lines(
-    numbers: Iterable[int], element_type: int, nodes: IntArray
-) -> Iterator[str]:
+def element_lines(numbers: Iterable[int], element_type: int, nodes: IntArray) -> Iterator[str]:
     """List elements by their `numbers`; `nodes` ``(E, n)`` are numbers, n up to 14."""
     kind = f"{element_type:{INTEGER_WIDTH}d}"
     row_format = f"%{INTEGER_WIDTH}d" * nodes.shape[1]

@@ -7,14 +7,7 @@ header of its ``connectivity`` block, so there is one block a layer.
 from collections.abc import Iterator, Sequence
 
 from decks.marc.layout import Layout
-from decks.marc.lines import (
-    comment,
-    element_lines,
-    integers,
-    list_lines,
-    named,
-    node_lines,
-)
+from decks.marc.lines import comment, element_lines, integers, list_lines, named, node_lines
 from decks.marc.properties import GEOMETRY
 from fembridge.typing import IntArray
 
@@ -49,9 +42,7 @@ def mesh(layout: Layout) -> Iterator[str]:
     yield integers([_COORDINATES, layout.mesh_nodes, 0, 1])
     yield from node_lines(layout.model.node_mm, first=1)
     if layout.meshed:
-        yield from node_lines(
-            layout.model.probe_node_mm, first=layout.model.first_probe_node
-        )
+        yield from node_lines(layout.model.probe_node_mm, first=layout.model.first_probe_node)
 
 
 def sets(layout: Layout) -> Iterator[str]:

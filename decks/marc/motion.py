@@ -30,9 +30,7 @@ _RELATIVE = 1
 def waveform(layout: Layout) -> Iterator[str]:
     """Write the table: a line a sample, time in s and depth in mm."""
     motion = layout.model.analysis.motion
-    yield from comment(
-        "the probe's way into the skin: time in s, depth in mm from first touch"
-    )
+    yield from comment("the probe's way into the skin: time in s, depth in mm from first touch")
     if motion.ramp:
         start_s = motion.time_s[motion.ramp]
         yield from comment(f"up to {start_s:g} s: the ramp to the pre-indentation")
@@ -51,16 +49,12 @@ def time_table(name: str, time_s: FloatArray, value: FloatArray) -> Iterator[str
 def conditions(layout: Layout) -> Iterator[str]:
     """Write what is held and, of a meshed probe, how all its nodes move."""
     if layout.meshed:
-        yield from comment(
-            "every node of the probe is moved: it is as stiff as if it were rigid"
-        )
+        yield from comment("every node of the probe is moved: it is as stiff as if it were rigid")
     yield named("fixed disp")
     yield ""
     yield from _fixed(HELD_CONDITION, (0.0, 0.0), (0, 0), HELD)
     if layout.meshed:
-        yield from _fixed(
-            PROBE_CONDITION, (0.0, INTO_SKIN_MM), (0, WAVEFORM), PROBE_NODES
-        )
+        yield from _fixed(PROBE_CONDITION, (0.0, INTO_SKIN_MM), (0, WAVEFORM), PROBE_NODES)
 
 
 def active(layout: Layout, name: str) -> Iterator[str]:
@@ -71,9 +65,7 @@ def active(layout: Layout, name: str) -> Iterator[str]:
     yield from names
 
 
-def _fixed(
-    name: str, value_mm: Sequence[float], table: Sequence[int], nodes: str
-) -> Iterator[str]:
+def _fixed(name: str, value_mm: Sequence[float], table: Sequence[int], nodes: str) -> Iterator[str]:
     yield integers([1, 0, 0, 0, _RELATIVE, 0]) + name
     yield reals(value_mm)
     yield integers(table)

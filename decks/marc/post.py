@@ -47,8 +47,7 @@ def post(kind: str) -> Iterator[str]:
     )
     if kind == "both":
         yield from comment(
-            "the fourth number is 2 for both kinds, which no deck was seen with: "
-            "0 is binary"
+            "the fourth number is 2 for both kinds, which no deck was seen with: 0 is binary"
         )
     yield named("post")
     yield integers(

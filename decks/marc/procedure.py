@@ -29,9 +29,7 @@ class Command:
     source: str
 
 
-def commands(
-    deck_name: str, post: str, *, friction: bool = True
-) -> tuple[Command, ...]:
+def commands(deck_name: str, post: str, *, friction: bool = True) -> tuple[Command, ...]:
     """Give the commands for the deck `deck_name`, in their order.
 
     `post` is the kind of post file, see `decks.marc.post.KINDS`; without `friction`
@@ -40,9 +38,7 @@ def commands(
     kind = _POST_WORDS[post]
     files = Command(
         f"*job_option post:{kind}",
-        "Formatted post file (.t19)"
-        + " and binary one (.t16)" * (kind == "both")
-        + ".",
+        "Formatted post file (.t19)" + " and binary one (.t16)" * (kind == "both") + ".",
         "public scripts",
     )
     law = Command(
@@ -74,11 +70,7 @@ def commands(
         ),
         *([law] if friction else []),
         *([files] if kind else []),
-        Command(
-            "*update_job",
-            "Take the job's options over.",
-            "Nour-ept (Mentat 2020)",
-        ),
+        Command("*update_job", "Take the job's options over.", "Nour-ept (Mentat 2020)"),
         Command(
             f'*write_marc "{rewritten_name(deck_name)}" yes',
             "Write the deck that Marc is to run.",

@@ -103,9 +103,7 @@ def _condition(option: Option, rows: Sequence[Line]) -> Condition:
     if displacement:
         directions = tuple(integers(rows[3], layout))
         if len(directions) != len(values):
-            raise rows[3].refuse(
-                f"{len(directions)} degrees of freedom for {len(values)} values"
-            )
+            raise rows[3].refuse(f"{len(directions)} degrees of freedom for {len(values)} values")
         kind, where = rows[4], rows[5]
     else:
         # Kinds of loads differ in what stands between; a name is always last.

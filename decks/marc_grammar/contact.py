@@ -106,8 +106,7 @@ def contact(deck: MarcDeck) -> Contact | None:
     starts = _body_starts(rows, layout)
     if not settings or len(starts) != settings[0]:
         raise rows[0].refuse(
-            f"{settings[0] if settings else 0} contact bodies announced, but "
-            f"{len(starts)} found"
+            f"{settings[0] if settings else 0} contact bodies announced, but {len(starts)} found"
         )
     return Contact(
         settings[3] if len(settings) > 3 else 0,
@@ -127,9 +126,7 @@ def interactions(deck: MarcDeck) -> tuple[Interaction, ...]:
     DeckError
         One that is cut short.
     """
-    return tuple(
-        _interaction(option) for option in deck.find("con intera", Section.MODEL)
-    )
+    return tuple(_interaction(option) for option in deck.find("con intera", Section.MODEL))
 
 
 def contact_tables(deck: MarcDeck) -> tuple[ContactTable, ...]:
@@ -196,9 +193,7 @@ def _interaction(option: Option) -> Interaction:
     values = reals(pairs[0], layout)
     tables = [each for row in pairs[1::2] for each in integers(row, layout)]
     friction = values[_FRICTION] if len(values) > _FRICTION else 0.0
-    return Interaction(
-        int(number), str(name), kinds, friction, tuple(tables), option.head
-    )
+    return Interaction(int(number), str(name), kinds, friction, tuple(tables), option.head)
 
 
 def _table(option: Option) -> ContactTable:

@@ -55,8 +55,7 @@ def read_shapes(rows: Sequence[Line], count: int, layout: Layout) -> tuple[Shape
         knots = sum(counts) + sum(orders)
         if min(*counts, *orders, 1) < 1 or place + 2 * points + knots >= len(rows):
             raise rows[place].refuse(
-                f"a rigid {'curve' if curve else 'surface'} of {points} points is cut "
-                "short"
+                f"a rigid {'curve' if curve else 'surface'} of {points} points is cut short"
             )
         place += 1
         point = _reals(rows[place : place + points], layout, 2 if curve else 3)

@@ -58,9 +58,7 @@ class MarcDeck:
         object.__setattr__(self, "elements", found)
         nodes = read_coordinates(self.find("coordinates", Section.MODEL))
         object.__setattr__(self, "coordinates", nodes)
-        object.__setattr__(
-            self, "tables", read_tables(self.find("table", Section.MODEL))
-        )
+        object.__setattr__(self, "tables", read_tables(self.find("table", Section.MODEL)))
         if not self._generates:
             self._check_sizes()
 

@@ -85,18 +85,11 @@ def _kinds(deck: MarcDeck) -> dict[int, int]:
 
 def _sets(deck: MarcDeck) -> Table:
     sets = read_sets(deck.find("define"))
-    return {
-        name: {"kind": each.kind, "members": len(each.member)}
-        for name, each in sets.items()
-    }
+    return {name: {"kind": each.kind, "members": len(each.member)} for name, each in sets.items()}
 
 
 def _table(table: MarcTable) -> Table:
-    held: Table = {
-        "name": table.name,
-        "number": table.number,
-        "line": table.line.number,
-    }
+    held: Table = {"name": table.name, "number": table.number, "line": table.line.number}
     if table.points is not None and len(table.points):
         first, last = table.points[0].tolist(), table.points[-1].tolist()
         held |= {"points": len(table.points), "first": first, "last": last}
@@ -105,8 +98,7 @@ def _table(table: MarcTable) -> Table:
 
 def _conditions(deck: MarcDeck) -> list[Table]:
     return [
-        {"family": each.family, "name": each.name, "on": each.where}
-        for each in conditions(deck)
+        {"family": each.family, "name": each.name, "on": each.where} for each in conditions(deck)
     ]
 
 

@@ -93,8 +93,7 @@ def _read(option: Option, seen: dict[int, Line]) -> list[Elements]:
         expected = len(nodes[0]) if nodes else count or len(values) - 2
         if len(values) - 2 != expected:
             raise line.refuse(
-                f"element {number} of type {kind} has {len(values) - 2} nodes, "
-                f"expected {expected}"
+                f"element {number} of type {kind} has {len(values) - 2} nodes, expected {expected}"
             )
         numbers.append(number)
         nodes.append(values[2:])

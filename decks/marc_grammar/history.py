@@ -110,9 +110,7 @@ def _active(option: Option) -> tuple[str, ...]:
     return tuple(line.text.strip().rstrip(",").strip() for line in rows[1 : 1 + count])
 
 
-def _stepping(
-    stepping: Option | None, time_step: Option | None
-) -> tuple[int | None, float | None]:
+def _stepping(stepping: Option | None, time_step: Option | None) -> tuple[int | None, float | None]:
     """Count the increments of a load case and add up their time."""
     if stepping is None:
         return 0, 0.0

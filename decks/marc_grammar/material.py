@@ -78,9 +78,7 @@ def _is_id(line: Line, layout: Layout) -> bool:
     return number.isdigit() and criterion[:1].isalpha()
 
 
-def _material(
-    option: Option, rows: Sequence[Line], listed: bool, driven: bool
-) -> Isotropic:
+def _material(option: Option, rows: Sequence[Line], listed: bool, driven: bool) -> Isotropic:
     layout = option.layout
     before_list = 3 if driven else 2  # decks without tables have none here
     if len(rows) < before_list:

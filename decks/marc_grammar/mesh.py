@@ -110,9 +110,7 @@ def _read_nodes(option: Option, numbers: list[int], places: list[list[float]]) -
     head = [*integers(rows[0], option.layout), 0, 0]
     width, count, before = head[0] or 3, head[1], len(numbers)
     if not 1 <= width <= MOST_COORDINATES:
-        raise rows[0].refuse(
-            f"{width} coordinates a node, expected 1 to {MOST_COORDINATES}"
-        )
+        raise rows[0].refuse(f"{width} coordinates a node, expected 1 to {MOST_COORDINATES}")
     for line in rows[1:]:
         number, place = node_fields(line, option.layout, width)
         numbers.append(number)

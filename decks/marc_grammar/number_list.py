@@ -18,10 +18,7 @@ _Item = tuple[int, ...]
 
 
 def read_list(
-    lines: Sequence[Line],
-    *,
-    paired: bool = False,
-    earlier: Mapping[str, NumberList] | None = None,
+    lines: Sequence[Line], *, paired: bool = False, earlier: Mapping[str, NumberList] | None = None
 ) -> NumberList:
     """Read a list from `lines`: numbers, or pairs ``element:side`` if `paired`.
 
@@ -43,8 +40,7 @@ def read_list(
             continue
         if word.lower() in names:
             items: list[_Item] = [
-                (each,) if isinstance(each, int) else each
-                for each in names[word.lower()]
+                (each,) if isinstance(each, int) else each for each in names[word.lower()]
             ]
             row += 1
         else:
@@ -68,9 +64,7 @@ def _words(lines: Sequence[Line]) -> list[tuple[Line, str]]:
     return words
 
 
-def _span(
-    words: Sequence[tuple[Line, str]], row: int, paired: bool
-) -> tuple[list[_Item], int]:
+def _span(words: Sequence[tuple[Line, str]], row: int, paired: bool) -> tuple[list[_Item], int]:
     """Read ``a``, ``a to b`` or ``a to b by n``."""
     first, row = _item(words, row, paired), row + 1
     if row >= len(words) or words[row][1].lower() not in _TO:
@@ -100,9 +94,7 @@ def _item(words: Sequence[tuple[Line, str]], row: int, paired: bool) -> _Item:
     return (int(found[1]), int(found[2])) if paired else (int(found[0]),)
 
 
-def _joined(
-    found: dict[_Item, None], items: Sequence[_Item], joining: str
-) -> dict[_Item, None]:
+def _joined(found: dict[_Item, None], items: Sequence[_Item], joining: str) -> dict[_Item, None]:
     if joining == "and":
         found.update(dict.fromkeys(items))
         return found

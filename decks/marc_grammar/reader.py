@@ -72,9 +72,7 @@ def looks_like_marc(data: bytes) -> bool:
     return False
 
 
-def _checked(
-    path: Path | None, options: list[Option], includes: list[Include]
-) -> MarcDeck:
+def _checked(path: Path | None, options: list[Option], includes: list[Include]) -> MarcDeck:
     keywords = {option.keyword for option in options}
     if _END not in keywords or not keywords.intersection(OPENING):
         raise _no_deck(path, "no parameters such as `sizing` that end with `end`")
@@ -161,9 +159,7 @@ class _Cutter:
         if not self.lines:
             return
         self.options.append(
-            Option(
-                self.keyword, tuple(self.lines), self.section, self.case, self.layout
-            )
+            Option(self.keyword, tuple(self.lines), self.section, self.case, self.layout)
         )
         if self.keyword in CONDITIONS:
             names = (condition_name(row.text, self.layout) for row in self.rows)
@@ -184,12 +180,7 @@ class _Cutter:
         if self.section is Section.PARAMETER and self.keyword != _END:
             return True
         return not is_name(
-            self.keyword,
-            self.rows,
-            line,
-            self.layout,
-            known=self.known,
-            conditions=self.conditions,
+            self.keyword, self.rows, line, self.layout, known=self.known, conditions=self.conditions
         )
 
 

@@ -80,9 +80,7 @@ def _read(option: Option) -> Table:
     points = None
     if count == 1 and kind == POINTS:
         points = _points(option, rows, counts[0])
-    return Table(
-        option.name, number, variables, counts, kind, points, option, tuple(rows)
-    )
+    return Table(option.name, number, variables, counts, kind, points, option, tuple(rows))
 
 
 def _points(option: Option, rows: list[Line], count: int) -> FloatArray | None:

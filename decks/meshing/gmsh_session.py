@@ -60,8 +60,7 @@ def _libraries() -> tuple[Any, Any]:
         import pygmsh
     except OSError as error:
         raise MissingError(
-            f"gmsh cannot load a system library ({error}); "
-            f"apt-get install -y {SYSTEM_PACKAGES}"
+            f"gmsh cannot load a system library ({error}); apt-get install -y {SYSTEM_PACKAGES}"
         ) from error
     except ImportError as error:
         raise MissingError(f"{error}; pip install pygmsh") from error

@@ -66,9 +66,7 @@ class HalfMesh:
         sort = np.lexsort((quads[:, 0], layers))
         return Mesh(nodes[order], quads[sort], layers[sort])
 
-    def _snapped(
-        self, site: AfferentSite, taken: list[int]
-    ) -> tuple["HalfMesh", int | None]:
+    def _snapped(self, site: AfferentSite, taken: list[int]) -> tuple["HalfMesh", int | None]:
         """Do it for one site; also give the node, and leave those `taken` alone."""
         mine = self.layer == LAYERS.index(site.layer)
         inner = np.setdiff1d(self.quad[mine], self.quad[~mine])

@@ -69,8 +69,7 @@ class Mesh:
         corner = self.node_mm[self.quad]
         diagonal = corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]
         area: FloatArray = 0.5 * (
-            diagonal[0][:, 0] * diagonal[1][:, 1]
-            - diagonal[0][:, 1] * diagonal[1][:, 0]
+            diagonal[0][:, 0] * diagonal[1][:, 1] - diagonal[0][:, 1] * diagonal[1][:, 0]
         )
         return area
 

@@ -37,8 +37,7 @@ def check_tables(node_mm: FloatArray, quad: IntArray, layer: IntArray) -> None:
         raise FingerError(f"node {bad[0] + 1} is at {node_mm[bad[0]]}")
     if quad.min() < 0 or quad.max() >= len(node_mm):
         raise FingerError(
-            f"quads name nodes {quad.min() + 1} to {quad.max() + 1}, there are 1 to "
-            f"{len(node_mm)}"
+            f"quads name nodes {quad.min() + 1} to {quad.max() + 1}, there are 1 to {len(node_mm)}"
         )
     unused = np.flatnonzero(np.bincount(quad.ravel(), minlength=len(node_mm)) == 0)
     if unused.size:
@@ -60,9 +59,7 @@ def check_cover(node_mm: FloatArray, quad: IntArray) -> None:
         raise FingerError("the outline is not one closed line: layers leave a gap")
     if (node := _crossing(node_mm[ring])) is not None:
         x, y = node_mm[ring[node]]
-        raise FingerError(
-            f"the outline crosses itself near ({x:.3f}, {y:.3f}) mm: layers overlap"
-        )
+        raise FingerError(f"the outline crosses itself near ({x:.3f}, {y:.3f}) mm: layers overlap")
 
 
 def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
@@ -115,12 +112,8 @@ def _crossing(point_mm: FloatArray) -> int | None:
 
 def _meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
     """Whether the lines from `a` to `b` and from `c` to `d` have a point in common."""
-    boxes = (np.maximum(a, b) >= np.minimum(c, d)) & (
-        np.maximum(c, d) >= np.minimum(a, b)
-    )
-    sides = (_side(a, b, c) * _side(a, b, d) <= 0) & (
-        _side(c, d, a) * _side(c, d, b) <= 0
-    )
+    boxes = (np.maximum(a, b) >= np.minimum(c, d)) & (np.maximum(c, d) >= np.minimum(a, b))
+    sides = (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
     meeting: BoolArray = boxes.all(axis=-1) & sides
     return meeting
 

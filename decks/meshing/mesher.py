@@ -69,11 +69,7 @@ def _mesh(section: Section, stretch: float) -> Mesh:
 def _expected_elements(section: Section) -> float:
     """About how many elements the whole section will have."""
     finger, resolution = section.finger, section.finger.resolution
-    rows = (
-        resolution.stratum_corneum_rows
-        + resolution.epidermis_rows
-        + resolution.dermis_rows
-    )
+    rows = resolution.stratum_corneum_rows + resolution.epidermis_rows + resolution.dermis_rows
     depth_mm = finger.skin.dermis_depth_mm
     inside_mm2 = (
         np.pi
@@ -95,15 +91,9 @@ def _collect(
     for surface, layer in surfaces:
         kinds, _, nodes = gmsh.model.mesh.getElements(2, surface)
         if list(kinds) != [_QUAD]:
-            raise FingerError(
-                f"gmsh left triangles in {LAYERS[layer]}: choose another resolution"
-            )
+            raise FingerError(f"gmsh left triangles in {LAYERS[layer]}: choose another resolution")
         quads.append(row_of[nodes[0].astype(np.int64)].reshape(-1, 4))
         layers.append(np.full(len(quads[-1]), layer, dtype=np.int64))
     used, compact = np.unique(np.concatenate(quads), return_inverse=True)
     node_mm = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[used, :2]
-    return HalfMesh(
-        np.round(node_mm, DIGITS) + 0.0,
-        compact.reshape(-1, 4),
-        np.concatenate(layers),
-    )
+    return HalfMesh(np.round(node_mm, DIGITS) + 0.0, compact.reshape(-1, 4), np.concatenate(layers))

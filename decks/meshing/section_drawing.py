@@ -43,19 +43,13 @@ class SectionDrawing:
         depths = (section.surface, section.corneum, section.epidermis, section.dermis)
         boundaries = [self._boundary(columns, depth) for depth in depths]
         resolution = section.finger.resolution
-        rows = (
-            resolution.stratum_corneum_rows,
-            resolution.epidermis_rows,
-            resolution.dermis_rows,
-        )
+        rows = (resolution.stratum_corneum_rows, resolution.epidermis_rows, resolution.dermis_rows)
         surfaces: list[Surface] = []
         for band, count in enumerate(rows):
             surfaces += self._band(band, count, boundaries[band], boundaries[band + 1])
         surfaces += self._inside(*boundaries[-1])
         far_mm = self._far_mm
-        self._geometry.set_mesh_size_callback(
-            lambda dim, tag, x, y, z, lc: min(lc, far_mm)
-        )
+        self._geometry.set_mesh_size_callback(lambda dim, tag, x, y, z, lc: min(lc, far_mm))
         return surfaces
 
     def _boundary(
@@ -95,9 +89,7 @@ class SectionDrawing:
             self._divide(line, Division(rows))
         surfaces = []
         for k in range(len(above)):
-            loop = geometry.add_curve_loop(
-                [above[k], upright[k + 1], -below[k], -upright[k]]
-            )
+            loop = geometry.add_curve_loop([above[k], upright[k + 1], -below[k], -upright[k]])
             surface = geometry.add_plane_surface(loop)
             corners = [top[k], top[k + 1], bottom[k + 1], bottom[k]]
             geometry.set_transfinite_surface(surface, "Left", corners)

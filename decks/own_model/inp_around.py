@@ -7,9 +7,7 @@ from decks.own_model.inp_nodes import Place, Scope
 from fembridge.errors import DeckError
 
 
-def elements_around(
-    scopes: list[Scope], places: Iterable[Place]
-) -> Mapping[str, list[int]]:
+def elements_around(scopes: list[Scope], places: Iterable[Place]) -> Mapping[str, list[int]]:
     """Give the numbers of the elements at `places`, by instance and in deck order.
 
     Raises

@@ -127,9 +127,7 @@ def place_of(text: InpText, line: int) -> str:
     return f"{text.name}, line {line}" if text.name else f"line {line}"
 
 
-def read_blocks(
-    data: bytes, *, abaqus: bool, resolver: Resolver | None = None
-) -> Blocks:
+def read_blocks(data: bytes, *, abaqus: bool, resolver: Resolver | None = None) -> Blocks:
     """Read a deck and, by `resolver`, the files that it includes.
 
     `resolver` takes a name as the deck has it, and gives None for what it cannot read.

@@ -21,9 +21,7 @@ def calculix_requests(step: Step) -> list[Block]:
     return step.of(*_REQUESTS)
 
 
-def calculix_request(
-    drive: Drive, step: Step, *, on_set: bool, binary: bool
-) -> list[str]:
+def calculix_request(drive: Drive, step: Step, *, on_set: bool, binary: bool) -> list[str]:
     """Give the cards for U and S in `step`: every increment, or its last one.
 
     They are for the nodes of the set or for all. The last one is for the step before
@@ -41,8 +39,7 @@ def calculix_request(
         often = "" if timed else f", FREQUENCY={_AT_END}"
     elif timed:
         raise timed[0].error(
-            f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; "
-            "take it out"
+            f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it out"
         )
     kind, double = ("OUTPUT", ", DOUBLE") if binary else ("FILE", "")
     nodes = f", NSET={OUTPUT_SET}" if on_set else ""

@@ -118,17 +118,14 @@ def _definition(blocks: Blocks, name: str) -> Block:
     found = [block for block in blocks.of("AMPLITUDE") if block.word("NAME") == name]
     if not found:
         raise DeckError(
-            f"no *AMPLITUDE, NAME={name} in the deck; it has "
-            f"{_known(blocks)}{blocks.unread}"
+            f"no *AMPLITUDE, NAME={name} in the deck; it has {_known(blocks)}{blocks.unread}"
         )
     if len(found) > 1:
         both = " and ".join(block.where for block in found)
         raise DeckError(f"*AMPLITUDE, NAME={name} stands at {both}; keep one")
     (curve,) = found
     if not curve.own:
-        raise curve.error(
-            f"*AMPLITUDE, NAME={name} is in an included file; put it into the deck"
-        )
+        raise curve.error(f"*AMPLITUDE, NAME={name} is in an included file; put it into the deck")
     curve.rows()
     return curve
 
@@ -152,9 +149,7 @@ def _check_curve(curve: Block) -> None:
         words = allowed[option.name]
         if words is not None and option.word not in words:
             expected = " or ".join(words)
-            raise curve.error(
-                f"*AMPLITUDE with {option.name}={option.value}, expected {expected}"
-            )
+            raise curve.error(f"*AMPLITUDE with {option.name}={option.value}, expected {expected}")
 
 
 def _step_of(
@@ -165,8 +160,7 @@ def _step_of(
     outside = [user for user in outside if not any(user in one.block for one in steps)]
     if outside:
         raise outside[0].error(
-            f"*BOUNDARY with amplitude {name} is in no step; put it into the one that "
-            "it belongs to"
+            f"*BOUNDARY with amplitude {name} is in no step; put it into the one that it belongs to"
         )
     if not mine:
         raise curve.error(f"no *BOUNDARY of a step uses amplitude {name}")
@@ -210,9 +204,7 @@ def _pushes(name: str, step: Step, users: list[Block]) -> Iterator[Push]:
             yield push
     if not found:
         where = next(user.where for user in users if user in step.block)
-        raise DeckError(
-            f"{where}: the magnitudes with amplitude {name} are 0: nothing would move"
-        )
+        raise DeckError(f"{where}: the magnitudes with amplitude {name} are 0: nothing would move")
 
 
 def _is_displacement(block: Block) -> bool:
@@ -247,9 +239,7 @@ def _factor(push: tuple[Push, ...]) -> float:
     return abs(first.magnitude)
 
 
-def _start_s(
-    blocks: Blocks, steps: list[Step], chosen: Step, *, needed: bool
-) -> float | None:
+def _start_s(blocks: Blocks, steps: list[Step], chosen: Step, *, needed: bool) -> float | None:
     try:
         for block in blocks.of("RESTART"):
             if block.option("READ") is not None:

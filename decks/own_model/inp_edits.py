@@ -31,9 +31,7 @@ def inserted(text: InpText, place: int, lines: list[str]) -> Edit:
     return Edit(place, place, new)
 
 
-def in_place_of(
-    text: InpText, card: Card, rows: list[Row], lines: list[str]
-) -> list[Edit]:
+def in_place_of(text: InpText, card: Card, rows: list[Row], lines: list[str]) -> list[Edit]:
     """Put `lines` where the first of a card's `rows` is; the others go.
 
     Comments between them stay. Without rows the lines follow the keyword line.
@@ -52,7 +50,4 @@ def in_place_of(
 
 def without(text: InpText, card: Card, rows: list[Row]) -> list[Edit]:
     """Take a card out: its keyword line and data; comments under it stay."""
-    return [
-        Edit(card.start, card.body),
-        *(Edit(row.start, row.stop) for row in rows),
-    ]
+    return [Edit(card.start, card.body), *(Edit(row.start, row.stop) for row in rows)]

@@ -16,9 +16,7 @@ from decks.own_model.inp_steps import MOVABLE, Step
 _DEFAULT_MOST = 100  # increments of a step without INC=, in ccx and in Abaqus
 
 
-def increment_edits(
-    drive: Drive, motion: Motion, *, abaqus: bool
-) -> tuple[list[Edit], list[str]]:
+def increment_edits(drive: Drive, motion: Motion, *, abaqus: bool) -> tuple[list[Edit], list[str]]:
     """Make the step's increments those of `motion`; also remarks on what was done.
 
     Raises
@@ -31,9 +29,7 @@ def increment_edits(
     edits, remarks = _limit(step, motion.increments)
     edits += _direct(procedure, abaqus)
     rows = procedure.rows()
-    line = ", ".join(
-        fixed(time_s, 7) for time_s in (motion.dt_s, motion.increments * motion.dt_s)
-    )
+    line = ", ".join(fixed(time_s, 7) for time_s in (motion.dt_s, motion.increments * motion.dt_s))
     text, card = procedure.text, procedure.card
     edits += in_place_of(text, card, rows[:1], [line])
     was = text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
@@ -75,8 +71,7 @@ def _procedure(step: Step, abaqus: bool) -> Block:
     for block in (step.head, procedure):
         if not block.own:
             raise block.error(
-                f"{block.title} of the waveform's step is in an included file; put "
-                "it into the deck"
+                f"{block.title} of the waveform's step is in an included file; put it into the deck"
             )
     return procedure
 

@@ -82,9 +82,7 @@ def _instance(block: Block, parts: dict[str, list[Block]], own: list[Block]) -> 
             number(words[1], text, row.line, blank=0.0),
         )
     turned = place_of(rows[1][0], rows[1][1].line) if len(rows) > 1 else ""
-    return Scope(
-        _as_written(block, "NAME"), (*parts.get(part, ()), *own), shift, turned
-    )
+    return Scope(_as_written(block, "NAME"), (*parts.get(part, ()), *own), shift, turned)
 
 
 def _as_written(block: Block, name: str) -> str:
@@ -111,20 +109,14 @@ def find_nodes(blocks: Blocks, scopes: list[Scope], nodes: list[int]) -> list[Pl
     for node, places in found.items():
         if not places:
             made = blocks.of(*_MAKERS)
-            hint = (
-                f"; {made[0].title}, {made[0].where}, is not followed" if made else ""
-            )
-            raise DeckError(
-                f"no *NODE of the deck defines node {node}{hint}{blocks.unread}"
-            )
+            hint = f"; {made[0].title}, {made[0].where}, is not followed" if made else ""
+            raise DeckError(f"no *NODE of the deck defines node {node}{hint}{blocks.unread}")
         if len(places) > 1:
             listed = ", ".join(
-                f"{place.instance or 'the assembly'} ({place.where})"
-                for place in places
+                f"{place.instance or 'the assembly'} ({place.where})" for place in places
             )
             raise DeckError(
-                f"node {node} is in several instances: {listed}; give one of them "
-                "another number"
+                f"node {node} is in several instances: {listed}; give one of them another number"
             )
     return [found[node][0] for node in nodes]
 
@@ -141,8 +133,7 @@ def _nodes_in(scope: Scope, nodes: list[int]) -> Iterator[Place]:
                 abs(before.x - place.x), abs(before.y - place.y)
             ) > _SAME * (abs(place.x) + abs(place.y)):
                 raise DeckError(
-                    f"{place.where}: node {place.node} again, elsewhere than at "
-                    f"{before.where}"
+                    f"{place.where}: node {place.node} again, elsewhere than at {before.where}"
                 )
             found[place.node] = place
     system = [block for block in scope.block if block.keyword == "SYSTEM"]
@@ -173,8 +164,7 @@ def _defined(block: Block, nodes: list[int]) -> Iterator[Place]:
             system = block.word("SYSTEM")
             if system not in ("", "R"):
                 raise block.error(
-                    f"*NODE, SYSTEM={system}: node {row.words[0]} is not in "
-                    "rectangular coordinates"
+                    f"*NODE, SYSTEM={system}: node {row.words[0]} is not in rectangular coordinates"
                 )
             yield _place(piece.text, row)
 
@@ -182,6 +172,4 @@ def _defined(block: Block, nodes: list[int]) -> Iterator[Place]:
 def _place(text: InpText, row: Row) -> Place:
     words = (*row.words, "", "")
     x, y = (number(word, text, row.line, blank=0.0) for word in words[1:3])
-    return Place(
-        whole(row.words[0], text, row.line), x, y, "", place_of(text, row.line)
-    )
+    return Place(whole(row.words[0], text, row.line), x, y, "", place_of(text, row.line))

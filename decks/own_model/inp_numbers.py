@@ -25,9 +25,7 @@ def number(word: str, text: InpText, line: int, *, blank: float | None = None) -
         value = float(packed.upper().replace("D", "E"))
         if math.isfinite(value):
             return value
-    raise DeckError(
-        f"{place_of(text, line)}: {word.strip()[:40]!r} where a number is expected"
-    )
+    raise DeckError(f"{place_of(text, line)}: {word.strip()[:40]!r} where a number is expected")
 
 
 def whole(word: str, text: InpText, line: int, *, blank: int | None = None) -> int:
@@ -44,6 +42,5 @@ def whole(word: str, text: InpText, line: int, *, blank: int | None = None) -> i
     if packed.isascii() and packed.isdigit() and len(packed) <= 10:
         return int(packed)
     raise DeckError(
-        f"{place_of(text, line)}: {word.strip()[:40]!r} where a whole number is "
-        "expected"
+        f"{place_of(text, line)}: {word.strip()[:40]!r} where a whole number is expected"
     )

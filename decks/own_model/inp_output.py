@@ -9,11 +9,7 @@ from collections.abc import Mapping
 from decks.own_model.inp_abaqus_output import abaqus_request, abaqus_requests
 from decks.own_model.inp_around import elements_around
 from decks.own_model.inp_blocks import Block, Blocks
-from decks.own_model.inp_calculix_output import (
-    calculix_request,
-    calculix_requests,
-    steps_to_write,
-)
+from decks.own_model.inp_calculix_output import calculix_request, calculix_requests, steps_to_write
 from decks.own_model.inp_drive import Drive
 from decks.own_model.inp_edits import Edit, inserted, without
 from decks.own_model.inp_nodes import Place, Scope
@@ -64,9 +60,7 @@ def _replaced(step: Step, gone: list[Block], request: list[str], what: str) -> C
                 f"{block.title} of {step.name} is in an included file, and its output "
                 "has to be changed; put it into the deck"
             )
-    edits = [
-        edit for block in gone for edit in without(block.text, block.card, block.rows())
-    ]
+    edits = [edit for block in gone for edit in without(block.text, block.card, block.rows())]
     edits.append(inserted(step.end.text, step.end.card.start, request))
     removed = ", ".join(f"{block.title} ({block.where})" for block in gone)
     instead = f", in place of {removed}" if removed else ""
@@ -74,11 +68,7 @@ def _replaced(step: Step, gone: list[Block], request: list[str], what: str) -> C
 
 
 def _sets(
-    blocks: Blocks,
-    drive: Drive,
-    scopes: list[Scope],
-    places: Mapping[str, Place],
-    abaqus: bool,
+    blocks: Blocks, drive: Drive, scopes: list[Scope], places: Mapping[str, Place], abaqus: bool
 ) -> Change:
     if not places:
         return [], []
@@ -93,8 +83,6 @@ def _sets(
     text, place = set_place(blocks, drive.steps[0].head, in_assembly)
     line = text.data.count(b"\n", 0, place) + 1
     # A node set and an element set may share a name.
-    names = dict.fromkeys(
-        each.split("=")[1].split(",")[0] for each in lines if "=" in each
-    )
+    names = dict.fromkeys(each.split("=")[1].split(",")[0] for each in lines if "=" in each)
     told = f"line {line}: before it, sets {', '.join(names)}"
     return [inserted(text, place, lines)], [told]

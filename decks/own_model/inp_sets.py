@@ -41,9 +41,7 @@ def afferent_set(name: str) -> str:
     return f"AFFERENT_{name.upper()}"
 
 
-def node_set_lines(
-    outside: tuple[Block, ...], places: Mapping[str, Place]
-) -> list[str]:
+def node_set_lines(outside: tuple[Block, ...], places: Mapping[str, Place]) -> list[str]:
     """Give the cards of those sets that are not there yet.
 
     `outside` are the cards beyond all parts and instances, `places` the node of
@@ -63,18 +61,14 @@ def node_set_lines(
     return lines + set_lines("NSET", OUTPUT_SET, _by_instance(places), outside)
 
 
-def set_lines(
-    keyword: str, name: str, members: Members, outside: tuple[Block, ...]
-) -> list[str]:
+def set_lines(keyword: str, name: str, members: Members, outside: tuple[Block, ...]) -> list[str]:
     """Give the cards of a set, none where the deck has it as it should be."""
     there = [block for block in outside if block.word(keyword) == name]
     there = [block for block in there if block.keyword != "ELEMENTOUTPUT"]
     there = [b for b in there if b.keyword in (keyword, "NODE", "ELEMENT")]
     if there:
         wanted = {
-            (squeezed(instance), number)
-            for instance, some in members.items()
-            for number in some
+            (squeezed(instance), number) for instance, some in members.items() for number in some
         }
         if _held(keyword, there) != wanted:
             raise there[0].error(

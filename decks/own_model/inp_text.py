@@ -159,9 +159,7 @@ def _up_to(card: Card, stop: int) -> Card:
     return replace(card, stop=stop)
 
 
-def _head_lines(
-    text: InpText, start: int, stop: int, abaqus: bool
-) -> list[tuple[int, int]]:
+def _head_lines(text: InpText, start: int, stop: int, abaqus: bool) -> list[tuple[int, int]]:
     """Give the lines of a keyword: the first one, and those that continue it."""
     lines = text.lines(start, stop)
     head = [next(lines)]

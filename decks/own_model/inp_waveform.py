@@ -12,9 +12,7 @@ _VALUE_DIGITS = 9
 _AXES = " xyz"
 
 
-def waveform_edits(
-    drive: Drive, motion: Motion, length_mm: float
-) -> tuple[list[Edit], list[str]]:
+def waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> tuple[list[Edit], list[str]]:
     """Put `motion` into the amplitude; also remarks on what was done.
 
     An amplitude that counts total time begins where the step does, and holds 0
@@ -51,9 +49,7 @@ def _remarks(drive: Drive, motion: Motion, length_mm: float, rows: int) -> list[
     signs = {push.magnitude > 0 for push in drive.push}
     for push in drive.push if len(signs) > 1 else (first,):
         sign = "+" if push.magnitude > 0 else "-"
-        remarks.append(
-            f"{push.where}: depth moves {push.what} along {sign}{_AXES[push.axis]}"
-        )
+        remarks.append(f"{push.where}: depth moves {push.what} along {sign}{_AXES[push.axis]}")
     if drive.factor != 1:
         remarks.append(
             f"{first.where}: magnitude {first.magnitude:g}: the waveform is divided by "
@@ -62,9 +58,7 @@ def _remarks(drive: Drive, motion: Motion, length_mm: float, rows: int) -> list[
     if length_mm != 1:
         remarks.append(f"one length unit of the deck is {length_mm:g} mm")
     if drive.start_s is None:
-        remarks.append(
-            f"{drive.step.head.where}: at what total time the step begins is not known"
-        )
+        remarks.append(f"{drive.step.head.where}: at what total time the step begins is not known")
     elif drive.start_s > 0:
         before = "; the amplitude is 0 before" if drive.total_time else ""
         remarks.append(

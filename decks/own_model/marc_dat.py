@@ -16,12 +16,7 @@ from decks.motion import Motion
 from decks.own_model.marc_drive import driving_table, one_factor
 from decks.own_model.marc_edits import Edits, reals_line, set_integer
 from decks.own_model.marc_output import set_output
-from decks.own_model.marc_steps import (
-    ChosenCase,
-    acting_drives,
-    choose_case,
-    set_increments,
-)
+from decks.own_model.marc_steps import ChosenCase, acting_drives, choose_case, set_increments
 from decks.own_model.request import Rebased, Request
 from fembridge.errors import DeckError
 
@@ -56,18 +51,10 @@ def rebase_marc(
     drives = acting_drives(chosen, drives)
     factor = one_factor(table, drives)
     edits = Edits(data)
-    remarks = [
-        *deck.remarks,
-        f"{table.line.place}: table {table.name!r} is the waveform",
-    ]
-    remarks += [
-        f"{use.line.place}: it drives {use.what}, factor {use.value:g}"
-        for use in drives
-    ]
+    remarks = [*deck.remarks, f"{table.line.place}: table {table.name!r} is the waveform"]
+    remarks += [f"{use.line.place}: it drives {use.what}, factor {use.value:g}" for use in drives]
     if factor != 1.0:
-        remarks.append(
-            f"{drives[0].line.place}: the table holds depth divided by {factor:g}"
-        )
+        remarks.append(f"{drives[0].line.place}: the table holds depth divided by {factor:g}")
     remarks += _set_points(edits, table, motion, chosen, request.length_mm * factor)
     remarks += set_increments(edits, deck, chosen, motion)
     remarks += set_output(edits, deck, chosen.case.number, request.results)
@@ -81,11 +68,7 @@ def rebase_marc(
 
 
 def _set_points(
-    edits: Edits,
-    table: Table,
-    motion: Motion,
-    chosen: ChosenCase,
-    unit_mm: float,
+    edits: Edits, table: Table, motion: Motion, chosen: ChosenCase, unit_mm: float
 ) -> list[str]:
     """Put time and depth into the table, from when the load case starts."""
     times_s = (motion.time_s + chosen.start_s).tolist()

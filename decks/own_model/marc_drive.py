@@ -9,12 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from decks.marc_grammar.conditions import FIXED_DISPLACEMENT, conditions
-from decks.marc_grammar.contact import (
-    POSITION,
-    TRANSLATIONS,
-    contact,
-    interactions,
-)
+from decks.marc_grammar.contact import POSITION, TRANSLATIONS, contact, interactions
 from decks.marc_grammar.deck import MarcDeck
 from decks.marc_grammar.line import Line
 from decks.marc_grammar.material import isotropic
@@ -106,9 +101,7 @@ def _condition_uses(deck: MarcDeck) -> Iterator[Use]:
         what = f"`{each.family}` {each.name!r}"
         moves = each.family == FIXED_DISPLACEMENT
         directions = each.directions or (0,) * len(each.values)
-        for value, table, direction in zip(
-            each.values, each.tables, directions, strict=True
-        ):
+        for value, table, direction in zip(each.values, each.tables, directions, strict=True):
             if not table or (moves and not value):
                 continue
             turns = direction > TRANSLATIONS
@@ -120,9 +113,7 @@ def _condition_uses(deck: MarcDeck) -> Iterator[Use]:
 def _body_uses(deck: MarcDeck) -> Iterator[Use]:
     found = contact(deck)
     for body in found.bodies if found is not None else ():
-        for row, (value, table) in enumerate(
-            zip(body.motion, body.motion_table, strict=True)
-        ):
+        for row, (value, table) in enumerate(zip(body.motion, body.motion_table, strict=True)):
             if not table or not value:
                 continue
             moves = body.control == POSITION and row < TRANSLATIONS
@@ -178,8 +169,7 @@ def _check_kind(table: Table) -> None:
         )
     if table.variables[0] != TIME:
         raise table.rows[1].refuse(
-            f"table {table.name!r} is of variable type {table.variables[0]}, expected "
-            f"{TIME}, time"
+            f"table {table.name!r} is of variable type {table.variables[0]}, expected {TIME}, time"
         )
 
 

@@ -14,9 +14,7 @@ _FORMATTED = {"binary": 0, "text": 1, "both": BOTH}
 _HEAD = (len(_WANTED), 16, 17, 0, 0, 19, 20, 0, 1, 0, 0, 0, 0, 0, 0, 0)
 
 
-def set_output(
-    edits: Edits, deck: MarcDeck, case: int, results: str | None
-) -> list[str]:
+def set_output(edits: Edits, deck: MarcDeck, case: int, results: str | None) -> list[str]:
     """Ask for stress and von Mises stress at every increment; tell what was done.
 
     `case` is the load case of the waveform. `results` is "binary", "text", "both" or

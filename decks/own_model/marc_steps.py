@@ -39,9 +39,7 @@ class ChosenCase:
         return f"load case {self.case.number}{named}"
 
 
-def choose_case(
-    deck: MarcDeck, wanted: str | None, drives: tuple[Use, ...]
-) -> ChosenCase:
+def choose_case(deck: MarcDeck, wanted: str | None, drives: tuple[Use, ...]) -> ChosenCase:
     """Give the load case that is wanted, or the only one in which there is motion.
 
     Raises
@@ -75,9 +73,7 @@ def acting_drives(chosen: ChosenCase, drives: tuple[Use, ...]) -> tuple[Use, ...
     return _acting(chosen.case, drives)
 
 
-def set_increments(
-    edits: Edits, deck: MarcDeck, chosen: ChosenCase, motion: Motion
-) -> list[str]:
+def set_increments(edits: Edits, deck: MarcDeck, chosen: ChosenCase, motion: Motion) -> list[str]:
     """Make the load case `motion.increments` of `motion.dt_s`; tell what was done.
 
     Raises
@@ -94,10 +90,7 @@ def set_increments(
         told = f"{option.head.place}: {chosen.told}: {counted}"
     elif option.keyword == ADAPTIVE:
         _replace_adaptive(edits, deck, chosen.case, option, motion)
-        told = (
-            f"{option.head.place}: {chosen.told}: `{ADAPTIVE}` became `{FIXED}`, "
-            f"{counted}"
-        )
+        told = f"{option.head.place}: {chosen.told}: `{ADAPTIVE}` became `{FIXED}`, {counted}"
     else:
         raise option.head.refuse(
             f"{chosen.told} steps by `{option.keyword}`, which is not changed here; "
@@ -134,8 +127,7 @@ def _unclear(
 ) -> DeckError:
     if len(moving) > 1:
         return moving[1].line.refuse(
-            f"{len(moving)} load cases have increments and this motion; name one: "
-            f"{_listed(moving)}"
+            f"{len(moving)} load cases have increments and this motion; name one: {_listed(moving)}"
         )
     if not possible:
         return _refuse(deck, f"no load case has increments; there: {_listed(cases)}")
@@ -144,9 +136,7 @@ def _unclear(
     )
 
 
-def _set_time_step(
-    edits: Edits, case: LoadCase, option: Option, motion: Motion
-) -> None:
+def _set_time_step(edits: Edits, case: LoadCase, option: Option, motion: Motion) -> None:
     step = case.time_step
     if step is None:
         like = option.data[0].text
@@ -162,8 +152,7 @@ def _set_time_step(
         edits.replace(line, with_first_real(line.text, step.layout, motion.dt_s))
     except ValueError:
         raise line.refuse(
-            f"{motion.dt_s!r} does not fit into ten columns; put a comma behind the "
-            "number"
+            f"{motion.dt_s!r} does not fit into ten columns; put a comma behind the number"
         ) from None
 
 
@@ -189,9 +178,7 @@ def _replace_adaptive(
         edits.replace(row)
 
 
-def _raise_limits(
-    edits: Edits, deck: MarcDeck, chosen: ChosenCase, motion: Motion
-) -> list[str]:
+def _raise_limits(edits: Edits, deck: MarcDeck, chosen: ChosenCase, motion: Motion) -> list[str]:
     """Let ``control`` allow all increments; whether it counts a case or all is open."""
     needed = motion.increments + sum(each.increments or 0 for each in chosen.before)
     told = []
@@ -202,10 +189,7 @@ def _raise_limits(
         most = _first_integer(option)
         if 0 < most < needed:
             set_integer(edits, line, option.layout, 0, MANY_INCREMENTS)
-            told.append(
-                f"{line.place}: `control` allowed {most} increments, now "
-                f"{MANY_INCREMENTS}"
-            )
+            told.append(f"{line.place}: `control` allowed {most} increments, now {MANY_INCREMENTS}")
     return told
 
 

@@ -39,9 +39,7 @@ class Request:
         if not (math.isfinite(self.length_mm) and self.length_mm > 0):
             raise DeckError(f"length_mm must be > 0, got {self.length_mm}")
         if self.results not in (None, *RESULTS):
-            raise DeckError(
-                f"results {self.results!r}, expected one of {', '.join(RESULTS)}"
-            )
+            raise DeckError(f"results {self.results!r}, expected one of {', '.join(RESULTS)}")
         for name, node in self.afferents.items():
             if node < 1:
                 raise DeckError(f"afferent {name}: a node is from 1, got {node}")

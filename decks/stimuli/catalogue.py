@@ -13,11 +13,7 @@ and ``sine_100_85.98``, see :mod:`decks.stimuli.appendix`.
 from collections.abc import Callable, Iterable
 from typing import NoReturn
 
-from decks.stimuli.appendix import (
-    DIHARMONIC_AMPLITUDES_UM,
-    NOISE_RMS_UM,
-    SINE_AMPLITUDES_UM,
-)
+from decks.stimuli.appendix import DIHARMONIC_AMPLITUDES_UM, NOISE_RMS_UM, SINE_AMPLITUDES_UM
 from decks.stimuli.entry import Diharmonic, Entry, Noise, Sine, number_text
 from fembridge.errors import StimulusError
 
@@ -28,11 +24,7 @@ CATALOGUE: tuple[Entry, ...] = (
         for (f1, f2), levels in DIHARMONIC_AMPLITUDES_UM.items()
         for a1, a2 in levels
     ),
-    *(
-        Noise(low, high, a)
-        for (low, high), levels in NOISE_RMS_UM.items()
-        for a in levels
-    ),
+    *(Noise(low, high, a) for (low, high), levels in NOISE_RMS_UM.items() for a in levels),
 )
 """Appendices A, B and C in the order they are printed."""
 
@@ -44,11 +36,7 @@ _COMPLETE = {
     "noise": "noise_LOW_HIGH_RMS, as in noise_30_200_7",
 }
 _MOST_NUMBERS = {"sine": 2, "diharm": 4, "noise": 3}
-_FAMILIES: dict[str, Callable[..., Entry]] = {
-    "sine": Sine,
-    "diharm": Diharmonic,
-    "noise": Noise,
-}
+_FAMILIES: dict[str, Callable[..., Entry]] = {"sine": Sine, "diharm": Diharmonic, "noise": Noise}
 
 
 def resolve(words: str | Iterable[str]) -> tuple[Entry, ...]:
@@ -84,9 +72,7 @@ def _named(name: str) -> tuple[Entry, ...]:
     except ValueError:
         _refuse(name)
     if len(numbers) > _MOST_NUMBERS[family]:
-        raise StimulusError(
-            f"{name!r} has too many numbers; expected {_COMPLETE[family]}"
-        )
+        raise StimulusError(f"{name!r} has too many numbers; expected {_COMPLETE[family]}")
     if len(numbers) == _MOST_NUMBERS[family]:
         try:
             return (_FAMILIES[family](*numbers),)
@@ -95,8 +81,7 @@ def _named(name: str) -> tuple[Entry, ...]:
     level = tuple(
         entry
         for entry in CATALOGUE
-        if entry.family == family
-        and tuple(entry.numbers().values())[: len(numbers)] == numbers
+        if entry.family == family and tuple(entry.numbers().values())[: len(numbers)] == numbers
     )
     if not level:
         _refuse_incomplete(name, family, numbers)
@@ -105,9 +90,7 @@ def _named(name: str) -> tuple[Entry, ...]:
 
 def _refuse_incomplete(name: str, family: str, numbers: tuple[float, ...]) -> NoReturn:
     """Tell which numbers the appendix has at the place where it has not this one."""
-    known = [
-        tuple(entry.numbers().values()) for entry in CATALOGUE if entry.family == family
-    ]
+    known = [tuple(entry.numbers().values()) for entry in CATALOGUE if entry.family == family]
     place = 0
     while any(row[: place + 1] == numbers[: place + 1] for row in known):
         place += 1

@@ -10,11 +10,7 @@ from decks.stimuli.appendix import MISPRINT_NOTE
 from decks.stimuli.catalogue import CATALOGUE, set_name
 from decks.stimuli.entry import Diharmonic, Entry, Noise, Sine, number_text
 
-TITLES = {
-    "sine": "Sinusoids",
-    "diharm": "Diharmonics",
-    "noise": "Band-pass noises",
-}
+TITLES = {"sine": "Sinusoids", "diharm": "Diharmonics", "noise": "Band-pass noises"}
 LEVELS = {
     "sine": "zero-to-peak amplitudes",
     "diharm": "zero-to-peak amplitudes, component 1 + component 2",
@@ -60,10 +56,7 @@ def to_record(entry: Entry) -> dict[str, object]:
     record |= entry.numbers()
     if isinstance(entry, Noise):
         record["seed"] = entry.seed
-    return record | {
-        "window_ms": list(entry.window_ms),
-        "in_appendix": entry.in_appendix,
-    }
+    return record | {"window_ms": list(entry.window_ms), "in_appendix": entry.in_appendix}
 
 
 def _set_line(name: str, entries: Sequence[Entry]) -> str:

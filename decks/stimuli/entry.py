@@ -12,11 +12,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar, TypeAlias
 
-from decks.stimuli.appendix import (
-    DIHARMONIC_AMPLITUDES_UM,
-    NOISE_RMS_UM,
-    SINE_AMPLITUDES_UM,
-)
+from decks.stimuli.appendix import DIHARMONIC_AMPLITUDES_UM, NOISE_RMS_UM, SINE_AMPLITUDES_UM
 from fembridge.errors import StimulusError
 
 DT_MS = 0.5  # the time increment of the paper, section 2
@@ -175,11 +171,7 @@ class Noise:
 
     def numbers(self) -> dict[str, float]:
         """Every number of the stimulus by its name, in the order of the id."""
-        return {
-            "low_hz": self.low_hz,
-            "high_hz": self.high_hz,
-            "rms_um": self.rms_um,
-        }
+        return {"low_hz": self.low_hz, "high_hz": self.high_hz, "rms_um": self.rms_um}
 
 
 Entry: TypeAlias = Sine | Diharmonic | Noise
@@ -207,20 +199,16 @@ def _check_amplitude(entry: Entry, name: str, amplitude_um: float) -> None:
     _check(entry, name, amplitude_um)
     if amplitude_um > MAX_AMPLITUDE_UM:
         raise StimulusError(
-            f"{name} of a {entry.family} must be at most {MAX_AMPLITUDE_UM:g}, "
-            f"got {amplitude_um:g}"
+            f"{name} of a {entry.family} must be at most {MAX_AMPLITUDE_UM:g}, got {amplitude_um:g}"
         )
 
 
 def _check(entry: Entry, name: str, number: float) -> None:
     if not (isfinite(number) and number > 0):
-        raise StimulusError(
-            f"{name} of a {entry.family} must be > 0 and finite, got {number:g}"
-        )
+        raise StimulusError(f"{name} of a {entry.family} must be > 0 and finite, got {number:g}")
     millionths = min(number, _MOST) * 10**DECIMALS
     if abs(millionths - round(millionths)) > 1e-3:
         raise StimulusError(
-            f"{name} of a {entry.family} must have at most {DECIMALS} decimals, "
-            f"got {number!r}"
+            f"{name} of a {entry.family} must have at most {DECIMALS} decimals, got {number!r}"
         )
     object.__setattr__(entry, name, round(float(number), DECIMALS))

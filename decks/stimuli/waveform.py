@@ -37,9 +37,7 @@ MARGIN_SAMPLES = 4000
 after that the slowest band of the catalogue has forgotten the seam to 1e-7."""
 
 
-def make_stimulus(
-    entry: Entry, preindent_um: float = 0.0, seed: int | None = None
-) -> Stimulus:
+def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = None) -> Stimulus:
     """Displacement of the probe for `entry`.
 
     Parameters
@@ -66,8 +64,7 @@ def make_stimulus(
     """
     if not 0 <= preindent_um <= MAX_AMPLITUDE_UM:
         raise StimulusError(
-            f"{entry.id}: preindent_um must be from 0 to {MAX_AMPLITUDE_UM:g}, "
-            f"got {preindent_um:g}"
+            f"{entry.id}: preindent_um must be from 0 to {MAX_AMPLITUDE_UM:g}, got {preindent_um:g}"
         )
     preindent_um = round(preindent_um, DECIMALS)
     origin: dict[str, object] = {"family": entry.family, **entry.numbers()}
@@ -119,9 +116,7 @@ def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
     return wave
 
 
-def butterworth_power(
-    frequency_hz: FloatArray, low_hz: float, high_hz: float
-) -> FloatArray:
+def butterworth_power(frequency_hz: FloatArray, low_hz: float, high_hz: float) -> FloatArray:
     """Power gain ``|H|^2`` of the digital Butterworth band, same shape as input.
 
     The bilinear transform maps f to ``W = tan(pi f / fs)``; the prototype's

@@ -33,9 +33,7 @@ EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add_stimulus_options(parser)
-    parser.add_argument(
-        "--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)"
-    )
+    parser.add_argument("--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)")
     add_output_option(parser, default="runs")
     _add_deck_options(parser.add_argument_group("the deck of our finger"))
     add_own_model_options(parser.add_argument_group("your own model"))
@@ -62,14 +60,11 @@ def _add_deck_options(group: argparse._ActionsContainer) -> None:
         metavar="K",
         help="of the contact's springs (default: 200; Marc has none)",
     )
-    group.add_argument(
-        "--friction", type=float, default=0.4, metavar="MU", help="default: 0.4"
-    )
+    group.add_argument("--friction", type=float, default=0.4, metavar="MU", help="default: 0.4")
     group.add_argument(
         "--results",
         choices=RESULTS,
-        help="what the solver writes (default: binary, float64; Marc: both .t16 and "
-        ".t19)",
+        help="what the solver writes (default: binary, float64; Marc: both .t16 and .t19)",
     )
     group.add_argument(
         "--ascii",
@@ -123,11 +118,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rows = []
     for stimulus in stimuli:
         built = build_run_folder(
-            Path(args.output) / stimulus.id,
-            model,
-            stimulus,
-            solver=solver,
-            options=options,
+            Path(args.output) / stimulus.id, model, stimulus, solver=solver, options=options
         )
         rows.append(told(args, stimulus.id, built))
     if dialect.how_to_run and not args.json:

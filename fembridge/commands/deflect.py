@@ -36,14 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source.add_argument(
         "--solver", choices=("run",), help="solve it here, and compare with the stored"
     )
-    source.add_argument(
-        "--stored", action="store_true", help="take what is stored (the default)"
-    )
+    source.add_argument("--stored", action="store_true", help="take what is stored (the default)")
     parser.add_argument(
-        "--depth-mm",
-        type=float,
-        metavar="D",
-        help="how deep, where it is solved (default: 1)",
+        "--depth-mm", type=float, metavar="D", help="how deep, where it is solved (default: 1)"
     )
     parser.add_argument(
         "--threads",
@@ -146,9 +141,7 @@ def _compare(solved: "Deflection", stored: "Deflection") -> None:
     if solved.depth_mm != stored.depth_mm:
         return
     differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
-    print(
-        f"solved here and stored differ by {differ_um:.2g} um at most", file=sys.stderr
-    )
+    print(f"solved here and stored differ by {differ_um:.2g} um at most", file=sys.stderr)
 
 
 def _rows(shown: "Sequence[Deflection]") -> list[dict[str, Any]]:

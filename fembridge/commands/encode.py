@@ -67,38 +67,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="backward",
         help="scheme of the stress derivatives (default: backward)",
     )
-    parser.add_argument(
-        "--no-raster", action="store_true", help="write the tables alone"
-    )
+    parser.add_argument("--no-raster", action="store_true", help="write the tables alone")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode, write, and tell the rate of each afferent."""
     from fembridge.simulation import trains_of
     from fembridge.tables import Rate, read_traces
-    from neural import (
-        encode_cells,
-        mean_rate_ips,
-        parameter_set_or_file,
-        spikes_inside,
-    )
+    from neural import encode_cells, mean_rate_ips, parameter_set_or_file, spikes_inside
 
     chosen = parameter_set_or_file(args.parameters)
     parameters = chosen.parameters
     traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
     _refuse_energy(chosen, traces)
-    windows_ms = {
-        name: _window(name, trace, args.window_ms) for name, trace in traces.items()
-    }
+    windows_ms = {name: _window(name, trace, args.window_ms) for name, trace in traces.items()}
     stimulus = args.stimulus or args.traces.stem
     trains, rates, afferents = [], [], {}
     for name, trace in traces.items():
         [cells_ms] = encode_cells(
-            trace.stress_pa,
-            trace.dt_ms,
-            parameters[name],
-            trace.start_ms,
-            args.derivative,
+            trace.stress_pa, trace.dt_ms, parameters[name], trace.start_ms, args.derivative
         )
         rate = Rate(stimulus, name, mean_rate_ips(cells_ms, windows_ms[name]))
         trains.extend(trains_of(stimulus, name, cells_ms))
@@ -116,10 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     files = _write(args, list(traces.values()), trains, rates)
     _tell_unloaded(chosen, list(traces.values()))
     if args.window_ms is None:
-        print(
-            "rates over the whole trace; narrow it with --window-ms START END",
-            file=sys.stderr,
-        )
+        print("rates over the whole trace; narrow it with --window-ms START END", file=sys.stderr)
     if not args.json:
         _print_table(afferents)
         print(*files, sep="\n")

@@ -60,12 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             tell(line_of(fit))
 
         made = fit_afferents(
-            observed,
-            source.response,
-            drives,
-            settings,
-            on_progress=bar,
-            on_fit=on_fit,
+            observed, source.response, drives, settings, on_progress=bar, on_fit=on_fit
         )
     output = Path(args.output)
     files = _write(output, made, args, observed, source)
@@ -135,10 +130,7 @@ def drives_from(
             known = ", ".join(DRIVES[args.drive])
             tell(f"{', '.join(lacking)} left out: drive {args.drive!r} is of {known}")
     try:
-        return {
-            name: drive_named(args.drive or DEFAULT_DRIVES[name], name)
-            for name in classes
-        }
+        return {name: drive_named(args.drive or DEFAULT_DRIVES[name], name) for name in classes}
     except ParameterError as error:
         raise UsageError(str(error)) from error
 

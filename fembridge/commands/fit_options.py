@@ -50,8 +50,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
         "--family",
         choices=("sine", "diharm", "noise", EVERY),
         default="sine",
-        help="stimuli to fit; the others of the table are judged, unseen "
-        "(default: sine)",
+        help="stimuli to fit; the others of the table are judged, unseen (default: sine)",
     )
     parser.add_argument(
         "--evaluations",
@@ -67,9 +66,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="candidates of a generation (default: %(default)d)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="default: %(default)d"
-    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)d")
     parser.add_argument(
         "--rule",
         choices=tuple(RULES),
@@ -123,10 +120,7 @@ def drives_text() -> str:
                 ("reason", drive.reason),
             ):
                 lines += textwrap.wrap(
-                    told,
-                    width=88,
-                    initial_indent=f"  {word:<10}",
-                    subsequent_indent=" " * 12,
+                    told, width=88, initial_indent=f"  {word:<10}", subsequent_indent=" " * 12
                 )
             lines.append("")
     return "\n".join(lines[:-1])

@@ -49,9 +49,7 @@ def show_deck(path: Path, held: dict[str, Any]) -> None:
         if isinstance(value, list):
             for one in value:
                 print(f"  {one_of}: {_in_words(one, ', ')}")
-        elif isinstance(value, dict) and any(
-            isinstance(x, dict) for x in value.values()
-        ):
+        elif isinstance(value, dict) and any(isinstance(x, dict) for x in value.values()):
             for key, one in value.items():
                 print(f"  {one_of} {key}: {_in_words(one, ', ')}")
         elif name == "elements":
@@ -80,13 +78,9 @@ def _in_words(value: object, between: str) -> str:
 
 def _show_results(held: dict[str, Any]) -> None:
     types = ", ".join(
-        f"{count} of type {number}"
-        for number, count in held.get("element_types", {}).items()
+        f"{count} of type {number}" for number, count in held.get("element_types", {}).items()
     )
-    print(
-        f"  mesh: {held['mesh_nodes']} nodes, {held['elements']} elements"
-        f"{types and ': '}{types}"
-    )
+    print(f"  mesh: {held['mesh_nodes']} nodes, {held['elements']} elements{types and ': '}{types}")
     if held.get("codes"):
         print(f"  element post codes: {', '.join(map(str, held['codes']))}")
     if held["materials"]:

@@ -59,12 +59,7 @@ def point(text: str) -> tuple[int, int]:
 
 def _add_nodes(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--node",
-        type=int,
-        nargs="+",
-        action="extend",
-        metavar="N",
-        help="nodes by number",
+        "--node", type=int, nargs="+", action="extend", metavar="N", help="nodes by number"
     )
     group.add_argument(
         "--set",
@@ -136,10 +131,7 @@ def _add_fields(group: argparse._ArgumentGroup) -> None:
         help="which increment, or mode, --field takes (default: last)",
     )
     group.add_argument(
-        "--vtu",
-        type=Path,
-        metavar="FOLDER",
-        help="every increment as VTU, and a PVD, for ParaView",
+        "--vtu", type=Path, metavar="FOLDER", help="every increment as VTU, and a PVD, for ParaView"
     )
     group.add_argument(
         "--derived",
@@ -168,9 +160,7 @@ def _add_prints(group: argparse._ArgumentGroup) -> None:
         help="stress traces at integration points, which no averaging has touched; "
         "in the table their node is ELEMENT times 100 plus POINT",
     )
-    group.add_argument(
-        "--print-set", metavar="NAME", help="of which set, if several are printed"
-    )
+    group.add_argument("--print-set", metavar="NAME", help="of which set, if several are printed")
 
 
 def kind_of(args: argparse.Namespace, path: Path, printed: bool) -> str:

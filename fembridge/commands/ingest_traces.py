@@ -5,13 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.ingest_words import (
-    listed,
-    options_of,
-    stress_unit_of,
-    teller,
-    unit_words,
-)
+from fembridge.commands.ingest_words import listed, options_of, stress_unit_of, teller, unit_words
 
 if TYPE_CHECKING:
     from fembridge.results.one_sided import OneSidedStress
@@ -70,20 +64,13 @@ def sides(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     """Write the stress at nodes as each layer there has it."""
     from fembridge.results.one_sided import write_sides
 
-    found = [
-        side
-        for node in dict.fromkeys(args.node)
-        for side in _sides_of(args, path, node)
-    ]
+    found = [side for node in dict.fromkeys(args.node) for side in _sides_of(args, path, node)]
     output: Path = args.output or Path(f"{path.stem}_sides.csv")
     write_sides(output, found)
     if not args.json:
         print(f"{output}: {len(found)} sides; {unit_words(args, path, True)}")
         for side in found:
-            print(
-                f"  node {side.node} in {side.name}: "
-                f"peak {side.von_mises_pa.max():.6g} Pa"
-            )
+            print(f"  node {side.node} in {side.name}: peak {side.von_mises_pa.max():.6g} Pa")
     return {
         "output": str(output),
         "stress_unit": stress_unit_of(args, path),
@@ -99,9 +86,7 @@ def sides(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     }
 
 
-def _sides_of(
-    args: argparse.Namespace, path: Path, node: int
-) -> "tuple[OneSidedStress, ...]":
+def _sides_of(args: argparse.Namespace, path: Path, node: int) -> "tuple[OneSidedStress, ...]":
     from fembridge.errors import UsageError
     from fembridge.results import reader_of
 
@@ -110,16 +95,12 @@ def _sides_of(
         from fembridge.results.marc import read_one_sided
 
         if args.one_sided:
-            raise UsageError(
-                "--one-sided of a Marc post file takes no name: it has all elements"
-            )
+            raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
         return read_one_sided(path, node, options)
     from fembridge.results.one_sided import one_sided_stress
 
     if not args.one_sided:
-        raise UsageError(
-            "--one-sided takes the element set that the .dat beside a .frd prints"
-        )
+        raise UsageError("--one-sided takes the element set that the .dat beside a .frd prints")
     return one_sided_stress(path, node, args.one_sided, options=options)
 
 

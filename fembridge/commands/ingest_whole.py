@@ -4,12 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.ingest_words import (
-    options_of,
-    stress_unit_of,
-    teller,
-    unit_words,
-)
+from fembridge.commands.ingest_words import options_of, stress_unit_of, teller, unit_words
 
 
 def table(args: argparse.Namespace, path: Path) -> dict[str, Any]:
@@ -46,12 +41,7 @@ def plot_table(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     rows = write_history_table(path, output)
     if not args.json:
         print(f"{output}: {rows} rows of {', '.join(columns)}; numbers as in the file")
-    return {
-        "output": str(output),
-        "format": "mentat-plot",
-        "rows": rows,
-        "columns": columns,
-    }
+    return {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
 
 
 def field(args: argparse.Namespace, path: Path) -> dict[str, Any]:
@@ -60,9 +50,7 @@ def field(args: argparse.Namespace, path: Path) -> dict[str, Any]:
 
     found = read_field(path, args.field, args.increment, options_of(args, path))
     name = found.name.lower().replace(" ", "_")
-    output: Path = args.output or Path(
-        f"{path.stem}_{name}_{found.step}_{found.increment}.npz"
-    )
+    output: Path = args.output or Path(f"{path.stem}_{name}_{found.step}_{found.increment}.npz")
     write_field(output, found)
     when = f"{found.axis} {found.axis_value:g}"
     if found.time_ms == found.time_ms:

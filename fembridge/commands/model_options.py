@@ -10,9 +10,7 @@ if TYPE_CHECKING:
     from fembridge.stimulus import Stimulus
 
 
-def add_stimulus_options(
-    parser: argparse.ArgumentParser, preindent_default: str = "0"
-) -> None:
+def add_stimulus_options(parser: argparse.ArgumentParser, preindent_default: str = "0") -> None:
     """Which stimuli; `preindent_default` tells what holds without the option."""
     parser.add_argument(
         "--stimulus",
@@ -27,9 +25,7 @@ def add_stimulus_options(
         metavar="DEPTH",
         help=f"depth of the probe before time 0 (default: {preindent_default})",
     )
-    parser.add_argument(
-        "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
-    )
+    parser.add_argument("--seed", type=int, help="draw other noise than the catalogue's (>= 0)")
     parser.add_argument(
         "--slide-mm-per-s",
         type=float,
@@ -59,10 +55,7 @@ def add_finger_options(parser: argparse._ActionsContainer) -> None:
         help="quick (3 100 elements), paper (17 702) or a file (default: quick)",
     )
     parser.add_argument(
-        "--probe-shape",
-        choices=("cylinder", "flat"),
-        default="cylinder",
-        help="default: cylinder",
+        "--probe-shape", choices=("cylinder", "flat"), default="cylinder", help="default: cylinder"
     )
     parser.add_argument(
         "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
@@ -100,12 +93,7 @@ def add_solving_options(parser: argparse._ActionsContainer) -> None:
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     """Where to."""
     parser.add_argument(
-        "-o",
-        "--output",
-        type=_folder,
-        default=default,
-        metavar="DIR",
-        help=f"default: {default}",
+        "-o", "--output", type=_folder, default=default, metavar="DIR", help=f"default: {default}"
     )
 
 
@@ -115,10 +103,7 @@ def model_from(args: argparse.Namespace) -> "Model":
     from fembridge.build import model_of
 
     model = model_of(
-        read_finger(args.finger),
-        probe=probe_from(args),
-        element=args.element,
-        inertia=args.inertia,
+        read_finger(args.finger), probe=probe_from(args), element=args.element, inertia=args.inertia
     )
     return replace(model, section="whole") if args.whole_section else model
 
@@ -146,9 +131,7 @@ def probe_from(args: argparse.Namespace) -> "Probe":
         raise UsageError(f"probe: {error}") from error
 
 
-def stimuli_from(
-    args: argparse.Namespace, preindent_um: float = 0.0
-) -> "list[Stimulus]":
+def stimuli_from(args: argparse.Namespace, preindent_um: float = 0.0) -> "list[Stimulus]":
     """Make the stimuli that the options name, each once.
 
     `preindent_um` is taken where no option tells another.

@@ -58,9 +58,7 @@ def build_own(args: argparse.Namespace, defaults: argparse.Namespace) -> dict[st
     for name, default in vars(defaults).items():
         if name != "results" and getattr(args, name) != default:
             option = name.replace("_", "-")
-            raise UsageError(
-                f"--{option} is for our finger; --base-deck brings its own"
-            )
+            raise UsageError(f"--{option} is for our finger; --base-deck brings its own")
     names = [name for name, _ in args.afferent]
     if len(set(names)) < len(names):
         raise UsageError(f"--afferent names {max(names, key=names.count)} twice")

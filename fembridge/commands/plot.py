@@ -148,18 +148,12 @@ def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
     if window_ms is None and waveform is not None:
         window_ms = waveform.window_ms
     draw_raster(
-        shown,
-        args.output,
-        stimuli=rows,
-        afferents=classes,
-        window_ms=window_ms,
-        waveform=waveform,
+        shown, args.output, stimuli=rows, afferents=classes, window_ms=window_ms, waveform=waveform
     )
     silent = [name for name in rows if name not in _ids(shown)]
     if silent:
         print(
-            f"{args.table}: no spike of {', '.join(silent)}: silent, or not in it",
-            file=sys.stderr,
+            f"{args.table}: no spike of {', '.join(silent)}: silent, or not in it", file=sys.stderr
         )
     return {
         "stimuli": rows,

@@ -20,9 +20,7 @@ def add_mesh(pictures: Pictures) -> None:
     add_finger_options(parser)
 
 
-def add_response(
-    pictures: Pictures,
-) -> None:
+def add_response(pictures: Pictures) -> None:
     """Which response map."""
     parser = _add_picture(
         pictures,
@@ -53,14 +51,10 @@ def add_trace(pictures: Pictures) -> None:
         "fembridge plot trace traces.csv --stimulus sine_20_250",
     )
     parser.add_argument("table", type=Path, metavar="CSV", help="table of traces")
-    parser.add_argument(
-        "--stimulus", metavar="ID", help="draw the waveform that made them above"
-    )
+    parser.add_argument("--stimulus", metavar="ID", help="draw the waveform that made them above")
 
 
-def add_raster(
-    pictures: Pictures,
-) -> None:
+def add_raster(pictures: Pictures) -> None:
     """Which table, rows and panels."""
     parser = _add_picture(
         pictures,
@@ -91,9 +85,7 @@ def add_raster(
     )
 
 
-def add_stimulus(
-    pictures: Pictures,
-) -> None:
+def add_stimulus(pictures: Pictures) -> None:
     """Which waveforms."""
     parser = _add_picture(
         pictures,
@@ -114,9 +106,7 @@ def add_stimulus(
         metavar="DEPTH",
         help="depth of the probe before time 0 (default: 0)",
     )
-    parser.add_argument(
-        "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
-    )
+    parser.add_argument("--seed", type=int, help="draw other noise than the catalogue's (>= 0)")
 
 
 def add_sensitivity(pictures: Pictures) -> None:
@@ -149,10 +139,7 @@ def add_sensitivity(pictures: Pictures) -> None:
 
 
 def _add_picture(
-    pictures: Pictures,
-    name: str,
-    shows: str,
-    example: str,
+    pictures: Pictures, name: str, shows: str, example: str
 ) -> argparse.ArgumentParser:
     parser = pictures.add_parser(
         name,

@@ -20,10 +20,7 @@ EXAMPLE = "fembridge run --jobs 2 runs/*"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     parser.add_argument(
-        "folders",
-        nargs="+",
-        metavar="DIR",
-        help="run folder, as build-deck writes it",
+        "folders", nargs="+", metavar="DIR", help="run folder, as build-deck writes it"
     )
     parser.add_argument(
         "--threads",
@@ -58,9 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="give up an increment after so many iterations (default: %(default)d)",
     )
-    parser.add_argument(
-        "--force", action="store_true", help="run also where whole results are"
-    )
+    parser.add_argument("--force", action="store_true", help="run also where whole results are")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -83,9 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     for outcome in outcomes:
         if not outcome.accepted:
-            print(
-                "fembridge:", " ".join(str(outcome.to_error()).split()), file=sys.stderr
-            )
+            print("fembridge:", " ".join(str(outcome.to_error()).split()), file=sys.stderr)
         elif not args.json:
             print(outcome)
         if outcome.accepted and not outcome.as_built:

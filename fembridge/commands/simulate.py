@@ -47,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the map where stress depends on depth alone)",
     )
     parser.add_argument(
-        "--stored",
-        action="store_true",
-        help="take the stored response even where ccx is installed",
+        "--stored", action="store_true", help="take the stored response even where ccx is installed"
     )
     parser.add_argument(
         "--parameters",
@@ -71,13 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="transients solved at the same time (default: 1)",
     )
+    parser.add_argument("--time-limit", type=float, metavar="S", help="give up a run after so long")
     parser.add_argument(
-        "--time-limit", type=float, metavar="S", help="give up a run after so long"
-    )
-    parser.add_argument(
-        "--no-plot",
-        action="store_true",
-        help="draw no raster; an earlier one in DIR is removed",
+        "--no-plot", action="store_true", help="draw no raster; an earlier one in DIR is removed"
     )
 
 
@@ -87,12 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.outputs import filling
     from fembridge.simulate import simulate
-    from fembridge.simulation import (
-        RATES_FILE,
-        RECORD_FILE,
-        SPIKES_FILE,
-        TRACES_FILE,
-    )
+    from fembridge.simulation import RATES_FILE, RECORD_FILE, SPIKES_FILE, TRACES_FILE
     from fembridge.solvers.progress_bars import ProgressBars
     from fembridge.solvers.settings import SolverSettings
     from fembridge.solvers.watchdog import Limits

@@ -39,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEPTH",
         help="depth of the probe before time 0, added to every sample (default: 0)",
     )
-    parser.add_argument(
-        "--seed", type=int, help="draw other noise than the catalogue's (>= 0)"
-    )
+    parser.add_argument("--seed", type=int, help="draw other noise than the catalogue's (>= 0)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -46,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEPTH",
         help="depths of the probe before time 0, with --drive (default: 0)",
     )
-    parser.add_argument(
-        "--seeds", type=int, nargs="+", default=(1, 2, 3), help="default: 1 2 3"
-    )
+    parser.add_argument("--seeds", type=int, nargs="+", default=(1, 2, 3), help="default: 1 2 3")
     parser.add_argument(
         "--evaluations",
         type=int,
@@ -56,9 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="candidates that each search tries (default: %(default)d)",
     )
-    parser.add_argument(
-        "--jobs", type=int, default=1, metavar="N", help="processes (default: 1)"
-    )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
     parser.add_argument(
         "--finger",
         choices=("quick", "paper"),
@@ -74,12 +70,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.fitting.response_source import stored_source
     from fembridge.fitting.study import held_out_rmse_ips, study_models
-    from fembridge.fitting.study_files import (
-        CASES_FILE,
-        SUMMARY_FILE,
-        cases_text,
-        summary_text,
-    )
+    from fembridge.fitting.study_files import CASES_FILE, SUMMARY_FILE, cases_text, summary_text
     from fembridge.observed import read_observed
     from fembridge.outputs import filling, write_text
     from fembridge.plots.study import draw_study
@@ -126,9 +117,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def cases_from(
-    args: argparse.Namespace, observed: "ObservedRates"
-) -> "tuple[Case, ...]":
+def cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Case, ...]":
     """Give the cases that the options name."""
     from fembridge.errors import UsageError
     from fembridge.fitting.settings import FitSettings
@@ -137,9 +126,7 @@ def cases_from(
 
     if not args.drive:
         if args.cells is not None or args.preindent_um is not None:
-            raise UsageError(
-                "--cells and --preindent-um go with --drive; the study has its own"
-            )
+            raise UsageError("--cells and --preindent-um go with --drive; the study has its own")
         return default_cases(observed.afferents)
     unknown = [name for name in args.drive if name not in DRIVES]
     if unknown:

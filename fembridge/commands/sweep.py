@@ -24,11 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY.toml", help="what is to be swept")
     add_output_option(parser, default="sweep")
     parser.add_argument(
-        "--jobs",
-        type=int,
-        default=1,
-        metavar="N",
-        help="processes on this machine (default: 1)",
+        "--jobs", type=int, default=1, metavar="N", help="processes on this machine (default: 1)"
     )
     parser.add_argument(
         "--executor",

@@ -63,10 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     write_report(folder, findings, versions, quick=args.quick)
     summary = summary_of(findings, versions, quick=args.quick)
     failed = [
-        (finding, check)
-        for finding in findings
-        for check in finding.checks
-        if not check.passed
+        (finding, check) for finding in findings for check in finding.checks if not check.passed
     ]
     if not args.json:
         for finding in findings:

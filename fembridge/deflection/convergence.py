@@ -50,8 +50,7 @@ def convergence(deflections: Sequence[Deflection]) -> tuple[ConvergenceRow, ...]
     depths_mm = sorted({deflection.depth_mm for deflection in meshes})
     if len(meshes) < 2 or len(depths_mm) != 1:
         raise ResponseError(
-            f"{len(meshes)} profiles of depths {depths_mm} mm, expected two or more of "
-            "one depth"
+            f"{len(meshes)} profiles of depths {depths_mm} mm, expected two or more of one depth"
         )
     width = np.array([deflection.elements**-0.5 for deflection in meshes])
     rows = [

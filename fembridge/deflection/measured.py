@@ -92,9 +92,7 @@ def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str 
     last = float(force_n_per_mm[-1])
     least, most = (share * depth_mm for share in FOLLOWED)
     if not (last > 0 and np.isfinite(force_n_per_mm).all()):
-        return (
-            f"the probe did not push: the force at {depth_mm:g} mm is {last:.3g} N/mm"
-        )
+        return f"the probe did not push: the force at {depth_mm:g} mm is {last:.3g} N/mm"
     if not least <= apex_mm <= most:
         return (
             f"the skin under the probe moved {apex_mm:.4g} mm, expected {least:.4g} to "
@@ -103,15 +101,12 @@ def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str 
     dip = float(-np.diff(force_n_per_mm).min())
     if dip > _FORCE_DIP_SHARE * last:
         return (
-            f"the force fell by {dip:.3g} N/mm on the way to {last:.3g} N/mm, expected "
-            "it to grow"
+            f"the force fell by {dip:.3g} N/mm on the way to {last:.3g} N/mm, expected it to grow"
         )
     return None
 
 
-def both_sides(
-    x_mm: FloatArray, down_mm: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
+def both_sides(x_mm: FloatArray, down_mm: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Fold a profile at ``x = 0``: distance, mean of both sides, largest difference."""
     right = x_mm >= 0
     left_mm = np.interp(x_mm[right], -x_mm[::-1], down_mm[::-1])

@@ -41,15 +41,10 @@ class Deflection:
     origin: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for along, value in (
-            ("distance_mm", "deflection_mm"),
-            ("loading_mm", "loading_n_per_mm"),
-        ):
+        for along, value in (("distance_mm", "deflection_mm"), ("loading_mm", "loading_n_per_mm")):
             self._check(along, value)
         if self.elements < 1:
-            raise ResponseError(
-                f"{self.name}: {self.elements} elements, expected 1 or more"
-            )
+            raise ResponseError(f"{self.name}: {self.elements} elements, expected 1 or more")
         if not self.depth_mm > 0 or self.loading_mm[-1] != self.depth_mm:
             raise ResponseError(
                 f"{self.name}: loading ends at {self.loading_mm[-1]:g} mm, expected "
@@ -77,9 +72,7 @@ class Deflection:
                 f"{self.name}: asked for {wanted_mm.min():g} to {wanted_mm.max():g} mm "
                 f"from the probe, the profile has 0 to {last_mm:g} mm"
             )
-        found: FloatArray = np.asarray(
-            np.interp(wanted_mm, self.distance_mm, self.deflection_mm)
-        )
+        found: FloatArray = np.asarray(np.interp(wanted_mm, self.distance_mm, self.deflection_mm))
         return found
 
     def _check(self, along: str, value: str) -> None:

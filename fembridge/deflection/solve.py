@@ -39,9 +39,7 @@ def solve_deflection(
     OutputError
         `folder` cannot be written.
     """
-    run = build_analysis_folder(
-        folder, press.analysis(), press.stimulus(), press.inputs()
-    )
+    run = build_analysis_folder(folder, press.analysis(), press.stimulus(), press.inputs())
     deflection = None
     outcome = finished_outcome(run)
     if outcome is not None:
@@ -49,9 +47,7 @@ def solve_deflection(
             deflection = _told(run, press, outcome)
     if deflection is None:
         _remove(folder / PROFILE_FILE)  # of a run that is not there any more
-        outcome = attempt_calculix(
-            folder, threads=threads, limits=limits, on_progress=on_progress
-        )
+        outcome = attempt_calculix(folder, threads=threads, limits=limits, on_progress=on_progress)
         if not outcome.accepted:
             raise outcome.to_error()
         deflection = _told(run, press, outcome)

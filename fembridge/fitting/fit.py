@@ -71,9 +71,7 @@ class FitRun:
     @property
     def finished(self) -> bool:
         """Whether every class is there and was searched to the end."""
-        return len(self.fits) == len(self.asked) and all(
-            fit.front.finished for fit in self.fits
-        )
+        return len(self.fits) == len(self.asked) and all(fit.front.finished for fit in self.fits)
 
 
 def fit_afferents(
@@ -109,9 +107,7 @@ def fit_afferents(
     settings = settings or FitSettings()
     if not drives:
         raise UsageError("no class to fit, expected some of SA, RA, PC")
-    problems = [
-        _problem(observed, response, drive, settings) for drive in drives.values()
-    ]
+    problems = [_problem(observed, response, drive, settings) for drive in drives.values()]
     fits: list[Fit] = []
     for problem in problems:
         try:
@@ -128,10 +124,7 @@ def fit_afferents(
 
 
 def _problem(
-    observed: ObservedRates,
-    response: ResponseMap,
-    drive: Drive,
-    settings: FitSettings,
+    observed: ObservedRates, response: ResponseMap, drive: Drive, settings: FitSettings
 ) -> FitProblem:
     return fit_problem(
         observed,
@@ -197,10 +190,7 @@ def _unseen(
 
 
 def _published(
-    observed: ObservedRates,
-    response: ResponseMap,
-    afferent: str,
-    settings: FitSettings,
+    observed: ObservedRates, response: ResponseMap, afferent: str, settings: FitSettings
 ) -> JudgedRates:
     drive = drive_named(_PUBLISHED, afferent)
     problem = fit_problem(observed, response, drive, families=settings.families)

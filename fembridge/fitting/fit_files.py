@@ -65,9 +65,7 @@ def fitted_rates(run: FitRun) -> list[Rate]:
         Rate(entry.id, fit.afferent, rate_ips)
         for fit in run.fits
         for judged in fit.judged
-        for entry, rate_ips in zip(
-            judged.entries, judged.predicted_ips.tolist(), strict=True
-        )
+        for entry, rate_ips in zip(judged.entries, judged.predicted_ips.tolist(), strict=True)
     ]
 
 
@@ -82,9 +80,7 @@ def front_text(fit: Fit) -> str:
     table = csv.writer(out, lineterminator="\n")
     groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
     parameters = [one.field for one in front.free]
-    table.writerow(
-        ["afferent", "candidate", "chosen", *parameters, *groups, "rmse_all_ips"]
-    )
+    table.writerow(["afferent", "candidate", "chosen", *parameters, *groups, "rmse_all_ips"])
     totals = total_rmse_ips(fit.problem, front.errors_ips2).tolist()
     values, rmse = front.values.tolist(), (front.errors_ips2**0.5).tolist()
     for row, total in enumerate(totals):

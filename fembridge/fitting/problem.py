@@ -84,9 +84,7 @@ def fit_problem(
         )
     classes = [place.afferent for place in response.places]
     if drive.afferent not in classes:
-        raise ResponseError(
-            f"no {drive.afferent} in the response, only {', '.join(classes)}"
-        )
+        raise ResponseError(f"no {drive.afferent} in the response, only {', '.join(classes)}")
     column = classes.index(drive.afferent)
     models = {drive.afferent: drive}
     stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]

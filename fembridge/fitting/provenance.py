@@ -54,9 +54,7 @@ def fit_table(
 def agreement_rows(fit: Fit) -> list[tuple[JudgedRates, AgreementRow]]:
     """Give every row of agreement of a fit, each with the rates it is of."""
     return list(
-        chain.from_iterable(
-            ((judged, row) for row in judged.rows()) for judged in fit.judged
-        )
+        chain.from_iterable(((judged, row) for row in judged.rows()) for judged in fit.judged)
     )
 
 

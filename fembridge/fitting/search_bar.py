@@ -47,12 +47,8 @@ class SearchBar:
             self._bars = start_bars()
         told = words_of(progress)
         if afferent not in self._rows:
-            self._rows[afferent] = self._bars.add_task(
-                afferent, total=progress.of, told=told
-            )
-        self._bars.update(
-            self._rows[afferent], completed=progress.evaluations, told=told
-        )
+            self._rows[afferent] = self._bars.add_task(afferent, total=progress.of, told=told)
+        self._bars.update(self._rows[afferent], completed=progress.evaluations, told=told)
 
     def end(self, afferent: str) -> None:
         """Take away the bar of a class that is done."""

@@ -106,8 +106,7 @@ def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
         cases += [Case(name, afferent, cells, depth_um) for depth_um in _DEPTHS_UM]
         cases.append(Case(name, afferent, 1, held_um()))
         cases += [
-            Case(PUBLISHED_DRIVE, afferent, _MANY_CELLS, depth_um)
-            for depth_um in (0.0, held_um())
+            Case(PUBLISHED_DRIVE, afferent, _MANY_CELLS, depth_um) for depth_um in (0.0, held_um())
         ]
     return tuple(dict.fromkeys(cases))
 
@@ -173,19 +172,15 @@ def _finding(
         cells=case.cells,
     )
     return Finding(
-        case,
-        tuple(cross_validate(problem, seed, evaluations=evaluations) for seed in seeds),
+        case, tuple(cross_validate(problem, seed, evaluations=evaluations) for seed in seeds)
     )
 
 
-def _unfitted(
-    observed: ObservedRates, response: ResponseMap, afferent: str
-) -> Agreement:
+def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> Agreement:
     """Judge Table 2 as it is printed, without pre-indentation."""
     problem = fit_problem(observed, response, drive_named(PUBLISHED_DRIVE, afferent))
     runs = encode_cells(problem.stress_pa, problem.dt_ms, PUBLISHED[afferent])
     rates = [
-        mean_rate_ips(cells, window)
-        for cells, window in zip(runs, problem.windows_ms, strict=True)
+        mean_rate_ips(cells, window) for cells, window in zip(runs, problem.windows_ms, strict=True)
     ]
     return agreement(problem.observed_ips, np.array(rates))

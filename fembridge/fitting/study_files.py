@@ -3,13 +3,7 @@
 import csv
 import io
 
-from fembridge.fitting.study import (
-    TABLE_2,
-    Finding,
-    ModelStudy,
-    fitted_rmse_ips,
-    held_out_rmse_ips,
-)
+from fembridge.fitting.study import TABLE_2, Finding, ModelStudy, fitted_rmse_ips, held_out_rmse_ips
 from neural.cross_validation import Trial
 from neural.drive_table import drive_named
 
@@ -41,8 +35,7 @@ def cases_text(study: ModelStudy) -> str:
         free = drive_named(case.drive, case.afferent).free(case.cells)
         for trial in finding.trials:
             found = " ".join(
-                f"{one.field}={getattr(trial.parameters, one.field):.6g}"
-                for one in free
+                f"{one.field}={getattr(trial.parameters, one.field):.6g}" for one in free
             )
             table.writerow(
                 [

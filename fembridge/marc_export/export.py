@@ -66,10 +66,7 @@ class Quantity:
             found = post.element_scalar(element, index)
             return [(entry.id, (entry.value,)) for entry in found]
         found = post.element_tensor(element, index)
-        return [
-            (entry.id, tuple(getattr(entry, name) for name in TENSOR))
-            for entry in found
-        ]
+        return [(entry.id, tuple(getattr(entry, name) for name in TENSOR)) for entry in found]
 
     def stress(self, means):
         """Make one number of the mean components; of a tensor its von Mises stress."""
@@ -247,10 +244,7 @@ def why_none(post, around, node):
     """Say why there is no value at a node."""
     elements = [post.element_id(k) for k, here in around.elements if node in here]
     if elements:
-        return "node %d has no value in element %d: a pressure node?" % (
-            node,
-            elements[0],
-        )
+        return "node %d has no value in element %d: a pressure node?" % (node, elements[0])
     inside = "" if around.within is None else " of the set %s" % around.within
     return "node %d belongs to no element%s" % (node, inside)
 
@@ -285,8 +279,7 @@ def tell_steps(times_ms):
         if abs(after - before - mean) > STEP_TOLERANCE * mean:
             note(
                 "uneven time step, %g to %g ms where %g ms is the mean: fembridge "
-                "encode refuses such a table; run with fixed increments"
-                % (before, after, mean)
+                "encode refuses such a table; run with fixed increments" % (before, after, mean)
             )
             return
 
@@ -359,9 +352,7 @@ def afferent(text):
     """Read ``SA=4711``."""
     name, _, node = text.partition("=")
     if name not in AFFERENTS:
-        raise argparse.ArgumentTypeError(
-            "%r is none of %s" % (name, ", ".join(AFFERENTS))
-        )
+        raise argparse.ArgumentTypeError("%r is none of %s" % (name, ", ".join(AFFERENTS)))
     return name, int(node)
 
 
@@ -386,12 +377,7 @@ def parsed(given):
         ("nodes", int, "N", "nodes by number"),
         ("afferent", afferent, "CLASS=N", "the node of an afferent: SA=4711 RA=4712"),
         ("set", str, "NAME", "all nodes of a set"),
-        (
-            "near",
-            place,
-            "X,Y[,Z]",
-            "the nearest node with values; below zero --near=-1,2",
-        ),
+        ("near", place, "X,Y[,Z]", "the nearest node with values; below zero --near=-1,2"),
     ):
         several = {"nargs": "+", "action": "append", "default": []}
         add("--" + word, type=kind, metavar=shown, help=words, **several)

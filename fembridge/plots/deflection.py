@@ -8,15 +8,7 @@ import numpy as np
 
 from fembridge.deflection.profile import PAPER_STEP_MM, Deflection
 from fembridge.errors import UsageError
-from fembridge.plots.palette import (
-    DPI,
-    FAINT,
-    HAIR_PT,
-    INK,
-    LINE_PT,
-    PAGE_WIDTH_IN,
-    SMALL_TEXT_PT,
-)
+from fembridge.plots.palette import DPI, FAINT, HAIR_PT, INK, LINE_PT, PAGE_WIDTH_IN, SMALL_TEXT_PT
 from fembridge.plots.picture import make_plain, save_figure
 
 if TYPE_CHECKING:
@@ -37,9 +29,7 @@ _ROOM_SHARE = 1.08
 _UM_PER_MM, _MN_PER_N = 1000.0, 1000.0
 
 
-def draw_deflections(
-    deflections: Sequence[Deflection], path: Path, *, dpi: float = DPI
-) -> None:
+def draw_deflections(deflections: Sequence[Deflection], path: Path, *, dpi: float = DPI) -> None:
     """Draw profiles into a file; its suffix chooses the format.
 
     Left the profile, with dots every 0.5 mm as in the paper; in the middle how each
@@ -61,17 +51,13 @@ def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
     from matplotlib.figure import Figure
 
     if not 0 < len(deflections) <= MOST_MESHES:
-        raise UsageError(
-            f"{len(deflections)} profiles, expected 1 to {MOST_MESHES} in one picture"
-        )
+        raise UsageError(f"{len(deflections)} profiles, expected 1 to {MOST_MESHES} in one picture")
     meshes = sorted(deflections, key=lambda deflection: deflection.elements)
     compared = len(meshes) > 1
     widths = _WIDTHS if compared else (_WIDTHS[0], _WIDTHS[2])
     figure = Figure(figsize=(PAGE_WIDTH_IN, _HEIGHT_IN))
     figure.set_layout_engine("constrained", wspace=_BETWEEN)
-    panels = figure.subplots(
-        1, len(widths), squeeze=False, gridspec_kw={"width_ratios": widths}
-    )[0]
+    panels = figure.subplots(1, len(widths), squeeze=False, gridspec_kw={"width_ratios": widths})[0]
     _draw_profiles(panels[0], meshes)
     if compared:
         _draw_differences(panels[1], meshes)
@@ -109,11 +95,7 @@ def _draw_profiles(panel: "Axes", meshes: list[Deflection]) -> None:
     panel.set_ylim(_ROOM_SHARE * deepest_mm, -0.02 * deepest_mm)
     _name_axes(panel, "Distance from the probe (mm)", "Deflection (mm)")
     panel.legend(
-        loc="lower right",
-        frameon=False,
-        fontsize=SMALL_TEXT_PT,
-        labelcolor=INK,
-        handlelength=2.6,
+        loc="lower right", frameon=False, fontsize=SMALL_TEXT_PT, labelcolor=INK, handlelength=2.6
     )
 
 
@@ -126,9 +108,7 @@ def _draw_differences(panel: "Axes", meshes: list[Deflection]) -> None:
         differ_um = _UM_PER_MM * (mesh.at(here_mm) - finest.at(here_mm))
         panel.plot(here_mm, differ_um, **_style(k, len(meshes)))
     panel.set_xlim(0.0, np.floor(last_mm / PAPER_STEP_MM) * PAPER_STEP_MM)
-    _name_axes(
-        panel, "Distance from the probe (mm)", f"Difference from {finest.name} (µm)"
-    )
+    _name_axes(panel, "Distance from the probe (mm)", f"Difference from {finest.name} (µm)")
 
 
 def _draw_force(panel: "Axes", meshes: list[Deflection]) -> None:
@@ -144,12 +124,7 @@ def _style(k: int, count: int) -> dict[str, Any]:
     """Give the line of mesh `k` of `count`: the finest is black and whole."""
     if k == count - 1:
         return {"color": INK, "linewidth": LINE_PT}
-    return {
-        "color": _COLOURS[k],
-        "linewidth": 1.4 * LINE_PT,
-        "dashes": _DASHES[k],
-        "zorder": 3,
-    }
+    return {"color": _COLOURS[k], "linewidth": 1.4 * LINE_PT, "dashes": _DASHES[k], "zorder": 3}
 
 
 def _name_axes(panel: "Axes", along: str, up: str) -> None:

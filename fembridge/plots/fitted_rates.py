@@ -36,9 +36,7 @@ OBSERVED_STYLE: dict[str, Any] = {
 def draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
     """Draw observed rates, and predicted ones, against amplitude; one scale a row."""
     highest_ips = max(
-        1.0,
-        float(fit.fitted.observed_ips.max()),
-        float(fit.fitted.predicted_ips.max()),
+        1.0, float(fit.fitted.observed_ips.max()), float(fit.fitted.predicted_ips.max())
     )
     shown = [name in fit.problem.group_names for name in columns]
     first = panels[shown.index(True)]
@@ -46,10 +44,7 @@ def draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
         if name not in fit.problem.group_names:
             panel.set_axis_off()
             continue
-        for judged, style in (
-            (fit.published, PUBLISHED_STYLE),
-            (fit.fitted, CHOSEN_STYLE),
-        ):
+        for judged, style in ((fit.published, PUBLISHED_STYLE), (fit.fitted, CHOSEN_STYLE)):
             mine = judged.of_group(name)
             levels = np.array([entry.level_um for entry in mine.entries])
             order = levels.argsort(kind="stable")

@@ -14,11 +14,7 @@ from decks.meshing.mesh import Mesh
 from decks.probe import Probe, mesh_probe
 from fembridge.plots.layer_palette import LAYER_COLOURS, PROBE_COLOUR, line_colour
 from fembridge.plots.mesh_annotations import draw_bar, draw_legend, name_afferents
-from fembridge.plots.palette import (
-    HAIR_PT,
-    INK,
-    PAGE_WIDTH_IN,
-)
+from fembridge.plots.palette import HAIR_PT, INK, PAGE_WIDTH_IN
 from fembridge.plots.picture import save_figure
 from fembridge.plots.window import Window, close_window, whole_window
 from fembridge.run_folder import AfferentNode
@@ -46,12 +42,7 @@ _BOUNDARY_PT = 0.45
 
 
 def draw_mesh(
-    finger: Finger,
-    mesh: Mesh,
-    probe: Probe,
-    path: Path,
-    *,
-    dpi: float = MESH_DPI,
+    finger: Finger, mesh: Mesh, probe: Probe, path: Path, *, dpi: float = MESH_DPI
 ) -> None:
     """Draw `mesh` with layers, afferents and probe into a file.
 
@@ -90,25 +81,19 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
     whole = whole_window(mesh.node_mm, body_mm)
     room_in = PAGE_WIDTH_IN - 2 * _EDGE_IN - _BETWEEN_IN - _NAMES_IN
     height_in = float(
-        np.clip(
-            room_in / (whole.aspect + _CLOSE_ASPECT), _LEAST_HEIGHT_IN, _MOST_HEIGHT_IN
-        )
+        np.clip(room_in / (whole.aspect + _CLOSE_ASPECT), _LEAST_HEIGHT_IN, _MOST_HEIGHT_IN)
     )
     left_in = min(whole.aspect * height_in, _MOST_SHARE * room_in)
     right_in = room_in - left_in
     close = close_window(
-        np.array([(site.x_mm, site.y_mm) for site in sites]),
-        body_mm,
-        right_in / height_in,
+        np.array([(site.x_mm, site.y_mm) for site in sites]), body_mm, right_in / height_in
     )
     page_in = height_in + _LEGEND_IN + _BARS_IN + _EDGE_IN
     figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
     floor = (_LEGEND_IN + _BARS_IN) / page_in
     start_in = _EDGE_IN + left_in + _BETWEEN_IN
     section, pad = (
-        figure.add_axes(
-            (left / PAGE_WIDTH_IN, floor, width / PAGE_WIDTH_IN, height_in / page_in)
-        )
+        figure.add_axes((left / PAGE_WIDTH_IN, floor, width / PAGE_WIDTH_IN, height_in / page_in))
         for left, width in ((_EDGE_IN, left_in), (start_in, right_in))
     )
     for panel, window in ((section, whole), (pad, close)):
@@ -152,9 +137,7 @@ def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
     radius_mm = 0.5 * probe.diameter_mm
     angle = np.linspace(-np.pi / 2, 3 * np.pi / 2, 181)
     middle_mm = [probe.x_mm, lower_mm[:, 1].min() + radius_mm]
-    outline: FloatArray = middle_mm + radius_mm * np.stack(
-        [np.cos(angle), np.sin(angle)], -1
-    )
+    outline: FloatArray = middle_mm + radius_mm * np.stack([np.cos(angle), np.sin(angle)], -1)
     return outline
 
 
@@ -193,10 +176,7 @@ def _draw_elements(panel: "Axes", mesh: Mesh, window: Window) -> None:
     ends = boundaries(mesh)
     panel.add_collection(
         LineCollection(
-            ends[window.meets(ends)].tolist(),
-            colors=INK,
-            linewidths=_BOUNDARY_PT,
-            capstyle="round",
+            ends[window.meets(ends)].tolist(), colors=INK, linewidths=_BOUNDARY_PT, capstyle="round"
         ),
         autolim=False,
     )
@@ -205,9 +185,7 @@ def _draw_elements(panel: "Axes", mesh: Mesh, window: Window) -> None:
 def _draw_probe(panel: "Axes", body_mm: FloatArray) -> None:
     from matplotlib.patches import Polygon
 
-    panel.add_patch(
-        Polygon(body_mm, facecolor=PROBE_COLOUR, edgecolor=INK, linewidth=_BOUNDARY_PT)
-    )
+    panel.add_patch(Polygon(body_mm, facecolor=PROBE_COLOUR, edgecolor=INK, linewidth=_BOUNDARY_PT))
 
 
 def _join(section: "Axes", pad: "Axes", close: Window) -> None:

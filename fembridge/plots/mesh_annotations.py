@@ -40,11 +40,7 @@ def draw_bar(figure: "Figure", panel: "Axes", window: Window) -> None:
     end = slot.x0 + share * slot.width
     figure.add_artist(
         Line2D(
-            [slot.x0, end],
-            [height, height],
-            color=INK,
-            linewidth=_BAR_PT,
-            solid_capstyle="butt",
+            [slot.x0, end], [height, height], color=INK, linewidth=_BAR_PT, solid_capstyle="butt"
         )
     )
     figure.text(
@@ -125,9 +121,7 @@ def name_afferents(
         )
 
 
-def draw_legend(
-    figure: "Figure", materials: Mapping[str, Material], probe: Probe
-) -> None:
+def draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Probe) -> None:
     """Name the fills, with what is elastic about them."""
     from matplotlib.patches import Patch
 
@@ -140,9 +134,7 @@ def draw_legend(
         )
         for layer in LAYERS
     ]
-    entries.append(
-        (PROBE_COLOUR, f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm")
-    )
+    entries.append((PROBE_COLOUR, f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"))
     columns = -(-len(entries) // 2)  # a legend fills columns; people read rows
     in_rows = [
         entries[k]

@@ -12,11 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Text stays text where a format allows it, and nothing in a file is random.
-_SETTINGS: dict[Any, Any] = {
-    "svg.hashsalt": "fembridge",
-    "pdf.fonttype": 42,
-    "ps.fonttype": 42,
-}
+_SETTINGS: dict[Any, Any] = {"svg.hashsalt": "fembridge", "pdf.fonttype": 42, "ps.fonttype": 42}
 # The entries of a file's metadata that would hold the time of writing.
 _DATED = {"svg": "Date", "svgz": "Date", "pdf": "CreationDate"}
 
@@ -70,6 +66,4 @@ def make_plain(panel: "Axes") -> None:
         spine.set_visible(side in ("left", "bottom"))
         spine.set_linewidth(HAIR_PT)
         spine.set_color(INK)
-    panel.tick_params(
-        labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK
-    )
+    panel.tick_params(labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK)

@@ -33,11 +33,7 @@ _ROW_IN, _LEAST_ROW_IN, _TALL_ROWS = 0.26, 0.104, 10
 _WAVEFORM_IN, _AROUND_IN = 0.5, 0.62
 
 # Text stays text in vector formats, and nothing in a file is random.
-_SETTINGS: dict[Any, Any] = {
-    "svg.hashsalt": "fembridge",
-    "pdf.fonttype": 42,
-    "ps.fonttype": 42,
-}
+_SETTINGS: dict[Any, Any] = {"svg.hashsalt": "fembridge", "pdf.fonttype": 42, "ps.fonttype": 42}
 
 # A longer name of a stimulus is cut, or it would leave no room for its spikes.
 _NAME_LETTERS = 28
@@ -134,9 +130,7 @@ def raster_figure(
     if len(rows) > _TALL_ROWS:
         rows_in = max(_ROW_IN * _TALL_ROWS, _LEAST_ROW_IN * len(rows))
     heights_in = [_WAVEFORM_IN, rows_in] if waveform else [rows_in]
-    figure = Figure(
-        figsize=(PAGE_WIDTH_IN, sum(heights_in) + _AROUND_IN), layout="constrained"
-    )
+    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + _AROUND_IN), layout="constrained")
     grid = figure.subplots(
         len(heights_in),
         len(classes),
@@ -153,10 +147,7 @@ def raster_figure(
         if waveform:
             _draw_waveform(grid[0, column], waveform)
         grid[0, column].set_title(
-            afferent,
-            color=AFFERENT_COLOURS[afferent],
-            fontsize=TEXT_PT + 1,
-            fontweight="bold",
+            afferent, color=AFFERENT_COLOURS[afferent], fontsize=TEXT_PT + 1, fontweight="bold"
         )
     _label_rows(grid[-1, 0], rows, rows_in / len(rows))
     if waveform:
@@ -173,25 +164,19 @@ def raster_figure(
     return figure
 
 
-def _check(
-    trains: Sequence[SpikeTrain], rows: Sequence[str], classes: Sequence[str]
-) -> None:
+def _check(trains: Sequence[SpikeTrain], rows: Sequence[str], classes: Sequence[str]) -> None:
     if not rows or not classes:
         raise UsageError("no stimulus or no class to draw; name them if all are silent")
     unknown = [name for name in classes if name not in AFFERENT_COLOURS]
     if unknown:
-        raise UsageError(
-            f"afferent {unknown[0]!r}, expected {', '.join(AFFERENT_COLOURS)}"
-        )
+        raise UsageError(f"afferent {unknown[0]!r}, expected {', '.join(AFFERENT_COLOURS)}")
     for train in trains:
         if train.stimulus not in rows:
             raise UsageError(f"spikes of {train.stimulus}, which has no row")
 
 
 def _span(
-    trains: Sequence[SpikeTrain],
-    window_ms: tuple[float, float] | None,
-    waveform: Stimulus | None,
+    trains: Sequence[SpikeTrain], window_ms: tuple[float, float] | None, waveform: Stimulus | None
 ) -> tuple[float, float]:
     times = [train.times_ms for train in trains]
     if window_ms:
@@ -263,9 +248,7 @@ def _draw_ground(
 
 
 def _draw_waveform(panel: "Axes", waveform: Stimulus) -> None:
-    panel.plot(
-        waveform.times_ms, waveform.displacement_um, color=INK, linewidth=HAIR_PT + 0.2
-    )
+    panel.plot(waveform.times_ms, waveform.displacement_um, color=INK, linewidth=HAIR_PT + 0.2)
     _plain(panel)
     panel.spines["bottom"].set_visible(False)
     panel.tick_params(axis="x", bottom=False, labelbottom=False)
@@ -286,6 +269,4 @@ def _plain(panel: "Axes") -> None:
         spine.set_visible(side in ("left", "bottom"))
         spine.set_linewidth(HAIR_PT)
         spine.set_color(INK)
-    panel.tick_params(
-        labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK
-    )
+    panel.tick_params(labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK)

@@ -104,9 +104,7 @@ def _draw_force(panel: "Axes", response: ResponseMap) -> None:
     panel.set_ylabel("Force on the probe (mN/mm)", fontsize=SMALL_TEXT_PT, color=INK)
 
 
-def _draw_dots(
-    panel: "Axes", depth_um: FloatArray, height: FloatArray, colour: str
-) -> None:
+def _draw_dots(panel: "Axes", depth_um: FloatArray, height: FloatArray, colour: str) -> None:
     panel.plot(
         depth_um,
         height,

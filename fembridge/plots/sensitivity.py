@@ -104,9 +104,7 @@ def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
     return figure
 
 
-def regressions_figure(
-    swept: SweptFingers, regressions: Sequence[RankRegression]
-) -> "Figure":
+def regressions_figure(swept: SweptFingers, regressions: Sequence[RankRegression]) -> "Figure":
     """Make the figure that `draw_regressions` saves."""
     order = regressions_in_order(regressions)
     found = {each.output: each for each in regressions}
@@ -126,10 +124,7 @@ def regressions_figure(
                 height = place + aside
                 shade = colour if is_rate else INK
                 panel.plot(
-                    [fit.low[row], fit.high[row]],
-                    [height] * 2,
-                    color=shade,
-                    linewidth=LINE_PT,
+                    [fit.low[row], fit.high[row]], [height] * 2, color=shade, linewidth=LINE_PT
                 )
                 panel.plot(
                     [fit.coefficient[row]],
@@ -150,9 +145,7 @@ def regressions_figure(
     return figure
 
 
-def _panels(
-    swept: SweptFingers, rows: int, parameters: int
-) -> "tuple[Figure, list[list[Axes]]]":
+def _panels(swept: SweptFingers, rows: int, parameters: int) -> "tuple[Figure, list[list[Axes]]]":
     """Make a figure of `rows` rows of panels with a class each."""
     from matplotlib.figure import Figure
 

@@ -46,30 +46,17 @@ def study_figure(study: ModelStudy) -> "Figure":
         for place, finding in enumerate(findings):
             held = [held_out_rmse_ips(trial) for trial in finding.trials]
             seen = [fitted_rmse_ips(trial) for trial in finding.trials]
-            panel.plot(
-                [min(seen), max(held)], [place] * 2, color=FAINT, linewidth=HAIR_PT
-            )
+            panel.plot([min(seen), max(held)], [place] * 2, color=FAINT, linewidth=HAIR_PT)
             panel.plot(seen, [place] * len(seen), "|", color=INK, markersize=5)
-            panel.plot(
-                held,
-                [place] * len(held),
-                "o",
-                color=AFFERENT_COLOURS[name],
-                markersize=3.5,
-            )
-        panel.axvline(
-            study.unfitted[name].rmse_ips, color=INK, linewidth=HAIR_PT, dashes=(4, 3)
-        )
+            panel.plot(held, [place] * len(held), "o", color=AFFERENT_COLOURS[name], markersize=3.5)
+        panel.axvline(study.unfitted[name].rmse_ips, color=INK, linewidth=HAIR_PT, dashes=(4, 3))
         labels = [
-            f"{one.case.drive}, {one.case.cells}, {one.case.preindent_um:g}"
-            for one in findings
+            f"{one.case.drive}, {one.case.cells}, {one.case.preindent_um:g}" for one in findings
         ]
         panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT - 1)
         panel.set_ylim(len(labels) - 0.4, -0.6)
         panel.set_xlim(left=0)
-        panel.set_title(
-            name, color=AFFERENT_COLOURS[name], fontsize=TEXT_PT, fontweight="bold"
-        )
+        panel.set_title(name, color=AFFERENT_COLOURS[name], fontsize=TEXT_PT, fontweight="bold")
         panel.set_xlabel("RMSE (impulses/s)", fontsize=TEXT_PT)
     figure.suptitle(
         "Rows: drive, cells, depth of the probe before time 0 (µm)\n"

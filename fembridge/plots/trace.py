@@ -29,11 +29,7 @@ _PA_PER_KPA = 1000.0
 
 
 def draw_traces(
-    traces: Sequence[StressTrace],
-    path: Path,
-    *,
-    waveform: Stimulus | None = None,
-    dpi: float = DPI,
+    traces: Sequence[StressTrace], path: Path, *, waveform: Stimulus | None = None, dpi: float = DPI
 ) -> None:
     """Draw von Mises stress over time into a file; its suffix chooses the format.
 
@@ -59,42 +55,29 @@ def draw_traces(
     save_figure(trace_figure(traces, waveform=waveform), path, dpi)
 
 
-def trace_figure(
-    traces: Sequence[StressTrace], *, waveform: Stimulus | None = None
-) -> "Figure":
+def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = None) -> "Figure":
     """Make the figure that `draw_traces` saves; the arguments are the same."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     if not 0 < len(traces) <= MOST_PANELS:
-        raise UsageError(
-            f"{len(traces)} traces, expected 1 to {MOST_PANELS} in one picture"
-        )
+        raise UsageError(f"{len(traces)} traces, expected 1 to {MOST_PANELS} in one picture")
     heights_in = [_PANEL_IN] * len(traces)
     if waveform:
         heights_in.insert(0, _WAVEFORM_IN)
-    figure = Figure(
-        figsize=(PAGE_WIDTH_IN, sum(heights_in) + _AROUND_IN), layout="constrained"
-    )
+    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + _AROUND_IN), layout="constrained")
     panels = figure.subplots(
-        len(heights_in),
-        squeeze=False,
-        sharex=True,
-        gridspec_kw={"height_ratios": heights_in},
+        len(heights_in), squeeze=False, sharex=True, gridspec_kw={"height_ratios": heights_in}
     )[:, 0]
     if waveform:
         draw_waveform(panels[0], waveform)
         panels[0].set_ylabel("Depth\n(µm)", fontsize=SMALL_TEXT_PT, color=INK)
-        panels[0].set_title(
-            waveform.id, fontsize=SMALL_TEXT_PT, color=INK, parse_math=False
-        )
+        panels[0].set_title(waveform.id, fontsize=SMALL_TEXT_PT, color=INK, parse_math=False)
     largest_pa = max(float(trace.stress_pa.max()) for trace in traces)
     unit, unit_pa = ("kPa", _PA_PER_KPA) if largest_pa >= _PA_PER_KPA else ("Pa", 1.0)
     for panel, trace in zip(panels[-len(traces) :], traces, strict=True):
         colour = AFFERENT_COLOURS.get(trace.afferent or "", INK)
-        panel.plot(
-            trace.times_ms, trace.stress_pa / unit_pa, color=colour, linewidth=LINE_PT
-        )
+        panel.plot(trace.times_ms, trace.stress_pa / unit_pa, color=colour, linewidth=LINE_PT)
         panel.set_ylabel(f"Stress\n({unit})", fontsize=SMALL_TEXT_PT, color=INK)
         panel.set_ylim(bottom=0.0)
         panel.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))

@@ -68,9 +68,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
     """Make the figure that `draw_tradeoffs` saves."""
     from matplotlib.figure import Figure
 
-    columns = list(
-        dict.fromkeys(name for fit in run.fits for name in fit.problem.group_names)
-    )
+    columns = list(dict.fromkeys(name for fit in run.fits for name in fit.problem.group_names))
     lines_in = max(_LINES_IN, _GROUP_IN * len(columns))
     rates_in = len(columns) * (_RATES_IN + _RATES_GAP_IN) - _RATES_GAP_IN
     width_in = _LEFT_IN + lines_in + _PAIR_IN + 2 * _PANEL_GAP_IN + rates_in
@@ -83,12 +81,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
 
         def panel(left_in: float, wide_in: float, low_in: float = bottom_in) -> "Axes":
             made: Axes = figure.add_axes(
-                (
-                    left_in / width_in,
-                    low_in / height_in,
-                    wide_in / width_in,
-                    _ROW_IN / height_in,
-                )
+                (left_in / width_in, low_in / height_in, wide_in / width_in, _ROW_IN / height_in)
             )
             make_plain(made)
             return made
@@ -143,13 +136,7 @@ def _draw_lines(panel: "Axes", fit: Fit) -> None:
     panel.plot(along, rmse_ips.T, color=colour, linewidth=LINE_PT, alpha=opaque)
     published_ips = _group_rmse_ips(fit, fit.published)
     panel.plot(along, published_ips, **PUBLISHED_STYLE)
-    panel.plot(
-        along,
-        rmse_ips[fit.choice.row],
-        marker="o",
-        markersize=DOT_PT,
-        **CHOSEN_STYLE,
-    )
+    panel.plot(along, rmse_ips[fit.choice.row], marker="o", markersize=DOT_PT, **CHOSEN_STYLE)
     panel.set_xticks(along, fit.problem.group_names)
     if len(along) > _MOST_LEVEL_NAMES:
         for name in panel.get_xticklabels():
@@ -217,9 +204,7 @@ def _draw_pair(panel: "Axes", fit: Fit) -> None:
     )
     panel.set_xlim(0.0, _ROOM * max(float(across_ips.max()), 1.0))
     panel.set_ylim(0.0, _ROOM * max(float(up_ips.max()), 1.0))
-    _name_axes(
-        panel, f"RMSE at {names[first]} (impulses/s)", f"RMSE at {names[second]}"
-    )
+    _name_axes(panel, f"RMSE at {names[first]} (impulses/s)", f"RMSE at {names[second]}")
 
 
 def _draw_legend(figure: "Figure", height: float) -> None:
@@ -228,12 +213,7 @@ def _draw_legend(figure: "Figure", height: float) -> None:
     plain: tuple[list[float], list[float]] = ([], [])
     figure.legend(
         handles=[
-            Line2D(
-                *plain,
-                color=FAINT,
-                linewidth=2 * LINE_PT,
-                label="candidates of the front",
-            ),
+            Line2D(*plain, color=FAINT, linewidth=2 * LINE_PT, label="candidates of the front"),
             Line2D(*plain, **CHOSEN_STYLE, label="chosen"),
             Line2D(*plain, **PUBLISHED_STYLE, label=_PUBLISHED_NAME),
             Line2D(*plain, **OBSERVED_STYLE, label="observed rates"),

@@ -6,15 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.palette import (
-    DPI,
-    FAINT,
-    HAIR_PT,
-    INK,
-    PAGE_WIDTH_IN,
-    SHADE,
-    SMALL_TEXT_PT,
-)
+from fembridge.plots.palette import DPI, FAINT, HAIR_PT, INK, PAGE_WIDTH_IN, SHADE, SMALL_TEXT_PT
 from fembridge.plots.picture import make_plain, save_figure
 from fembridge.stimulus import Stimulus
 
@@ -32,9 +24,7 @@ _WAVE_PT = 0.6
 _CLEAR_SHARE = 0.22
 
 
-def draw_waveforms(
-    stimuli: Sequence[Stimulus], path: Path, *, dpi: float = DPI
-) -> None:
+def draw_waveforms(stimuli: Sequence[Stimulus], path: Path, *, dpi: float = DPI) -> None:
     """Draw the probe's depth over time, a panel a stimulus, into a file.
 
     Parameters
@@ -86,20 +76,14 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     ).ravel()
     for panel, stimulus in zip(grid, stimuli, strict=False):
         draw_waveform(panel, stimulus)
-        panel.set_title(
-            stimulus.id, fontsize=SMALL_TEXT_PT, color=INK, pad=3, parse_math=False
-        )
+        panel.set_title(stimulus.id, fontsize=SMALL_TEXT_PT, color=INK, pad=3, parse_math=False)
     for panel in grid[len(stimuli) :]:
         panel.set_axis_off()
     lowest = grid[max(0, len(stimuli) - columns) : len(stimuli)]
     for panel in lowest:
         panel.tick_params(labelbottom=True)
-    figure.supxlabel(
-        "Time (ms)", y=0.03 / page_in, va="bottom", fontsize=SMALL_TEXT_PT, color=INK
-    )
-    figure.supylabel(
-        "Depth (µm)", x=0.04 / PAGE_WIDTH_IN, fontsize=SMALL_TEXT_PT, color=INK
-    )
+    figure.supxlabel("Time (ms)", y=0.03 / page_in, va="bottom", fontsize=SMALL_TEXT_PT, color=INK)
+    figure.supylabel("Depth (µm)", x=0.04 / PAGE_WIDTH_IN, fontsize=SMALL_TEXT_PT, color=INK)
     return figure
 
 

@@ -79,14 +79,10 @@ def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Win
     middle = float(touch_mm[0])
     if max(middle - left, right - middle) > 0.5 * width:
         middle = 0.5 * float(left + right)
-    return Window(
-        (middle - 0.5 * width, middle + 0.5 * width), (top - width / aspect, top)
-    )
+    return Window((middle - 0.5 * width, middle + 0.5 * width), (top - width / aspect, top))
 
 
-def spread(
-    wanted: Sequence[float], step: float, bottom: float, top: float
-) -> list[float]:
+def spread(wanted: Sequence[float], step: float, bottom: float, top: float) -> list[float]:
     """Move falling heights apart by `step` or more, each as little as it can be.
 
     They stay between `bottom` and `top` where there is room for all; in groups

@@ -39,10 +39,7 @@ class Acceptance:
 
 
 def judge(
-    depth_um: FloatArray,
-    stress_pa: FloatArray,
-    force_n_per_mm: FloatArray,
-    apex_um: FloatArray,
+    depth_um: FloatArray, stress_pa: FloatArray, force_n_per_mm: FloatArray, apex_um: FloatArray
 ) -> Acceptance:
     """Judge a run that loads to its deepest sample and comes back.
 
@@ -81,9 +78,7 @@ def judge(
     return Acceptance(closure, force, followed, problem, remembers)
 
 
-def _closure_percent(
-    depth_um: FloatArray, stress_pa: FloatArray, deepest: int
-) -> float:
+def _closure_percent(depth_um: FloatArray, stress_pa: FloatArray, deepest: int) -> float:
     load_um = depth_um[: deepest + 1]
     worst = []
     for row in range(deepest + 1, depth_um.size):

@@ -25,9 +25,7 @@ Models: TypeAlias = Mapping[str, Drive] | Mapping[str, AfferentParameters]
 """By class of afferents: rows of the table of drives, or parameters."""
 
 
-def driving_stress(
-    response: ResponseMap, stimulus: Stimulus, models: Models
-) -> list[StressTrace]:
+def driving_stress(response: ResponseMap, stimulus: Stimulus, models: Models) -> list[StressTrace]:
     """Give the stress that drives each afferent while the probe follows `stimulus`.
 
     Parameters

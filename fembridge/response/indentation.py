@@ -37,8 +37,7 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
     """
     if not _LEAST_UM <= depth_um <= MAX_AMPLITUDE_UM:
         raise StimulusError(
-            f"indentation: depth_um is {depth_um:g}, expected {_LEAST_UM:g} to "
-            f"{MAX_AMPLITUDE_UM:g}"
+            f"indentation: depth_um is {depth_um:g}, expected {_LEAST_UM:g} to {MAX_AMPLITUDE_UM:g}"
         )
     share = np.arange(STEPS + 1) / STEPS
     load_um = np.round(depth_um * share**_GROWTH, _DIGITS)

@@ -60,10 +60,7 @@ def read_map(path: Path) -> ResponseMap:
             depth_um=np.array(table["depth_um"]),
             tensor_pa=tensor_pa,
             force_n_per_mm=np.array(table["force_n_per_mm"]),
-            places=tuple(
-                AfferentNode.from_table(name, place)
-                for name, place in afferents.items()
-            ),
+            places=tuple(AfferentNode.from_table(name, place) for name, place in afferents.items()),
             closure_percent=float(table["closure_percent"]),
             origin=table["origin"],
         )

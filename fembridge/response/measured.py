@@ -72,8 +72,7 @@ def _in_plane(tensor_pa: FloatArray, path: Path) -> FloatArray:
     shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
     if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
         raise ResultError(
-            f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain",
-            path,
+            f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain", path
         )
     tensor_pa = tensor_pa.copy()
     tensor_pa[..., IN_PLANE:] = 0.0
@@ -88,9 +87,7 @@ def _from_rest(values: FloatArray) -> FloatArray:
 
 def _check_times(found_ms: FloatArray, expected_ms: FloatArray, path: Path) -> None:
     if found_ms.size != expected_ms.size:
-        raise ResultError(
-            f"{found_ms.size} increments, expected {expected_ms.size}", path
-        )
+        raise ResultError(f"{found_ms.size} increments, expected {expected_ms.size}", path)
     off = np.abs(found_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]
     if off.any():
         row = int(off.argmax())

@@ -47,9 +47,7 @@ def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
     relaxing = [layer for layer, one in model.finger.materials.items() if one.prony]
     if relaxing:
         verb = "relaxes" if len(relaxing) == 1 else "relax"
-        return (
-            f"{', '.join(relaxing)} {verb}: stress depends on time, not on depth alone"
-        )
+        return f"{', '.join(relaxing)} {verb}: stress depends on time, not on depth alone"
     if model.inertia:
         return "inertia counts: stress depends on acceleration, not on depth alone"
     sliding = [stimulus.id for stimulus in stimuli if stimulus.aside_um is not None]

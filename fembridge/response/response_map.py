@@ -54,8 +54,7 @@ class ResponseMap:
             object.__setattr__(self, name, array)
         if self.closure_percent < 0:
             raise ResponseError(
-                f"response map: closure_percent is {self.closure_percent}, expected "
-                "0 or more"
+                f"response map: closure_percent is {self.closure_percent}, expected 0 or more"
             )
         count = self.depth_um.size
         expected = (count, len(self.places), len(TENSOR))
@@ -67,13 +66,9 @@ class ResponseMap:
         if not self.places:
             raise ResponseError("response map: no afferent, expected one or more")
         if self.depth_um.ndim != 1:
-            raise ResponseError(
-                f"response map: depths {self.depth_um.shape}, expected (K,)"
-            )
+            raise ResponseError(f"response map: depths {self.depth_um.shape}, expected (K,)")
         if count < 3 or self.depth_um[0] != 0 or not (np.diff(self.depth_um) > 0).all():
-            raise ResponseError(
-                "response map: expected three or more depths, ascending from 0"
-            )
+            raise ResponseError("response map: expected three or more depths, ascending from 0")
         if self.tensor_pa[0].any():
             raise ResponseError("response map: expected no stress at depth 0")
         if self.tensor_pa[..., IN_PLANE:].any():

@@ -120,9 +120,7 @@ def solve_response(
             place = folder / f"frictionless_{number}"
             _, without = climb(build_run_folder(place, smooth, stimulus))
             if isinstance(without, ResponseMap):
-                words = slip_words(
-                    contact, found.closure_percent, without.closure_percent
-                )
+                words = slip_words(contact, found.closure_percent, without.closure_percent)
                 raise FrictionSlipError(words, found.closure_percent, number)
         rungs.append(Rung(contact, str(found).removeprefix(f"{run.folder}: ")))
         if tell is not None:
@@ -132,20 +130,14 @@ def solve_response(
 
 
 def _climb(
-    run: RunFolder,
-    *,
-    threads: int | None,
-    limits: Limits | None,
-    on_progress: OnProgress | None,
+    run: RunFolder, *, threads: int | None, limits: Limits | None, on_progress: OnProgress | None
 ) -> tuple[Outcome, ResponseMap | ResponseError]:
     """Give the response that was accepted, or why the rung is left."""
     finished = finished_outcome(run)
     if finished is not None:
         with suppress(ResultError):  # not all of its files are whole: solve it again
             return finished, _judged(run.folder)
-    outcome = attempt_calculix(
-        run.folder, threads=threads, limits=limits, on_progress=on_progress
-    )
+    outcome = attempt_calculix(run.folder, threads=threads, limits=limits, on_progress=on_progress)
     if outcome.failure is None:
         return outcome, _judged(run.folder)
     if outcome.failure.cause not in CONTACT_CAUSES:

@@ -29,15 +29,9 @@ def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
     path = FOLDER / f"{finger.name}.toml"
     if not path.is_file():
         names = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
-        raise ResponseError(
-            f"no response is stored for finger {finger.name!r}, only for {names}"
-        )
+        raise ResponseError(f"no response is stored for finger {finger.name!r}, only for {names}")
     response = read_map(path)
-    made_of = {
-        "finger": finger_table(finger),
-        "probe": asdict(probe),
-        "element": element,
-    }
+    made_of = {"finger": finger_table(finger), "probe": asdict(probe), "element": element}
     for part, wanted in made_of.items():
         stored = response.origin.get(part)
         if stored != wanted:

@@ -111,9 +111,7 @@ def read(
         deck=None if deck is None else Path(deck),
     )
     if nodes is not None or chosen:
-        places: list[tuple[str | None, int]] = [
-            (None, node) for node in chosen.resolve(path, tell)
-        ]
+        places: list[tuple[str | None, int]] = [(None, node) for node in chosen.resolve(path, tell)]
     elif run is not None:
         places = [(place.afferent, place.node) for place in run.afferents]
     else:
@@ -122,14 +120,8 @@ def read(
         raise ResultError("no nodes to read", path)
     if run is not None:
         if options.stress_unit != run.stress_unit:
-            raise UsageError(
-                f"{path}: a run folder of fembridge is in {run.stress_unit}, always"
-            )
-        from fembridge.results.run_traces import (
-            check_deck,
-            check_reach,
-            in_stimulus_time,
-        )
+            raise UsageError(f"{path}: a run folder of fembridge is in {run.stress_unit}, always")
+        from fembridge.results.run_traces import check_deck, check_reach, in_stimulus_time
 
         check_deck(run, path)
         if run.before_ms:

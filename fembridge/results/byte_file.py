@@ -61,8 +61,7 @@ class ByteFile:
         """
         if offset < 0 or length < 0 or offset + length > self.size:
             raise ResultError(
-                f"{length} bytes expected at byte {offset}, the file has {self.size}",
-                self.path,
+                f"{length} bytes expected at byte {offset}, the file has {self.size}", self.path
             )
         found = self.peek(offset, length)
         if len(found) < length:

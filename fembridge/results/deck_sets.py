@@ -144,14 +144,10 @@ def _card(text: str) -> _Card:
 def _check_known(card: _Card, path: Path, line: int) -> None:
     foreign = [key for key in card.options if key in ("ELSET", "INSTANCE")]
     if foreign:
-        raise ResultError(
-            f"*NSET with {foreign[0]}= is not of CalculiX, and not read", path, line
-        )
+        raise ResultError(f"*NSET with {foreign[0]}= is not of CalculiX, and not read", path, line)
 
 
-def _pieces(
-    card: _Card, text: str, deck: _Deck, path: Path, line: int
-) -> Iterator[range]:
+def _pieces(card: _Card, text: str, deck: _Deck, path: Path, line: int) -> Iterator[range]:
     words = [word.strip() for word in text.split(",")]
     if card.keyword == "*NODE":
         yield _one(words[0], path, line)
@@ -161,9 +157,7 @@ def _pieces(
         numbers = [_number(word, path, line) for word in words]
         if len(numbers) not in (2, 3) or numbers[-1] < 1 or numbers[1] < numbers[0]:
             raise ResultError(
-                f"GENERATE with {text.strip()[:60]!r}, expected first, last, step",
-                path,
-                line,
+                f"GENERATE with {text.strip()[:60]!r}, expected first, last, step", path, line
             )
         yield range(numbers[0], numbers[1] + 1, numbers[2] if len(numbers) > 2 else 1)
         return
@@ -174,9 +168,7 @@ def _pieces(
         pieces = deck.sets.get(word.upper())
         if pieces is None:
             raise ResultError(
-                f"set {card.set_name} names {word!r}, no node and no set before it",
-                path,
-                line,
+                f"set {card.set_name} names {word!r}, no node and no set before it", path, line
             )
         yield from list(pieces)
 

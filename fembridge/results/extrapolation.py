@@ -58,9 +58,7 @@ class ElementType:
         return f"{self.family}{self.nodes}"
 
 
-def _types(
-    family: str, nodes: int, points: int, *numbers: int
-) -> dict[int, ElementType]:
+def _types(family: str, nodes: int, points: int, *numbers: int) -> dict[int, ElementType]:
     return dict.fromkeys(numbers, ElementType(family, nodes, points))
 
 
@@ -127,9 +125,7 @@ def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArra
         weights = np.full((nodes, stored), 1.0 / stored)
     else:
         if nodes < about.nodes:
-            raise ValueError(
-                f"element type {number} with {nodes} nodes, expected {about.nodes}"
-            )
+            raise ValueError(f"element type {number} with {nodes} nodes, expected {about.nodes}")
         if 1 < stored < about.points:
             raise ValueError(
                 f"element type {number} has {about.points} integration points, the "
@@ -149,9 +145,7 @@ def shape_weights(about: ElementType, points: int, method: str) -> FloatArray:
         return np.full((len(to), points), 1.0 / points)
     here = point_places(about.family, points)
     if method == "linear":
-        weights: FloatArray = _terms(about.family, to) @ np.linalg.pinv(
-            _terms(about.family, here)
-        )
+        weights: FloatArray = _terms(about.family, to) @ np.linalg.pinv(_terms(about.family, here))
         return weights
     away = np.linalg.norm(to[:, None, :] - here[None, :, :], axis=2)
     nearest = away <= away.min(axis=1, keepdims=True) + _SAME

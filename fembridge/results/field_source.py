@@ -87,9 +87,7 @@ class FieldSource(Protocol):
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Yield nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
 
-    def frames(
-        self, quantities: Sequence[str] | None, derived: Sequence[str]
-    ) -> Iterator[Frame]:
+    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Look through the file now; yield its increments when they are asked for."""
 
 

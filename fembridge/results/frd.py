@@ -45,9 +45,7 @@ class StressAndDisplacement:
     displacement_mm: FloatArray
 
 
-def read(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> list[StressTrace]:
+def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
     """Read the von Mises stress at `nodes`, in that order.
 
     A trace begins with the first increment of the file; what came before it,
@@ -159,13 +157,8 @@ def unrounded(times_ms: FloatArray) -> FloatArray:
     return even if (np.abs(even - times_ms) <= rounding_ms).all() else times_ms
 
 
-def _read(
-    path: Path, nodes_of: dict[str, Sequence[int]], options: ReadOptions
-) -> NodeHistory:
-    components = {
-        STRESS: STRESS_COMPONENTS,
-        DISPLACEMENT: DISPLACEMENT_COMPONENTS,
-    }
+def _read(path: Path, nodes_of: dict[str, Sequence[int]], options: ReadOptions) -> NodeHistory:
+    components = {STRESS: STRESS_COMPONENTS, DISPLACEMENT: DISPLACEMENT_COMPONENTS}
     with ByteFile(path) as file:
         index = index_frd(file)
         wants = [
@@ -192,18 +185,14 @@ def _in_pa(
 
 
 def _check_materials(
-    file: ByteFile,
-    index: FrdIndex,
-    nodes: Sequence[int],
-    branches: Mapping[int, int],
+    file: ByteFile, index: FrdIndex, nodes: Sequence[int], branches: Mapping[int, int]
 ) -> None:
     if index.elements is None or not nodes:
         return
     for node, numbers in materials_at(file, index.elements, nodes).items():
         if len(numbers) > branches.get(node, 1):
             names = " and ".join(
-                index.materials.get(number, f"material {number}")
-                for number in sorted(numbers)
+                index.materials.get(number, f"material {number}") for number in sorted(numbers)
             )
             raise ResultError(
                 f"node {node} lies between {names}: its stress is a mean over both "
@@ -257,9 +246,7 @@ def _axis(others: Sequence[FrdOutput]) -> str:
     return "frequency in cycles per time" if others[0].over_time else others[0].axis
 
 
-def _span(
-    file: ByteFile, index: FrdIndex, block: FrdBlock
-) -> tuple[int | None, int | None, int]:
+def _span(file: ByteFile, index: FrdIndex, block: FrdBlock) -> tuple[int | None, int | None, int]:
     """Lowest and highest node and their count, with little reading.
 
     A block of the whole mesh ascends, so its ends tell; one of a set is in the

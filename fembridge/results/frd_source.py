@@ -72,9 +72,7 @@ class FrdSource:
         for nodes, at_mm in read_table(file, block, scales, _ROWS_AT_ONCE):
             yield nodes, at_mm, np.isin(nodes, held_by)
 
-    def frames(
-        self, quantities: Sequence[str] | None, derived: Sequence[str]
-    ) -> Iterator[Frame]:
+    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Look through the file now; yield its increments when they are asked for."""
         file, index, options = self._file, self._index, self._options
         outputs: Sequence[Output] = outputs_of(file, index, options)
@@ -92,11 +90,7 @@ class FrdSource:
         return self._frames(outputs, grid, scene, derived)
 
     def _frames(
-        self,
-        outputs: Sequence[Output],
-        grid: Grid,
-        scene: Scene,
-        derived: Sequence[str],
+        self, outputs: Sequence[Output], grid: Grid, scene: Scene, derived: Sequence[str]
     ) -> Iterator[Frame]:
         reader = FieldReader(self._file, self._options)
         for fields in _fields(reader, outputs, self._options):
@@ -151,10 +145,7 @@ def _fields(
 
 
 def _point_data(
-    fields: Mapping[str, Field],
-    grid: Grid,
-    derived: Sequence[str],
-    options: ReadOptions,
+    fields: Mapping[str, Field], grid: Grid, derived: Sequence[str], options: ReadOptions
 ) -> dict[str, FloatArray]:
     """Give all values of an increment at the nodes of the mesh."""
     points, size = {}, grid.nodes.size
@@ -196,20 +187,9 @@ def _node_block(file: ByteFile, index: FrdIndex) -> FrdBlock:
     if records is None:
         records = file.count(b"\n -1", nodes.offset - 1, nodes.end)
     line_end = 2 if file.peek(nodes.offset - 2, 1) == b"\r" else 1
-    block = FrdBlock(
-        "node block", 0, 0, 0.0, records, _AXES, nodes.flag, nodes.offset, line_end
-    )
+    block = FrdBlock("node block", 0, 0, 0.0, records, _AXES, nodes.flag, nodes.offset, line_end)
     if nodes.binary or file.holds(block.end, b" -3"):
         return block
     return FrdBlock(
-        "node block",
-        0,
-        0,
-        0.0,
-        records,
-        _AXES,
-        nodes.flag,
-        nodes.offset,
-        line_end,
-        True,
+        "node block", 0, 0, 0.0, records, _AXES, nodes.flag, nodes.offset, line_end, True
     )

@@ -33,9 +33,7 @@ DISPLACEMENT = "Displacement"
 _DEFAULTS = ReadOptions()
 
 
-def read(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> list[StressTrace]:
+def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
     """Read the von Mises stress at `nodes`, in that order.
 
     A trace begins with the first increment that has element values: increment 0, the
@@ -51,9 +49,7 @@ def read(
         if options.von_mises == "scalar":
             times_ms, stress_pa = _scalar_history(post, nodes, options)
         else:
-            times_ms, tensor_pa = _tensor_history(
-                post, _nodes(path, nodes, options), options
-            )
+            times_ms, tensor_pa = _tensor_history(post, _nodes(path, nodes, options), options)
             with np.errstate(over="ignore"):  # a trace refuses what is not finite
                 stress_pa = von_mises_pa(tensor_pa)
         kept = options.kept(times_ms)
@@ -181,9 +177,7 @@ def _tensor_history(
     tensor = stress_tensor(post.codes, post.path)
     options.note(f"stress: {tensor}, extrapolated to nodes: {options.method}")
     columns = list(tensor.columns)
-    times_ms, values = history(
-        post, planner, lambda at_points: at_points[:, :, columns], options
-    )
+    times_ms, values = history(post, planner, lambda at_points: at_points[:, :, columns], options)
     return times_ms, in_pa(values, options, post.path)
 
 
@@ -214,9 +208,7 @@ def _scalar_history(
 def _rows_of(mesh: PostMesh, nodes: Sequence[int], path: Path) -> np.ndarray:
     order = np.argsort(mesh.node_ids, kind="stable")
     wanted = np.asarray(nodes, dtype=np.int64)
-    place = np.minimum(
-        np.searchsorted(mesh.node_ids, wanted, sorter=order), max(order.size - 1, 0)
-    )
+    place = np.minimum(np.searchsorted(mesh.node_ids, wanted, sorter=order), max(order.size - 1, 0))
     rows = order[place] if order.size else place
     if not order.size or not np.array_equal(mesh.node_ids[rows], wanted):
         absent = next(node for node in wanted.tolist() if node not in mesh.node_ids)
@@ -230,7 +222,5 @@ def _check_finite(
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         raise ResultError(
-            f"node {nodes[bad[0][0]]} at {one.time_s * MS_PER_S:g} ms: {name} is not "
-            "finite",
-            path,
+            f"node {nodes[bad[0][0]]} at {one.time_s * MS_PER_S:g} ms: {name} is not finite", path
         )

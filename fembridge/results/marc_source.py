@@ -68,9 +68,7 @@ class MarcSource:
         """
         name = self._name(quantity)
         one = next(
-            x
-            for x in reversed(self._post.increments)
-            if _key(x) == key and name in self._held(x)
+            x for x in reversed(self._post.increments) if _key(x) == key and name in self._held(x)
         )
         held = self._held(one)[name]
         if isinstance(held, NodalQuantity):
@@ -109,15 +107,9 @@ class MarcSource:
         if not points.mesh.node_ids.size:
             raise ResultError("no nodes in it, so no coordinates", self.path)
         keep = ~_pressure_nodes(points)
-        yield (
-            points.mesh.node_ids[keep],
-            points.mesh.coordinates_mm[keep],
-            points.bearing[keep],
-        )
+        yield (points.mesh.node_ids[keep], points.mesh.coordinates_mm[keep], points.bearing[keep])
 
-    def frames(
-        self, quantities: Sequence[str] | None, derived: Sequence[str]
-    ) -> Iterator[Frame]:
+    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Look through the file now; yield its increments when they are asked for.
 
         A point of the scene is a node as one layer has it: between layers stress
@@ -135,9 +127,7 @@ class MarcSource:
             )
         return self._frames(names, derived)
 
-    def _frames(
-        self, names: Sequence[str] | None, derived: Sequence[str]
-    ) -> Iterator[Frame]:
+    def _frames(self, names: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         scenes = {}
         for one in self._post.increments:
             held = self._held(one)
@@ -249,9 +239,7 @@ class MarcSource:
 
     def _name(self, word: str) -> str:
         """Give the name of the quantity that `word` stands for."""
-        names = list(
-            dict.fromkeys(n for one in self._post.increments for n in self._held(one))
-        )
+        names = list(dict.fromkeys(n for one in self._post.increments for n in self._held(one)))
         plain = word.casefold()
         same = [name for name in names if name.casefold() == plain]
         close = same or [name for name in names if name.casefold().startswith(plain)]
@@ -259,9 +247,7 @@ class MarcSource:
             return close[0]
         if close:
             raise UsageError(f"{word!r} may be {' or '.join(close)}")
-        raise ResultError(
-            f"no {word} in it, it holds {', '.join(names) or 'nothing'}", self.path
-        )
+        raise ResultError(f"no {word} in it, it holds {', '.join(names) or 'nothing'}", self.path)
 
     def _mesh(self, one: PostIncrement) -> MeshPoints:
         return self._mesh_of(one.mesh)

@@ -34,9 +34,7 @@ class NearNode:
     def __str__(self) -> str:
         place = ", ".join(f"{value:g}" for value in self.place_mm)
         at = ", ".join(f"{value:g}" for value in self.at_mm[: len(self.place_mm)])
-        words = (
-            f"near {place}: node {self.node} at {at}, {self.distance_mm:.3g} mm away"
-        )
+        words = f"near {place}: node {self.node} at {at}, {self.distance_mm:.3g} mm away"
         if self.nearer is not None:
             words += f" (node {self.nearer} is nearer and has no results)"
         return words
@@ -62,9 +60,7 @@ def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[NearNod
         return _search(source, places_mm)
 
 
-def _search(
-    source: FieldSource, places_mm: Sequence[Sequence[float]]
-) -> list[NearNode]:
+def _search(source: FieldSource, places_mm: Sequence[Sequence[float]]) -> list[NearNode]:
     flat = any(len(place) == 2 for place in places_mm)
     best = [_Best() for _ in places_mm]
     every = [_Best() for _ in places_mm]
@@ -74,8 +70,7 @@ def _search(
         highest = max(highest, float(at_mm[:, 2].max()))
         if flat and highest - lowest > 1e-9 * max(1.0, abs(lowest), abs(highest)):
             raise UsageError(
-                f"{source.path}: nodes have z from {lowest:g} to {highest:g}: "
-                "name a place as x,y,z"
+                f"{source.path}: nodes have z from {lowest:g} to {highest:g}: name a place as x,y,z"
             )
         for place, one, mesh in zip(places_mm, best, every, strict=True):
             with np.errstate(over="ignore"):  # a place out of reach is at infinity
@@ -104,12 +99,7 @@ class _Best:
         self.node, self.distance_mm = 0, math.inf
         self.at_mm = (math.nan, math.nan, math.nan)
 
-    def offer(
-        self,
-        nodes: IntArray,
-        at_mm: FloatArray,
-        away_mm: FloatArray,
-    ) -> None:
+    def offer(self, nodes: IntArray, at_mm: FloatArray, away_mm: FloatArray) -> None:
         """Take the nearest of `nodes` if it is nearer; of equals the lowest."""
         row = int(np.lexsort((nodes, away_mm))[0])
         offered = float(away_mm[row]), int(nodes[row])

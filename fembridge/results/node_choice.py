@@ -23,9 +23,7 @@ class NodeChoice:
     def __bool__(self) -> bool:
         return bool(len(self.nodes) or self.sets or len(self.places_mm))
 
-    def resolve(
-        self, path: Path, tell: Callable[[str], None] | None = None
-    ) -> list[int]:
+    def resolve(self, path: Path, tell: Callable[[str], None] | None = None) -> list[int]:
         """Give the numbers, each once; `tell` hears what a set or place came to.
 
         Raises

@@ -28,11 +28,7 @@ from fembridge.typing import FloatArray, IntArray
 
 _DEFAULTS = ReadOptions()
 # Where the Gauss points lie along one side of a brick, by their number.
-_GAUSS = {
-    1: (0.0,),
-    2: (-((1 / 3) ** 0.5), (1 / 3) ** 0.5),
-    3: (-(0.6**0.5), 0.0, 0.6**0.5),
-}
+_GAUSS = {1: (0.0,), 2: (-((1 / 3) ** 0.5), (1 / 3) ** 0.5), 3: (-(0.6**0.5), 0.0, 0.6**0.5)}
 _POINTS_A_SIDE = {1: 1, 8: 2, 27: 3}
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0))
 _BOTTOM = tuple((x, y, -1) for x, y in _SQUARE)
@@ -74,10 +70,7 @@ def write_sides(path: Path, sides: Iterable[OneSidedStress]) -> None:
     rows = [",".join(columns + [f"{name}_pa" for name in TENSOR])]
     for side in sides:
         for time_ms, stress_pa, tensor_pa in zip(
-            side.times_ms.tolist(),
-            side.von_mises_pa.tolist(),
-            side.tensor_pa.tolist(),
-            strict=True,
+            side.times_ms.tolist(), side.von_mises_pa.tolist(), side.tensor_pa.tolist(), strict=True
         ):
             values = ",".join(map(repr, (stress_pa, *tensor_pa)))
             rows.append(f"{time_ms!r},{side.node},{side.name},{values}")
@@ -168,9 +161,7 @@ def extrapolation(kind: str, points: int, corner: int) -> FloatArray:
 
 def _lagrange(nodes: tuple[float, ...], x: float) -> FloatArray:
     """Values at `x` of the polynomials that are 1 at one of `nodes`, 0 at others."""
-    return np.array(
-        [np.prod([(x - b) / (a - b) for b in nodes if b != a]) for a in nodes]
-    )
+    return np.array([np.prod([(x - b) / (a - b) for b in nodes if b != a]) for a in nodes])
 
 
 def _elements_at(grid: Grid, node: int, path: Path) -> list[tuple[int, int, str, int]]:
@@ -188,9 +179,7 @@ def _hits(cells: Cells, node: int) -> list[tuple[int, int, str, int]]:
     ]
 
 
-def _weights(
-    kind: str, corner: int, order: IntArray, element: int, path: Path
-) -> FloatArray:
+def _weights(kind: str, corner: int, order: IntArray, element: int, path: Path) -> FloatArray:
     """Weights in the order in which the points of an element are printed."""
     if not np.array_equal(np.sort(order), np.arange(1, order.size + 1)):
         raise ResultError(

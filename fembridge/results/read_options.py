@@ -53,17 +53,11 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         if self.stress_unit not in PA_PER_UNIT:
-            raise UsageError(
-                f"stress unit {self.stress_unit!r}, expected {', '.join(PA_PER_UNIT)}"
-            )
+            raise UsageError(f"stress unit {self.stress_unit!r}, expected {', '.join(PA_PER_UNIT)}")
         if self.extrapolate not in (None, *METHODS):
-            raise UsageError(
-                f"extrapolation {self.extrapolate!r}, expected {', '.join(METHODS)}"
-            )
+            raise UsageError(f"extrapolation {self.extrapolate!r}, expected {', '.join(METHODS)}")
         if self.von_mises not in (None, *VON_MISES):
-            raise UsageError(
-                f"von Mises of {self.von_mises!r}, expected {', '.join(VON_MISES)}"
-            )
+            raise UsageError(f"von Mises of {self.von_mises!r}, expected {', '.join(VON_MISES)}")
 
     @property
     def method(self) -> str:

@@ -82,10 +82,7 @@ class Reader:
 _T16_STARTS = tuple(
     length.to_bytes(4, order) for length in (280, 560) for order in ("little", "big")
 )
-_MARC, _MARC_SOURCE = (
-    "fembridge.results.marc:read",
-    ("fembridge.results.marc_source:MarcSource"),
-)
+_MARC, _MARC_SOURCE = ("fembridge.results.marc:read", ("fembridge.results.marc_source:MarcSource"))
 READERS = (
     Reader(
         "ccx-frd",

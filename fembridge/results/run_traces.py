@@ -73,9 +73,7 @@ def check_deck(run: RunFolder, path: Path) -> None:
         )
 
 
-def check_reach(
-    trace: StressTrace, run: RunFolder, path: Path, options: ReadOptions
-) -> None:
+def check_reach(trace: StressTrace, run: RunFolder, path: Path, options: ReadOptions) -> None:
     """Hold the last sample, in solver time, against the end of the run.
 
     Raises

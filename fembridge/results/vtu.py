@@ -87,10 +87,7 @@ def write_vtu_series(
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
     options = ReadOptions(
-        partial=partial,
-        stress_unit=stress_unit,
-        tell=tell,
-        extrapolate=extrapolate,
+        partial=partial, stress_unit=stress_unit, tell=tell, extrapolate=extrapolate
     )
     with open_source(path, options) as source:
         path, folder = source.path, Path(folder)
@@ -120,16 +117,13 @@ class _Shape:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._cells = [
-            (_VTK[cells.kind][0], cells.rows[:, _VTK[cells.kind][1]])
-            for cells in scene.cells
+            (_VTK[cells.kind][0], cells.rows[:, _VTK[cells.kind][1]]) for cells in scene.cells
         ]
         self._cell_data = {
             "element": [cells.ids for cells in scene.cells],
             "material": [cells.material for cells in scene.cells],
         }
-        present = {
-            number for cells in scene.cells for number in np.unique(cells.material)
-        }
+        present = {number for cells in scene.cells for number in np.unique(cells.material)}
         for number, name in sorted(scene.materials.items()):
             if number in present:
                 self._cell_data[f"material {_plain(name)}"] = [

@@ -8,12 +8,7 @@ from collections.abc import Sequence
 from fembridge.sensitivity.ranks import RankRegression, regressions_in_order
 from fembridge.sensitivity.single import Effect, effects_in_order
 from fembridge.sensitivity.swept import ALL, RATE, STRESS, Output, SweptFingers
-from fembridge.sensitivity.words import (
-    group_words,
-    parameter_words,
-    signed,
-    unit_of,
-)
+from fembridge.sensitivity.words import group_words, parameter_words, signed, unit_of
 from fembridge.typing import Table
 
 # A table for people has no decimals where a number is large anyway.
@@ -43,9 +38,7 @@ def effect_rows(effects: Sequence[Effect]) -> list[Table]:
     ]
 
 
-def regression_rows(
-    swept: SweptFingers, regressions: Sequence[RankRegression]
-) -> list[Table]:
+def regression_rows(swept: SweptFingers, regressions: Sequence[RankRegression]) -> list[Table]:
     """Give a row a parameter and output; without variation numbers are None."""
     return [
         {
@@ -98,9 +91,7 @@ def effects_markdown(swept: SweptFingers, effects: Sequence[Effect]) -> str:
     return "\n".join(lines).strip() + "\n"
 
 
-def regressions_markdown(
-    swept: SweptFingers, regressions: Sequence[RankRegression]
-) -> str:
+def regressions_markdown(swept: SweptFingers, regressions: Sequence[RankRegression]) -> str:
     """Give a table a class: coefficients, bold where their interval leaves out 0."""
     found = {each.output: each for each in regressions}
     lines: list[str] = []

@@ -14,14 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.sensitivity.swept import (
-    ALL,
-    RATE,
-    STRESS,
-    Output,
-    SweptFingers,
-    order_of,
-)
+from fembridge.sensitivity.swept import ALL, RATE, STRESS, Output, SweptFingers, order_of
 from fembridge.typing import FloatArray
 
 RESAMPLES = 2000
@@ -145,9 +138,7 @@ def _standardised(array: FloatArray) -> FloatArray:
     ranks = rankdata(array, axis=-2)
     centred = ranks - ranks.mean(axis=-2, keepdims=True)
     spread = np.sqrt((centred**2).mean(axis=-2, keepdims=True))
-    standard: FloatArray = np.divide(
-        centred, spread, out=np.zeros_like(centred), where=spread > 0
-    )
+    standard: FloatArray = np.divide(centred, spread, out=np.zeros_like(centred), where=spread > 0)
     return standard
 
 

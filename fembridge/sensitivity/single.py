@@ -55,8 +55,7 @@ def single_effects(swept: SweptFingers) -> list[Effect]:
     """
     if not is_one_at_a_time(swept):
         raise UsageError(
-            "a finger differs from the first in more than one parameter: not one at "
-            "a time"
+            "a finger differs from the first in more than one parameter: not one at a time"
         )
     effects = []
     for place, name in enumerate(swept.names):

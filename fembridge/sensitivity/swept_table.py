@@ -14,14 +14,7 @@ import numpy as np
 
 from decks.stimuli.catalogue import resolve
 from fembridge.errors import StimulusError, TableError
-from fembridge.sensitivity.swept import (
-    ALL,
-    QUANTITIES,
-    RATE,
-    STRESS,
-    Output,
-    SweptFingers,
-)
+from fembridge.sensitivity.swept import ALL, QUANTITIES, RATE, STRESS, Output, SweptFingers
 from fembridge.table_rows import Row, decoded, header_of, read_content, rows_of
 
 RESULT_COLUMNS = ("stimulus", "afferent", RATE, STRESS, "status", "cause")
@@ -114,8 +107,7 @@ def _parameters(
         except ValueError:
             shown = ", ".join(repr(cell) for cell in list(dict.fromkeys(cells))[:3])
             raise TableError(
-                f"{name} is {shown}: expected one for all, or different numbers",
-                path,
+                f"{name} is {shown}: expected one for all, or different numbers", path
             ) from None
         names.append(name)
         columns.append(column)
@@ -150,8 +142,7 @@ def _means(
         for quantity in QUANTITIES
     }
     columns = [
-        numbers[output.quantity][:, places].mean(axis=1)
-        for output, places in members.items()
+        numbers[output.quantity][:, places].mean(axis=1) for output, places in members.items()
     ]
     return tuple(members), np.stack(columns, axis=1)
 
@@ -166,10 +157,7 @@ def _from_summary(path: Path, text: str, header: Sequence[str]) -> SweptFingers:
     names = [name for name, match in found.items() if match is None]
     rows = list(rows_of(text, path, header))
     return SweptFingers(
-        tuple(names),
-        _numbers(rows, names),
-        tuple(outputs.values()),
-        _numbers(rows, outputs),
+        tuple(names), _numbers(rows, names), tuple(outputs.values()), _numbers(rows, outputs)
     )
 
 

@@ -75,9 +75,7 @@ def run_calculix(
         `folder` cannot be written.
     """
     limits = Limits(time_limit_s, stall_limit_s, iteration_limit)
-    outcome = attempt_calculix(
-        folder, threads=threads, limits=limits, on_progress=on_progress
-    )
+    outcome = attempt_calculix(folder, threads=threads, limits=limits, on_progress=on_progress)
     if not outcome.accepted:
         raise outcome.to_error()
     return outcome
@@ -118,9 +116,7 @@ def _find(run: RunFolder) -> Path | Failure:
     except MissingError as error:
         return Failure(Cause.NO_SOLVER, str(error))
     if program is None:
-        return Failure(
-            Cause.NO_SOLVER, "no ccx on the PATH", f"install it: {SOLVER_INSTALL_LINE}"
-        )
+        return Failure(Cause.NO_SOLVER, "no ccx on the PATH", f"install it: {SOLVER_INSTALL_LINE}")
     return program
 
 
@@ -179,9 +175,7 @@ class _Attempt:
         write_record(run, outcome, deck_sha256)
         return outcome
 
-    def _watch(
-        self, process: subprocess.Popen[bytes], begin_s: float
-    ) -> Failure | None:
+    def _watch(self, process: subprocess.Popen[bytes], begin_s: float) -> Failure | None:
         """Wait for the end; stop the solver when the watchdog or `halt` says so."""
         pause_s = FIRST_LOOK_S
         while True:
@@ -208,6 +202,5 @@ class _Attempt:
         if self._halt is None or not self._halt.is_set():
             return None
         return Failure(
-            Cause.INTERRUPTED,
-            f"after {progress.increment} of {progress.increments} increments",
+            Cause.INTERRUPTED, f"after {progress.increment} of {progress.increments} increments"
         )

@@ -44,9 +44,7 @@ def _take(path: Path) -> int | Failure:
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as error:
-            raise OutputError(
-                f"cannot write here: {error.strerror}", path.parent
-            ) from (error)
+            raise OutputError(f"cannot write here: {error.strerror}", path.parent) from (error)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -57,9 +55,7 @@ def _take(path: Path) -> int | Failure:
         except OSError as error:
             if error.errno not in _NO_LOCKS_HERE:
                 os.close(handle)
-                raise OutputError(
-                    f"cannot be locked: {error.strerror}", path
-                ) from error
+                raise OutputError(f"cannot be locked: {error.strerror}", path) from error
         if _is_still(handle, path):
             os.truncate(handle, 0)
             os.write(handle, f"{os.getpid()}\n".encode("ascii"))

@@ -32,11 +32,7 @@ THREAD_OVERRIDES = (
 
 
 def start(
-    program: Path,
-    words: Sequence[str],
-    folder: Path,
-    log: Path,
-    threads: int | None = None,
+    program: Path, words: Sequence[str], folder: Path, log: Path, threads: int | None = None
 ) -> subprocess.Popen[bytes]:
     """Start `program` in `folder`, with all it says going to the file `log`.
 

@@ -60,13 +60,9 @@ class ProgressBars:
             self._bars = start_bars()
         name = str(progress.folder)
         if name not in self._rows:
-            short = (
-                name if len(name) <= LONGEST_NAME else f"…{name[1 - LONGEST_NAME :]}"
-            )
+            short = name if len(name) <= LONGEST_NAME else f"…{name[1 - LONGEST_NAME :]}"
             self._rows[name] = self._bars.add_task(short, total=1.0, told="")
-        self._bars.update(
-            self._rows[name], completed=progress.fraction, told=words_of(progress)
-        )
+        self._bars.update(self._rows[name], completed=progress.fraction, told=words_of(progress))
 
     def _forget(self, progress: Progress) -> None:
         row = self._rows.pop(str(progress.folder), None)
@@ -77,15 +73,12 @@ class ProgressBars:
 def words_of(progress: Progress) -> str:
     """Tell increments, iterations and the time left, in a line."""
     told = (
-        f"{progress.increment}/{progress.increments} increments, "
-        f"{progress.iterations} iterations"
+        f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
     )
     left_s = progress.left_s
     if left_s is None:
         return told
     minutes, seconds = divmod(round(left_s), 60)
     hours, minutes = divmod(minutes, 60)
-    clock = (
-        f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
-    )
+    clock = f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
     return f"{told}, {clock} left"

@@ -78,9 +78,7 @@ def increments_made(work: Path) -> list[StaRow]:
         return []
 
 
-def _from_errors(
-    work: Path, run: RunFolder, log: SolverLog, deck: Path
-) -> Failure | None:
+def _from_errors(work: Path, run: RunFolder, log: SolverLog, deck: Path) -> Failure | None:
     if log.no_room:
         return _disk_full(work, log.no_room)
     if not log.errors:
@@ -89,15 +87,11 @@ def _from_errors(
         return _out_of_memory(log)
     missing = log.says("library is not linked")
     if missing:
-        return Failure(
-            Cause.SOLVER_NOT_BUILT_IN, missing.text, "take SOLVER=... out of the deck"
-        )
+        return Failure(Cause.SOLVER_NOT_BUILT_IN, missing.text, "take SOLVER=... out of the deck")
     inverted = log.says("nonpositive jacobian")
     if inverted:
         return Failure(
-            Cause.NEGATIVE_JACOBIAN,
-            inverted.text,
-            "a 2D element lists its nodes counter-clockwise",
+            Cause.NEGATIVE_JACOBIAN, inverted.text, "a 2D element lists its nodes counter-clockwise"
         )
     if log.says("max. # of increments reached"):
         return Failure(
@@ -110,9 +104,7 @@ def _from_errors(
         return _diverged(increments_made(work), run)
     if increments_made(work):
         return Failure(Cause.UNKNOWN, _quote(log.errors))
-    return Failure(
-        Cause.BAD_DECK, _quote(log.errors), deck_line=_line(log.errors, deck)
-    )
+    return Failure(Cause.BAD_DECK, _quote(log.errors), deck_line=_line(log.errors, deck))
 
 
 def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
@@ -149,9 +141,7 @@ def _from_signal(number: int, log: SolverLog) -> Failure:
 def _from_warnings(log: SolverLog, deck: Path) -> Failure | None:
     if not log.dropped:
         return None
-    return Failure(
-        Cause.CARD_DROPPED, _quote(log.dropped), deck_line=_line(log.dropped, deck)
-    )
+    return Failure(Cause.CARD_DROPPED, _quote(log.dropped), deck_line=_line(log.dropped, deck))
 
 
 def _from_sta(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
@@ -160,9 +150,7 @@ def _from_sta(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
     except ResultError as error:
         return Failure(Cause.MISSING_OUTPUT, f"{error}; last words: {log.end}")
     if not rows:
-        return Failure(
-            Cause.MISSING_OUTPUT, f"no increment was made; last words: {log.end}"
-        )
+        return Failure(Cause.MISSING_OUTPUT, f"no increment was made; last words: {log.end}")
     if rows[-1].failed:
         return _diverged(rows, run)
     if not _is_end(rows[-1].total_time_ms, run):
@@ -184,9 +172,7 @@ def _whole_results(work: Path) -> FrdIndex | Failure:
             return _disk_full(work, f"{path.name}: {error.problem}")
         return Failure(Cause.MISSING_OUTPUT, f"no {path.name}")
     if not index.ended:
-        return _disk_full(
-            work, f"{path.name} stops at byte {index.size} without its end line 9999"
-        )
+        return _disk_full(work, f"{path.name} stops at byte {index.size} without its end line 9999")
     if index.damage:
         harm = index.damage[0]
         return _disk_full(work, f"{path.name}, byte {harm.offset}: {harm.problem}")
@@ -204,8 +190,7 @@ def _from_blocks(index: FrdIndex, run: RunFolder) -> Failure | None:
     if not _is_end(last.time_ms, run):
         return Failure(
             Cause.MISSING_OUTPUT,
-            f"{JOB}.frd ends with {last} at {last.time_ms:g} ms, expected "
-            f"{run.end_ms:g} ms",
+            f"{JOB}.frd ends with {last} at {last.time_ms:g} ms, expected {run.end_ms:g} ms",
         )
     if last.records == 0:
         return Failure(
@@ -218,9 +203,7 @@ def _from_blocks(index: FrdIndex, run: RunFolder) -> Failure | None:
 
 def _diverged(rows: list[StaRow], run: RunFolder) -> Failure:
     return Failure(
-        Cause.DIVERGED,
-        _place(rows, run),
-        "make increments smaller, or the contact softer",
+        Cause.DIVERGED, _place(rows, run), "make increments smaller, or the contact softer"
     )
 
 
@@ -243,21 +226,15 @@ def _place(rows: list[StaRow], run: RunFolder) -> str:
 def _disk_full(work: Path, found: str) -> Failure:
     free_mib = shutil.disk_usage(work).free / MIB
     room = f"{free_mib:.0f} MiB are free in {os.fspath(work.parent)}"
-    return Failure(
-        Cause.DISK_FULL, f"{found}; {room}", "make room and run again; ulimit -f counts"
-    )
+    return Failure(Cause.DISK_FULL, f"{found}; {room}", "make room and run again; ulimit -f counts")
 
 
 def _out_of_memory(log: SolverLog) -> Failure:
-    return Failure(
-        Cause.OUT_OF_MEMORY, log.end, "run fewer jobs at once, or a coarser mesh"
-    )
+    return Failure(Cause.OUT_OF_MEMORY, log.end, "run fewer jobs at once, or a coarser mesh")
 
 
 def _is_end(time_ms: float, run: RunFolder) -> bool:
-    return abs(time_ms - run.end_ms) <= max(
-        TIME_TOLERANCE * run.end_ms, 0.01 * run.dt_ms
-    )
+    return abs(time_ms - run.end_ms) <= max(TIME_TOLERANCE * run.end_ms, 0.01 * run.dt_ms)
 
 
 def _quote(messages: tuple[LogMessage, ...]) -> str:

@@ -102,10 +102,7 @@ class Watchdog:
         if sizes != self._sizes:
             self._grown_at_s = elapsed_s
         before, self._sizes = self._sizes, sizes
-        for name, read in (
-            (f"{JOB}.sta", self._see_sta),
-            (f"{JOB}.cvg", self._see_cvg),
-        ):
+        for name, read in ((f"{JOB}.sta", self._see_sta), (f"{JOB}.cvg", self._see_cvg)):
             if sizes.get(name) != before.get(name):
                 read(self._work / name)
         good = [row for row in self._sta if not row.failed]
@@ -135,14 +132,10 @@ class Watchdog:
                 "change the contact's stiffness or type, or make increments smaller",
             )
         if limits.time_limit_s is not None and elapsed_s > limits.time_limit_s:
-            return Failure(
-                Cause.TIME_LIMIT, f"{limits.time_limit_s:g} s were over {place}"
-            )
+            return Failure(Cause.TIME_LIMIT, f"{limits.time_limit_s:g} s were over {place}")
         still_s = elapsed_s - self._grown_at_s
         if limits.stall_limit_s is not None and still_s > limits.stall_limit_s:
-            return Failure(
-                Cause.STALLED, f"no file has grown for {still_s:.0f} s {place}"
-            )
+            return Failure(Cause.STALLED, f"no file has grown for {still_s:.0f} s {place}")
         return None
 
     def _see_sta(self, path: Path) -> None:
@@ -177,11 +170,7 @@ def _of_last_attempt(rows: list[CvgRow]) -> int:
     count = 0
     for row in reversed(rows):
         last = rows[-1]
-        if (row.step, row.increment, row.attempt) != (
-            last.step,
-            last.increment,
-            last.attempt,
-        ):
+        if (row.step, row.increment, row.attempt) != (last.step, last.increment, last.attempt):
             break
         count += 1
     return count

@@ -110,6 +110,5 @@ def _remove(folder: Path) -> None:
         return
     except OSError as error:
         raise OutputError(
-            f"cannot be removed to make room for a run: {error.strerror or error}",
-            folder,
+            f"cannot be removed to make room for a run: {error.strerror or error}", folder
         ) from error

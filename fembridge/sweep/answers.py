@@ -71,12 +71,7 @@ def answers_of(simulation: Simulation) -> list[Answer]:
     ]
 
 
-def write_item(
-    place: Path,
-    item: Item,
-    simulation: Simulation,
-    how: Mapping[str, object],
-) -> None:
+def write_item(place: Path, item: Item, simulation: Simulation, how: Mapping[str, object]) -> None:
     """Write the three files of a finished item into `place`, the record last.
 
     Raises
@@ -89,13 +84,7 @@ def write_item(
     table.writerow(COLUMNS)
     for each in answers_of(simulation):
         table.writerow(
-            (
-                each.stimulus,
-                each.afferent,
-                each.rate_ips,
-                each.spikes,
-                each.peak_stress_pa,
-            )
+            (each.stimulus, each.afferent, each.rate_ips, each.spikes, each.peak_stress_pa)
         )
     with filling(place, last=RECORD_FILE) as draft:
         write_text(draft / ANSWERS_FILE, out.getvalue())

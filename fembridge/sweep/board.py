@@ -98,9 +98,7 @@ class Board:
             told = self._task_in(progress.folder.as_posix())
             short = told if len(told) <= LONGEST_NAME else f"{told[:LONGEST_NAME]}…"
             self._rows[name] = self._bars.add_task(short, total=1.0, told="")
-        self._bars.update(
-            self._rows[name], completed=progress.fraction, told=words_of(progress)
-        )
+        self._bars.update(self._rows[name], completed=progress.fraction, told=words_of(progress))
 
     def _task_in(self, folder: str) -> str:
         """Name the task that is solved in `folder`."""

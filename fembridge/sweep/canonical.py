@@ -30,9 +30,7 @@ def digest(content: object) -> str:
 
 def canonical_text(content: object) -> str:
     """Write tables, lists, words and numbers as JSON, sorted, without blanks."""
-    return json.dumps(
-        _plain(content), sort_keys=True, separators=(",", ":"), allow_nan=False
-    )
+    return json.dumps(_plain(content), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def _plain(content: object) -> object:

@@ -35,9 +35,7 @@ class DaskCrew:
         No scheduler answers at this address.
     """
 
-    def __init__(
-        self, folder: Path, scheduler: str | None, jobs: int, threads: int | None
-    ) -> None:
+    def __init__(self, folder: Path, scheduler: str | None, jobs: int, threads: int | None) -> None:
         self._folder, self._threads = folder, threads
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._futures: set[Any] = set()
@@ -50,16 +48,11 @@ class DaskCrew:
             raise UsageError(f"scheduler {scheduler!r}, expected tcp://HOST:PORT")
         if scheduler is None:
             self._cluster = distributed.LocalCluster(
-                n_workers=jobs,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address=":0",
+                n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=":0"
             )
         try:
             self._client = distributed.Client(
-                scheduler or self._cluster,
-                timeout=_PATIENCE,
-                set_as_default=False,
+                scheduler or self._cluster, timeout=_PATIENCE, set_as_default=False
             )
         except (OSError, ValueError) as error:
             self._close_cluster()
@@ -152,6 +145,4 @@ def _distributed() -> Any:  # noqa: ANN401 - a module
     try:
         return import_module("distributed")
     except ImportError as error:
-        raise MissingError(
-            f"--executor dask needs dask.distributed: {INSTALL_LINE}"
-        ) from error
+        raise MissingError(f"--executor dask needs dask.distributed: {INSTALL_LINE}") from error

@@ -42,9 +42,7 @@ class Range:
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
             raise UsageError(f"{self.low} to {self.high}, expected finite numbers")
         if not self.low < self.high:
-            raise UsageError(
-                f"from {self.low:g} to {self.high:g}, expected the lower value first"
-            )
+            raise UsageError(f"from {self.low:g} to {self.high:g}, expected the lower value first")
 
     def at(self, share: float) -> float:
         """Give the value at `share` of the way, 0 to 1."""
@@ -70,13 +68,10 @@ def range_of(asked: object, base: float | None, where: str) -> Range:
         percent = _PERCENT.fullmatch(asked) if isinstance(asked, str) else None
         factor = _FACTOR.fullmatch(asked) if isinstance(asked, str) else None
         if percent is None and factor is None:
-            raise UsageError(
-                f"{asked!r}, expected [from, to], as [0.9, 1.3], '20 %' or 'factor 2'"
-            )
+            raise UsageError(f"{asked!r}, expected [from, to], as [0.9, 1.3], '20 %' or 'factor 2'")
         if base is None or not base > 0:
             raise UsageError(
-                f"{asked!r} of {'nothing' if base is None else f'{base:g}'}: expected "
-                "[from, to]"
+                f"{asked!r} of {'nothing' if base is None else f'{base:g}'}: expected [from, to]"
             )
         if percent is not None:
             share = float(percent[1]) / 100
@@ -90,14 +85,10 @@ def range_of(asked: object, base: float | None, where: str) -> Range:
         return Range(_short(base / times), _short(base * times), logarithmic=True)
     except UsageError as error:
         text = str(error)
-        raise UsageError(text if text.startswith(where) else f"{where}: {text}") from (
-            error
-        )
+        raise UsageError(text if text.startswith(where) else f"{where}: {text}") from (error)
 
 
-def one_at_a_time(
-    base: Mapping[str, float], ranges: Mapping[str, Range]
-) -> list[dict[str, float]]:
+def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> list[dict[str, float]]:
     """Give the base first, then each parameter low and high, the others at the base.
 
     A value that is the base's own is left out: it is no other finger.
@@ -105,17 +96,11 @@ def one_at_a_time(
     start = dict(base)
     rows = [start]
     for name, span in ranges.items():
-        rows += [
-            {**start, name: value}
-            for value in (span.low, span.high)
-            if value != start[name]
-        ]
+        rows += [{**start, name: value} for value in (span.low, span.high) if value != start[name]]
     return rows
 
 
-def latin_hypercube(
-    ranges: Mapping[str, Range], samples: int, seed: int
-) -> list[dict[str, float]]:
+def latin_hypercube(ranges: Mapping[str, Range], samples: int, seed: int) -> list[dict[str, float]]:
     """Draw fingers, so that each of `samples` slices of each range has one.
 
     Of the ways to do so, one in which parameters hardly go together is searched
@@ -132,9 +117,7 @@ def latin_hypercube(
     ]
 
 
-def hypercube_shares(
-    parameters: int, samples: int, seed: int
-) -> Sequence[Sequence[float]]:
+def hypercube_shares(parameters: int, samples: int, seed: int) -> Sequence[Sequence[float]]:
     """Give shares of ranges in [0, 1), ``(sample, parameter)``."""
     from scipy.stats import qmc
 

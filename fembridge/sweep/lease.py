@@ -168,9 +168,7 @@ def _create(path: Path, text: str) -> bool:
     except FileExistsError:
         return False
     except OSError as error:
-        raise OutputError(
-            f"cannot be claimed: {error.strerror}", path.parent
-        ) from error
+        raise OutputError(f"cannot be claimed: {error.strerror}", path.parent) from error
     finally:
         draft.unlink(missing_ok=True)
     return True

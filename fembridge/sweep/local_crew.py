@@ -36,9 +36,7 @@ class LocalCrew:
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._processes: set[subprocess.Popen[bytes]] = set()
         self._closed = False
-        self._foremen = [
-            threading.Thread(target=self._lead, daemon=True) for _ in range(jobs)
-        ]
+        self._foremen = [threading.Thread(target=self._lead, daemon=True) for _ in range(jobs)]
         for foreman in self._foremen:
             foreman.start()
 

@@ -61,20 +61,10 @@ def plan_of(study: Study, solver: str) -> Plan:
                 "method": method,
             }
             for entries in _shares(study, method):
-                depth_um = depth_for(
-                    max(deepest_um[entry.id, preindent_um] for entry in entries)
-                )
+                depth_um = depth_for(max(deepest_um[entry.id, preindent_um] for entry in entries))
                 response = responses.setdefault(
                     depth_um,
-                    Response(
-                        variant.finger,
-                        probe,
-                        asked,
-                        study.element,
-                        depth_um,
-                        solver,
-                        label,
-                    ),
+                    Response(variant.finger, probe, asked, study.element, depth_um, solver, label),
                 )
                 item = _item(study, response, method, entries, preindent_um)
                 items.setdefault(item.key, item)
@@ -87,9 +77,7 @@ def plan_of(study: Study, solver: str) -> Plan:
     return Plan(tuple(points.values()), items)
 
 
-def _columns(
-    study: Study, variant: Variant, probe: Probe, asked: Asked
-) -> dict[str, Value | None]:
+def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict[str, Value | None]:
     """Give what is different from point to point, and the usual sizes of the probe."""
     names = dict.fromkeys(n for each in study.variants for n in each.changes)
     asked_names = dict.fromkeys(n for each in study.contacts for n in each)
@@ -106,11 +94,7 @@ def _columns(
 
 
 def _item(
-    study: Study,
-    response: Response,
-    method: str,
-    entries: tuple[Entry, ...],
-    preindent_um: float,
+    study: Study, response: Response, method: str, entries: tuple[Entry, ...], preindent_um: float
 ) -> Item:
     label = f"{response.label}, {method}"
     if method == "transient":

@@ -67,11 +67,7 @@ def anchored(finger: Finger, anchors: Mapping[str, Anchor]) -> Finger:
     for name, anchor in anchors.items():
         site = _site(finger, name)
         top_mm, bottom_mm = _span_mm(section, site)
-        depth_mm = (
-            top_mm + anchor.distance_mm
-            if anchor.upper
-            else bottom_mm - anchor.distance_mm
-        )
+        depth_mm = top_mm + anchor.distance_mm if anchor.upper else bottom_mm - anchor.distance_mm
         sites[name] = replace(site, depth_mm=round(max(depth_mm, 0.0), _DIGITS))
         _check_inside(name, sites[name], top_mm, bottom_mm)
     return replace(finger, afferents=sites)
@@ -79,15 +75,11 @@ def anchored(finger: Finger, anchors: Mapping[str, Anchor]) -> Finger:
 
 def _site(finger: Finger, name: str) -> AfferentSite:
     if name not in finger.afferents:
-        raise FingerError(
-            f"afferent {name!r}, expected one of {', '.join(finger.afferents)}"
-        )
+        raise FingerError(f"afferent {name!r}, expected one of {', '.join(finger.afferents)}")
     return finger.afferents[name]
 
 
-def _check_inside(
-    name: str, site: AfferentSite, top_mm: float, bottom_mm: float
-) -> None:
+def _check_inside(name: str, site: AfferentSite, top_mm: float, bottom_mm: float) -> None:
     if not top_mm < site.depth_mm < bottom_mm:
         raise FingerError(
             f"afferent {name} at depth {site.depth_mm:g} mm is not inside the "
@@ -105,9 +97,7 @@ def _span_mm(section: Section, site: AfferentSite) -> tuple[float, float]:
         "subcutaneous_tissue": (section.dermis, None),
     }
     if site.layer not in upper_and_lower:
-        raise FingerError(
-            f"a place in the {site.layer} has no boundary of the skin to keep to"
-        )
+        raise FingerError(f"a place in the {site.layer} has no boundary of the skin to keep to")
     upper, lower = upper_and_lower[site.layer]
     top_mm = _depth_mm(section, upper, site.x_mm)
     if lower is not None:
@@ -123,7 +113,5 @@ def _depth_mm(section: Section, curve: DepthOfArc, x_mm: float) -> float:
     point_mm = section.curve(curve, arc_mm)
     pad_mm = point_mm[: int(point_mm[:, 0].argmax()) + 1]
     if abs(x_mm) > pad_mm[-1, 0]:
-        raise FingerError(
-            f"x = {x_mm:g} mm: expected within {pad_mm[-1, 0]:.3g} mm of the middle"
-        )
+        raise FingerError(f"x = {x_mm:g} mm: expected within {pad_mm[-1, 0]:.3g} mm of the middle")
     return float(np.interp(abs(x_mm), pad_mm[:, 0], -pad_mm[:, 1]))

@@ -71,31 +71,21 @@ class Study:
                 raise UsageError(f"{told}: {value} stands there twice")
         for method in self.methods:
             if method not in METHODS:
-                raise UsageError(
-                    f"methods: {method!r}, expected {' or '.join(METHODS)}"
-                )
+                raise UsageError(f"methods: {method!r}, expected {' or '.join(METHODS)}")
         if self.element not in ELEMENTS:
-            raise UsageError(
-                f"element: {self.element!r}, expected one of {', '.join(ELEMENTS)}"
-            )
+            raise UsageError(f"element: {self.element!r}, expected one of {', '.join(ELEMENTS)}")
         for depth_um in self.preindents_um:
             if not (math.isfinite(depth_um) and 0 <= depth_um <= MAX_AMPLITUDE_UM):
-                raise UsageError(
-                    f"preindent_um: {depth_um}, expected 0 to {MAX_AMPLITUDE_UM:g}"
-                )
+                raise UsageError(f"preindent_um: {depth_um}, expected 0 to {MAX_AMPLITUDE_UM:g}")
         if self.seed is not None and self.seed < 0:
             raise UsageError(f"seed: {self.seed}, expected 0 or more")
         for asked in self.contacts:
             ladder_of(asked)
         for variant in self.variants:
             if twice := sorted(
-                {n for each in self.contacts for n in each}.intersection(
-                    variant.contact
-                )
+                {n for each in self.contacts for n in each}.intersection(variant.contact)
             ):
-                raise UsageError(
-                    f"contacts: {twice[0]} stands there and among the fingers"
-                )
+                raise UsageError(f"contacts: {twice[0]} stands there and among the fingers")
             if variant.contact:
                 ladder_of(variant.contact)
         self._check_methods()

@@ -113,9 +113,7 @@ def study_from(
         number_of(each, "preindent_um")
         for each in (depths if isinstance(depths, list) else [depths])
     ]
-    rest = math.prod(
-        max(1, len(values)) for values in (stimuli, methods, contacts, depths_um)
-    )
+    rest = math.prod(max(1, len(values)) for values in (stimuli, methods, contacts, depths_um))
     rest *= len(probes)
     return Study(
         stimuli=stimuli,
@@ -140,9 +138,7 @@ def _stimuli(words: Sequence[str]) -> tuple[Entry, ...]:
         raise UsageError(f"stimuli: {error}") from error
 
 
-def _combinations(
-    entries: object, where: str, keys: Sequence[str]
-) -> list[dict[str, Value]]:
+def _combinations(entries: object, where: str, keys: Sequence[str]) -> list[dict[str, Value]]:
     """Give every combination of the values of each entry, each once."""
     found: list[dict[str, Value]] = []
     for k, entry in enumerate(list_of(entries, where), start=1):

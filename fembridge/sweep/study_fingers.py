@@ -39,14 +39,7 @@ from fembridge.sweep.toml_value import (
     values_of,
     word_of,
 )
-from fembridge.sweep.variant import (
-    CONTACT,
-    Value,
-    Variant,
-    grid_rows,
-    grid_size,
-    variants_of,
-)
+from fembridge.sweep.variant import CONTACT, Value, Variant, grid_rows, grid_size, variants_of
 from fembridge.typing import Table
 
 FINGER_KEYS = ("base", "grid", "rows", "design", "ranges", "samples", "seed", "sites")
@@ -107,9 +100,7 @@ def _asked(entry: object, where: str) -> _Asked:
     if len(given) > 1:
         raise UsageError(f"{where}: {' and '.join(given)}, expected one of them")
     designed = "ranges" in table
-    sites = word_of(
-        table.get("sites", "follow" if designed else "fixed"), f"{where}: sites"
-    )
+    sites = word_of(table.get("sites", "follow" if designed else "fixed"), f"{where}: sites")
     if sites not in SITES:
         raise UsageError(f"{where}: sites: {sites!r}, expected {' or '.join(SITES)}")
     follows = sites == "follow"
@@ -131,14 +122,10 @@ def _asked(entry: object, where: str) -> _Asked:
     return _Asked(where, base, grid_size(grid), grid_rows(grid), follows=follows)
 
 
-def _asked_design(
-    table: Mapping[str, object], where: str, base: str, follows: bool
-) -> _Asked:
+def _asked_design(table: Mapping[str, object], where: str, base: str, follows: bool) -> _Asked:
     design = word_of(table.get("design", ""), f"{where}: design")
     if design not in DESIGNS:
-        raise UsageError(
-            f"{where}: design: {design!r}, expected {' or '.join(DESIGNS)}"
-        )
+        raise UsageError(f"{where}: design: {design!r}, expected {' or '.join(DESIGNS)}")
     here = f"{where}: ranges"
     ranges = _flat(table_of(table["ranges"], here), here)
     if not ranges:
@@ -152,9 +139,7 @@ def _asked_design(
             raise UsageError(f"{where}: samples: absent, expected how many fingers")
         count = _whole(table["samples"], f"{where}: samples", 2)
         seed = _whole(table.get("seed", 0), f"{where}: seed", 0)
-    return _Asked(
-        where, base, count, design=design, ranges=ranges, seed=seed, follows=follows
-    )
+    return _Asked(where, base, count, design=design, ranges=ranges, seed=seed, follows=follows)
 
 
 def _designed(asked: _Asked, folder: Path) -> list[Variant]:
@@ -163,8 +148,7 @@ def _designed(asked: _Asked, folder: Path) -> list[Variant]:
     [start] = variants_of(asked.base, [{}], folder)
     base = {name: _base_value(start, name) for name in asked.ranges}
     ranges = {
-        name: range_of(span, base[name], f"ranges: {name}")
-        for name, span in asked.ranges.items()
+        name: range_of(span, base[name], f"ranges: {name}") for name, span in asked.ranges.items()
     }
     told, rows = zip(*_rows(asked, base, ranges), strict=True)
     try:
@@ -216,16 +200,10 @@ def _flat(table: Mapping[str, object], where: str, above: str = "") -> Table:
     flat: Table = {}
     for key, value in table.items():
         name = f"{above}{key}"
-        inner = (
-            _flat(value, where, f"{name}.")
-            if isinstance(value, Mapping)
-            else {name: value}
-        )
+        inner = _flat(value, where, f"{name}.") if isinstance(value, Mapping) else {name: value}
         for one, content in inner.items():
             if "." not in one:
-                raise UsageError(
-                    f"{where}: {one!r}, expected section.key, as skin.epidermis_mm"
-                )
+                raise UsageError(f"{where}: {one!r}, expected section.key, as skin.epidermis_mm")
             if any(_overlap(one, other) for other in flat):
                 raise UsageError(f"{where}: {one} stands there twice")
             flat[one] = content

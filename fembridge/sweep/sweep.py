@@ -59,9 +59,7 @@ class Sweep:
     @property
     def failed(self) -> tuple[Item, ...]:
         """Items that failed, in the order of the study."""
-        return tuple(
-            item for key, item in self.plan.items.items() if key in self.causes
-        )
+        return tuple(item for key, item in self.plan.items.items() if key in self.causes)
 
 
 def run_sweep(
@@ -126,24 +124,17 @@ def run_sweep(
         crew.close()
 
 
-def _run(
-    study: Study, folder: Path, solver: str, shows: bool, hire: Callable[[], Crew]
-) -> Sweep:
+def _run(study: Study, folder: Path, solver: str, shows: bool, hire: Callable[[], Crew]) -> Sweep:
     plan = plan_of(study, solver)
     left = {
-        key: item
-        for key, item in plan.items.items()
-        if not is_finished(folder / item.place, item)
+        key: item for key, item in plan.items.items() if not is_finished(folder / item.place, item)
     }
     before = len(plan.items) - len(left)
     _forget(folder / RESULTS_FILE)
     write_text(folder / STUDY_FILE, _provenance(study, solver, plan) + study.text)
     causes: dict[str, str] = {}
     if left:
-        with (
-            signals_as_exits(),
-            Board(len(plan.items), before, shows=shows) as board,
-        ):
+        with signals_as_exits(), Board(len(plan.items), before, shows=shows) as board:
             crew = hire()
             try:
                 causes = _do(left, folder, crew, board)
@@ -153,9 +144,7 @@ def _run(
     return Sweep(folder, plan, causes, before, rows)
 
 
-def _do(
-    left: Mapping[str, Item], folder: Path, crew: Crew, board: Board
-) -> dict[str, str]:
+def _do(left: Mapping[str, Item], folder: Path, crew: Crew, board: Board) -> dict[str, str]:
     """Have all items of `left` done, each after its response; give why some failed."""
     behind: dict[str, list[Item]] = {}
     responses: dict[str, Response] = {}
@@ -204,8 +193,7 @@ def _provenance(study: Study, solver: str, plan: Plan) -> str:
     digest = hashlib.sha256(study.text.encode()).hexdigest()
     files = dict.fromkeys(each.label for each in study.variants)
     lines = [
-        f"sweep of the study {study.name!r}, {study.points} points, "
-        f"{len(plan.items)} items",
+        f"sweep of the study {study.name!r}, {study.points} points, {len(plan.items)} items",
         f"fembridge {__version__}, solver {solver}, "
         f"Python {sys.version.split()[0]}, NumPy {np.__version__}",
         f"fingers {', '.join(files)}; parameters {study.parameters.name}",

@@ -18,9 +18,7 @@ def check_keys(table: Mapping[str, object], keys: Sequence[str], where: str) -> 
         if key not in keys:
             near = difflib.get_close_matches(key, keys, n=2)
             hint = f"; did you mean {' or '.join(near)}?" if near else ""
-            raise UsageError(
-                f"{where}: unknown key {key!r}, expected {', '.join(keys)}{hint}"
-            )
+            raise UsageError(f"{where}: unknown key {key!r}, expected {', '.join(keys)}{hint}")
 
 
 def list_of(value: object, where: str) -> list[object]:
@@ -79,10 +77,7 @@ def value_of(value: object, where: str) -> Value:
 
 def values_of(value: object, where: str) -> list[Value]:
     """Take a list of different values, or a single one."""
-    values = [
-        value_of(each, where)
-        for each in (value if isinstance(value, list) else [value])
-    ]
+    values = [value_of(each, where) for each in (value if isinstance(value, list) else [value])]
     if not values:
         raise UsageError(f"{where}: an empty list, expected values")
     if len(set(values)) < len(values):
@@ -96,7 +91,6 @@ def below(word: str, where: str) -> str:
     path = PurePosixPath(word)
     if path.is_absolute() or ".." in path.parts or "\0" in word or not word:
         raise UsageError(
-            f"{where}: {word!r}, expected a name known here or a file below the "
-            "folder of the study"
+            f"{where}: {word!r}, expected a name known here or a file below the folder of the study"
         )
     return word

@@ -55,10 +55,7 @@ class Variant:
             return anchor_of(self.finger, match[1]).distance_mm if own is None else own
         found: object = self.finger
         for word in name.split("."):
-            if isinstance(found, Mapping):
-                found = found.get(word)
-            else:
-                found = getattr(found, word, None)
+            found = found.get(word) if isinstance(found, Mapping) else getattr(found, word, None)
         return found if isinstance(found, float | int | str) else None
 
     def __str__(self) -> str:
@@ -115,12 +112,7 @@ def _anchors(
     base: Finger, changes: Sequence[Mapping[str, Value]], follows: bool
 ) -> dict[str, Anchor]:
     """Give where the afferents of the base keep to, those that are asked for."""
-    asked = {
-        match[1]
-        for row in changes
-        for match in map(_TO_BOUNDARY.fullmatch, row)
-        if match
-    }
+    asked = {match[1] for row in changes for match in map(_TO_BOUNDARY.fullmatch, row) if match}
     if follows:
         asked |= {name for name, site in base.afferents.items() if site.layer in SKIN}
     return {name: anchor_of(base, name) for name in sorted(asked)}
@@ -135,9 +127,7 @@ def _variant(
     name: str,
 ) -> Variant:
     contact = {
-        key.removeprefix(CONTACT): value
-        for key, value in row.items()
-        if key.startswith(CONTACT)
+        key.removeprefix(CONTACT): value for key, value in row.items() if key.startswith(CONTACT)
     }
     distances = {
         match[1]: value
@@ -179,8 +169,7 @@ def _kept(
             )
         if not isinstance(distance_mm, float | int) or distance_mm <= 0:
             raise FingerError(
-                f"afferents.{name}.to_boundary_mm: {distance_mm!r}, expected a number "
-                "> 0"
+                f"afferents.{name}.to_boundary_mm: {distance_mm!r}, expected a number > 0"
             )
         kept[name] = replace(anchor, distance_mm=float(distance_mm))
     return kept

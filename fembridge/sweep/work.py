@@ -16,13 +16,7 @@ from decks.analysis import Contact
 from decks.meshing.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import mesh_of
 from fembridge.build import Model
-from fembridge.errors import (
-    FembridgeError,
-    FingerError,
-    MissingError,
-    OutputError,
-    ResponseError,
-)
+from fembridge.errors import FembridgeError, FingerError, MissingError, OutputError, ResponseError
 from fembridge.outputs import write_text
 from fembridge.response.accepted import Tell
 from fembridge.response.map_file import MAP_FILE, read_map
@@ -116,11 +110,7 @@ def known_response(task: Response, folder: Path) -> ResponseMap | None:
 
 
 def _do_response(
-    task: Response,
-    folder: Path,
-    patient: bool,
-    settings: SolverSettings,
-    tell: Tell,
+    task: Response, folder: Path, patient: bool, settings: SolverSettings, tell: Tell
 ) -> bool:
     """Solve it, unless it is solved; tell which."""
     if known_response(task, folder) is not None:
@@ -130,12 +120,7 @@ def _do_response(
         if known_response(task, folder) is not None:
             return True
         _check_solver(task.solver)
-        model = Model(
-            task.finger,
-            _mesh(task, place),
-            task.probe,
-            element=task.element,
-        )
+        model = Model(task.finger, _mesh(task, place), task.probe, element=task.element)
         solve_response(
             place,
             model.at_once(),
@@ -149,9 +134,7 @@ def _do_response(
     return False
 
 
-def _do_item(
-    item: Item, folder: Path, patient: bool, settings: SolverSettings, tell: Tell
-) -> bool:
+def _do_item(item: Item, folder: Path, patient: bool, settings: SolverSettings, tell: Tell) -> bool:
     """Simulate it, unless it is finished; tell which."""
     place = folder / item.place
     while not is_finished(place, item):
@@ -178,11 +161,7 @@ def _do_item(
 
 
 def _simulate(
-    item: Item,
-    response: ResponseMap,
-    folder: Path,
-    settings: SolverSettings,
-    tell: Tell,
+    item: Item, response: ResponseMap, folder: Path, settings: SolverSettings, tell: Tell
 ) -> Simulation:
     task = item.response
     place = folder / task.place

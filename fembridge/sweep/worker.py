@@ -40,9 +40,7 @@ def main() -> None:
     with signals_as_exits():
         while True:
             task, folder, threads, patient = orders.get()
-            found = work(
-                task, folder, threads=threads, patient=patient, on_progress=say
-            )
+            found = work(task, folder, threads=threads, patient=patient, on_progress=say)
             say(found)
 
 

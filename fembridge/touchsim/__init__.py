@@ -19,14 +19,7 @@ MODELS = {"SA": 4, "RA": 9, "PC": 4}
 
 WHOLE_SECOND_MS = 1000.0
 
-_COLUMNS = (
-    "stimulus",
-    "afferent",
-    "preindent_um",
-    "window_ms",
-    "rate_ips",
-    "rate_sd_ips",
-)
+_COLUMNS = ("stimulus", "afferent", "preindent_um", "window_ms", "rate_ips", "rate_sd_ips")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +29,7 @@ class TouchsimRate(Rate):
     sd_ips: float
 
 
-def touchsim_rates(
-    preindent_um: float = 0.0, *, whole_second: bool = False
-) -> list[TouchsimRate]:
+def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[TouchsimRate]:
     """Give TouchSim's rates under all 82 stimuli, in the order of the catalogue.
 
     Parameters

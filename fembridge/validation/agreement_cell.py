@@ -61,9 +61,7 @@ class AgreementCell:
         return enough and mine.rmse_ips < its.rmse_ips
 
 
-def agreement_cells(
-    compared: ComparedRates, reference: str
-) -> tuple[AgreementCell, ...]:
+def agreement_cells(compared: ComparedRates, reference: str) -> tuple[AgreementCell, ...]:
     """Hold every other computed source against `reference`, cell by cell.
 
     Observed rates are no source here: they are predicted by nobody.
@@ -79,13 +77,9 @@ def agreement_cells(
                     target = compared.of(reference, afferent, stimuli)
                     predicted = compared.of(source, afferent, stimuli)
                     both = np.isfinite(target) & np.isfinite(predicted)
-                    found = (
-                        agreement(target[both], predicted[both]) if both.any() else None
-                    )
+                    found = agreement(target[both], predicted[both]) if both.any() else None
                     cells.append(
-                        AgreementCell(
-                            reference, source, family.name, name, afferent, found
-                        )
+                        AgreementCell(reference, source, family.name, name, afferent, found)
                     )
     return tuple(cells)
 
@@ -107,13 +101,7 @@ def cell_of(
     """
     wanted = (reference, source, family, set_, afferent)
     for cell in cells:
-        if (
-            cell.reference,
-            cell.source,
-            cell.family,
-            cell.set,
-            cell.afferent,
-        ) == wanted:
+        if (cell.reference, cell.source, cell.family, cell.set, cell.afferent) == wanted:
             return cell
     raise UsageError(f"no agreement of {', '.join(wanted)}")
 

@@ -65,9 +65,7 @@ class ComparedRates:
         return found
 
 
-def compare_rates(
-    stimuli: Sequence[str], sources: Mapping[str, Iterable[Rate]]
-) -> ComparedRates:
+def compare_rates(stimuli: Sequence[str], sources: Mapping[str, Iterable[Rate]]) -> ComparedRates:
     """Put tables of rates beside each other; rates of other stimuli are left out."""
     row = {stimulus: place for place, stimulus in enumerate(stimuli)}
     rate_ips = np.full((len(sources), len(stimuli), len(AFFERENTS)), np.nan)

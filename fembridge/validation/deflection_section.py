@@ -26,9 +26,7 @@ def deflection_section(study: Study, lines: CommandLines, album: Album) -> Secti
     """Give the profile of all meshes and, where there are several, their table."""
     finest = study.deflections[-1]
     apex_mm = float(finest.at(0.0))
-    half_mm = float(
-        np.interp(-_HALF * apex_mm, -finest.deflection_mm, finest.distance_mm)
-    )
+    half_mm = float(np.interp(-_HALF * apex_mm, -finest.deflection_mm, finest.distance_mm))
     caption = Caption(
         "Skin deflection under a 50 µm probe at 1 mm (as Fig. 2c).",
         "Left: how far the skin goes down, against the distance from the probe, on "
@@ -53,10 +51,7 @@ def _table(study: Study, lines: CommandLines) -> str:
         (
             Cell("Quantity", "words"),
             Cell("Unit", "words"),
-            *(
-                Cell(f"{mesh.name}\n{mesh.elements} elements")
-                for mesh in study.deflections
-            ),
+            *(Cell(f"{mesh.name}\n{mesh.elements} elements") for mesh in study.deflections),
             Cell("last step\n(%)"),
             Cell("limit"),
             Cell("order"),

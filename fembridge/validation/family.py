@@ -70,9 +70,7 @@ def _family(name: str, title: str, level_title: str, figure: str, table: str) ->
 
 FAMILIES = (
     _family("sine", "Sinusoids", "Amplitude (µm)", "Fig. 3b", "Fig. 3c"),
-    _family(
-        "diharm", "Diharmonics", "Amplitude of component 1 (µm)", "Fig. 4a–c", "Fig. 4d"
-    ),
+    _family("diharm", "Diharmonics", "Amplitude of component 1 (µm)", "Fig. 4a–c", "Fig. 4d"),
     _family("noise", "Band-pass noises", "RMS amplitude (µm)", "Fig. 5a–c", "Fig. 5d"),
 )
 SINES = FAMILIES[0]

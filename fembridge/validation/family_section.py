@@ -24,16 +24,10 @@ from fembridge.validation.report_tables import AGREEMENT, RATES
 from fembridge.validation.shortfall import error_text, worst_set
 from fembridge.validation.source_style import source_title
 from fembridge.validation.study import Study
-from fembridge.validation.summary_section import (
-    NUMBERS,
-    number_cells,
-    number_head,
-)
+from fembridge.validation.summary_section import NUMBERS, number_cells, number_head
 
 
-def family_section(
-    study: Study, family: Family, lines: CommandLines, album: Album
-) -> Section:
+def family_section(study: Study, family: Family, lines: CommandLines, album: Album) -> Section:
     """Give everything about the rates under one family of stimuli."""
     reference = study.compared.reference(family.stimuli)
     blocks = []
@@ -84,9 +78,7 @@ def _regression(
         "equal; the dashed line is the regression through all marks. A high R² with a "
         "dashed line off the grey one means rates that go together and are not equal.",
     )
-    figure = regression_figure(
-        study.compared, study.cells, family, reference, study.judged.name
-    )
+    figure = regression_figure(study.compared, study.cells, family, reference, study.judged.name)
     made = Made((lines.whole,), (file_name(name), RATES, AGREEMENT))
     return figure_block(album.keep(figure, name), name, caption, made)
 
@@ -100,10 +92,7 @@ def _table(study: Study, family: Family, reference: str, lines: CommandLines) ->
         (
             Cell(""),
             *(
-                Cell(
-                    number_head(number),
-                    "starts" if number == NUMBERS[0] else "",
-                )
+                Cell(number_head(number), "starts" if number == NUMBERS[0] else "")
                 for _ in AFFERENTS
                 for number in NUMBERS
             ),

@@ -58,9 +58,7 @@ def locking_rows(
                         frequency_hz=frequency_hz,
                         amplitude_um=amplitude_um,
                         impulses_per_cycle=rate / frequency_hz,
-                        vector_strength=_strength(
-                            mine_ms, entry.window_ms, frequency_hz
-                        ),
+                        vector_strength=_strength(mine_ms, entry.window_ms, frequency_hz),
                     )
                 )
     return tuple(rows)

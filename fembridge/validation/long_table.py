@@ -22,9 +22,7 @@ class LongTable:
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.columns):
-                raise UsageError(
-                    f"{self.name}: {len(row)} cells, expected {len(self.columns)}"
-                )
+                raise UsageError(f"{self.name}: {len(row)} cells, expected {len(self.columns)}")
 
     def write(self, folder: Path) -> None:
         """Write it as `name` into `folder`."""

@@ -126,9 +126,7 @@ def _caption(caption: Caption) -> str:
 
 def _made(made: Made) -> str:
     lines = escape("\n".join(made.commands))
-    links = ", ".join(
-        f'<a href="{escape(name)}">{escape(name)}</a>' for name in made.files
-    )
+    links = ", ".join(f'<a href="{escape(name)}">{escape(name)}</a>' for name in made.files)
     beside = f"<p>Beside this page: {links}</p>" if links else ""
     return (
         '<details class="made"><summary>How this was made</summary>'
@@ -150,8 +148,7 @@ def _row(row: Sequence[Cell], columns: int) -> str:
         return f'<th scope="colgroup" class="block"{_span(columns)}>{text}</th>'
     first, *others = row
     cells = "".join(
-        f"<td{_class(cell.look)}{_span(cell.span)}>{escape(cell.text)}</td>"
-        for cell in others
+        f"<td{_class(cell.look)}{_span(cell.span)}>{escape(cell.text)}</td>" for cell in others
     )
     return f'<th scope="row"{_class(first.look)}>{escape(first.text)}</th>{cells}'
 

@@ -48,9 +48,6 @@ def raster_section(study: Study, lines: CommandLines, album: Album) -> Section:
     )
     drawing = album.keep(raster_figure(trains, stimuli), _NAME)
     made = Made(
-        (lines.whole, *lines.simulations(",".join(RASTER_STIMULI))[:1]),
-        (file_name(_NAME), RASTERS),
+        (lines.whole, *lines.simulations(",".join(RASTER_STIMULI))[:1]), (file_name(_NAME), RASTERS)
     )
-    return Section(
-        "raster-section", "Rasters", (figure_block(drawing, _NAME, caption, made),)
-    )
+    return Section("raster-section", "Rasters", (figure_block(drawing, _NAME, caption, made),))

@@ -4,13 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.plots.palette import (
-    AFFERENT_COLOURS,
-    INK,
-    PAGE_WIDTH_IN,
-    SMALL_TEXT_PT,
-    TEXT_PT,
-)
+from fembridge.plots.palette import AFFERENT_COLOURS, INK, PAGE_WIDTH_IN, SMALL_TEXT_PT, TEXT_PT
 from fembridge.plots.picture import make_plain
 from fembridge.tables import AFFERENTS
 from fembridge.validation.compared_rates import ComparedRates
@@ -36,10 +30,7 @@ def rate_figure(compared: ComparedRates, family: Family, judged: str) -> "Figure
 
     columns, sources = len(family.sets), compared.known(family.stimuli)
     height_in = (
-        _TOP_IN
-        + _BOTTOM_IN
-        + len(AFFERENTS) * _ROW_IN
-        + (len(AFFERENTS) - 1) * _BETWEEN_ROWS_IN
+        _TOP_IN + _BOTTOM_IN + len(AFFERENTS) * _ROW_IN + (len(AFFERENTS) - 1) * _BETWEEN_ROWS_IN
     )
     room_in = PAGE_WIDTH_IN - _LEFT_IN - _RIGHT_IN
     column_in = (room_in - (columns - 1) * _BETWEEN_COLUMNS_IN) / columns
@@ -65,19 +56,14 @@ def rate_figure(compared: ComparedRates, family: Family, judged: str) -> "Figure
             for source in sources:
                 rate_ips = compared.of(source, afferent, one.stimuli)
                 panel.plot(
-                    one.level_um,
-                    rate_ips,
-                    clip_on=False,
-                    **curve_style(source, afferent, judged),
+                    one.level_um, rate_ips, clip_on=False, **curve_style(source, afferent, judged)
                 )
             _scale_amplitudes(panel, family)
             make_plain(panel)
             panel.tick_params(axis="x", pad=_NUMBERS_DOWN_PT)
             if column:
                 panel.tick_params(labelleft=False)
-        rates = compared.rate_ips[
-            :, [compared.stimuli.index(id_) for id_ in family.stimuli], row
-        ]
+        rates = compared.rate_ips[:, [compared.stimuli.index(id_) for id_ in family.stimuli], row]
         top_ips = max(1.0, float(np.nanmax(rates)))
         grid[row, 0].set_ylim(0.0, _HEADROOM * top_ips)
         _name_row(grid[row, 0], afferent)
@@ -91,9 +77,7 @@ def rate_figure(compared: ComparedRates, family: Family, judged: str) -> "Figure
         fontsize=TEXT_PT,
         color=INK,
     )
-    figure.supylabel(
-        "Rate (impulses/s)", x=0.03 / PAGE_WIDTH_IN, fontsize=TEXT_PT, color=INK
-    )
+    figure.supylabel("Rate (impulses/s)", x=0.03 / PAGE_WIDTH_IN, fontsize=TEXT_PT, color=INK)
     draw_source_legend(figure, sources, judged, height=1 - _LEGEND_DOWN_IN / height_in)
     return figure
 

@@ -73,9 +73,7 @@ def regression_figure(
         for row, source in enumerate(sources):
             panel = grid[row, column]
             cell = cell_of(cells, reference, source, family.name, afferent)
-            colour = (
-                TOUCHSIM_COLOUR if source == TOUCHSIM else AFFERENT_COLOURS[afferent]
-            )
+            colour = TOUCHSIM_COLOUR if source == TOUCHSIM else AFFERENT_COLOURS[afferent]
             _draw_points(panel, compared, family, cell, colour)
             make_plain(panel)
         _scale(grid[0, column], compared, family, afferent)
@@ -94,9 +92,7 @@ def regression_figure(
             annotation_clip=False,
         )
     for row, source in enumerate(sources):
-        grid[row, 0].set_ylabel(
-            source_title(source, judged), fontsize=TEXT_PT, color=INK
-        )
+        grid[row, 0].set_ylabel(source_title(source, judged), fontsize=TEXT_PT, color=INK)
     across = "Observed rate" if reference == OBSERVED else "TouchSim’s rate"
     figure.supxlabel(
         f"{across} (impulses/s)",
@@ -107,21 +103,14 @@ def regression_figure(
         color=INK,
     )
     figure.supylabel(
-        "Predicted rate (impulses/s)",
-        x=0.03 / PAGE_WIDTH_IN,
-        fontsize=TEXT_PT,
-        color=INK,
+        "Predicted rate (impulses/s)", x=0.03 / PAGE_WIDTH_IN, fontsize=TEXT_PT, color=INK
     )
     _draw_legend(figure, family, height=1 - _LEGEND_DOWN_IN / height_in)
     return figure
 
 
 def _draw_points(
-    panel: "Axes",
-    compared: ComparedRates,
-    family: Family,
-    cell: AgreementCell,
-    colour: str,
+    panel: "Axes", compared: ComparedRates, family: Family, cell: AgreementCell, colour: str
 ) -> None:
     if cell.agreement is None:
         _tell(panel, "no rates to compare")
@@ -144,10 +133,7 @@ def _draw_points(
             dashes=(3.5, 1.6),
             zorder=2,
         )
-    _tell(
-        panel,
-        f"R² {share_text(line.r_squared)}, RMSE {cell.agreement.rmse_ips:.1f} ips",
-    )
+    _tell(panel, f"R² {share_text(line.r_squared)}, RMSE {cell.agreement.rmse_ips:.1f} ips")
 
 
 def _mark(marker: str, colour: str) -> dict[str, Any]:
@@ -163,12 +149,7 @@ def _mark(marker: str, colour: str) -> dict[str, Any]:
     }
 
 
-def _scale(
-    panel: "Axes",
-    compared: ComparedRates,
-    family: Family,
-    afferent: str,
-) -> None:
+def _scale(panel: "Axes", compared: ComparedRates, family: Family, afferent: str) -> None:
     """Give both axes of a column one scale, from 0 to above all of its points."""
     from matplotlib.ticker import MaxNLocator
 

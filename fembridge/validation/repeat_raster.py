@@ -63,9 +63,7 @@ def cells_of(simulation: Simulation) -> int:
     return len({train.repeat for train in simulation.trains})
 
 
-def raster_figure(
-    trains: Sequence[SpikeTrain], stimuli: Sequence[Stimulus]
-) -> "Figure":
+def raster_figure(trains: Sequence[SpikeTrain], stimuli: Sequence[Stimulus]) -> "Figure":
     """Draw what `repeated_trains` gives, each column's waveform above it."""
     from matplotlib.figure import Figure
 
@@ -123,9 +121,7 @@ def raster_figure(
 
 def _draw_waveform(panel: "Axes", stimulus: Stimulus) -> None:
     panel.axhline(0.0, color=FAINT, linewidth=HAIR_PT, zorder=1)
-    panel.plot(
-        stimulus.times_ms, stimulus.displacement_um, color=INK, linewidth=LINE_PT
-    )
+    panel.plot(stimulus.times_ms, stimulus.displacement_um, color=INK, linewidth=LINE_PT)
     panel.set_xlim(stimulus.times_ms[0], stimulus.times_ms[-1])
     make_plain(panel)
     panel.spines["bottom"].set_visible(False)

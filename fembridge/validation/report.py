@@ -13,11 +13,7 @@ from fembridge.validation.page import Section, page
 from fembridge.validation.raster_section import raster_section
 from fembridge.validation.record import record_of
 from fembridge.validation.report_tables import report_tables
-from fembridge.validation.source_section import (
-    RECORD,
-    source_section,
-    touchsim_section,
-)
+from fembridge.validation.source_section import RECORD, source_section, touchsim_section
 from fembridge.validation.study import Study
 from fembridge.validation.summary_section import summary_section
 from fembridge.validation.threshold_section import threshold_section
@@ -79,9 +75,7 @@ def _title(study: Study) -> str:
 
 
 def _lead(study: Study) -> tuple[str, ...]:
-    against = (
-        "observed firing rates" if study.reference == OBSERVED else "TouchSim’s rates"
-    )
+    against = "observed firing rates" if study.reference == OBSERVED else "TouchSim’s rates"
     return (
         "From a probe on a fingertip, through finite elements, to the spikes of SA, RA "
         "and PC afferents: the paper’s figures and tables made again, against "

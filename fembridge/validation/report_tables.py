@@ -64,10 +64,7 @@ def _rates(study: Study) -> LongTable:
                                     entry.level_um,
                                 )
                             )
-    columns = (
-        *("source", "stimulus", "afferent", "rate_ips"),
-        *("family", "set", "level_um"),
-    )
+    columns = (*("source", "stimulus", "afferent", "rate_ips"), *("family", "set", "level_um"))
     return LongTable(RATES, columns, tuple(rows))
 
 
@@ -127,9 +124,7 @@ def _locking(study: Study) -> LongTable:
         *("source", "afferent", "stimulus", "frequency_hz", "amplitude_um"),
         *("impulses_per_cycle", "vector_strength"),
     )
-    rows = tuple(
-        tuple(getattr(row, column) for column in columns) for row in study.locking
-    )
+    rows = tuple(tuple(getattr(row, column) for column in columns) for row in study.locking)
     return LongTable(LOCKING, columns, rows)
 
 

@@ -5,11 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fembridge.tables import AFFERENTS
-from fembridge.validation.agreement_cell import (
-    PAPER_R_SQUARED,
-    AgreementCell,
-    cell_of,
-)
+from fembridge.validation.agreement_cell import PAPER_R_SQUARED, AgreementCell, cell_of
 from fembridge.validation.compared_rates import OBSERVED
 from fembridge.validation.family import FAMILIES, SINES, Family
 from fembridge.validation.number_text import rate_text, share_text
@@ -34,21 +30,12 @@ def shortfalls(study: Study) -> tuple[str, ...]:
     return (*found, *_thresholds(study))
 
 
-def worst_set(
-    study: Study, family: Family, afferent: str
-) -> tuple[str, AgreementCell] | None:
+def worst_set(study: Study, family: Family, afferent: str) -> tuple[str, AgreementCell] | None:
     """Give title and cell of the set with the largest mean error, if any is known."""
     reference = study.compared.reference(family.stimuli)
     known = []
     for one in family.sets:
-        cell = cell_of(
-            study.cells,
-            reference,
-            study.judged.name,
-            family.name,
-            afferent,
-            one.name,
-        )
+        cell = cell_of(study.cells, reference, study.judged.name, family.name, afferent, one.name)
         if cell.agreement is not None:
             known.append((one.title, cell))
     return max(known, key=lambda pair: abs(_bias_ips(pair[1])), default=None)
@@ -88,9 +75,7 @@ def _cell(study: Study, family: Family, afferent: str) -> str | None:
 
 
 def _thresholds(study: Study) -> Iterator[str]:
-    rows = {
-        (row.source, row.afferent, row.frequency_hz): row for row in study.thresholds
-    }
+    rows = {(row.source, row.afferent, row.frequency_hz): row for row in study.thresholds}
     reference, name = study.compared.reference(SINES.stimuli), study.judged.name
     for afferent in AFFERENTS:
         told = []

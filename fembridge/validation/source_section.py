@@ -42,12 +42,7 @@ def source_section(study: Study, lines: CommandLines) -> Section:
     )
     files = (RECORD,)
     blocks = [
-        table_block(
-            TableText(heads, tuple(rows)),
-            "sources",
-            caption,
-            Made((lines.whole,), files),
-        ),
+        table_block(TableText(heads, tuple(rows)), "sources", caption, Made((lines.whole,), files)),
         paragraph(_stress(study)),
     ]
     if study.left_out:
@@ -83,9 +78,7 @@ def _row(study: Study, source: str) -> tuple[Cell, ...]:
         what = f"file {study.observed.path.name}, SHA-256 {digest}"
         return _cells(name, what, told, "as in the file", "as in the file")
     if source == TOUCHSIM:
-        what = (
-            "Saal et al. 2017, computed for this project and stored; a model, not data"
-        )
+        what = "Saal et al. 2017, computed for this project and stored; a model, not data"
         return _cells(name, what, told, "4 SA, 9 RA, 4 PC", "0")
     [model] = [model for model in study.models if model.name == source]
     what = model.source if source == PUBLISHED_NAME else f"{source}: {model.source}"
@@ -93,14 +86,8 @@ def _row(study: Study, source: str) -> tuple[Cell, ...]:
     return _cells(name, what, told, cells, f"{model.preindent_um:g}")
 
 
-def _cells(
-    name: str, what: str, rates: str, cells: str, preindent: str
-) -> tuple[Cell, ...]:
-    return (
-        Cell(name, "words"),
-        Cell(what, "prose"),
-        *map(Cell, (rates, cells, preindent)),
-    )
+def _cells(name: str, what: str, rates: str, cells: str, preindent: str) -> tuple[Cell, ...]:
+    return (Cell(name, "words"), Cell(what, "prose"), *map(Cell, (rates, cells, preindent)))
 
 
 def _stress(study: Study) -> str:

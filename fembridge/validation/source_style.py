@@ -56,9 +56,7 @@ def draw_source_legend(
     for source in sources:
         common = source in (OBSERVED, TOUCHSIM)
         classes = ("SA",) if common else tuple(AFFERENT_COLOURS)
-        samples.append(
-            tuple(Line2D([], [], **curve_style(source, one, judged)) for one in classes)
-        )
+        samples.append(tuple(Line2D([], [], **curve_style(source, one, judged)) for one in classes))
     figure.legend(
         samples,
         [source_title(source, judged) for source in sources],

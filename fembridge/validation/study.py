@@ -20,17 +20,8 @@ from fembridge.simulate import simulate
 from fembridge.simulation import Simulation
 from fembridge.tables import Rate
 from fembridge.touchsim import touchsim_rates
-from fembridge.validation.agreement_cell import (
-    AgreementCell,
-    agreement_cells,
-    references_of,
-)
-from fembridge.validation.compared_rates import (
-    OBSERVED,
-    TOUCHSIM,
-    ComparedRates,
-    compare_rates,
-)
+from fembridge.validation.agreement_cell import AgreementCell, agreement_cells, references_of
+from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM, ComparedRates, compare_rates
 from fembridge.validation.judged_model import JudgedModel
 from fembridge.validation.locking_row import LockingRow, locking_rows
 from fembridge.validation.threshold_row import ThresholdRow, threshold_rows
@@ -125,9 +116,7 @@ def validate(
             for cell in agreement_cells(compared, reference)
         ),
         thresholds=threshold_rows(compared),
-        locking=locking_rows(
-            compared, {name: one.trains for name, one in simulations.items()}
-        ),
+        locking=locking_rows(compared, {name: one.trains for name, one in simulations.items()}),
         deflections=deflections,
         convergence=convergence(deflections) if len(deflections) > 1 else (),
     )
@@ -148,8 +137,5 @@ def _left_out(observed: ObservedRates | None, tell: Tell) -> tuple[str, ...]:
             f"the first is of {strange[0]}"
         )
     if strange:
-        tell(
-            f"{observed.path}: left out {', '.join(strange)}: not in the paper's "
-            "appendix"
-        )
+        tell(f"{observed.path}: left out {', '.join(strange)}: not in the paper's appendix")
     return strange

@@ -13,13 +13,7 @@ from fembridge.validation.agreement_cell import (
 from fembridge.validation.command_lines import CommandLines
 from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM
 from fembridge.validation.family import FAMILIES
-from fembridge.validation.number_text import (
-    ABSENT,
-    p_text,
-    rate_text,
-    share_text,
-    signed_text,
-)
+from fembridge.validation.number_text import ABSENT, p_text, rate_text, share_text, signed_text
 from fembridge.validation.page import (
     Caption,
     Cell,
@@ -53,9 +47,7 @@ def summary_section(study: Study, lines: CommandLines) -> Section:
     blocks = []
     if study.reference != OBSERVED:
         blocks.append(paragraph(_NOT_DATA, "note"))
-    blocks.append(
-        agreement_block(study, lines, study.reference, "summary", _verdict(study))
-    )
+    blocks.append(agreement_block(study, lines, study.reference, "summary", _verdict(study)))
     found = shortfalls(study)
     if found:
         judges = study.reference == OBSERVED
@@ -96,8 +88,7 @@ def agreement_block(
         rows.append((Cell(f"{family.title} ({len(family.stimuli)} stimuli)"),))
         for afferent in AFFERENTS:
             cells = [
-                cell_of(study.cells, reference, source, family.name, afferent)
-                for source in sources
+                cell_of(study.cells, reference, source, family.name, afferent) for source in sources
             ]
             rows.append((Cell(afferent), *_numbers(cells), *_goals(cells, judges)))
     told = "the observed rates" if judges else "TouchSim (a model, not data)"

@@ -92,11 +92,7 @@ def threshold_figure(rows: Sequence[ThresholdRow], judged: str) -> "Figure":
 def _draw_row(panel: "Axes", row: ThresholdRow, lane: float, judged: str) -> None:
     colour, filled = _look(row.source, row.afferent, judged)
     panel.plot(
-        [row.lowest_um, row.highest_um],
-        [lane, lane],
-        color=FAINT,
-        linewidth=HAIR_PT,
-        zorder=1,
+        [row.lowest_um, row.highest_um], [lane, lane], color=FAINT, linewidth=HAIR_PT, zorder=1
     )
     if row.plateau is not None:
         panel.plot(
@@ -142,8 +138,7 @@ def _scale_panel(panel: "Axes", rows: Sequence[ThresholdRow], lanes: float) -> N
 
     panel.set_xscale("log")
     panel.set_xlim(
-        min(row.lowest_um for row in rows) / _ROOM,
-        max(row.highest_um for row in rows) * _ROOM,
+        min(row.lowest_um for row in rows) / _ROOM, max(row.highest_um for row in rows) * _ROOM
     )
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())
@@ -154,9 +149,7 @@ def _scale_panel(panel: "Axes", rows: Sequence[ThresholdRow], lanes: float) -> N
     panel.spines["left"].set_visible(False)
 
 
-def _draw_legend(
-    figure: "Figure", sources: Sequence[str], judged: str, height: float
-) -> None:
+def _draw_legend(figure: "Figure", sources: Sequence[str], judged: str, height: float) -> None:
     from matplotlib.legend_handler import HandlerTuple
     from matplotlib.lines import Line2D
 

@@ -9,12 +9,7 @@ from fembridge.tables import AFFERENTS
 from fembridge.validation.compared_rates import ComparedRates
 from fembridge.validation.family import SINES
 from fembridge.validation.number_text import amplitude_text
-from neural import (
-    Plateau,
-    entrainment_plateau,
-    entrainment_threshold_um,
-    threshold_amplitude_um,
-)
+from neural import Plateau, entrainment_plateau, entrainment_threshold_um, threshold_amplitude_um
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +69,7 @@ def threshold_rows(compared: ComparedRates) -> tuple[ThresholdRow, ...]:
                         entrainment_um=entrainment_threshold_um(
                             amplitude_um, rate_ips, frequency_hz
                         ),
-                        plateau=entrainment_plateau(
-                            amplitude_um, rate_ips, frequency_hz
-                        ),
+                        plateau=entrainment_plateau(amplitude_um, rate_ips, frequency_hz),
                     )
                 )
     return tuple(rows)

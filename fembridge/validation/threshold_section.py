@@ -68,8 +68,7 @@ def _thresholds(study: Study, lines: CommandLines) -> str:
 
 def _entrainment(study: Study, lines: CommandLines) -> str:
     caption = Caption(
-        "Entrainment (µm): lowest amplitude with one impulse a cycle; range with about "
-        "one.",
+        "Entrainment (µm): lowest amplitude with one impulse a cycle; range with about one.",
         "In brackets the range of amplitudes with 0.9 to 1.1 impulses a cycle, as far "
         "as was tried; no brackets: the curve never stays there. 245 ms hold 4.9 "
         "cycles of 20 Hz, so that a locked cell has 4 or 5 spikes, 0.82 or 1.02 a "
@@ -82,8 +81,7 @@ def _entrainment(study: Study, lines: CommandLines) -> str:
 
 def _locking(study: Study, lines: CommandLines) -> str:
     strongest = {
-        one.entries[-1].id: one.entries[-1].numbers()["frequency_hz"]
-        for one in SINES.sets
+        one.entries[-1].id: one.entries[-1].numbers()["frequency_hz"] for one in SINES.sets
     }
     found = {
         (row.source, row.afferent, row.frequency_hz): row.vector_strength
@@ -111,15 +109,11 @@ def _locking(study: Study, lines: CommandLines) -> str:
         f"impulses a cycle of every source, are in {LOCKING}.",
     )
     table = TableText(heads, tuple(rows))
-    return table_block(
-        table, "locking_table", caption, Made((lines.whole,), (LOCKING,))
-    )
+    return table_block(table, "locking_table", caption, Made((lines.whole,), (LOCKING,)))
 
 
 def _by_frequency(study: Study, told: Callable[[ThresholdRow], str]) -> TableText:
-    rows = {
-        (row.source, row.afferent, row.frequency_hz): row for row in study.thresholds
-    }
+    rows = {(row.source, row.afferent, row.frequency_hz): row for row in study.thresholds}
     frequencies_hz = [one.entries[0].numbers()["frequency_hz"] for one in SINES.sets]
     lines: list[tuple[Cell, ...]] = []
     for source in dict.fromkeys(row.source for row in study.thresholds):
@@ -145,9 +139,7 @@ def _entrained(row: ThresholdRow) -> str:
 
 def _conclusion(study: Study) -> str:
     """Say how many thresholds of the judged model are near the reference's."""
-    rows = {
-        (row.source, row.afferent, row.frequency_hz): row for row in study.thresholds
-    }
+    rows = {(row.source, row.afferent, row.frequency_hz): row for row in study.thresholds}
     reference = study.compared.reference(SINES.stimuli)
     apart = [
         times_apart(rows[study.judged.name, afferent, frequency_hz], row)

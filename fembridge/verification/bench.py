@@ -83,9 +83,7 @@ class Bench:
         self.spent = Cost()
         self._on_progress = on_progress
 
-    def solve(
-        self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table
-    ) -> Attempt:
+    def solve(self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table) -> Attempt:
         """Solve `analysis` in the folder `name`, or raise what `attempt` found.
 
         Raises
@@ -95,9 +93,7 @@ class Bench:
         """
         return _accepted(self.attempt(name, analysis, stimulus, inputs))
 
-    def attempt(
-        self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table
-    ) -> Attempt:
+    def attempt(self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table) -> Attempt:
         """Solve `analysis`, which prescribes `stimulus`, in the folder `name`."""
         place = self.folder / RUNS_FOLDER / name
         return self._made(build_analysis_folder(place, analysis, stimulus, inputs))
@@ -128,11 +124,7 @@ class Bench:
         return _accepted(self._made(read_run_folder(place)))
 
     def solve_changed(
-        self,
-        name: str,
-        analysis: Analysis,
-        stimulus: Stimulus,
-        words: tuple[str, str],
+        self, name: str, analysis: Analysis, stimulus: Stimulus, words: tuple[str, str]
     ) -> Attempt:
         """Solve the deck of `analysis` with the first of `words` put by the second.
 

@@ -59,9 +59,7 @@ def _draw_panel(panel: Panel, at: "Axes") -> None:
     told: set[str] = set()
     for line in panel.lines:
         style = _style(line, labels)
-        at.plot(
-            line.x, line.y, label=None if line.label in told else line.label, **style
-        )
+        at.plot(line.x, line.y, label=None if line.label in told else line.label, **style)
         told.add(line.label)
     at.set_xscale("log" if "x" in panel.log else "linear")
     at.set_yscale("log" if "y" in panel.log else "linear")
@@ -72,9 +70,7 @@ def _draw_panel(panel: Panel, at: "Axes") -> None:
         at.set_title(panel.title, fontsize=SMALL_TEXT_PT, color=INK)
     if "x" in panel.log:
         _name_ticks(at, panel)
-    at.legend(
-        frameon=False, fontsize=SMALL_TEXT_PT - 1, labelcolor=INK, handlelength=1.8
-    )
+    at.legend(frameon=False, fontsize=SMALL_TEXT_PT - 1, labelcolor=INK, handlelength=1.8)
 
 
 def _name_ticks(at: "Axes", panel: Panel) -> None:

@@ -16,21 +16,8 @@ from fembridge.response.acceptance import CLOSURE_PERCENT, Acceptance, judge
 from fembridge.response.solve import LADDER
 from fembridge.stimulus import Stimulus
 from fembridge.verification.bench import Bench, Cost
-from fembridge.verification.finding import (
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
-from fembridge.verification.indent import (
-    AFFERENTS,
-    Indented,
-    attempt_indent,
-    read_indented,
-    way,
-)
+from fembridge.verification.finding import Chart, Check, Finding, Line, NumberTable, Panel
+from fembridge.verification.indent import AFFERENTS, Indented, attempt_indent, read_indented, way
 
 NAME = "contact"
 TITLE = "Contact models"
@@ -79,9 +66,7 @@ def study(bench: Bench) -> Finding:
         bench.tell(f"{NAME}: {element}, {contact}")
         model = replace(base, element=element, contact=contact)
         tried.append(_try(bench, model, stimulus))
-    default = next(
-        each for each in tried if (each.element, each.contact) == ("CPE4", LADDER[0])
-    )
+    default = next(each for each in tried if (each.element, each.contact) == ("CPE4", LADDER[0]))
     return Finding(
         name=NAME,
         title=TITLE,
@@ -114,9 +99,7 @@ def study(bench: Bench) -> Finding:
             ),
         ),
         charts=(_chart(tried),),
-        reduced="four of thirteen contact models, half the increments"
-        if bench.quick
-        else "",
+        reduced="four of thirteen contact models, half the increments" if bench.quick else "",
         cost=bench.spent,
     )
 
@@ -174,7 +157,7 @@ def _words(tried: list[_Tried], default: _Tried) -> tuple[str, ...]:
     good = sum(t.problem == "accepted" for t in by_node)
     words = [
         f"Node to surface: {good} of {len(by_node)} accepted, with "
-        f"{default.cost.iterations} iterations for the default.",
+        f"{default.cost.iterations} iterations for the default."
     ]
     off = [t.closure_percent for t in by_surface if t.judged is not None]
     if off:
@@ -183,14 +166,14 @@ def _words(tried: list[_Tried], default: _Tried) -> tuple[str, ...]:
             "the way back, with or without friction, the less the stiffer its springs, "
             "and with about twice the iterations. It stays at the end of the ladder, "
             "with 1000 MPa/mm and more. How much it remembers depends on the mesh: "
-            "17 to 20 % were seen on an early one.",
+            "17 to 20 % were seen on an early one."
         )
     left = [t for t in by_node if t.judged is None]
     if left:
         words.append(
             f"Not solved: {'; '.join(f'{t.element}, {t.contact}' for t in left)}. A "
             "stiffer or a softer spring does converge: no rung alone is safe, which is "
-            "why there is a ladder.",
+            "why there is a ladder."
         )
     pair = {
         t.contact.friction: t.indented
@@ -202,9 +185,7 @@ def _words(tried: list[_Tried], default: _Tried) -> tuple[str, ...]:
         and t.indented is not None
     }
     if len(pair) == 2:
-        with_it, without = (
-            pair[f].stress_pa[pair[f].depth_um.argmax()] for f in (0.4, 0.0)
-        )
+        with_it, without = (pair[f].stress_pa[pair[f].depth_um.argmax()] for f in (0.4, 0.0))
         worst = 100 * float(np.abs(without / with_it - 1).max())
         words.append(
             f"Friction changes the stress at the afferents by {worst:.2g} % at most: "
@@ -233,9 +214,7 @@ def _chart(tried: list[_Tried]) -> Chart:
                 along="depth (µm)",
                 up="SA, unloading / loading − 1 (%)" if formulation == NODE else "",
                 lines=tuple(
-                    _back(each)
-                    for each in shown
-                    if each.contact.formulation == formulation
+                    _back(each) for each in shown if each.contact.formulation == formulation
                 ),
                 title=formulation,
             )
@@ -249,9 +228,7 @@ def _back(each: _Tried) -> Line:
     assert found is not None  # only those are shown
     deepest = int(found.depth_um.argmax())
     rows = range(deepest + 1, found.depth_um.size)
-    loading = [
-        int(np.abs(found.depth_um[:deepest] - found.depth_um[r]).argmin()) for r in rows
-    ]
+    loading = [int(np.abs(found.depth_um[:deepest] - found.depth_um[r]).argmin()) for r in rows]
     off = 100 * (found.stress_pa[list(rows), 0] / found.stress_pa[loading, 0] - 1)
     return Line(
         f"{each.contact.stiffness_mpa_per_mm:g} MPa/mm",

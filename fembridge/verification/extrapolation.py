@@ -48,9 +48,7 @@ def extrapolation(width: FloatArray, value: FloatArray) -> Extrapolation:
     return Extrapolation(limit, order, index)
 
 
-def power_law_limit(
-    width: FloatArray, value: FloatArray, order: float
-) -> tuple[float, float]:
+def power_law_limit(width: FloatArray, value: FloatArray, order: float) -> tuple[float, float]:
     """Fit ``limit + c width**order`` to all values; give the limit and its error.
 
     For series that scatter: least squares over ``(K,)`` values, K > 2. The error is

@@ -54,8 +54,7 @@ class Line:
     def __post_init__(self) -> None:
         if self.mark not in MARKS or len(self.x) != len(self.y):
             raise ResponseError(
-                f"line {self.label!r}: {len(self.x)} x, {len(self.y)} y, mark "
-                f"{self.mark!r}"
+                f"line {self.label!r}: {len(self.x)} x, {len(self.y)} y, mark {self.mark!r}"
             )
 
 
@@ -168,9 +167,7 @@ def _chart(table: Mapping[str, Any]) -> Chart:
                 along=panel["along"],
                 up=panel["up"],
                 lines=tuple(
-                    Line(
-                        line["label"], tuple(line["x"]), tuple(line["y"]), line["mark"]
-                    )
+                    Line(line["label"], tuple(line["x"]), tuple(line["y"]), line["mark"])
                     for line in panel["lines"]
                 ),
                 log=panel["log"],

@@ -35,9 +35,7 @@ def inputs_of_study(module: str, *, quick: bool, versions: Mapping[str, str]) ->
 
 def write_finding(path: Path, finding: Finding, inputs: Table) -> None:
     """Write `finding`, which was made from `inputs`."""
-    write_sealed(
-        path, {"format": FORMAT, "inputs": inputs, "finding": finding.to_table()}
-    )
+    write_sealed(path, {"format": FORMAT, "inputs": inputs, "finding": finding.to_table()})
 
 
 def read_finding(path: Path, inputs: Table | None = None) -> Finding | None:

@@ -17,15 +17,7 @@ from fembridge.results.stress import von_mises_pa
 from fembridge.typing import FloatArray
 from fembridge.verification.bench import Bench
 from fembridge.verification.extrapolation import Extrapolation, extrapolation
-from fembridge.verification.finding import (
-    AT_LEAST,
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
+from fembridge.verification.finding import AT_LEAST, Chart, Check, Finding, Line, NumberTable, Panel
 from fembridge.verification.hertz_block import (
     AXIS_MM,
     DEPTH_UM,
@@ -89,10 +81,7 @@ def study(bench: Bench) -> Finding:
     width = np.array([mesh.width_mm for mesh in meshes])
     errors = np.array([mesh.errors_percent() for mesh in meshes])
     stress = np.array(
-        [
-            mesh.von_mises_mpa / mesh.form.von_mises_mpa(np.array(AXIS_MM))
-            for mesh in meshes
-        ]
+        [mesh.von_mises_mpa / mesh.form.von_mises_mpa(np.array(AXIS_MM)) for mesh in meshes]
     )
     force = np.array([mesh.form.force_n_per_mm for mesh in meshes])
     orders = {
@@ -118,9 +107,7 @@ def study(bench: Bench) -> Finding:
         words=_words(finest, errors, orders),
         checks=(
             *(
-                Check(
-                    f"{what}, finest mesh: error", abs(float(off)), BOUND_PERCENT, "%"
-                )
+                Check(f"{what}, finest mesh: error", abs(float(off)), BOUND_PERCENT, "%")
                 for what, off in zip(
                     ("half width", "peak pressure", "von Mises stress on the axis"),
                     errors[-1],
@@ -128,10 +115,7 @@ def study(bench: Bench) -> Finding:
                 )
             ),
             Check(
-                f"observed order of the {_FORCE}",
-                orders[_FORCE].order,
-                LEAST_ORDER,
-                side=AT_LEAST,
+                f"observed order of the {_FORCE}", orders[_FORCE].order, LEAST_ORDER, side=AT_LEAST
             ),
         ),
         tables=(
@@ -181,9 +165,7 @@ def study(bench: Bench) -> Finding:
 def _pressed(bench: Bench, halvings: int) -> Pressed:
     analysis, stimulus = pressed(halvings)
     bench.tell(f"{NAME}: {analysis.title}, {len(analysis.mesh.quad)} elements")
-    folder = bench.solve_changed(
-        f"{NAME}/{halvings}", analysis, stimulus, _PRINTS
-    ).folder
+    folder = bench.solve_changed(f"{NAME}/{halvings}", analysis, stimulus, _PRINTS).folder
     _, _, forces_n = read_node_print(folder / f"{JOB}.dat", "forces", "PROBE")
     lower_n = np.abs(forces_n[-1, analysis.probe.lower_node, 1])
     width_mm = element_mm(halvings)
@@ -282,9 +264,7 @@ def _chart(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> Char
         up="error (%)",
         lines=tuple(
             Line(what, _plain(width), _plain(errors[:, column]))
-            for column, what in enumerate(
-                ("half width", "peak pressure", "von Mises stress")
-            )
+            for column, what in enumerate(("half width", "peak pressure", "von Mises stress"))
         ),
         log="x",
     )

@@ -93,17 +93,13 @@ class Hertz:
 def pressed(halvings: int) -> tuple[Analysis, Stimulus]:
     """Press the cylinder into the block whose elements were halved so often."""
     mesh = _block(halvings)
-    stimulus = Stimulus(
-        "hertz", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS)
-    )
+    stimulus = Stimulus("hertz", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS))
     finger = Finger(
         "block",
         outline=Outline(50.0, 50.0),
         bone=Bone(depth_mm=50.0),
         materials={**QUICK.materials, "dermis": MATERIAL},
-        afferents={
-            f"Z{row}": AfferentSite("dermis", 0.0, at) for row, at in enumerate(AXIS_MM)
-        },
+        afferents={f"Z{row}": AfferentSite("dermis", 0.0, at) for row, at in enumerate(AXIS_MM)},
     )
     edge, owner, face = mesh.outline()
     middle_mm = mesh.node_mm[edge].mean(axis=1)

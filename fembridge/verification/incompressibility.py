@@ -17,21 +17,8 @@ from fembridge.results.printed.dat import read_point_stress
 from fembridge.results.stress import von_mises_pa
 from fembridge.typing import FloatArray
 from fembridge.verification.bench import Bench
-from fembridge.verification.finding import (
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
-from fembridge.verification.indent import (
-    AFFERENTS,
-    DEPTH_UM,
-    Indented,
-    down,
-    indent,
-)
+from fembridge.verification.finding import Chart, Check, Finding, Line, NumberTable, Panel
+from fembridge.verification.indent import AFFERENTS, DEPTH_UM, Indented, down, indent
 from fembridge.verification.mesh_family import LIMIT_KPA, member
 from fembridge.verification.plane_deck import PRINTED
 from fembridge.verification.ring import ring_problem, ring_stress_mpa
@@ -46,9 +33,7 @@ RATIOS = (0.48, 0.499)
 FACTORS, FACTORS_QUICK = (None, 1.5), (None,)
 _BOUND_PERCENT = 3.0
 # In the dermis, under the tip of a papilla: no afferent, a place that shows locking.
-_SITES = {
-    "DERMIS": AfferentSite("dermis", 0.125, 0.71),
-}
+_SITES = {"DERMIS": AfferentSite("dermis", 0.125, 0.71)}
 _PA_PER_MPA = 1.0e6
 _CORNERS = 4
 _STEPS = 5
@@ -82,8 +67,7 @@ def study(bench: Bench) -> Finding:
         checks=(
             *(
                 Check(
-                    f"ring, {element}, ν 0.48, {finest} elements across: von Mises "
-                    "stress",
+                    f"ring, {element}, ν 0.48, {finest} elements across: von Mises stress",
                     next(row[3] for row in ring if row[:3] == (0.48, element, finest)),
                     _BOUND_PERCENT,
                     "%",
@@ -128,25 +112,19 @@ def study(bench: Bench) -> Finding:
             ),
         ),
         charts=(_chart(ring),),
-        reduced="rings to 16 elements across; `quick` finger alone"
-        if bench.quick
-        else "",
+        reduced="rings to 16 elements across; `quick` finger alone" if bench.quick else "",
         cost=bench.spent,
     )
 
 
-def _ring_errors(
-    bench: Bench, element: str, rows: int, ratio: float
-) -> tuple[float, float, float]:
+def _ring_errors(bench: Bench, element: str, rows: int, ratio: float) -> tuple[float, float, float]:
     """Von Mises stress, mean stress of elements, and of points: largest errors in %."""
     material = Material(TABLE_1["dermis"].young_mpa, ratio)
     problem = ring_problem(element, rows, material)
     folder = bench.solve_deck(f"{NAME}/ring_{element}_{rows}_{ratio:g}", problem.deck())
     _, _, tensor_pa = read_point_stress(folder.folder / f"{JOB}.dat", PRINTED)
     found = tensor_pa[0].reshape(len(problem.element), -1, 6)
-    exact = _exact_pa(
-        problem.node_mm[problem.element[:, :_CORNERS]], found.shape[1], material
-    )
+    exact = _exact_pa(problem.node_mm[problem.element[:, :_CORNERS]], found.shape[1], material)
     worst = np.abs(von_mises_pa(found) - von_mises_pa(exact)).max()
     mean, exact_mean = found[..., :3].mean(-1), exact[..., :3].mean(-1)
     scale = von_mises_pa(exact).max()
@@ -186,13 +164,7 @@ def _points_mm(corner_mm: FloatArray, points: int) -> FloatArray:
     ends = np.array([0.0]) if points == 1 else np.array([-1.0, 1.0]) / np.sqrt(3)
     eta, xi = (each.ravel() for each in np.meshgrid(ends, ends, indexing="ij"))
     shape = 0.25 * np.stack(
-        [
-            (1 - xi) * (1 - eta),
-            (1 + xi) * (1 - eta),
-            (1 + xi) * (1 + eta),
-            (1 - xi) * (1 + eta),
-        ],
-        -1,
+        [(1 - xi) * (1 - eta), (1 + xi) * (1 - eta), (1 + xi) * (1 + eta), (1 - xi) * (1 + eta)], -1
     )
     at_mm: FloatArray = np.einsum("pc,ecx->epx", shape, corner_mm)
     return np.concatenate([at_mm] * (points // len(xi)), axis=1)
@@ -250,17 +222,12 @@ def _words(
 
 def _chart(ring: list[tuple[float, str, int, float, float, float]]) -> Chart:
     panels = []
-    for column, up in (
-        (3, "von Mises stress, error (%)"),
-        (5, "mean stress, error (%)"),
-    ):
+    for column, up in ((3, "von Mises stress, error (%)"), (5, "mean stress, error (%)")):
         lines = [
             Line(
                 element,
                 tuple(float(row[2]) for row in ring if row[:2] == (ratio, element)),
-                tuple(
-                    float(row[column]) for row in ring if row[:2] == (ratio, element)
-                ),
+                tuple(float(row[column]) for row in ring if row[:2] == (ratio, element)),
                 "both" if ratio == RATIOS[0] else "dashed",
             )
             for element in ELEMENTS

@@ -63,12 +63,7 @@ def down(depth_um: float = DEPTH_UM, steps: int = STEPS) -> Stimulus:
 
 
 def indent(
-    bench: Bench,
-    name: str,
-    model: Model,
-    stimulus: Stimulus | None = None,
-    *,
-    law: str = "linear",
+    bench: Bench, name: str, model: Model, stimulus: Stimulus | None = None, *, law: str = "linear"
 ) -> Indented:
     """Solve and read it.
 

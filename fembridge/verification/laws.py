@@ -10,14 +10,7 @@ from decks.presets import QUICK
 from fembridge.build import model_of
 from fembridge.typing import FloatArray
 from fembridge.verification.bench import Bench
-from fembridge.verification.finding import (
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
+from fembridge.verification.finding import Chart, Check, Finding, Line, NumberTable, Panel
 from fembridge.verification.indent import AFFERENTS, down, indent
 from fembridge.verification.plane_deck import NEO_HOOKEAN
 
@@ -114,12 +107,8 @@ def _line(name: str, depth_um: FloatArray, off: FloatArray) -> Line:
     return Line(name, tuple(depth_um.tolist()), tuple(off.tolist()), "line")
 
 
-def _words(
-    depth_um: FloatArray, off: FloatArray, force_off: FloatArray
-) -> tuple[str, ...]:
-    told = ", ".join(
-        f"{name} {each:+.1f} %" for name, each in zip(AFFERENTS, off[-1], strict=True)
-    )
+def _words(depth_um: FloatArray, off: FloatArray, force_off: FloatArray) -> tuple[str, ...]:
+    told = ", ".join(f"{name} {each:+.1f} %" for name, each in zip(AFFERENTS, off[-1], strict=True))
     beyond = [
         f"{name} from {depth_um[over.argmax()]:g} µm on"
         for name, over in zip(AFFERENTS, (np.abs(off) > 5.0).T, strict=True)

@@ -80,9 +80,7 @@ def _shortened(word: str, held_um: float, count: int) -> Stimulus:
     )
 
 
-def _compare(
-    bench: Bench, model: Model, response: ResponseMap, stimulus: Stimulus
-) -> Compared:
+def _compare(bench: Bench, model: Model, response: ResponseMap, stimulus: Stimulus) -> Compared:
     """Follow the ladder of contacts, as `simulate` does: each with its own map."""
     for number, contact in enumerate(LADDER):
         tried = replace(model, contact=contact)
@@ -90,10 +88,7 @@ def _compare(
         if number:
             response, _ = _mapped(bench, f"{place}_response", tried)
         attempt = bench.attempt(
-            f"{NAME}/{place}",
-            tried.analysis(stimulus),
-            stimulus,
-            inputs_of(tried, stimulus),
+            f"{NAME}/{place}", tried.analysis(stimulus), stimulus, inputs_of(tried, stimulus)
         )
         if attempt.failure is None:
             return _compared(tried, response, stimulus, attempt)

@@ -11,15 +11,7 @@ from decks.stimuli.waveform import make_stimulus
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from fembridge.verification.bench import Cost
-from fembridge.verification.finding import (
-    AT_LEAST,
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
+from fembridge.verification.finding import AT_LEAST, Chart, Check, Finding, Line, NumberTable, Panel
 
 NAME = "map"
 TITLE = "Response map against whole transients"
@@ -66,11 +58,7 @@ class MapCost:
 
 
 def finding_of(
-    found: Sequence[Compared],
-    maps: Mapping[str, MapCost],
-    *,
-    spent: Cost,
-    reduced: str,
+    found: Sequence[Compared], maps: Mapping[str, MapCost], *, spent: Cost, reduced: str
 ) -> Finding:
     """Put the comparisons together."""
     worst_trace = max(max(each.trace_percent.values()) for each in found)
@@ -108,25 +96,14 @@ def finding_of(
         checks=(
             Check("stress, largest error", worst_trace, TRACE_PERCENT, "%"),
             Check("drive, largest error", worst_drive, DRIVE_PERCENT, "%"),
-            Check(
-                "spikes at the same sample",
-                share,
-                EQUAL_PERCENT,
-                "%",
-                AT_LEAST,
-            ),
+            Check("spikes at the same sample", share, EQUAL_PERCENT, "%", AT_LEAST),
             Check(
                 "82 stimuli: times fewer increments",
                 increments_ratio,
                 FEWER_INCREMENTS,
                 side=AT_LEAST,
             ),
-            Check(
-                "82 stimuli: times less processor time",
-                cpu_ratio,
-                LESS_CPU,
-                side=AT_LEAST,
-            ),
+            Check("82 stimuli: times less processor time", cpu_ratio, LESS_CPU, side=AT_LEAST),
         ),
         tables=(_errors(found), _cost_table(costs)),
         charts=(_chart(found),),
@@ -179,11 +156,7 @@ def _errors(found: Sequence[Compared]) -> NumberTable:
             )
             for each in found
         ),
-        formats=(
-            *("", "", "g", "g"),
-            *[".1e"] * (2 * len(names)),
-            *("d", "d", "d", ".0f", ""),
-        ),
+        formats=(*("", "", "g", "g"), *[".1e"] * (2 * len(names)), *("d", "d", "d", ".0f", "")),
     )
 
 
@@ -193,9 +166,7 @@ def _costs(
     """Increments of map and transients, their ratio; CPU alike."""
     sampled = sum((one.cost for one in found if one.finger == finger), start=Cost())
     an_increment_s = sampled.cpu_s / sampled.increments
-    increments = sum(
-        make_stimulus(entry).displacement_um.size - 1 for entry in CATALOGUE
-    )
+    increments = sum(make_stimulus(entry).displacement_um.size - 1 for entry in CATALOGUE)
     transients_s = an_increment_s * increments
     return (
         f"`{finger}`",
@@ -209,9 +180,7 @@ def _costs(
     )
 
 
-def _cost_table(
-    costs: Mapping[str, tuple[str | int | float, ...]],
-) -> NumberTable:
+def _cost_table(costs: Mapping[str, tuple[str | int | float, ...]]) -> NumberTable:
     return NumberTable(
         name="map_cost",
         caption="What all 82 stimuli take. Processor time of the map has the "
@@ -247,11 +216,7 @@ def _chart(found: Sequence[Compared]) -> Chart:
                     Line(
                         "transient",
                         tuple(times_ms[::_EVERY].tolist()),
-                        tuple(
-                            (np.asarray(solved.stress_pa) / 1000)[
-                                :_DRAWN:_EVERY
-                            ].tolist()
-                        ),
+                        tuple((np.asarray(solved.stress_pa) / 1000)[:_DRAWN:_EVERY].tolist()),
                         "dots",
                     ),
                 ),

@@ -17,19 +17,8 @@ from fembridge.build import Model, model_of
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray
 from fembridge.verification.bench import Bench
-from fembridge.verification.extrapolation import (
-    Extrapolation,
-    extrapolation,
-    power_law_limit,
-)
-from fembridge.verification.finding import (
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
+from fembridge.verification.extrapolation import Extrapolation, extrapolation, power_law_limit
+from fembridge.verification.finding import Chart, Check, Finding, Line, NumberTable, Panel
 from fembridge.verification.indent import AFFERENTS, DEPTH_UM, Indented, indent
 from fembridge.verification.mesh_family import LIMIT_KPA, member
 
@@ -77,8 +66,7 @@ def study(bench: Bench) -> Finding:
     refined = _refined(bench)
     errors = {
         name: {
-            afferent: 100
-            * (float(each.last_pa[column]) / limits[afferent].middle_pa - 1)
+            afferent: 100 * (float(each.last_pa[column]) / limits[afferent].middle_pa - 1)
             for column, afferent in enumerate(AFFERENTS)
         }
         for name, each in presets.items()
@@ -142,9 +130,7 @@ def study(bench: Bench) -> Finding:
                 columns=("cut_in", "elements", *AFFERENTS, "force", "touching"),
                 rows=tuple(
                     (cut, *_row(each, {})[1:-1])
-                    for cut, each in zip(
-                        (1, 3, 9), (presets["quick"], *refined), strict=True
-                    )
+                    for cut, each in zip((1, 3, 9), (presets["quick"], *refined), strict=True)
                 ),
                 formats=("d", "d", ".2f", ".2f", ".4f", ".3f", "d"),
             ),

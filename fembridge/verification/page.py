@@ -38,9 +38,7 @@ def command_of(name: str, *, quick: bool) -> str:
     return f"fembridge verify {'--quick ' if quick else ''}--only {name}"
 
 
-def page_text(
-    findings: Sequence[Finding], versions: Mapping[str, str], *, quick: bool
-) -> str:
+def page_text(findings: Sequence[Finding], versions: Mapping[str, str], *, quick: bool) -> str:
     """Give the page as Markdown; the same findings give the same text."""
     lines = [
         "# Verification of the finite-element model",
@@ -54,9 +52,7 @@ def page_text(
     return "\n".join(lines) + "\n"
 
 
-def _lead(
-    findings: Sequence[Finding], versions: Mapping[str, str], quick: bool
-) -> list[str]:
+def _lead(findings: Sequence[Finding], versions: Mapping[str, str], quick: bool) -> list[str]:
     told = ", ".join(f"{name} {version}" for name, version in versions.items())
     checks = [check for finding in findings for check in finding.checks]
     kept = sum(check.passed for check in checks)
@@ -122,9 +118,7 @@ def _table(table: NumberTable) -> list[str]:
     heads = [_head(column) for column in table.columns]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     for row in table.rows:
-        cells = [
-            _cell(cell, spec) for cell, spec in zip(row, table.formats, strict=True)
-        ]
+        cells = [_cell(cell, spec) for cell, spec in zip(row, table.formats, strict=True)]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

@@ -17,12 +17,7 @@ from fembridge.results.printed.dat import read_point_stress
 from fembridge.typing import BoolArray, FloatArray
 from fembridge.verification.bench import Bench
 from fembridge.verification.finding import Check, Finding, NumberTable
-from fembridge.verification.plane_deck import (
-    NEO_HOOKEAN,
-    PRINTED,
-    PlaneProblem,
-    uniform_stress_mpa,
-)
+from fembridge.verification.plane_deck import NEO_HOOKEAN, PRINTED, PlaneProblem, uniform_stress_mpa
 
 NAME = "patch"
 TITLE = "Patch test"
@@ -100,9 +95,7 @@ def study(bench: Bench) -> Finding:
         ),
         checks=(
             Check(
-                "largest error of stress, CPE4R on distorted quadrilaterals left out",
-                worst,
-                BOUND,
+                "largest error of stress, CPE4R on distorted quadrilaterals left out", worst, BOUND
             ),
         ),
         tables=(
@@ -146,9 +139,7 @@ def _solved(bench: Bench, case: _Case) -> tuple[float, float]:
     nodes = list(range(1, len(node_mm) + 1))
     _, found_mm = read_displacement(folder / f"{JOB}.frd", nodes)
     _, _, found_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
-    stress_mpa = uniform_stress_mpa(
-        gradient, MATERIAL, case.law, large_strain=case.large
-    )
+    stress_mpa = uniform_stress_mpa(gradient, MATERIAL, case.law, large_strain=case.large)
     off_mpa = np.abs(found_pa[-1] * _MM_A_PA - stress_mpa).max()
     return (
         float(np.abs(found_mm[-1, :, :2] - expected_mm).max()),
@@ -167,9 +158,7 @@ def _parallelograms() -> Mesh:
 def _on_rim(mesh: Mesh, node_mm: FloatArray) -> BoolArray:
     """Which nodes, mid-sides among them, lie on the outline."""
     edge, _, _ = mesh.outline()
-    rim_mm = np.concatenate(
-        [mesh.node_mm[np.unique(edge)], mesh.node_mm[edge].mean(axis=1)]
-    )
+    rim_mm = np.concatenate([mesh.node_mm[np.unique(edge)], mesh.node_mm[edge].mean(axis=1)])
     away_mm = np.linalg.norm(node_mm[:, None] - rim_mm, axis=2).min(axis=1)
     on_rim: BoolArray = away_mm < 1e-12
     return on_rim

@@ -13,14 +13,7 @@ from decks.presets import QUICK
 from fembridge.build import model_of
 from fembridge.response.solve import LADDER
 from fembridge.verification.bench import Bench
-from fembridge.verification.finding import (
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
+from fembridge.verification.finding import Chart, Check, Finding, Line, NumberTable, Panel
 from fembridge.verification.indent import AFFERENTS, DEPTH_UM, indent
 
 NAME = "penalty"
@@ -119,11 +112,7 @@ def study(bench: Bench) -> Finding:
                                     tuple((1 / stiffness).tolist()),
                                     tuple(
                                         (
-                                            100
-                                            * (
-                                                stress_pa[:, column] / rigid_pa[column]
-                                                - 1
-                                            )
+                                            100 * (stress_pa[:, column] / rigid_pa[column] - 1)
                                         ).tolist()
                                     ),
                                     "dots",
@@ -133,12 +122,7 @@ def study(bench: Bench) -> Finding:
                                     (0.0, float(1 / stiffness[0])),
                                     (
                                         0.0,
-                                        float(
-                                            100
-                                            * loss[column]
-                                            / rigid_pa[column]
-                                            / stiffness[0]
-                                        ),
+                                        float(100 * loss[column] / rigid_pa[column] / stiffness[0]),
                                     ),
                                     "dashed",
                                 ),
@@ -153,9 +137,7 @@ def study(bench: Bench) -> Finding:
     )
 
 
-def _endless(
-    stiffness: np.ndarray, stress_pa: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _endless(stiffness: np.ndarray, stress_pa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Stress ``(afferent,)`` for 1/K = 0, and the slope, from the three stiffest."""
     slope, start = np.polyfit(1 / stiffness[-3:], stress_pa[-3:], 1)
     return start, slope

@@ -69,9 +69,7 @@ class PlaneProblem:
         yield from list_lines(np.arange(len(self.element)) + 1)
 
     def _boundary(self) -> Iterator[str]:
-        for row, way_mm in zip(
-            self.moved.tolist(), self.moved_mm.tolist(), strict=True
-        ):
+        for row, way_mm in zip(self.moved.tolist(), self.moved_mm.tolist(), strict=True):
             for axis, mm in enumerate(way_mm, start=1):
                 if mm == mm:
                     yield f"{row + 1}, {axis}, {axis}, {real(mm)}"
@@ -137,7 +135,5 @@ def uniform_stress_mpa(
 def _hooke_mpa(strain: FloatArray, material: Material) -> FloatArray:
     shear_mpa, bulk_mpa = moduli_mpa(material)
     lame_mpa = bulk_mpa - 2 * shear_mpa / 3
-    stress: FloatArray = (
-        lame_mpa * np.trace(strain) * np.eye(3) + 2 * shear_mpa * strain
-    )
+    stress: FloatArray = lame_mpa * np.trace(strain) * np.eye(3) + 2 * shear_mpa * strain
     return stress

@@ -23,11 +23,7 @@ SUMMARY_FILE = "verification.json"
 
 
 def write_report(
-    folder: Path,
-    findings: Sequence[Finding],
-    versions: Mapping[str, str],
-    *,
-    quick: bool,
+    folder: Path, findings: Sequence[Finding], versions: Mapping[str, str], *, quick: bool
 ) -> None:
     """Write all of it; the page comes last.
 
@@ -41,18 +37,14 @@ def write_report(
             draw_chart(chart, folder / IMAGES_FOLDER / image_name(chart.name))
         for table in finding.tables:
             rows = tuple(table.rows)
-            LongTable(table_name(table.name), table.columns, rows).write(
-                folder / TABLES_FOLDER
-            )
+            LongTable(table_name(table.name), table.columns, rows).write(folder / TABLES_FOLDER)
     summary = summary_of(findings, versions, quick=quick)
     text = json.dumps(summary, indent=2, ensure_ascii=False)
     write_text(folder / SUMMARY_FILE, text + "\n")
     write_text(folder / PAGE_FILE, page_text(findings, versions, quick=quick))
 
 
-def summary_of(
-    findings: Sequence[Finding], versions: Mapping[str, str], *, quick: bool
-) -> Table:
+def summary_of(findings: Sequence[Finding], versions: Mapping[str, str], *, quick: bool) -> Table:
     """Give what a program asks for: each check, found, bound, passed."""
     return {
         "quick": quick,

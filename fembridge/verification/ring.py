@@ -31,9 +31,7 @@ def ring_problem(kind: str, rows: int, material: Material) -> PlaneProblem:
     if quadratic:  # mid-sides in the middle of straight sides
         radius_mm[1::2] = 0.5 * (radius_mm[:-1:2] + radius_mm[2::2])
     angle = np.linspace(0.0, np.pi / 2, along)
-    at = np.stack(
-        [np.outer(radius_mm, np.cos(angle)), np.outer(radius_mm, np.sin(angle))], -1
-    )
+    at = np.stack([np.outer(radius_mm, np.cos(angle)), np.outer(radius_mm, np.sin(angle))], -1)
     if quadratic:
         at[:, 1::2] = 0.5 * (at[:, :-1:2] + at[:, 2::2])
     number = np.arange(across * along).reshape(across, along)

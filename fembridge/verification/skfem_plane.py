@@ -63,9 +63,7 @@ def plane_strain(problem: PlaneProblem) -> tuple[FloatArray, FloatArray]:
     @BilinearForm  # type: ignore[untyped-decorator]  # an untyped library
     def stiffness(u: Any, v: Any, w: Any) -> Any:  # noqa: ANN401 - untyped library
         strain, tested = sym_grad(u), sym_grad(v)
-        return w.lame * trace(strain) * trace(tested) + 2 * w.shear * ddot(
-            strain, tested
-        )
+        return w.lame * trace(strain) * trace(tested) + 2 * w.shear * ddot(strain, tested)
 
     matrix = stiffness.assemble(basis, **given)
     number = _dofs(basis.doflocs, problem.node_mm)

@@ -51,7 +51,6 @@ def studies_named(names: list[str] | None) -> tuple[Study, ...]:
     unknown = [name for name in names or () if name not in known]
     if unknown:
         raise UsageError(
-            f"no study {unknown[0]!r}, expected one of "
-            f"{', '.join(study.name for study in STUDIES)}"
+            f"no study {unknown[0]!r}, expected one of {', '.join(study.name for study in STUDIES)}"
         )
     return tuple(study for study in STUDIES if not names or study.name in names)

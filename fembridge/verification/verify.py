@@ -124,9 +124,7 @@ def _study(task: _Task) -> Study:
 def _kept(task: _Task, tell: Tell) -> Finding | None:
     """Give the finding that stands there; a damaged one is told of and made again."""
     path = finding_path(task.folder, task.name)
-    inputs = inputs_of_study(
-        _study(task).module, quick=task.quick, versions=task.versions
-    )
+    inputs = inputs_of_study(_study(task).module, quick=task.quick, versions=task.versions)
     try:
         return read_finding(path, inputs)
     except ResponseError as error:
@@ -163,18 +161,14 @@ def _end_with(parent: int) -> None:
 def _make_at_once(tasks: Sequence[_Task], jobs: int, tell: Tell) -> dict[str, Finding]:
     """Make several; the first that fails ends the others, whose runs are kept."""
     order = sorted(
-        tasks,
-        key=lambda task: _LONGEST.index(task.name) if task.name in _LONGEST else 99,
+        tasks, key=lambda task: _LONGEST.index(task.name) if task.name in _LONGEST else 99
     )
     context = multiprocessing.get_context("spawn")
     found = {}
     with (
         signals_as_exits(),
         ProcessPoolExecutor(
-            min(jobs, len(tasks)),
-            context,
-            initializer=_end_with,
-            initargs=(os.getpid(),),
+            min(jobs, len(tasks)), context, initializer=_end_with, initargs=(os.getpid(),)
         ) as pool,
     ):
         futures = {pool.submit(_make_here, task): task for task in order}
@@ -188,8 +182,7 @@ def _make_at_once(tasks: Sequence[_Task], jobs: int, tell: Tell) -> dict[str, Fi
                     tell(f"{name}: done, {len(found)} of {len(tasks)}")
         except BrokenProcessPool as error:
             raise SolverError(
-                "the process of a study was killed; what is finished is kept: run "
-                "this again",
+                "the process of a study was killed; what is finished is kept: run this again",
                 tasks[0].folder,
             ) from error
         except BaseException:

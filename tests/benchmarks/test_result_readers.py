@@ -49,9 +49,7 @@ def run(recorded):
 
 
 @pytest.mark.parametrize("storage", TWINS)
-def test_a_file_that_is_made_has_the_bytes_that_ccx_wrote(
-    files, run, storage, tmp_path
-):
+def test_a_file_that_is_made_has_the_bytes_that_ccx_wrote(files, run, storage, tmp_path):
     files.write_run(run, tmp_path / "job.frd", storage, len(run.times_s))
 
     made = (tmp_path / "job.frd").read_bytes()
@@ -158,13 +156,10 @@ def test_a_wrong_number_of_a_reader_is_named(files, process, run, tmp_path):
 
 
 @pytest.mark.slow
-def test_one_command_measures_and_writes_the_table_into_the_page(
-    jobs, process, tmp_path
-):
+def test_one_command_measures_and_writes_the_table_into_the_page(jobs, process, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(
-        "before\n<!-- benchmark -->\nold\n<!-- /benchmark -->\nafter\n",
-        encoding="utf-8",
+        "before\n<!-- benchmark -->\nold\n<!-- /benchmark -->\nafter\n", encoding="utf-8"
     )
     words = ["--megabytes", "1", "--rounds", "1", "--alone", "--source", str(SOURCE)]
     words += ["--update-docs", str(page)]

@@ -29,9 +29,7 @@ def program(monkeypatch):
     return program
 
 
-def test_only_fingers_of_another_shape_are_pressed_on_both_meshes(
-    program, tmp_path, capsys
-):
+def test_only_fingers_of_another_shape_are_pressed_on_both_meshes(program, tmp_path, capsys):
     study = tmp_path / "study.toml"
     study.write_text(
         'stimuli = ["sine_20_250"]\n[[fingers]]\ndesign = "one-at-a-time"\n'
@@ -42,12 +40,9 @@ def test_only_fingers_of_another_shape_are_pressed_on_both_meshes(
 
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "own mesh, 800 elements; finer mesh, 1600 elements"
-    assert lines[4] == (
-        "| the first | 11 kPa | 12 kPa | 22 kPa | 23 kPa | 5.5 kPa | 6.5 kPa |"
-    )
+    assert lines[4] == ("| the first | 11 kPa | 12 kPa | 22 kPa | 23 kPa | 5.5 kPa | 6.5 kPa |")
     assert lines[5] == (
-        "| dermis thickness 0.99 | −10.0 % | −9.2 % | −10.0 % | −9.6 % | −10.0 % "
-        "| −8.5 % |"
+        "| dermis thickness 0.99 | −10.0 % | −9.2 % | −10.0 % | −9.6 % | −10.0 % | −8.5 % |"
     )
     assert len(lines) == 7
 

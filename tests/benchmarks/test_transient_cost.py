@@ -20,9 +20,7 @@ def program(monkeypatch):
     return importlib.import_module("benchmarks.transient_cost")
 
 
-def test_each_row_is_off_the_first_in_percent_of_the_peak(
-    program, monkeypatch, tmp_path, capsys
-):
+def test_each_row_is_off_the_first_in_percent_of_the_peak(program, monkeypatch, tmp_path, capsys):
     """The second way's trace is 0.01 of the peak off, the third gives up."""
     runs = []
 
@@ -34,9 +32,7 @@ def test_each_row_is_off_the_first_in_percent_of_the_peak(
         return program.Solved(12.0, 13.0, 7, 24, None if gone else stress_pa)
 
     monkeypatch.setattr(program, "solve", solve)
-    program.main(
-        ["--finger", "quick", "--increments", "8", "--folder", str(tmp_path / "runs")]
-    )
+    program.main(["--finger", "quick", "--increments", "8", "--folder", str(tmp_path / "runs")])
 
     head, _, _, _, *rows = capsys.readouterr().out.splitlines()
     assert head == "`quick`, 8 increments"

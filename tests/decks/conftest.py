@@ -39,16 +39,12 @@ class Deck:
 
     def nodes(self):
         return {
-            int(row[0]): tuple(map(float, row[1:]))
-            for card in self.all("NODE")
-            for row in card[2]
+            int(row[0]): tuple(map(float, row[1:])) for card in self.all("NODE") for row in card[2]
         }
 
     def elements(self):
         return {
-            int(row[0]): tuple(map(int, row[1:]))
-            for card in self.all("ELEMENT")
-            for row in card[2]
+            int(row[0]): tuple(map(int, row[1:])) for card in self.all("ELEMENT") for row in card[2]
         }
 
 

@@ -115,9 +115,7 @@ def test_all_of_the_bone_and_the_outer_side_of_the_nail_are_held(analysis):
 def test_the_skin_that_may_touch_is_one_stretch_on_both_sides_of_the_probe(analysis):
     mesh = analysis.mesh
     element, face = analysis.contact_edge.T
-    ends = np.stack(
-        [mesh.quad[element, face], mesh.quad[element, (face + 1) % 4]], axis=-1
-    )
+    ends = np.stack([mesh.quad[element, face], mesh.quad[element, (face + 1) % 4]], axis=-1)
     assert (mesh.layer[element] == 0).all()
     counts = np.bincount(ends.ravel())
     assert sorted(counts[counts > 0])[:3] == [1, 1, 2]  # two ends, else joined

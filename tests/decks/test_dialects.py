@@ -53,9 +53,7 @@ def test_an_element_that_the_dialect_has_not_is_refused_with_those_it_has():
         ("abaqus", {"results": "text"}, "no results 'text', expected binary"),
     ],
 )
-def test_an_option_that_the_dialect_has_not_is_refused(
-    solver, options, words, models, short
-):
+def test_an_option_that_the_dialect_has_not_is_refused(solver, options, words, models, short):
     with pytest.raises(DeckError, match=words):
         DIALECTS[solver].write(models["plain"].analysis(short), DeckOptions(**options))
 

@@ -117,10 +117,7 @@ def test_the_fine_part_holds_at_least_a_column():
             "papillae 0.3 mm high over a dermis of 0.1 mm",
         ),
         (
-            {
-                "outline": Outline(8.0, 3.6),
-                "bone": Bone(1.0, 0.5, 3.6),
-            },
+            {"outline": Outline(8.0, 3.6), "bone": Bone(1.0, 0.5, 3.6)},
             "skin 1.75 mm deep folds where the outline's radius is 1.62 mm",
         ),
         ({"ridges": Ridges(half_width_mm=9.0)}, "ridges to 9 mm on both sides"),

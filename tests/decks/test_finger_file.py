@@ -26,10 +26,7 @@ depth_mm = 0.70
 """
 
 HOSTILE = {
-    "negative": (
-        "[skin]\nepidermis_mm = -1",
-        "epidermis_mm must be 0.02 to 50, got -1",
-    ),
+    "negative": ("[skin]\nepidermis_mm = -1", "epidermis_mm must be 0.02 to 50, got -1"),
     "nan": ("[skin]\nepidermis_mm = nan", "epidermis_mm must be finite, got nan"),
     "inf": ("[bone]\ndepth_mm = inf", "depth_mm must be finite, got inf"),
     "huge number": ("[skin]\nepidermis_mm = 1e300", "epidermis_mm must be"),
@@ -45,10 +42,7 @@ HOSTILE = {
     "number for a table": ("skin = 3", r"\[skin\] must be a table, got 3"),
     "array of tables": ("[[skin]]\nepidermis_mm = 1", r"\[skin\] must be a table"),
     "materials": ("materials = 3", r"\[materials\] must hold tables, got 3"),
-    "one material": (
-        "[materials]\ndermis = 3",
-        r"\[materials.dermis\] must be a table",
-    ),
+    "one material": ("[materials]\ndermis = 3", r"\[materials.dermis\] must be a table"),
     "afferents": ("afferents = [1]", r"\[afferents\] must hold tables"),
     "path as a name": ('name = "../../etc/passwd"', "none of them a slash"),
     "windows path as a name": ("name = 'a\\b'", "none of them a slash"),
@@ -123,9 +117,7 @@ def test_a_file_may_start_from_the_finer_finger(tmp_path):
 
 
 def test_a_finger_without_a_name_is_called_as_its_file(tmp_path):
-    assert read_finger(write(tmp_path, "", "index 2.toml")) == replace(
-        QUICK, name="index 2"
-    )
+    assert read_finger(write(tmp_path, "", "index 2.toml")) == replace(QUICK, name="index 2")
 
 
 def test_a_name_may_be_in_any_script(tmp_path):

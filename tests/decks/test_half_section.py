@@ -10,13 +10,7 @@ from numpy.testing import assert_allclose
 
 from decks.analysis import Contact, analyse
 from decks.finger import AfferentSite
-from decks.half_section import (
-    SAME_MM,
-    half_section,
-    nodes_on_axis,
-    on_axis,
-    why_whole,
-)
+from decks.half_section import SAME_MM, half_section, nodes_on_axis, on_axis, why_whole
 from decks.meshing.mesh import Mesh
 from decks.presets import PRESETS, QUICK, mesh_of
 from decks.probe import Probe
@@ -52,16 +46,12 @@ def strip(stimulus, mesh):
         held=below,
         afferent={},
         apex=int(np.abs(mesh.node_mm[:, 0]).argmin()),
-        contact_edge=np.stack(
-            [np.arange(len(mesh.quad)), np.full(len(mesh.quad), 2)], -1
-        ),
+        contact_edge=np.stack([np.arange(len(mesh.quad)), np.full(len(mesh.quad), 2)], -1),
     )
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_half_of_a_finger_is_what_lies_right_of_the_axis_and_half_of_its_area(
-    name, short
-):
+def test_half_of_a_finger_is_what_lies_right_of_the_axis_and_half_of_its_area(name, short):
     finger, mesh = PRESETS[name], MESHES[name]
     analysis = analyse(finger, mesh, short, drive="spring", section="half")
     half = half_section(analysis)
@@ -98,9 +88,7 @@ def test_the_watched_nodes_on_the_axis_are_told_by_their_numbers(short):
         ({"probe": Probe(x_mm=0.25)}, "the probe is no mirror image of itself"),
     ],
 )
-def test_all_is_computed_where_it_was_asked_for_or_half_would_not_do(
-    options, words, short
-):
+def test_all_is_computed_where_it_was_asked_for_or_half_would_not_do(options, words, short):
     analysis = half_of(short, **options)
     assert why_whole(analysis) == words
     assert half_section(analysis) is None
@@ -123,9 +111,7 @@ def test_all_is_computed_where_a_watched_node_is_on_the_left(short):
     assert why_whole(analysis).startswith(f"watched node {row + 1} is at x = -")
 
 
-@pytest.mark.parametrize(
-    ("way_mm", "same"), [(0.0, True), (0.5 * SAME_MM, True), (1e-7, False)]
-)
+@pytest.mark.parametrize(("way_mm", "same"), [(0.0, True), (0.5 * SAME_MM, True), (1e-7, False)])
 def test_a_mesh_with_one_node_moved_is_no_mirror_image(way_mm, same, short):
     moved_mm = SKIN.node_mm.copy()
     row = int(np.argmax((moved_mm[:, 0] > 0.3) & (moved_mm[:, 1] < -0.3)))
@@ -182,9 +168,7 @@ def test_a_mirrored_mesh_with_elements_across_the_axis_is_computed_whole(short):
     widths_mm=st.lists(st.floats(0.5, 2.0), min_size=1, max_size=6),
     order=st.randoms(use_true_random=False),
 )
-def test_any_row_of_elements_and_its_image_is_halved_however_numbered(
-    short, widths_mm, order
-):
+def test_any_row_of_elements_and_its_image_is_halved_however_numbered(short, widths_mm, order):
     right_mm = np.cumsum([0.0, *widths_mm])
     mesh = grid([*-right_mm[:0:-1], *right_mm])
     nodes, elements = list(range(len(mesh.node_mm))), list(range(len(mesh.quad)))
@@ -205,9 +189,7 @@ def test_what_is_held_or_may_touch_on_one_side_alone_is_no_mirror_image(short):
     held = replace(plain, held=plain.held[1:])
     assert why_whole(held) == "what is held is no mirror image of itself"
     touched = replace(plain, contact_edge=plain.contact_edge[1:])
-    assert why_whole(touched) == (
-        "the skin that may touch is no mirror image of itself"
-    )
+    assert why_whole(touched) == ("the skin that may touch is no mirror image of itself")
 
 
 def test_a_place_within_the_tolerance_of_the_axis_is_on_it():

@@ -56,10 +56,7 @@ def test_any_text_becomes_one_line_of_printable_ascii(text):
 def test_lists_break_after_twelve_and_pairs_after_four():
     first, second = list_lines(range(1, 14))
     assert (first, second) == ("1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,", "13,")
-    assert list(pair_lines([(str(k), "0") for k in range(5)])) == [
-        "0, 0, 1, 0, 2, 0, 3, 0",
-        "4, 0",
-    ]
+    assert list(pair_lines([(str(k), "0") for k in range(5)])) == ["0, 0, 1, 0, 2, 0, 3, 0", "4, 0"]
 
 
 def test_nodes_are_numbered_and_flat_and_zero_has_no_sign():
@@ -70,9 +67,6 @@ def test_nodes_are_numbered_and_flat_and_zero_has_no_sign():
 
 
 def test_elements_and_their_numbers_belong_together():
-    assert list(element_lines([4, 9], np.array([[1, 2], [3, 4]]))) == [
-        "4, 1, 2",
-        "9, 3, 4",
-    ]
+    assert list(element_lines([4, 9], np.array([[1, 2], [3, 4]]))) == ["4, 1, 2", "9, 3, 4"]
     with pytest.raises(ValueError, match="zip"):
         list(element_lines([4], np.array([[1, 2], [3, 4]])))

@@ -83,8 +83,6 @@ def test_what_a_finger_relaxes_by_is_told_as_toml_has_it():
 
 
 def test_materials_alone_make_no_other_mesh():
-    finger = finger_from(
-        {"materials": {"dermis": {"prony": [{"g": 0.3, "tau_s": 0.02}]}}}, "quick"
-    )
+    finger = finger_from({"materials": {"dermis": {"prony": [{"g": 0.3, "tau_s": 0.02}]}}}, "quick")
     assert finger.skin == QUICK.skin
     assert finger.resolution == QUICK.resolution

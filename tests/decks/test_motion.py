@@ -105,9 +105,7 @@ def test_a_slide_that_is_none_is_refused(speed):
         stimulus().sliding(speed)
 
 
-@pytest.mark.parametrize(
-    "aside", [np.zeros(3), np.full(7, 1.0), np.array([0.0] * 6 + [np.nan])]
-)
+@pytest.mark.parametrize("aside", [np.zeros(3), np.full(7, 1.0), np.array([0.0] * 6 + [np.nan])])
 def test_a_way_aside_belongs_to_the_samples_and_begins_at_0(aside):
     with pytest.raises(StimulusError, match="way aside"):
         replace(stimulus(), aside_um=aside)

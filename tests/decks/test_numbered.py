@@ -19,9 +19,7 @@ def whole_of(stimulus, element):
 
 
 def half_of(stimulus, element):
-    analysis = analyse(
-        QUICK, SKIN, stimulus, element=element, drive="spring", section="half"
-    )
+    analysis = analyse(QUICK, SKIN, stimulus, element=element, drive="spring", section="half")
     return numbered(analysis, half_section(analysis))
 
 
@@ -68,9 +66,7 @@ def test_a_mid_side_is_half_way_between_its_corners(model):
             assert layer.node.shape[1] == 4
             continue
         middle = model.node_mm[layer.node[:, 4:] - 1]
-        np.testing.assert_array_equal(
-            middle, 0.5 * (corners + np.roll(corners, -1, axis=1))
-        )
+        np.testing.assert_array_equal(middle, 0.5 * (corners + np.roll(corners, -1, axis=1)))
 
 
 def test_the_probe_follows_the_finger_without_a_gap(model):
@@ -132,10 +128,7 @@ def test_each_site_tells_layer_and_depth(model):
 
 def test_only_soft_layers_take_another_law(short):
     model = numbered(analyse(QUICK, SKIN, short, law="neo-hookean"))
-    assert {layer.name for layer in model.layers if layer.law == "linear"} == {
-        "bone",
-        "nail",
-    }
+    assert {layer.name for layer in model.layers if layer.law == "linear"} == {"bone", "nail"}
     assert model.probe.law == "linear"
 
 

@@ -39,9 +39,7 @@ def least_gap_mm(probe_mm, skin):
     """Smallest vertical way between two polylines, both ends of every piece tried."""
     edge, _, _ = skin.outline()
     pieces = [
-        piece[np.argsort(piece[:, 0])]
-        for piece in skin.node_mm[edge]
-        if piece[:, 1].min() > -6.5
+        piece[np.argsort(piece[:, 0])] for piece in skin.node_mm[edge] if piece[:, 1].min() > -6.5
     ]
     gaps = [np.inf]
     for left, right in pieces:
@@ -50,9 +48,7 @@ def least_gap_mm(probe_mm, skin):
             continue
         within = probe_mm[(probe_mm[:, 0] >= low) & (probe_mm[:, 0] <= high), 0]
         x_mm = np.array([low, *within, high])
-        skin_mm = left[1] + (right[1] - left[1]) * (x_mm - left[0]) / (
-            right[0] - left[0]
-        )
+        skin_mm = left[1] + (right[1] - left[1]) * (x_mm - left[0]) / (right[0] - left[0])
         gaps.append((np.interp(x_mm, *probe_mm.T) - skin_mm).min())
     return min(gaps)
 
@@ -139,9 +135,7 @@ def test_a_narrow_probe_between_two_ridges_stands_lower():
 
 @pytest.mark.parametrize("x_mm", [-7.9, 7.7, 30.0, 1e9])
 def test_a_probe_beside_the_pad_is_refused(x_mm):
-    with pytest.raises(
-        FingerError, match=r"probe spans x = .* expected inside the pad"
-    ):
+    with pytest.raises(FingerError, match=r"probe spans x = .* expected inside the pad"):
         mesh_probe(Probe(x_mm=x_mm), SKIN)
 
 

@@ -48,9 +48,7 @@ def test_normals_are_of_length_1_across_the_outline_and_point_inwards():
 def test_a_curve_at_one_depth_is_that_far_from_the_outline(depth_mm):
     arc_mm = np.linspace(0.0, SECTION.end_arc_mm, 11)
     points = SECTION.curve(lambda arc: np.full_like(arc, depth_mm), arc_mm)
-    away_mm = [
-        np.linalg.norm(SECTION.point_mm - point, axis=1).min() for point in points
-    ]
+    away_mm = [np.linalg.norm(SECTION.point_mm - point, axis=1).min() for point in points]
     assert_allclose(away_mm, depth_mm, atol=4e-4)  # half of the sampling's step
 
 
@@ -118,9 +116,7 @@ def test_without_ridges_and_papillae_layers_are_parallel():
 
 
 @settings(max_examples=50)
-@given(
-    st.floats(0.0, 0.2), st.floats(0.0, 0.3), st.floats(0.1, 1.0), st.floats(0.3, 1.0)
-)
+@given(st.floats(0.0, 0.2), st.floats(0.0, 0.3), st.floats(0.1, 1.0), st.floats(0.3, 1.0))
 def test_no_layer_of_a_finger_that_is_taken_is_thinner_than_nothing(
     ridge_mm, papilla_mm, epidermis_mm, dermis_mm
 ):
@@ -139,12 +135,7 @@ def test_no_layer_of_a_finger_that_is_taken_is_thinner_than_nothing(
     arc_mm = np.linspace(0, section.end_arc_mm, 2001)
     depths = [
         boundary(arc_mm)
-        for boundary in (
-            section.surface,
-            section.corneum,
-            section.epidermis,
-            section.dermis,
-        )
+        for boundary in (section.surface, section.corneum, section.epidermis, section.dermis)
     ]
     assert np.diff(depths, axis=0).min() > 0
 

@@ -89,10 +89,7 @@ def as_in_table(request, table):
         names = {f"{place}::{name}" for name in asking}
         messages = [m for row in table if names & set(row.tests) for m in row.messages]
         patterns = [".+".join(map(re.escape, m.split("…"))) for m in messages]
-        assert any(re.fullmatch(pattern, line) for pattern in patterns), (
-            line,
-            messages,
-        )
+        assert any(re.fullmatch(pattern, line) for pattern in patterns), (line, messages)
 
     return check
 

@@ -68,9 +68,7 @@ def test_a_clock_that_moves_during_a_run_changes_neither_its_cost_nor_its_end(
     assert 0 <= outcome.wall_s < 300
 
 
-def test_a_clock_that_moves_does_not_put_off_a_limit(
-    fake_ccx, make_run, moved_clock, as_in_table
-):
+def test_a_clock_that_moves_does_not_put_off_a_limit(fake_ccx, make_run, moved_clock, as_in_table):
     halt = threading.Event()
     late = threading.Timer(PATIENCE_S, halt.set)
     late.start()

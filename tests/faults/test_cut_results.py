@@ -88,9 +88,7 @@ def test_a_simulation_does_not_use_what_was_cut(
 
 
 @pytest.mark.parametrize("name", ["job.frd", "job.dat"])
-def test_one_byte_that_was_edited_has_the_run_made_again(
-    replaying_ccx, tmp_path, make_run, name
-):
+def test_one_byte_that_was_edited_has_the_run_made_again(replaying_ccx, tmp_path, make_run, name):
     folder = make_run(increments=len(read_waveform(RECORDED)[0]) - 1)
     assert [run_folders([folder])[0].skipped for _ in range(2)] == [False, True]
     content = bytearray((folder / name).read_bytes())

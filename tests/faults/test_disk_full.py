@@ -62,9 +62,7 @@ def little_room(tmp_path):
     return mount
 
 
-def test_a_limit_of_file_size_leaves_the_earlier_results(
-    tmp_path, files_below, capsys, refused
-):
+def test_a_limit_of_file_size_leaves_the_earlier_results(tmp_path, files_below, capsys, refused):
     out = tmp_path / "out"
     assert main([*WORDS, str(out), "--stimulus", "sine_20_250"]) == 0
     before = files_below(out)
@@ -92,13 +90,9 @@ def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
 
 
 @pytest.mark.solver
-def test_calculix_on_a_disk_that_fills_is_not_believed(
-    apart, little_room, make_run, as_in_table
-):
+def test_calculix_on_a_disk_that_fills_is_not_believed(apart, little_room, make_run, as_in_table):
     """It says `Job finished` and exits with 0."""
-    spec = importlib.util.spec_from_file_location(
-        "p", SOLVERS / "test_real_calculix.py"
-    )
+    spec = importlib.util.spec_from_file_location("p", SOLVERS / "test_real_calculix.py")
     real = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(real)
     source = make_run(deck=real.patch(end_s=0.05), increments=100)

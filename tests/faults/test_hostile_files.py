@@ -83,17 +83,13 @@ def test_a_hostile_run_folder_gives_no_result(fake_ccx, make_run, refused, kind)
 
 
 @pytest.mark.parametrize("stimulus", STIMULI)
-def test_a_hostile_stimulus_names_no_folder(
-    here, tmp_path, files_below, refused, stimulus
-):
+def test_a_hostile_stimulus_names_no_folder(here, tmp_path, files_below, refused, stimulus):
     refused("build-deck", "--stimulus", stimulus, "-o", "runs")
     assert files_below(tmp_path) == {}
 
 
 @pytest.mark.parametrize("number", ["depth_um", "closure_percent", "young_mpa"])
-def test_a_stored_map_that_was_edited_answers_nothing(
-    here, monkeypatch, refused, number
-):
+def test_a_stored_map_that_was_edited_answers_nothing(here, monkeypatch, refused, number):
     maps = here / "maps"
     shutil.copytree(stored.FOLDER, maps)
     path = maps / "quick.toml"

@@ -21,9 +21,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_run_in_an_odd_folder_is_like_any_other(
-    fake_ccx, make_run, capsys, as_in_table, name
-):
+def test_a_run_in_an_odd_folder_is_like_any_other(fake_ccx, make_run, capsys, as_in_table, name):
     folder = make_run("normal", NAMES[name])
 
     assert main(["run", str(folder)]) == 0
@@ -51,9 +49,7 @@ def test_an_odd_folder_gives_the_same_results_and_nothing_beside_them(
 @pytest.mark.parametrize("name", ["quotes", "all of it"])
 def test_calculix_itself_works_in_an_odd_folder(make_run, name):
     """It keeps 132 characters of its job's name; it is started in the folder."""
-    spec = importlib.util.spec_from_file_location(
-        "p", SOLVERS / "test_real_calculix.py"
-    )
+    spec = importlib.util.spec_from_file_location("p", SOLVERS / "test_real_calculix.py")
     real = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(real)
 

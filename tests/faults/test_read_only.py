@@ -43,9 +43,7 @@ def read_only(apart, make_run):
     return folder, run
 
 
-def test_a_read_only_folder_is_told_in_one_line(
-    fake_ccx, read_only, files_below, as_in_table
-):
+def test_a_read_only_folder_is_told_in_one_line(fake_ccx, read_only, files_below, as_in_table):
     folder, run = read_only
     before = files_below(folder)
 
@@ -90,9 +88,7 @@ def not_ours(make_run, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["build-deck", "run"])
-def test_a_folder_without_permission_is_told_in_one_line(
-    not_ours, capsys, refused, verb
-):
+def test_a_folder_without_permission_is_told_in_one_line(not_ours, capsys, refused, verb):
     capsys.readouterr()
     refused(*(["run", "."] if verb == "run" else [*BUILD, "runs"]))
 

@@ -89,10 +89,7 @@ class _Post:
 
     def element_scalar(self, element, index):
         points = self._held("scalars")[self.element_scalar_label(index)][element]
-        return [
-            _Item(id=node, value=value)
-            for node, value in self._at_nodes(element, points)
-        ]
+        return [_Item(id=node, value=value) for node, value in self._at_nodes(element, points)]
 
     def element_tensors(self):
         return len(self._held("tensors"))

@@ -45,9 +45,7 @@ def test_a_run_folder_holds_a_deck_its_waveform_and_its_run(tmp_path, model):
     assert (built.dt_ms, built.start_ms) == (0.5, 0.0)
     deck = (tmp_path / "run" / "job.inp").read_bytes()
     assert built.deck_sha256 == hashlib.sha256(deck).hexdigest()
-    np.testing.assert_array_equal(
-        read_waveform(tmp_path / "run")[1], stimulus.displacement_um
-    )
+    np.testing.assert_array_equal(read_waveform(tmp_path / "run")[1], stimulus.displacement_um)
 
 
 def test_the_same_inputs_give_the_same_bytes(tmp_path, model):
@@ -82,9 +80,7 @@ def test_building_again_touches_nothing(tmp_path, model):
 def test_the_deck_changes_with_the_model(tmp_path, model, change, same_deck):
     stimulus = stimulus_of("sine_300_1.7")
     plain = build_run_folder(tmp_path / "plain", model, stimulus)
-    other = build_run_folder(
-        tmp_path / "other", dataclasses.replace(model, **change), stimulus
-    )
+    other = build_run_folder(tmp_path / "other", dataclasses.replace(model, **change), stimulus)
     assert (plain.deck_sha256 == other.deck_sha256) is same_deck
 
 

@@ -26,9 +26,7 @@ def test_a_set_gives_a_folder_a_level(here, capsys):
 
     streams = capsys.readouterr()
     folders = [f"runs/noise_25_250_{level}" for level in LEVELS]
-    assert streams.out.splitlines() == [
-        f"{folder}  500 increments of 0.5 ms" for folder in folders
-    ]
+    assert streams.out.splitlines() == [f"{folder}  500 increments of 0.5 ms" for folder in folders]
     assert streams.err == ""
     assert sorted(path.name for path in (here / "runs").iterdir()) == sorted(
         folder.removeprefix("runs/") for folder in folders
@@ -81,8 +79,7 @@ def test_ascii_results_are_asked_for_in_the_deck(here):
     assert main([*words, "-o", "ascii", "--ascii"]) == 0
 
     binary, text = (
-        (here / name / "sine_20_250/job.inp").read_text()
-        for name in ("binary", "ascii")
+        (here / name / "sine_20_250/job.inp").read_text() for name in ("binary", "ascii")
     )
     assert "*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE" in binary
     assert "*NODE FILE, NSET=OUTPUT_NODES" in text
@@ -95,23 +92,11 @@ def test_ascii_results_are_asked_for_in_the_deck(here):
         (["--friction", "0"], {"contact": {"friction": 0.0}}),
         (
             ["--contact", "surface-to-surface", "--stiffness-mpa-per-mm", "1000"],
-            {
-                "contact": {
-                    "formulation": "surface-to-surface",
-                    "stiffness_mpa_per_mm": 1000.0,
-                }
-            },
+            {"contact": {"formulation": "surface-to-surface", "stiffness_mpa_per_mm": 1000.0}},
         ),
         (["--element", "CPE8R"], {"element": "CPE8R"}),
         (
-            [
-                "--probe-shape",
-                "flat",
-                "--probe-diameter-mm",
-                "2",
-                "--probe-x-mm",
-                "0.5",
-            ],
+            ["--probe-shape", "flat", "--probe-diameter-mm", "2", "--probe-x-mm", "0.5"],
             {"probe": {"shape": "flat", "diameter_mm": 2.0, "x_mm": 0.5}},
         ),
         (["--seed", "7"], {"stimulus": {"seed": 7}}),
@@ -123,8 +108,7 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
     assert main([*build, "-o", "changed", *words]) == 0
 
     plain, changed = (
-        read_run_folder(here / name / "noise_25_250_10")
-        for name in ("plain", "changed")
+        read_run_folder(here / name / "noise_25_250_10") for name in ("plain", "changed")
     )
     for key, value in inputs.items():
         found = changed.inputs[key]
@@ -146,10 +130,7 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
             ["--stimulus", "sine_20_250", "--stiffness-mpa-per-mm", "0"],
             "contact: stiffness_mpa_per_mm must be > 0",
         ),
-        (
-            ["--stimulus", "sine_20_250", "--preindent-um", "nan"],
-            "preindent_um must be",
-        ),
+        (["--stimulus", "sine_20_250", "--preindent-um", "nan"], "preindent_um must be"),
         (
             ["--stimulus", "sine_20_250", "--probe-diameter-mm", "-1"],
             "probe: diameter_mm must be 0.01 to 20",
@@ -168,13 +149,7 @@ def test_a_number_without_meaning_is_misuse_in_one_line(here, capsys, words, tol
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        ["--friction", "much"],
-        ["--contact", "magic"],
-        ["--solver", "marx"],
-        ["-o", ""],
-    ],
+    "words", [["--friction", "much"], ["--contact", "magic"], ["--solver", "marx"], ["-o", ""]]
 )
 def test_a_word_without_meaning_is_misuse(here, capsys, words):
     assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 2
@@ -242,10 +217,7 @@ def test_a_marc_folder_has_deck_and_procedure_and_no_springs(here, capsys):
         *("job.dat", "job.proc", "stimulus.csv", "run.toml")
     }
     run = read_run_folder(folder)
-    assert (run.solver, run.deck.name, run.inputs["element"]) == (
-        *("marc", "job.dat"),
-        "CPE4H",
-    )
+    assert (run.solver, run.deck.name, run.inputs["element"]) == (*("marc", "job.dat"), "CPE4H")
     assert run.inputs["contact"] == {"friction": 0.3}
     assert run.results.name == "job_s2s.t16"
     (folder / "job.t19").touch()

@@ -59,9 +59,7 @@ def test_half_of_a_section_is_enough_unless_all_is_asked_for(here):
     assert main([*words, "-o", "half"]) == 0
     assert main([*words, "-o", "whole", "--whole-section"]) == 0
 
-    half, whole = (
-        read_run_folder(here / name / "sine_20_250") for name in ("half", "whole")
-    )
+    half, whole = (read_run_folder(here / name / "sine_20_250") for name in ("half", "whole"))
     assert half.inputs["section"] == "half"
     assert whole.inputs["section"].startswith("whole: the whole section was asked for")
     assert half.deck.stat().st_size < 0.65 * whole.deck.stat().st_size

@@ -82,9 +82,7 @@ def test_an_unknown_verb_is_misuse_and_tells_the_near_one(capsys, word, told):
     assert streams.out == ""
 
 
-@pytest.mark.parametrize(
-    "words", [["stimuli", "--nope"], ["--nope"], ["stimuli", "--seed", "x"]]
-)
+@pytest.mark.parametrize("words", [["stimuli", "--nope"], ["--nope"], ["stimuli", "--seed", "x"]])
 def test_misuse_of_options_is_2_with_a_line_of_its_own(capsys, words):
     assert cli.main(words) == 2
     assert "error: " in capsys.readouterr().err.splitlines()[-1]
@@ -101,10 +99,7 @@ def test_help_of_a_verb_has_its_description_and_an_example(capsys, verb_name):
 @pytest.mark.parametrize("json_wanted", [[], ["--json"]])
 @pytest.mark.parametrize(
     ("error", "code"),
-    [
-        (ResultError("cut short\nhere", Path("a.frd"), 7), 1),
-        (StimulusError("no stimulus 'x'"), 2),
-    ],
+    [(ResultError("cut short\nhere", Path("a.frd"), 7), 1), (StimulusError("no stimulus 'x'"), 2)],
 )
 def test_our_errors_are_one_line_on_stderr(verb, capsys, error, code, json_wanted):
     verb(raising(error))
@@ -160,13 +155,7 @@ def test_json_is_strict_whatever_the_summary_holds(verb, capsys):
         raise AssertionError(name)
 
     out = json.loads(capsys.readouterr().out, parse_constant=no_constant)
-    assert out == {
-        "rate_ips": None,
-        "peak": None,
-        "counts": [1, 2],
-        "files": ["a.csv"],
-        "3": True,
-    }
+    assert out == {"rate_ips": None, "peak": None, "counts": [1, 2], "files": ["a.csv"], "3": True}
 
 
 def test_without_json_the_summary_is_not_printed(verb, capsys):

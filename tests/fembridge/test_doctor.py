@@ -52,9 +52,7 @@ def test_ccx_on_the_path_is_found_before_versioned_names(bin_folder):
     assert find_ccx() == plain
 
 
-def test_of_versioned_names_the_newest_is_taken_and_of_those_the_multithreaded(
-    bin_folder,
-):
+def test_of_versioned_names_the_newest_is_taken_and_of_those_the_multithreaded(bin_folder):
     for name in ("ccx_2.9", "ccx_2.21", "ccx_2.21_MT", "ccx_2.10_MT", "ccx_step.py"):
         program(bin_folder / name)
     (bin_folder / "ccx_2.99").write_text("not executable")
@@ -132,9 +130,7 @@ def test_json_of_the_doctor_names_every_check(bin_folder, capsys):
     assert told["checks"][0]["found"] == fembridge.__version__
 
 
-def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(
-    bin_folder, monkeypatch, capsys
-):
+def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(bin_folder, monkeypatch, capsys):
     monkeypatch.setitem(PACKAGES, "no-such-extra", ((1, 0), False, "nothing"))
     assert main(["doctor", "--json"]) == 0
     capsys.readouterr()
@@ -169,9 +165,7 @@ def test_the_doctor_asks_for_the_dependencies_that_the_project_declares():
     assert {line.replace(" ", "") for line in declared} == asked
 
 
-def test_gmsh_without_its_system_libraries_names_the_library_and_the_line(
-    tmp_path, monkeypatch
-):
+def test_gmsh_without_its_system_libraries_names_the_library_and_the_line(tmp_path, monkeypatch):
     reason = "libGLU.so.1: cannot open shared object file"
     (tmp_path / "gmsh.py").write_text(f"raise OSError({reason!r})\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -65,10 +65,7 @@ def test_the_summary_names_what_was_written(here, capsys):
 
     summary = json.loads(capsys.readouterr().out)
     assert summary["files"] == ["out/spikes.csv", "out/rates.csv"]
-    assert sorted(path.name for path in (here / "out").iterdir()) == [
-        "rates.csv",
-        "spikes.csv",
-    ]
+    assert sorted(path.name for path in (here / "out").iterdir()) == ["rates.csv", "spikes.csv"]
     assert summary["parameters"] == "published"
     assert summary["afferents"]["RA"]["node"] == 101
 
@@ -158,9 +155,7 @@ def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
         (["--parameters", "absent.toml"], 1, "absent.toml: cannot read"),
     ],
 )
-def test_a_word_without_meaning_ends_in_one_line_and_no_files(
-    here, capsys, words, code, message
-):
+def test_a_word_without_meaning_ends_in_one_line_and_no_files(here, capsys, words, code, message):
     assert main(["encode", "sine_50_250.csv", *words]) == code
 
     told = capsys.readouterr().err

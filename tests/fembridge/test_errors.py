@@ -55,11 +55,7 @@ def test_a_plain_error_survives_a_pickle(error):
 def test_an_error_with_a_place_survives_a_pickle(error, line):
     again = pickle.loads(pickle.dumps(error("cut short", Path("runs/job.frd"), line)))
     assert type(again) is error
-    assert (again.problem, again.path, again.line) == (
-        "cut short",
-        Path("runs/job.frd"),
-        line,
-    )
+    assert (again.problem, again.path, again.line) == ("cut short", Path("runs/job.frd"), line)
     assert str(again) == f"runs/job.frd{':12' if line else ''}: cut short"
 
 
@@ -74,10 +70,7 @@ def test_an_error_has_a_place_or_has_none():
 
 def test_misuse_is_2_and_all_else_is_1():
     codes = {error: error.exit_code for error in PUBLIC}
-    assert {error for error, code in codes.items() if code == 2} == {
-        UsageError,
-        StimulusError,
-    }
+    assert {error for error, code in codes.items() if code == 2} == {UsageError, StimulusError}
     assert set(codes.values()) == {1, 2}
 
 

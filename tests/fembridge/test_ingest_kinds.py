@@ -37,15 +37,7 @@ def nodes_of(path):
 
 
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
-    words = [
-        "--set",
-        "probes",
-        "--across-materials",
-        "--near",
-        "1.5,0.3",
-        "-o",
-        "t.csv",
-    ]
+    words = ["--set", "probes", "--across-materials", "--near", "1.5,0.3", "-o", "t.csv"]
     assert main(["ingest", ASCII, *words]) == 0
     assert nodes_of("t.csv") == ["11", "18", "25"]
     heard = capsys.readouterr()
@@ -179,9 +171,7 @@ def test_one_sided_stress_has_a_row_a_material_and_none_of_the_mean(capsys):
         for side, young_mpa in zip(sides, (0.05, 2.0), strict=True):
             pull_pa = 1e6 * young_mpa / (1 - 0.3**2) * STRETCH
             out_of_plane_pa = 0.3 * pull_pa
-            mises_pa = (
-                pull_pa**2 - pull_pa * out_of_plane_pa + out_of_plane_pa**2
-            ) ** 0.5
+            mises_pa = (pull_pa**2 - pull_pa * out_of_plane_pa + out_of_plane_pa**2) ** 0.5
             assert float(side["xx_pa"]) == pytest.approx(pull_pa, rel=1e-5)
             assert float(side["von_mises_pa"]) == pytest.approx(mises_pa, rel=1e-5)
     assert "sides" in capsys.readouterr().out

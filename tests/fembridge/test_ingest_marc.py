@@ -85,9 +85,7 @@ def test_traces_by_number_set_and_place(capsys):
     assert last["6"] == pytest.approx(4e6, rel=1e-5)
     assert last["1"] == pytest.approx(2e6 * (1 + 3) ** 0.5, rel=1e-5)
     heard = capsys.readouterr()
-    assert (
-        "stress: Stress (codes 311 to 316), extrapolated to nodes: linear" in heard.err
-    )
+    assert "stress: Stress (codes 311 to 316), extrapolated to nodes: linear" in heard.err
     assert "0 to 2 ms every 1 ms" in heard.out
 
 
@@ -110,9 +108,7 @@ def test_the_way_to_the_node_and_to_von_mises_can_be_chosen():
     assert last("--extrapolate", "average") == pytest.approx(middle, rel=1e-5)
     points = [
         1e6
-        * models.von_mises(
-            stress(*models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *p), 0, 0.002)
-        )
+        * models.von_mises(stress(*models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *p), 0, 0.002))
         for p in models.POINTS[4]
     ]
     mean = sum(points) / 4
@@ -129,9 +125,7 @@ def test_a_boundary_is_refused_crossed_or_read_side_by_side(capsys):
     assert main(["ingest", "job.t16", "--node", "7", "--one-sided"]) == 0
     sides = rows_of("job_sides.csv")
     assert {row["material"] for row in sides} == {"soft", "elements with ids 2 1 1 3 1"}
-    last = [
-        float(row["xx_pa"]) for row in sides if row["time_ms"] == sides[-1]["time_ms"]
-    ]
+    last = [float(row["xx_pa"]) for row in sides if row["time_ms"] == sides[-1]["time_ms"]]
     assert last == pytest.approx([2e6 * 3, 2e6 * 13], rel=1e-5)
 
 
@@ -141,11 +135,7 @@ def test_fields_and_paraview(here, capsys):
         assert held["values"].shape == (9, 6)
     assert "left out: 3 nodes lie between layers" in capsys.readouterr().err
     assert main(["ingest", "job.t16", "--field", "displ", "-o", "d.csv"]) == 0
-    assert rows_of("d.csv")[0] == {
-        "node": "1",
-        "dx_mm": pytest_near(0.002),
-        "dy_mm": "-1.0",
-    }
+    assert rows_of("d.csv")[0] == {"node": "1", "dx_mm": pytest_near(0.002), "dy_mm": "-1.0"}
     assert main(["ingest", "job.t16", "--vtu", "v", "--quantity", "Stress"]) == 0
     assert len(list((here / "v").glob("*.vtu"))) == 3
 
@@ -198,9 +188,7 @@ def test_words_that_mean_nothing_together_are_misuse(words, told, here, capsys):
     assert told in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "words", [["--node", "1"], ["--field", "STRESS"], ["--vtu", "v"]]
-)
+@pytest.mark.parametrize("words", [["--node", "1"], ["--field", "STRESS"], ["--vtu", "v"]])
 def test_extrapolation_is_not_for_files_of_nodal_values(words, capsys):
     frd = str(SAMPLES.parent / "frd_samples" / "cpe4_ascii.frd")
     assert main(["ingest", frd, *words, "--extrapolate", "average"]) == 2

@@ -31,11 +31,7 @@ NODES = [
 ]  # fmt: skip
 ELEMENTS = [[7, 80, [70, 10, 20, 50, 900]], [3, 80, [10, 40, 30, 20, 901]]]
 CENTRES = ((1.0, 1.0), (3.0, 1.0))
-SETS = [
-    ["skin", "node", [50, 20]],
-    ["left", "element", [7]],
-    ["right", "element", [3]],
-]
+SETS = [["skin", "node", [50, 20]], ["left", "element", [7]], ["right", "element", [3]]]
 SCALAR, TENSOR = "Equivalent Von Mises Stress", "Stress"
 
 
@@ -246,10 +242,7 @@ def test_an_older_table_stays_when_the_new_one_fails(export, tmp_path):
         (("--nodes", 12345), "no node 12345 in the model"),
         (("--set", "left"), "no node set 'left'; there is skin"),
         (("--nodes", 70, "--within", "skin"), "no element set 'skin'; there is left"),
-        (
-            ("--nodes", 70, "--within", "right"),
-            "belongs to no element of the set right",
-        ),
+        (("--nodes", 70, "--within", "right"), "belongs to no element of the set right"),
         (("--nodes", 70, "--label", "Mises"), "no element scalar 'Mises' in it; there"),
         (("--nodes", 70, "-o", "gone/t.csv"), "cannot write gone/t.csv: No such file"),
     ],
@@ -276,8 +269,7 @@ def test_a_file_with_the_model_alone_says_so(export):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [(), ("--nodes", "x"), ("--afferent", "XX=1"), ("--near", "1"), ("--unit", "bar")],
+    "words", [(), ("--nodes", "x"), ("--afferent", "XX=1"), ("--near", "1"), ("--unit", "bar")]
 )
 def test_misuse_has_exit_code_2(export, words):
     ran = export(*words)
@@ -343,9 +335,7 @@ def test_py_post_is_found_under_the_folder_of_mentat(export, tmp_path):
 
 
 def test_a_post_file_that_cannot_be_opened_is_named(export, tmp_path):
-    (tmp_path / "py_post.py").write_text(
-        "def post_open(path): raise OSError('licence')"
-    )
+    (tmp_path / "py_post.py").write_text("def post_open(path): raise OSError('licence')")
     ran = export("--nodes", 70)
     assert (ran.returncode, ran.stdout) == (1, "")
     assert "py_post cannot open job.t16: licence" in ran.stderr

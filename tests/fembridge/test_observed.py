@@ -16,9 +16,7 @@ from fembridge.observed import ObservedRates, read_observed
 from fembridge.tables import AFFERENTS, Rate, read_rates, write_rates
 
 HEADER = "stimulus,afferent,rate_ips\n"
-OBSERVED_SINES = (
-    Path(fembridge.__file__).parents[2] / "shared" / "data" / "observed_sine_rates.csv"
-)
+OBSERVED_SINES = Path(fembridge.__file__).parents[2] / "shared" / "data" / "observed_sine_rates.csv"
 
 IDS = [entry.id for entry in CATALOGUE]
 OWN_IDS = ["sine_600_10", "sine_40_100", "diharm_10_50_20_20", "noise_30_200_7"]
@@ -66,9 +64,7 @@ def as_rates(stimuli, afferents, rate_ips):
 
 
 @given(written=rate_arrays(), mix=st.randoms(use_true_random=False))
-def test_rates_come_back_bit_for_bit_however_the_classes_are_mixed(
-    tmp_path_factory, written, mix
-):
+def test_rates_come_back_bit_for_bit_however_the_classes_are_mixed(tmp_path_factory, written, mix):
     path = tmp_path_factory.mktemp("observed") / "rates.csv"
     stimuli, afferents, rate_ips = written
     rates = as_rates(*written)
@@ -85,9 +81,7 @@ def test_rates_come_back_bit_for_bit_however_the_classes_are_mixed(
 
 
 @given(written=rate_arrays(), chance=st.randoms(use_true_random=False))
-def test_rows_that_are_left_out_are_the_ones_that_are_nan(
-    tmp_path_factory, written, chance
-):
+def test_rows_that_are_left_out_are_the_ones_that_are_nan(tmp_path_factory, written, chance):
     path = tmp_path_factory.mktemp("observed") / "rates.csv"
     rates = as_rates(*written)
     kept = [rate for rate in rates if chance.random() < 0.5] or rates[:1]
@@ -114,9 +108,7 @@ def test_rows_that_are_left_out_are_the_ones_that_are_nan(
 
 
 def test_ids_come_back_as_the_catalogue_spells_them(table):
-    path = table(
-        HEADER + "SINE_20_250.00,SA,3\ndiharm_10_50_125_125,SA,4\nsine_600_10,SA,5\n"
-    )
+    path = table(HEADER + "SINE_20_250.00,SA,3\ndiharm_10_50_125_125,SA,4\nsine_600_10,SA,5\n")
 
     observed = read_observed(path)
 
@@ -151,10 +143,7 @@ def test_what_programs_write_around_the_same_table_does_not_matter(table, conten
 
 
 def test_classes_come_in_the_order_asked_for_and_others_are_left_out(table):
-    path = table(
-        HEADER
-        + "sine_20_250,PC,1\nsine_20_250,RA,2\nsine_20_250,SA,3\nsine_50_250,PC,4"
-    )
+    path = table(HEADER + "sine_20_250,PC,1\nsine_20_250,RA,2\nsine_20_250,SA,3\nsine_50_250,PC,4")
 
     one = read_observed(path, afferents="RA")
     two = read_observed(path, afferents=["SA", "RA", "SA"])
@@ -211,9 +200,7 @@ def test_a_class_that_nobody_models_cannot_be_asked_for(tmp_path, afferents, wor
 def test_a_second_rate_names_both_lines_however_its_id_is_spelled(table):
     path = table(HEADER + "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_20_25.0,SA,3\n")
 
-    assert refusal(path) == (
-        ":4: a second rate of sine_20_25, SA; the first is on line 2"
-    )
+    assert refusal(path) == (":4: a second rate of sine_20_25, SA; the first is on line 2")
 
 
 def test_a_class_that_lacks_a_stimulus_is_named_beside_one_that_has_it(table):
@@ -226,8 +213,7 @@ def test_a_class_that_lacks_a_stimulus_is_named_beside_one_that_has_it(table):
     )
     path = table(HEADER + lacking + "sine_50_250,RA,3\n")
     assert refusal(path) == (
-        ":5: sine_100_10 has a rate of RA here and none of SA anywhere, "
-        "expected one of SA, RA each"
+        ":5: sine_100_10 has a rate of RA here and none of SA anywhere, expected one of SA, RA each"
     )
     observed = read_observed(path, complete=False)
     np.testing.assert_array_equal(observed.rate_ips, [[3, 3], [4, 3], [np.nan, 5]])

@@ -52,8 +52,7 @@ def refusal(path, **options):
         ("Stimulus,afferent,rate_ips", "column Stimulus, expected stimulus"),
         (
             "stimulus,class,rate_ips",
-            "no column afferent in 'stimulus,class,rate_ips', "
-            "expected stimulus,afferent,rate_ips",
+            "no column afferent in 'stimulus,class,rate_ips', expected stimulus,afferent,rate_ips",
         ),
         ("stimulus,afferent", "no column rate_ips in 'stimulus,afferent', expected"),
         ("a,b,c", "no column stimulus, afferent, rate_ips in 'a,b,c', expected"),
@@ -94,16 +93,10 @@ def test_a_header_that_is_another_is_told_what_it_should_be(table, header, words
         (HEADER.encode(), ": a header and no rows, expected rates"),
         (HEADER.encode("utf-16"), ": the text is UTF-16, expected UTF-8"),
         (b"\xfe\xff\0s\0t", ": the text is UTF-16, expected UTF-8"),
-        (
-            b"PK\x03\x04\x14\0",
-            ": a spreadsheet or another ZIP archive, expected a CSV table",
-        ),
+        (b"PK\x03\x04\x14\0", ": a spreadsheet or another ZIP archive, expected a CSV table"),
         (b"\x93NUMPY\x01\0v\0", ": a binary file, expected a CSV table"),
         (HEADER.encode() + b"sine_20_25\xb5,SA,3\n", ":2: byte 0xb5 is not UTF-8"),
-        (
-            HEADER.encode() + b'"sine_20_25,SA,3\n',
-            ":2: not CSV: unexpected end of data",
-        ),
+        (HEADER.encode() + b'"sine_20_25,SA,3\n', ":2: not CSV: unexpected end of data"),
         (b'"stimulus', ":1: not CSV: unexpected end of data"),
     ],
 )
@@ -121,18 +114,9 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     ("row", "words"),
     [
         (",SA,3", "stimulus is empty"),
-        (
-            "sine 20 250,SA,3",
-            "stimulus 'sine 20 250' has a blank in it, expected as sine_20_250",
-        ),
-        (
-            "sine_40 _100,SA,3",
-            "stimulus 'sine_40 _100' has a blank in it, expected as sine_40_100",
-        ),
-        (
-            "20 Hz 250 um,SA,3",
-            "stimulus '20 Hz 250 um' has a blank in it, expected as sine_20_250",
-        ),
+        ("sine 20 250,SA,3", "stimulus 'sine 20 250' has a blank in it, expected as sine_20_250"),
+        ("sine_40 _100,SA,3", "stimulus 'sine_40 _100' has a blank in it, expected as sine_40_100"),
+        ("20 Hz 250 um,SA,3", "stimulus '20 Hz 250 um' has a blank in it, expected as sine_20_250"),
         ("sin_20_250,SA,3", "no stimulus 'sin_20_250'; did you mean sine_20_250,"),
         ("sine_20_250um,SA,3", "no stimulus 'sine_20_250um'; did you mean sine_20_250"),
         ("sine_21,SA,3", "no stimulus 'sine_21' in the catalogue, which has sine_20,"),
@@ -157,14 +141,8 @@ def test_a_stimulus_that_is_not_exactly_one_is_told(table, row, words):
 @pytest.mark.parametrize(
     ("word", "hint"),
     [
-        *(
-            (word, f"; {word} is SA here")
-            for word in ("SA1", "SAI", "SA-I", "sa", "SA 1")
-        ),
-        *(
-            (word, f"; {word} is RA here")
-            for word in ("FA1", "RA1", "FAI", "RA-I", "QA")
-        ),
+        *((word, f"; {word} is SA here") for word in ("SA1", "SAI", "SA-I", "sa", "SA 1")),
+        *((word, f"; {word} is RA here") for word in ("FA1", "RA1", "FAI", "RA-I", "QA")),
         *((word, f"; {word} is PC here") for word in ("FA2", "RAII", "Pacinian", "Pc")),
         ("SA2", "; there is no model of SA2, SA is SA1"),
         ("SA-II", "; there is no model of SA2, SA is SA1"),
@@ -175,19 +153,13 @@ def test_a_stimulus_that_is_not_exactly_one_is_told(table, row, words):
 def test_an_afferent_by_another_name_is_told_its_name_here(table, word, hint):
     path = table(HEADER + f"sine_20_25,PC,3\nsine_20_25,{word},3\n")
 
-    assert refusal(path) == (
-        f":3: afferent is {word!r}, expected one of SA, RA, PC{hint}"
-    )
+    assert refusal(path) == (f":3: afferent is {word!r}, expected one of SA, RA, PC{hint}")
 
 
 @pytest.mark.parametrize(
     ("cell", "words"),
     [
-        (
-            "",
-            "rate_ips is empty, expected a number; "
-            "a rate that was not measured has no row",
-        ),
+        ("", "rate_ips is empty, expected a number; a rate that was not measured has no row"),
         ("NaN", "rate_ips is 'NaN', expected a number; a rate that was not measured"),
         ("n/a", "rate_ips is 'n/a', expected a number; a rate that was not measured"),
         ("-nan", "rate_ips is nan, expected a finite number"),
@@ -242,9 +214,7 @@ def test_a_class_is_in_doubt_when_it_fires_and_never_above_half_an_impulse(
     tmp_path_factory, top_ips
 ):
     path = tmp_path_factory.mktemp("observed") / "rates.csv"
-    write_rates(
-        path, [Rate("sine_20_25", "SA", 0.0), Rate("sine_20_250", "SA", top_ips)]
-    )
+    write_rates(path, [Rate("sine_20_25", "SA", 0.0), Rate("sine_20_250", "SA", top_ips)])
 
     if 0 < top_ips <= 0.5:
         assert "as if in impulses a ms" in refusal(path)

@@ -126,9 +126,7 @@ def test_a_file_where_a_folder_is_wanted_is_named(tmp_path, below):
     with pytest.raises(OutputError) as caught:
         write_text(tmp_path / below, "new")
 
-    assert str(caught.value) == (
-        f"{tmp_path / 'file'}: a file stands where a folder is wanted"
-    )
+    assert str(caught.value) == (f"{tmp_path / 'file'}: a file stands where a folder is wanted")
     assert (tmp_path / "file").read_text() == "mine"
 
 

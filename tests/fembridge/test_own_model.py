@@ -77,9 +77,7 @@ def test_a_ramp_to_a_pre_indentation_comes_first(here, noise):
 
 
 def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
-    nodes = [
-        word for name, k in NODES.items() for word in ("--afferent", f"{name}={k}")
-    ]
+    nodes = [word for name, k in NODES.items() for word in ("--afferent", f"{name}={k}")]
     assert main(words("--base-deck", "mine.inp", *nodes, "--json")) == 0
     out, err = capsys.readouterr()
     summary = json.loads(out)
@@ -97,8 +95,7 @@ def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
         (["--afferent", "SA=1", "--afferent", "SA=2"], "names SA twice"),
         (
             ["--solver", "marc"],
-            "fembridge: mine.inp: a .inp is a deck for calculix or abaqus, not for "
-            "marc\n",
+            "fembridge: mine.inp: a .inp is a deck for calculix or abaqus, not for marc\n",
         ),
         (["--amplitude", "NONE"], "mine.inp"),
         (["--afferent", "SA=999999"], "999999"),
@@ -120,9 +117,7 @@ def test_an_afferent_is_a_name_and_a_node(here, word, capsys):
 
 
 @pytest.mark.parametrize("name", ["XX", "sa"])
-def test_an_afferent_that_encode_would_not_take_is_refused_before_the_run(
-    here, name, capsys
-):
+def test_an_afferent_that_encode_would_not_take_is_refused_before_the_run(here, name, capsys):
     assert main(words("--base-deck", "mine.inp", "--afferent", f"{name}=3")) == 2
     assert f"'{name}', expected one of SA, RA, PC" in capsys.readouterr().err
     assert not (here / "runs").exists()
@@ -186,9 +181,7 @@ def test_our_marc_deck_is_somebodys_own_model_too(here, noise, capsys):
     old, new = deck.read_bytes().splitlines(), run.deck.read_bytes().splitlines()
     assert len(old) == len(new)
     table = next(
-        k
-        for k, line in enumerate(old)
-        if line.startswith(b"table     ") and b"waveform" in line
+        k for k, line in enumerate(old) if line.startswith(b"table     ") and b"waveform" in line
     )
     differing = [k for k in range(len(old)) if old[k] != new[k]]
     assert differing and table < min(differing) <= max(differing) <= table + 503

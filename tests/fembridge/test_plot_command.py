@@ -76,9 +76,7 @@ def summary(capsys, *words):
     ],
     ids=lambda words: words[0],
 )
-def test_every_picture_is_a_png_named_after_itself_and_that_is_told(
-    here, capsys, words
-):
+def test_every_picture_is_a_png_named_after_itself_and_that_is_told(here, capsys, words):
     before = set(here.iterdir())
     assert main(["plot", *words]) == 0
     assert capsys.readouterr().out == f"{words[0]}.png\n"
@@ -134,9 +132,7 @@ def test_a_response_is_that_of_the_file(here, capsys):
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_without_a_file_the_stored_response_of_a_finger_is_drawn(
-    here, capsys, monkeypatch
-):
+def test_without_a_file_the_stored_response_of_a_finger_is_drawn(here, capsys, monkeypatch):
     asked = []
 
     def stored(finger, probe, element):
@@ -161,9 +157,7 @@ def test_traces_are_told_with_their_peaks(here, capsys):
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(
-    here, capsys
-):
+def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(here, capsys):
     assert summary(capsys, "raster", "spikes.csv") == {
         "picture": "raster",
         "file": "raster.png",

@@ -18,13 +18,7 @@ from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import OutputError, UsageError
 from fembridge.plots.layer_palette import LAYER_COLOURS, line_colour
-from fembridge.plots.mesh import (
-    afferent_nodes,
-    boundaries,
-    draw_mesh,
-    mesh_figure,
-    probe_outline,
-)
+from fembridge.plots.mesh import afferent_nodes, boundaries, draw_mesh, mesh_figure, probe_outline
 from fembridge.plots.mesh_annotations import modulus_text, poisson_text
 from fembridge.plots.picture import save_figure
 from fembridge.plots.waveform import waveform_figure
@@ -50,11 +44,7 @@ SEEN = {
         [0.004733, 0.691367, 0.303900],
     ],
 }
-SRGB_TO_XYZ = [
-    [0.4124, 0.3576, 0.1805],
-    [0.2126, 0.7152, 0.0722],
-    [0.0193, 0.1192, 0.9505],
-]
+SRGB_TO_XYZ = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
 WHITE = np.sum(SRGB_TO_XYZ, axis=1)
 
 CROWDED = replace(
@@ -121,8 +111,7 @@ def test_an_edge_inside_a_layer_is_no_boundary():
 
 
 @pytest.mark.parametrize(
-    ("shape", "diameter_mm"),
-    [("cylinder", 0.05), ("cylinder", 1.0), ("flat", 0.2), ("flat", 3.0)],
+    ("shape", "diameter_mm"), [("cylinder", 0.05), ("cylinder", 1.0), ("flat", 0.2), ("flat", 3.0)]
 )
 def test_the_drawn_probe_is_as_wide_as_it_is_said_to_be_and_touches(shape, diameter_mm):
     mesh = mesh_of(QUICK)
@@ -208,15 +197,10 @@ def test_a_number_has_the_unit_that_needs_fewest_digits():
     assert [modulus_text(modulus) for modulus in moduli] == [
         *("24 kPa", "1 MPa", "170 MPa", "1 GPa", "17 GPa")
     ]
-    assert [poisson_text(ratio) for ratio in (0.3, 0.48, 0.495)] == [
-        *("0.30", "0.48", "0.495")
-    ]
+    assert [poisson_text(ratio) for ratio in (0.3, 0.48, 0.495)] == [*("0.30", "0.48", "0.495")]
 
 
-@given(
-    heights=st.lists(st.floats(-5, 5), min_size=1, max_size=6),
-    step=st.floats(0.01, 1.5),
-)
+@given(heights=st.lists(st.floats(-5, 5), min_size=1, max_size=6), step=st.floats(0.01, 1.5))
 def test_names_are_moved_apart_in_order_and_stay_on_the_panel(heights, step):
     wanted = sorted(heights, reverse=True)
     placed = np.array(spread(wanted, step, -5.0, 5.0))
@@ -228,15 +212,11 @@ def test_names_are_moved_apart_in_order_and_stay_on_the_panel(heights, step):
 
 
 def test_names_that_push_each_other_keep_their_middle():
-    assert spread([3.0, 1.1, 1.0, 0.9], 0.5, 0.0, 4.0) == pytest.approx(
-        [3.0, 1.5, 1.0, 0.5]
-    )
+    assert spread([3.0, 1.1, 1.0, 0.9], 0.5, 0.0, 4.0) == pytest.approx([3.0, 1.5, 1.0, 0.5])
 
 
 @given(
-    sites=st.lists(
-        st.tuples(st.floats(-3, 3), st.floats(-5, -0.1)), min_size=1, max_size=4
-    ),
+    sites=st.lists(st.tuples(st.floats(-3, 3), st.floats(-5, -0.1)), min_size=1, max_size=4),
     x_mm=st.floats(-3, 3),
     aspect=st.floats(0.4, 1.5),
 )
@@ -259,9 +239,7 @@ def test_the_same_mesh_gives_the_same_bytes(tmp_path):
     assert first.count(b"<image") == 2
 
 
-def test_a_disk_that_fills_up_leaves_the_old_picture_and_nothing_else(
-    tmp_path, monkeypatch
-):
+def test_a_disk_that_fills_up_leaves_the_old_picture_and_nothing_else(tmp_path, monkeypatch):
     figure = waveform_figure([make_stimulus(*resolve("sine_20_250"))])
 
     def fill(path, **options):

@@ -146,9 +146,7 @@ def test_a_png_has_200_dots_an_inch(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["raster.xyz", "raster"])
-def test_a_suffix_that_is_no_picture_is_refused_before_anything_is_written(
-    tmp_path, name
-):
+def test_a_suffix_that_is_no_picture_is_refused_before_anything_is_written(tmp_path, name):
     with pytest.raises(UsageError, match=r"cannot draw .*expected one of .*png"):
         draw_raster([train()], tmp_path / name)
 

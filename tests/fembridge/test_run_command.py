@@ -101,11 +101,7 @@ def test_json_is_all_that_stdout_holds(ccx, make_run, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert (summary["count"], summary["failed"], summary["skipped"]) == (2, 1, 0)
     first, second = summary["runs"]
-    assert (first["folder"], first["ok"], first["cause"]) == (
-        str(bad),
-        False,
-        "bad_deck",
-    )
+    assert (first["folder"], first["ok"], first["cause"]) == (str(bad), False, "bad_deck")
     assert (second["ok"], second["increments"], second["problem"]) == (True, 1, None)
 
 
@@ -138,9 +134,7 @@ def test_a_folder_is_asked_for(capsys):
     assert "DIR" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
-)
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_command_leaves_no_result(ccx, make_run, number, code):
     folder = make_run("long", "hang")
     command = [sys.executable, "-m", "fembridge.cli", "run", str(folder)]
@@ -158,8 +152,4 @@ def test_an_interrupted_command_leaves_no_result(ccx, make_run, number, code):
 
     assert child.returncode == code
     assert b"Traceback" not in err
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "failed",
-        "job.inp",
-        "run.toml",
-    ]
+    assert sorted(path.name for path in folder.iterdir()) == ["failed", "job.inp", "run.toml"]

@@ -11,13 +11,7 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ResultError
 from fembridge.exports import write_csv
-from fembridge.run_folder import (
-    AfferentNode,
-    RunFolder,
-    read_run_folder,
-    read_waveform,
-    sha256_of,
-)
+from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform, sha256_of
 from fembridge.stimulus import Stimulus
 
 PLACES = (
@@ -87,13 +81,7 @@ def test_a_folder_in_its_place_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "content",
-    [
-        b"solver = ",
-        b"\xff\xfe\x00",
-        b"a = " + b"[" * 100_000,
-        b"format = 1\nformat = 1",
-    ],
+    "content", [b"solver = ", b"\xff\xfe\x00", b"a = " + b"[" * 100_000, b"format = 1\nformat = 1"]
 )
 def test_what_is_not_toml_is_refused(tmp_path, content):
     (tmp_path / "run.toml").write_bytes(content)

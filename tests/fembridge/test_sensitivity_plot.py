@@ -9,12 +9,7 @@ import pytest
 from fembridge.cli import main
 from fembridge.errors import UsageError
 from fembridge.plots.sensitivity import effects_figure, regressions_figure
-from fembridge.sensitivity import (
-    Output,
-    SweptFingers,
-    rank_regressions,
-    single_effects,
-)
+from fembridge.sensitivity import Output, SweptFingers, rank_regressions, single_effects
 from fembridge.sensitivity.effects_table import effects_markdown, regressions_markdown
 from fembridge.sensitivity.words import parameter_words, signed, unit_of
 from fembridge.sweep.design import Range, latin_hypercube, one_at_a_time
@@ -103,16 +98,12 @@ def test_one_at_a_time_is_known_by_its_table_and_drawn(results, tmp_path, capsys
     assert {row["monotone"] for row in written} == {"yes"}
 
 
-def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(
-    results, tmp_path, capsys
-):
+def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(results, tmp_path, capsys):
     rows = latin_hypercube(RANGES, 20, 1)
     first, again = tmp_path / "first.md", tmp_path / "again.md"
     short = tmp_path / "fingers.csv"
     out = ["-o", tmp_path / "s.svg"]
-    summary = told(
-        capsys, results(rows, failed=[4]), *out, "--table", first, "--fingers", short
-    )
+    summary = told(capsys, results(rows, failed=[4]), *out, "--table", first, "--fingers", short)
     told(capsys, short, *out, "--table", again)
 
     assert (summary["kind"], summary["fingers"]) == ("rank regression", 19)
@@ -182,14 +173,10 @@ def test_tables_for_people_sort_each_class_and_tell_units(single, cube):
     lines = text.splitlines()
 
     assert lines[0] == "**SA**"
-    head = (
-        "| parameter | from, to | all (16.0) | 20 Hz (32.0) | peak stress (1.00 kPa) |"
-    )
+    head = "| parameter | from, to | all (16.0) | 20 Hz (32.0) | peak stress (1.00 kPa) |"
     assert lines[2] == head
     assert lines[4].startswith("| dermis modulus | 0.04, 0.06 MPa | +8.0 (+50 %) |")
-    assert lines[6] == (
-        "| friction | 0.32, 0.48 | 0.0 (0 %) | 0.0 (0 %) | 0.00 (0 %) |"
-    )
+    assert lines[6] == ("| friction | 0.32, 0.48 | 0.0 (0 %) | 0.0 (0 %) | 0.00 (0 %) |")
     ranks = regressions_markdown(cube, rank_regressions(cube, resamples=50))
     assert "| dermis modulus | **+0.9" in ranks
     assert "| R² (adjusted) | no variation | no variation |" in ranks
@@ -197,15 +184,8 @@ def test_tables_for_people_sort_each_class_and_tell_units(single, cube):
 
 
 def test_words_name_what_people_know_and_leave_other_names_alone():
-    assert parameter_words("materials.stratum_corneum.young_mpa") == (
-        "stratum corneum modulus"
-    )
+    assert parameter_words("materials.stratum_corneum.young_mpa") == ("stratum corneum modulus")
     assert parameter_words("afferents.RA.to_boundary_mm") == "RA to boundary"
     assert parameter_words("bone.depth_mm") == "bone.depth_mm"
     assert (unit_of("skin.dermis_mm"), unit_of("contact.friction")) == ("mm", "")
-    assert [signed(x, 1) for x in (0.04, -0.04, -1.25, float("nan"))] == [
-        "0.0",
-        "0.0",
-        "−1.2",
-        "–",
-    ]
+    assert [signed(x, 1) for x in (0.04, -0.04, -1.25, float("nan"))] == ["0.0", "0.0", "−1.2", "–"]

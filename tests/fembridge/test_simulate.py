@@ -14,11 +14,7 @@ from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge import simulate as module
 from fembridge.build import model_of
-from fembridge.errors import (
-    MissingError,
-    ResponseError,
-    UsageError,
-)
+from fembridge.errors import MissingError, ResponseError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.response import accepted, solve
 from fembridge.response.map_file import read_map
@@ -64,9 +60,7 @@ def ccx(monkeypatch):
     return calls
 
 
-def test_without_a_solver_the_stored_response_answers_and_it_is_told(
-    tmp_path, model, no_ccx
-):
+def test_without_a_solver_the_stored_response_answers_and_it_is_told(tmp_path, model, no_ccx):
     told, stimuli = [], stimuli_of("noise_25_250")
 
     found = simulate(stimuli, model, tmp_path / "out", tell=told.append)
@@ -85,9 +79,7 @@ def test_without_a_solver_the_stored_response_answers_and_it_is_told(
 
 def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, ccx):
     told = []
-    found = simulate(
-        stimuli_of("sine_20_250"), model, tmp_path, stored=True, tell=told.append
-    )
+    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, stored=True, tell=told.append)
     assert told == ["stored response of finger 'quick'"]
     assert found.origin["source"] == "stored response"
     assert ccx == []
@@ -145,9 +137,7 @@ def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
 )
 def test_what_is_not_stored_takes_a_solver(tmp_path, model, no_ccx, change, told):
     with pytest.raises(MissingError) as caught:
-        simulate(
-            stimuli_of("sine_20_250"), dataclasses.replace(model, **change), tmp_path
-        )
+        simulate(stimuli_of("sine_20_250"), dataclasses.replace(model, **change), tmp_path)
     assert str(caught.value).startswith("no ccx on the PATH, and ")
     assert told in str(caught.value)
     assert str(caught.value).endswith(SOLVER_INSTALL_LINE)
@@ -224,9 +214,7 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     assert SolverSettings(threads=threads).threads_each(runs) == expected
 
 
-def test_results_that_are_there_answer_without_another_solve(
-    tmp_path, model, monkeypatch
-):
+def test_results_that_are_there_answer_without_another_solve(tmp_path, model, monkeypatch):
     """The real ladder, over the recorded run: told as read again."""
     told = []
 
@@ -239,9 +227,7 @@ def test_results_that_are_there_answer_without_another_solve(
     monkeypatch.setattr(solve, "attempt_calculix", attempt)
     simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
     monkeypatch.setattr(
-        solve,
-        "finished_outcome",
-        lambda run: Outcome(run.folder, skipped=True, increments=39),
+        solve, "finished_outcome", lambda run: Outcome(run.folder, skipped=True, increments=39)
     )
     monkeypatch.setattr(solve, "attempt_calculix", None)
     simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)

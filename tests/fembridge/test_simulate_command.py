@@ -99,9 +99,7 @@ def test_the_fitted_population_stands_on_a_held_probe(here):
             counts.append(((times_ms > 5.0) & (times_ms <= 250.0)).sum())
         assert rates[trace.afferent] == pytest.approx(np.mean(counts) / 0.245)
         assert counts == sorted(counts, reverse=True)
-    assert {train.repeat for train in trains if train.afferent == "PC"} == set(
-        range(1, 6)
-    )
+    assert {train.repeat for train in trains if train.afferent == "PC"} == set(range(1, 6))
 
 
 def test_the_traces_are_those_of_the_stored_map(here):
@@ -112,9 +110,7 @@ def test_the_traces_are_those_of_the_stored_map(here):
     expected = read_map(FOLDER / "quick.toml").traces(make_stimulus(entry))
     with np.load(here / "out/traces.npz", allow_pickle=False) as bulk:
         for column, trace in enumerate(expected):
-            np.testing.assert_array_equal(
-                bulk["von_mises_pa"][0, :, column], trace.stress_pa
-            )
+            np.testing.assert_array_equal(bulk["von_mises_pa"][0, :, column], trace.stress_pa)
 
 
 def test_json_is_all_that_stdout_holds(here, capsys):
@@ -204,9 +200,7 @@ def test_help_shows_an_example_that_runs(here, capsys):
 
 
 @pytest.mark.solver
-def test_with_a_solver_the_response_is_solved_and_then_read_again(
-    tmp_path, capsys, monkeypatch
-):
+def test_with_a_solver_the_response_is_solved_and_then_read_again(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["simulate", "--stimulus", "noise_25_250", "-o"]
     assert main([*words, "out"]) == 0

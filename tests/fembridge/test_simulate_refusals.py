@@ -70,9 +70,7 @@ def test_an_unknown_stimulus_is_misuse_and_the_near_ones_are_named(here, capsys)
         (["--stored", "--method", "transient"], "a stored response answers no"),
     ],
 )
-def test_a_number_without_meaning_is_misuse_and_nothing_is_written(
-    here, capsys, words, told
-):
+def test_a_number_without_meaning_is_misuse_and_nothing_is_written(here, capsys, words, told):
     code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
     assert (code, told in line) == (2, True), line
     assert not (here / "out").exists()
@@ -105,10 +103,7 @@ SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (
-            ["--preindent-um", "500"],
-            "sine_20_250 goes 750 um deep, the stored response",
-        ),
+        (["--preindent-um", "500"], "sine_20_250 goes 750 um deep, the stored response"),
         (["--method", "transient"], "--method transient: that takes a solver"),
         (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
         (["--finger", "named.toml"], "young_mpa 0.05, asked for is 0.08"),
@@ -116,9 +111,7 @@ SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"
         (["--probe-diameter-mm", "2"], "diameter_mm 1.0, asked for is 2.0"),
     ],
 )
-def test_what_takes_a_solver_ends_in_the_line_that_installs_one(
-    here, capsys, words, told
-):
+def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, capsys, words, told):
     (here / "soft.toml").write_text(SOFT, encoding="utf-8")
     (here / "named.toml").write_text('name = "quick"\n' + SOFT, encoding="utf-8")
 

@@ -73,9 +73,7 @@ def transients(monkeypatch, ccx):
     return calls
 
 
-def test_a_transient_uses_the_contact_that_the_indentation_accepted(
-    tmp_path, model, transients
-):
+def test_a_transient_uses_the_contact_that_the_indentation_accepted(tmp_path, model, transients):
     told = []
 
     found = simulate(
@@ -110,9 +108,7 @@ def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, monkeypat
 
     monkeypatch.setattr(transients_module, "run_folders", failing)
     with pytest.raises(SolverError, match="sine_20_250: the results could not"):
-        simulate(
-            stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient"
-        )
+        simulate(stimuli_of("sine_20_12.5,sine_20_250"), model, tmp_path, method="transient")
     assert len(calls) == 1
 
 
@@ -235,16 +231,11 @@ def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
     contact = read_run_folder(place).inputs["contact"]
     assert contact["friction"] == LADDER[0].friction
     assert told[0].startswith("skin slips under the probe; so there is no response map")
-    assert (found.origin["method"], found.origin["closure_percent"]) == (
-        "transient",
-        1.5,
-    )
+    assert (found.origin["method"], found.origin["closure_percent"]) == ("transient", 1.5)
     assert "response" not in found.origin
 
 
-def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(
-    tmp_path, model, ccx, monkeypatch
-):
+def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(tmp_path, model, ccx, monkeypatch):
     monkeypatch.setattr(accepted, "solve_response", slipping)
     with pytest.raises(UsageError, match="no response map: skin slips under the probe"):
         simulate(stimuli_of("sine_20_250"), model, tmp_path, method="map")

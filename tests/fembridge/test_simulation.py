@@ -17,15 +17,11 @@ from neural import PUBLISHED, encode
 
 GAIN_PA_PER_UM = {"SA": 120.0, "RA": 75.0, "PC": 4.0}
 FILES = ["rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
-STIMULI = tuple(
-    make_stimulus(entry) for entry in resolve(["sine_20_250,noise_25_250_20"])
-)
+STIMULI = tuple(make_stimulus(entry) for entry in resolve(["sine_20_250,noise_25_250_20"]))
 
 
 def trace_of(stimulus, afferent, **more):
-    stress_pa = GAIN_PA_PER_UM.get(afferent, 1.0) * np.maximum(
-        stimulus.displacement_um, 0.0
-    )
+    stress_pa = GAIN_PA_PER_UM.get(afferent, 1.0) * np.maximum(stimulus.displacement_um, 0.0)
     return StressTrace(stress_pa, 0.5, 7, afferent, **more)
 
 
@@ -47,9 +43,7 @@ def test_spikes_are_those_of_each_trace_alone(simulation):
     ]
 
     assert len(simulation.trains) == 6
-    for train, (stimulus_id, afferent, times_ms) in zip(
-        simulation.trains, expected, strict=True
-    ):
+    for train, (stimulus_id, afferent, times_ms) in zip(simulation.trains, expected, strict=True):
         assert (train.stimulus, train.afferent) == (stimulus_id, afferent)
         assert_array_equal(train.times_ms, times_ms)
     assert sum(train.times_ms.size for train in simulation.trains) > 50
@@ -115,9 +109,7 @@ def test_the_same_simulation_gives_the_same_bytes(tmp_path, simulation):
 
 
 @pytest.mark.parametrize("blocked", FILES)
-def test_a_result_that_cannot_be_written_leaves_the_earlier_one(
-    tmp_path, simulation, blocked
-):
+def test_a_result_that_cannot_be_written_leaves_the_earlier_one(tmp_path, simulation, blocked):
     """Whichever of the four it is: no file of the new one beside three old ones."""
     simulation.write(tmp_path)
     (tmp_path / blocked).unlink()
@@ -152,14 +144,8 @@ def without(row, column):
         (traces_of()[:1], "1 rows of traces for 2 stimuli"),
         ([[], []], "sine_20_250: traces of nothing, expected of SA, RA, PC"),
         (without(1, 0), "noise_25_250_20: traces of RA, PC, expected of SA, RA, PC"),
-        (
-            [traces_of()[0], traces_of()[1][::-1]],
-            "traces of PC, RA, SA, expected of SA",
-        ),
-        (
-            traces_of(afferents=("SA", None)),
-            "traces of SA, no class, expected of SA, RA",
-        ),
+        ([traces_of()[0], traces_of()[1][::-1]], "traces of PC, RA, SA, expected of SA"),
+        (traces_of(afferents=("SA", None)), "traces of SA, no class, expected of SA, RA"),
         (traces_of(afferents=("SA", "XY")), "traces of SA, XY, expected of SA, RA, PC"),
         (other_clock(dt_ms=1.0), "501 samples every 1 ms from 0 ms, expected one time"),
         (other_clock(start_ms=0.5), "501 samples every 0.5 ms from 0.5 ms"),

@@ -11,16 +11,7 @@ import pytest
 import fembridge
 
 ROOT = Path(fembridge.__file__).parents[1]
-HEAVY = {
-    "pandas",
-    "scipy",
-    "pymoo",
-    "gmsh",
-    "pygmsh",
-    "meshio",
-    "matplotlib",
-    "rich",
-}
+HEAVY = {"pandas", "scipy", "pymoo", "gmsh", "pygmsh", "meshio", "matplotlib", "rich"}
 
 
 def python(code, *first_on_path, cwd):
@@ -77,9 +68,7 @@ def test_verbs_that_only_tell_something_load_no_numpy(tmp_path, words):
 @pytest.mark.parametrize("name", ["decks", "neural"])
 @pytest.mark.parametrize("kind", ["module", "package"])
 @pytest.mark.parametrize("code", ["import fembridge", "import fembridge.errors"])
-def test_it_refuses_to_start_beside_a_stranger_and_names_the_file(
-    tmp_path, name, kind, code
-):
+def test_it_refuses_to_start_beside_a_stranger_and_names_the_file(tmp_path, name, kind, code):
     stranger = tmp_path / (f"{name}.py" if kind == "module" else f"{name}/__init__.py")
     stranger.parent.mkdir(exist_ok=True)
     stranger.write_text("raise SystemExit('was imported')\n")

@@ -32,9 +32,7 @@ def test_the_list_has_a_line_for_each_set_with_count_window_and_levels(capsys):
     rows = [" ".join(line.split()) for line in lines if line.startswith("  ")]
     assert len(rows) == 13
     assert "sine_300 6 100-200 ms 4.59 7.41 11.94 19.24 31.02 50" in rows
-    assert (
-        "diharm_50_500 5 5-250 ms 2+0.25 5.62+0.74 15.81+2.17 44.46+6.37 125+18.75"
-    ) in rows
+    assert ("diharm_50_500 5 5-250 ms 2+0.25 5.62+0.74 15.81+2.17 44.46+6.37 125+18.75") in rows
     assert "noise_50_500 5 5-250 ms 0.13 0.5 1 5 10" in rows
 
 
@@ -147,9 +145,7 @@ def _real(field):
 
 def test_a_set_goes_into_a_folder_one_file_a_stimulus(tmp_path, capsys):
     folder = tmp_path / "waves"
-    files = summary(
-        capsys, "--export", "npy", "noise_25_250,sine_20_250", "-o", str(folder)
-    )
+    files = summary(capsys, "--export", "npy", "noise_25_250,sine_20_250", "-o", str(folder))
     names = [f"{entry.id}.npy" for entry in resolve("noise_25_250,sine_20_250")]
     assert sorted(path.name for path in folder.iterdir()) == sorted(names)
     assert [file["file"] for file in files["files"]] == [str(folder / n) for n in names]
@@ -182,9 +178,7 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
     words = ["--export", "npy", "noise_5_25_1", "--preindent-um", "500", "--seed", "3"]
     told = summary(capsys, *words, "-o", str(tmp_path))["files"][0]
     assert (told["seed"], told["preindent_um"]) == (3, 500.0)
-    assert_array_equal(
-        np.load(told["file"]), depth_of("noise_5_25_1", preindent_um=500.0, seed=3)
-    )
+    assert_array_equal(np.load(told["file"]), depth_of("noise_5_25_1", preindent_um=500.0, seed=3))
 
 
 @pytest.mark.parametrize(

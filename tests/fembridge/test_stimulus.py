@@ -34,14 +34,7 @@ def test_a_step_that_is_no_time_is_refused(dt_ms):
 
 @pytest.mark.parametrize(
     "window_ms",
-    [
-        (-1.0, 100.0),
-        (100.0, 100.0),
-        (200.0, 100.0),
-        (5.0, 250.5),
-        (np.nan, 100.0),
-        (5.0, np.nan),
-    ],
+    [(-1.0, 100.0), (100.0, 100.0), (200.0, 100.0), (5.0, 250.5), (np.nan, 100.0), (5.0, np.nan)],
 )
 def test_a_window_that_leaves_the_samples_is_refused(window_ms):
     with pytest.raises(StimulusError, match="is not inside 0 to 250 ms"):

@@ -50,9 +50,7 @@ def refusal(read, path):
     start_ms=st.sampled_from([0.0, 0.5, -12.5]),
     afferent=st.sampled_from(["SA", "RA", "PC", None]),
 )
-def test_a_trace_comes_back_bit_for_bit(
-    tmp_path_factory, stress_pa, start_ms, afferent
-):
+def test_a_trace_comes_back_bit_for_bit(tmp_path_factory, stress_pa, start_ms, afferent):
     path = tmp_path_factory.mktemp("tables") / "traces.csv"
     trace = StressTrace(np.array(stress_pa), 0.5, 17, afferent, start_ms)
 
@@ -74,10 +72,7 @@ def test_traces_keep_their_order_and_their_own_time_axes(tmp_path):
     write_traces(path, traces)
     back = read_traces(path)
 
-    assert [(t.afferent, t.node, t.start_ms) for t in back] == [
-        ("PC", 9, 0.0),
-        ("SA", 2, 0.1),
-    ]
+    assert [(t.afferent, t.node, t.start_ms) for t in back] == [("PC", 9, 0.0), ("SA", 2, 0.1)]
     assert back[1].dt_ms == pytest.approx(0.1, rel=1e-12)
 
 
@@ -122,18 +117,15 @@ def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):
         ("0,SA,4,1\n", ":2: SA node 4: one sample, expected more"),
         (
             "0,SA,4,1\n0.5,SA,4,1\n1,SA,4,1\n2,SA,4,1\n",
-            ":5: SA node 4: time goes from 1 to 2 ms, "
-            "expected an even step (most are 0.5 ms)",
+            ":5: SA node 4: time goes from 1 to 2 ms, expected an even step (most are 0.5 ms)",
         ),
         (
             "0,,4,1\n0.5,,4,1\n0.5,,4,1\n1,,4,1\n",
-            ":4: node 4: time goes from 0.5 to 0.5 ms, "
-            "expected an even step (most are 0.5 ms)",
+            ":4: node 4: time goes from 0.5 to 0.5 ms, expected an even step (most are 0.5 ms)",
         ),
         (
             "1,SA,4,1\n0.5,SA,4,1\n0,SA,4,1\n",
-            ":3: SA node 4: time goes from 1 to 0.5 ms, "
-            "expected an even step (most are -0.5 ms)",
+            ":3: SA node 4: time goes from 1 to 0.5 ms, expected an even step (most are -0.5 ms)",
         ),
         ("", ": a header and no rows, expected samples"),
     ],
@@ -238,10 +230,7 @@ def test_rates_come_back_as_they_were(tmp_path):
         ("s,SA,nan\n", ":2: rate_ips is nan, expected a finite number"),
         ("s,,3\n", ":2: afferent is '', expected one of SA, RA, PC"),
         (",SA,3\n", ":2: stimulus is empty"),
-        (
-            "s,SA,3\ns,RA,3\ns,SA,4\n",
-            ":4: a second rate of s, SA; the first is on line 2",
-        ),
+        ("s,SA,3\ns,RA,3\ns,SA,4\n", ":4: a second rate of s, SA; the first is on line 2"),
         ("", ": a header and no rows, expected rates"),
     ],
 )

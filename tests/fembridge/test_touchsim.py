@@ -25,9 +25,7 @@ TRIALS = 5  # of each model: fewer do not make whole numbers of spikes
 
 
 @pytest.mark.parametrize(("depth_um", "whole_second"), ALL_KINDS)
-def test_every_stimulus_of_the_catalogue_has_one_rate_of_each_class(
-    depth_um, whole_second
-):
+def test_every_stimulus_of_the_catalogue_has_one_rate_of_each_class(depth_um, whole_second):
     rates = touchsim_rates(depth_um, whole_second=whole_second)
 
     assert [(rate.stimulus, rate.afferent) for rate in rates] == [
@@ -49,9 +47,7 @@ def test_a_rate_is_a_whole_number_of_spikes_in_its_window(depth_um, whole_second
 
 
 @pytest.mark.parametrize(("depth_um", "whole_second"), ALL_KINDS)
-def test_no_spread_among_n_models_is_wider_than_one_of_them_alone_firing(
-    depth_um, whole_second
-):
+def test_no_spread_among_n_models_is_wider_than_one_of_them_alone_firing(depth_um, whole_second):
     """With one of n models firing, the deviation is the square root of n means."""
     for rate in touchsim_rates(depth_um, whole_second=whole_second):
         widest_ips = np.sqrt(MODELS[rate.afferent]) * rate.rate_ips
@@ -71,9 +67,7 @@ def test_the_rates_are_rates_that_a_table_takes(tmp_path):
 
     write_rates(path, rates)
 
-    assert [rate.rate_ips for rate in read_rates(path)] == [
-        rate.rate_ips for rate in rates
-    ]
+    assert [rate.rate_ips for rate in read_rates(path)] == [rate.rate_ips for rate in rates]
     assert read_observed(path).families == ("sine", "diharm", "noise")
 
 
@@ -101,9 +95,7 @@ def test_against_the_observed_sinusoids_it_is_as_good_as_was_measured(
     The whole second gives others: RA 0.59, PC 38.6 ips.
     """
     predicted = {
-        rate.stimulus: rate.rate_ips
-        for rate in touchsim_rates()
-        if rate.afferent == afferent
+        rate.stimulus: rate.rate_ips for rate in touchsim_rates() if rate.afferent == afferent
     }
     stimuli, observed_ips = read_observed(OBSERVED_SINES).of(afferent)
     predicted_ips = np.array([predicted[stimulus] for stimulus in stimuli])

@@ -68,9 +68,7 @@ def test_the_last_sample_is_steps_after_the_first():
     count=st.integers(2, 50),
     digits=st.integers(6, 10),
 )
-def test_times_printed_with_six_digits_or_more_are_an_even_grid(
-    dt_ms, start_ms, count, digits
-):
+def test_times_printed_with_six_digits_or_more_are_an_even_grid(dt_ms, start_ms, count, digits):
     exact_ms = start_ms + dt_ms * np.arange(count)
     printed_ms = [float(f"{time_ms:.{digits - 1}e}") for time_ms in exact_ms]
     rounding_ms = 10.0 ** (1 - digits) * exact_ms[-1]

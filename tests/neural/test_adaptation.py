@@ -25,13 +25,7 @@ def test_a_jump_of_nothing_is_no_adaptation(seed, recovery_ms, floored):
 
     plain_mv, plain = integrate(drive, 20.0, DT_MS, GAP_MV, floored=floored)
     potential_mv, fired = integrate(
-        drive,
-        20.0,
-        DT_MS,
-        GAP_MV,
-        floored=floored,
-        jump_mv=0.0,
-        recovery_ms=recovery_ms,
+        drive, 20.0, DT_MS, GAP_MV, floored=floored, jump_mv=0.0, recovery_ms=recovery_ms
     )
 
     np.testing.assert_array_equal(fired, plain)
@@ -45,9 +39,7 @@ def test_a_jump_of_nothing_is_no_adaptation(seed, recovery_ms, floored):
     _, beside = integrate(drive, 20.0, DT_MS, GAP_MV, **adaptive)
     np.testing.assert_array_equal(counts[1], beside.sum(axis=0))
     if not floored:
-        np.testing.assert_array_equal(
-            spike_counts(drive, 20.0, DT_MS, GAP_MV), plain.sum(axis=0)
-        )
+        np.testing.assert_array_equal(spike_counts(drive, 20.0, DT_MS, GAP_MV), plain.sum(axis=0))
 
 
 def test_a_threshold_that_never_comes_back_lengthens_every_interval_by_a_jump():
@@ -55,23 +47,16 @@ def test_a_threshold_that_never_comes_back_lengthens_every_interval_by_a_jump():
 
     The threshold of the n-th spike is 10 + 4n: 6 + 2n rows, one more than reach it.
     """
-    _, fired = integrate(
-        np.full(84, 4.0), 1e15, DT_MS, GAP_MV, jump_mv=4.0, recovery_ms=math.inf
-    )
+    _, fired = integrate(np.full(84, 4.0), 1e15, DT_MS, GAP_MV, jump_mv=4.0, recovery_ms=math.inf)
 
-    assert (
-        np.flatnonzero(fired).tolist()
-        == (np.cumsum([6, 8, 10, 12, 14, 16, 18]) - 1).tolist()
-    )
+    assert np.flatnonzero(fired).tolist() == (np.cumsum([6, 8, 10, 12, 14, 16, 18]) - 1).tolist()
 
 
 def test_a_jump_that_lasts_a_row_is_gone_at_the_next():
     """`recovery_ms` of one step keeps nothing of a jump: as without."""
     current = np.random.default_rng(5).uniform(0, 60, 200)
 
-    _, adaptive = integrate(
-        current, 20.0, DT_MS, GAP_MV, jump_mv=9.0, recovery_ms=DT_MS
-    )
+    _, adaptive = integrate(current, 20.0, DT_MS, GAP_MV, jump_mv=9.0, recovery_ms=DT_MS)
     _, plain = integrate(current, 20.0, DT_MS, GAP_MV)
 
     np.testing.assert_array_equal(adaptive, plain)
@@ -86,12 +71,7 @@ def test_the_period_of_an_adaptive_cell_grows_to_a_steady_one(recovery_ms):
     """
     current, jump_mv = 0.8, 6.0
     _, fired = integrate(
-        np.full(6000, current),
-        1e15,
-        DT_MS,
-        GAP_MV,
-        jump_mv=jump_mv,
-        recovery_ms=recovery_ms,
+        np.full(6000, current), 1e15, DT_MS, GAP_MV, jump_mv=jump_mv, recovery_ms=recovery_ms
     )
     periods = np.diff(np.flatnonzero(fired))
 
@@ -113,9 +93,7 @@ def test_a_cell_that_adapts_fires_no_earlier_and_its_first_spike_is_the_same(
     current = np.full(300, np.random.default_rng(seed).uniform(1, 40))
 
     _, plain = integrate(current, 30.0, DT_MS, GAP_MV)
-    _, adaptive = integrate(
-        current, 30.0, DT_MS, GAP_MV, jump_mv=jump_mv, recovery_ms=recovery_ms
-    )
+    _, adaptive = integrate(current, 30.0, DT_MS, GAP_MV, jump_mv=jump_mv, recovery_ms=recovery_ms)
 
     rows, later = np.flatnonzero(plain), np.flatnonzero(adaptive)
     assert rows[0] == later[0]

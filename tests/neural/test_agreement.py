@@ -76,9 +76,7 @@ def test_the_line_is_that_of_plain_sums(points):
 
 @few
 @given(pairs, st.floats(0.1, 10.0), st.floats(0.0, 100.0))
-def test_r_squared_sees_neither_scale_nor_offset_but_bias_and_rmse_do(
-    points, scale, offset_ips
-):
+def test_r_squared_sees_neither_scale_nor_offset_but_bias_and_rmse_do(points, scale, offset_ips):
     observed, predicted = np.transpose(points)
     assume(np.ptp(observed) > 0.1 and np.ptp(predicted) > 0.1)
 
@@ -90,9 +88,7 @@ def test_r_squared_sees_neither_scale_nor_offset_but_bias_and_rmse_do(
     assert bias_ips(observed, observed + offset_ips) == pytest.approx(
         offset_ips, rel=1e-9, abs=1e-9
     )
-    assert rmse(observed, observed + offset_ips) == pytest.approx(
-        offset_ips, rel=1e-9, abs=1e-9
-    )
+    assert rmse(observed, observed + offset_ips) == pytest.approx(offset_ips, rel=1e-9, abs=1e-9)
 
 
 @few
@@ -243,8 +239,7 @@ def test_a_regression_cannot_say_what_no_points_give(change, words):
 
 
 @pytest.mark.parametrize(
-    ("rmse_ips", "bias"),
-    [(1.0, -2.0), (math.nan, 0.0), (math.inf, 0.0), (1.0, math.nan)],
+    ("rmse_ips", "bias"), [(1.0, -2.0), (math.nan, 0.0), (math.inf, 0.0), (1.0, math.nan)]
 )
 def test_a_bias_cannot_exceed_its_rmse(rmse_ips, bias):
     with pytest.raises(ParameterError, match="bias no larger than the RMSE"):
@@ -264,9 +259,7 @@ def test_the_examples_of_the_docstrings_are_true():
     ("afferent", "r_squared", "rmse_ips"),
     [("SA", 0.94, 7.3), ("RA", 0.60, 32.4), ("PC", 0.98, 38.7)],
 )
-def test_touchsim_agrees_with_the_observed_sines_as_measured_before(
-    afferent, r_squared, rmse_ips
-):
+def test_touchsim_agrees_with_the_observed_sines_as_measured_before(afferent, r_squared, rmse_ips):
     """Windows of the paper's section 3.2: 245 ms at 20 Hz, 100 ms else."""
     observed_file = RECORDINGS / "observed_sine_rates.csv"
     touchsim_file = RECORDINGS / "touchsim_rates.csv"

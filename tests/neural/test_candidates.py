@@ -25,9 +25,7 @@ from neural.rate import spikes_inside, window_rows
     conditions=st.integers(1, 5),
     two=st.booleans(),
 )
-def test_a_batch_counts_what_current_and_kernel_count(
-    seed, rows, candidates, conditions, two
-):
+def test_a_batch_counts_what_current_and_kernel_count(seed, rows, candidates, conditions, two):
     rng = np.random.default_rng(seed)
     drives = rng.uniform(0, 5e3, (2, rows, conditions))
     halves = rng.uniform(10, 1e4, (2, candidates))
@@ -54,18 +52,14 @@ def test_a_batch_counts_what_current_and_kernel_count(
     )
 
     assert counts.shape == (candidates, conditions)
-    np.testing.assert_array_equal(
-        counts, spike_counts(current, tau_ms, 0.5, 10.0, 1.0, edges)
-    )
+    np.testing.assert_array_equal(counts, spike_counts(current, tau_ms, 0.5, 10.0, 1.0, edges))
 
 
 @pytest.mark.parametrize("afferent", PUBLISHED)
 def test_the_published_candidate_counts_the_spikes_of_encode(afferent):
     published = PUBLISHED[afferent]
     times_ms = 0.5 * np.arange(501)
-    stress_pa = 2e4 * np.maximum(
-        np.sin(2e-3 * np.pi * np.outer(times_ms, [20, 50, 100, 300])), 0
-    )
+    stress_pa = 2e4 * np.maximum(np.sin(2e-3 * np.pi * np.outer(times_ms, [20, 50, 100, 300])), 0)
     windows_ms = [(5.0, 250.0), (100.0, 200.0), (100.0, 200.0), (0.0, 250.0)]
     rows = [window_rows(window_ms, 0.5) for window_ms in windows_ms]
 
@@ -81,8 +75,7 @@ def test_the_published_candidate_counts_the_spikes_of_encode(afferent):
 
     runs = encode(stress_pa, 0.5, published)
     expected = [
-        spikes_inside(run, window_ms)
-        for run, window_ms in zip(runs, windows_ms, strict=True)
+        spikes_inside(run, window_ms) for run, window_ms in zip(runs, windows_ms, strict=True)
     ]
     assert counts.tolist() == [expected]
     assert sum(expected) > 0
@@ -110,23 +103,14 @@ def test_blocks_do_not_show_in_the_batch(monkeypatch):
         ([np.zeros((5, 2)), np.zeros((4, 2))], [1.0, 1.0], TraceError, "expected one"),
         ([np.full((5, 2), np.nan)], [1.0], TraceError, "not finite"),
         ([np.zeros((5, 2))], [1.0, 1.0], ParameterError, "2 coefficients for 1 drives"),
-        (
-            [np.zeros((5, 2))],
-            [[1.0, 0.0, 1.0, 1.0]],
-            ParameterError,
-            "must be > 0, got 0",
-        ),
+        ([np.zeros((5, 2))], [[1.0, 0.0, 1.0, 1.0]], ParameterError, "must be > 0, got 0"),
         ([np.zeros((5, 2))], [[1.0, 2.0, 3.0]], ParameterError, "expected a number"),
     ],
 )
 def test_arrays_that_do_not_go_together_are_refused(drives, halves, error, words):
     with pytest.raises(error, match=words):
         candidate_counts(
-            drives,
-            Coefficients([1.0] * 4, halves=tuple(halves)),
-            20.0,
-            dt_ms=0.5,
-            gap_mv=10.0,
+            drives, Coefficients([1.0] * 4, halves=tuple(halves)), 20.0, dt_ms=0.5, gap_mv=10.0
         )
 
 

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from fembridge.errors import ParameterError
-from neural.choice import (
-    NEAR_SHARE,
-    RULES,
-    choose,
-    frequency_response_error_ips,
-)
+from neural.choice import NEAR_SHARE, RULES, choose, frequency_response_error_ips
 from neural.drive_table import drive_named
 from neural.fit_problem import FitProblem
 from neural.search import Front, search_front
@@ -62,8 +57,7 @@ def test_the_candidates_fire_what_is_said_of_them():
 
 
 @pytest.mark.parametrize(
-    ("observed_ips", "row"),
-    [((30, 80, 20, 60), 0), ((10, 45, 10, 30), 1), ((10, 30, 5, 20), 2)],
+    ("observed_ips", "row"), [((30, 80, 20, 60), 0), ((10, 45, 10, 30), 1), ((10, 30, 5, 20), 2)]
 )
 def test_the_smallest_error_is_taken_wherever_it_stands(observed_ips, row):
     problem = problem_of(observed_ips)
@@ -83,9 +77,7 @@ def test_the_response_is_the_mean_rate_of_each_group():
 
     away_ips = frequency_response_error_ips(problem, np.array([EVERY, OTHER]))
 
-    np.testing.assert_allclose(
-        away_ips, np.sqrt([500.0, (25.0**2 + 10.0**2) / 2]), rtol=1e-12
-    )
+    np.testing.assert_allclose(away_ips, np.sqrt([500.0, (25.0**2 + 10.0**2) / 2]), rtol=1e-12)
 
 
 def test_groups_weigh_alike_in_the_response_whatever_their_size():

@@ -45,9 +45,7 @@ def test_a_current_is_the_plain_sum_of_its_shares(seed, alpha, a, b):
         x, y = float(first[place]), float(second[place])
         share = x / (a + x) + y / (b + y)
         np.testing.assert_allclose(saturating[place], alpha * share, rtol=1e-13)
-        np.testing.assert_allclose(
-            linear[place], alpha * a * x + alpha * b * y, rtol=1e-13
-        )
+        np.testing.assert_allclose(linear[place], alpha * a * x + alpha * b * y, rtol=1e-13)
 
 
 @settings(max_examples=20)
@@ -56,10 +54,7 @@ def test_a_cell_of_greater_need_sees_the_stress_divided_by_it(seed, need, half):
     drives = two_drives(seed)
     smaller = [drive / need for drive in drives]
 
-    for median in (
-        Coefficients(7.0, halves=(half, 2.0)),
-        Coefficients(7.0, weights=(half, 2.0)),
-    ):
+    for median in (Coefficients(7.0, halves=(half, 2.0)), Coefficients(7.0, weights=(half, 2.0))):
         np.testing.assert_allclose(
             median.for_need(need).current(drives), median.current(smaller), rtol=1e-12
         )
@@ -73,9 +68,7 @@ def test_a_filter_that_grows_with_a_power_of_the_stress_shrinks_by_it(need, degr
 
     cell = median.for_need(need).current([stress**degree])
 
-    np.testing.assert_allclose(
-        cell, median.current([(stress / need) ** degree]), rtol=1e-12
-    )
+    np.testing.assert_allclose(cell, median.current([(stress / need) ** degree]), rtol=1e-12)
 
 
 def test_a_need_of_one_changes_nothing():
@@ -84,9 +77,7 @@ def test_a_need_of_one_changes_nothing():
         Coefficients(1.79, halves=(0.3, 0.7)),
         Coefficients(1.79, weights=(0.3, 0.7), degree=1 / 3),
     ):
-        np.testing.assert_array_equal(
-            median.for_need(1.0).current(drives), median.current(drives)
-        )
+        np.testing.assert_array_equal(median.for_need(1.0).current(drives), median.current(drives))
 
 
 def test_needs_of_candidates_are_taken_one_by_one():
@@ -102,14 +93,8 @@ def test_needs_of_candidates_are_taken_one_by_one():
 
 
 @settings(max_examples=20)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    drives=st.integers(1, 2),
-    candidates=st.integers(1, 4),
-)
-def test_a_batch_of_linear_currents_counts_what_each_of_them_counts(
-    seed, drives, candidates
-):
+@given(seed=st.integers(0, 2**32 - 1), drives=st.integers(1, 2), candidates=st.integers(1, 4))
+def test_a_batch_of_linear_currents_counts_what_each_of_them_counts(seed, drives, candidates):
     rng = np.random.default_rng(seed)
     filtered = list(rng.uniform(-30, 60, (drives, 80, 3)))
     alpha, tau_ms = rng.uniform(0.1, 2, candidates), rng.uniform(1, 80, candidates)

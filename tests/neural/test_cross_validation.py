@@ -50,9 +50,7 @@ def test_a_held_out_prediction_does_not_know_what_was_observed(trial, group):
 
     other = trial_of(problem_of(changed))
 
-    np.testing.assert_array_equal(
-        other.held_out_ips[inside], trial.held_out_ips[inside]
-    )
+    np.testing.assert_array_equal(other.held_out_ips[inside], trial.held_out_ips[inside])
     assert (other.held_out_ips[~inside] != trial.held_out_ips[~inside]).any()
     assert (other.fitted_ips != trial.fitted_ips).any()
 
@@ -106,7 +104,5 @@ def test_two_groups_leave_one_objective_each():
 
 
 def test_a_single_group_leaves_nothing_to_fit_on():
-    with pytest.raises(
-        ParameterError, match="only the group all, expected two or more"
-    ):
+    with pytest.raises(ParameterError, match="only the group all, expected two or more"):
         trial_of(problem_of(groups=("all",) * 5))

@@ -61,9 +61,7 @@ def test_a_parabola_drives_ra_evenly_and_pc_not_at_all():
 
     for scheme in DERIVATIVES:
         np.testing.assert_allclose(ra_drive(stress_pa, DT_MS, scheme)[3:-3], 5.0)
-        np.testing.assert_allclose(
-            pc_drive(stress_pa, DT_MS, scheme)[5:-5], 0.0, atol=1e-9
-        )
+        np.testing.assert_allclose(pc_drive(stress_pa, DT_MS, scheme)[5:-5], 0.0, atol=1e-9)
 
 
 def test_a_waveform_that_starts_at_full_speed_does_not_fire_the_onset():
@@ -133,9 +131,7 @@ def test_forward_differences_are_backward_ones_looking_ahead():
 
 
 @pytest.mark.parametrize("frequency_hz", [50.0, 300.0])
-def test_central_differences_weaken_a_sine_by_a_cosine_for_each_derivative(
-    frequency_hz,
-):
+def test_central_differences_weaken_a_sine_by_a_cosine_for_each_derivative(frequency_hz):
     """Against backward ones a sine keeps cos(ω dt / 2) of its size each time."""
     half_step = np.pi * frequency_hz * DT_MS * 1e-3
     stress_pa = np.sin(2 * half_step * np.arange(4000) + 0.3)
@@ -148,10 +144,7 @@ def test_central_differences_weaken_a_sine_by_a_cosine_for_each_derivative(
 
 
 @pytest.mark.parametrize("scheme", DERIVATIVES)
-@given(
-    stress_pa=arrays(np.float64, 40, elements=st.integers(0, 10**6)),
-    later=st.integers(1, 30),
-)
+@given(stress_pa=arrays(np.float64, 40, elements=st.integers(0, 10**6)), later=st.integers(1, 30))
 def test_a_later_stimulus_has_the_same_drive_later(scheme, stress_pa, later):
     rest = np.zeros(20)
     early = np.concatenate([rest, stress_pa, np.zeros(50)])
@@ -170,9 +163,7 @@ def test_a_later_stimulus_has_the_same_drive_later(scheme, stress_pa, later):
     stress_pa=arrays(np.float64, (30, 3), elements=st.integers(0, 10**6)),
     factor=st.sampled_from([0.5, 2.0, 1024.0]),
 )
-def test_a_drive_goes_with_the_size_of_the_stress_and_not_with_its_neighbours(
-    stress_pa, factor
-):
+def test_a_drive_goes_with_the_size_of_the_stress_and_not_with_its_neighbours(stress_pa, factor):
     for drive in (
         sa_level,
         lambda s: sa_rate(s, DT_MS),

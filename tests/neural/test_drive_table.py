@@ -103,11 +103,7 @@ def test_parameters_find_their_row():
     ("name", "afferent", "words"),
     [
         ("rapid", "RA", "drive 'rapid', expected one of published, energy"),
-        (
-            "rising",
-            "PC",
-            "no drive 'rising' for PC, expected one of published, .*sharp",
-        ),
+        ("rising", "PC", "no drive 'rising' for PC, expected one of published, .*sharp"),
         ("sharp", "Ruffini", "afferent 'Ruffini', expected SA, RA or PC"),
     ],
 )
@@ -156,9 +152,7 @@ def test_a_rise_counts_from_whatever_is_held(level_pa):
 
 def test_sa_counts_the_same_rises_until_stress_is_held():
     """15 mV a step of 4096 Pa: 0.9375 mV a row, passed by row 17 as with RA."""
-    sa = RisingSaParameters(
-        tau_ms=LEAKLESS_MS, step_pa=4096.0, held_pa=1e6, refractory_ms=0.0
-    )
+    sa = RisingSaParameters(tau_ms=LEAKLESS_MS, step_pa=4096.0, held_pa=1e6, refractory_ms=0.0)
 
     assert spike_samples(stress_of([256.0] * 40), sa) == [21, 38]
 
@@ -200,9 +194,7 @@ def test_stress_that_rises_evenly_drives_rate_and_not_published():
 
     ln(1 − 10/500) / ln(1 − 0.5/100) = 4.03 rows; one row of pause.
     """
-    own = RateRaParameters(
-        tau_ms=100.0, a3_pa_per_ms=1.0, a5_pa_per_ms=512.0, alpha_mv_per_ms=10.0
-    )
+    own = RateRaParameters(tau_ms=100.0, a3_pa_per_ms=1.0, a5_pa_per_ms=512.0, alpha_mv_per_ms=10.0)
     ramp = 256.0 * np.arange(32)
     ramp_after_onset = membrane_current(ramp, DT_MS, own)[2:]
     bare = replace(PUBLISHED["RA"], a3_pa_per_ms=1.0, alpha_mv_per_ms=10.0)
@@ -214,21 +206,15 @@ def test_stress_that_rises_evenly_drives_rate_and_not_published():
 
 def test_rate_is_published_and_a_share_that_a_great_half_takes_away():
     stress = np.random.default_rng(3).uniform(0, 2e4, 200)
-    own = RateRaParameters(
-        tau_ms=30.0, a3_pa_per_ms=4e3, a5_pa_per_ms=1e300, alpha_mv_per_ms=9.0
-    )
-    published = replace(
-        PUBLISHED["RA"], tau_ms=30.0, a3_pa_per_ms=4e3, alpha_mv_per_ms=9.0
-    )
+    own = RateRaParameters(tau_ms=30.0, a3_pa_per_ms=4e3, a5_pa_per_ms=1e300, alpha_mv_per_ms=9.0)
+    published = replace(PUBLISHED["RA"], tau_ms=30.0, a3_pa_per_ms=4e3, alpha_mv_per_ms=9.0)
 
     assert len(spike_samples(stress, published)) > 5
     assert spike_samples(stress, own) == spike_samples(stress, published)
 
 
 @pytest.mark.parametrize(("afferent", "power"), [("RA", 2), ("PC", 3)])
-def test_one_sided_fires_as_published_on_what_grows_and_not_on_what_shrinks(
-    afferent, power
-):
+def test_one_sided_fires_as_published_on_what_grows_and_not_on_what_shrinks(afferent, power):
     """Constant σ″ (RA) or σ‴ (PC): filter (3) or (4) keeps one value and one sign."""
     published = replace(PUBLISHED[afferent], alpha_mv_per_ms=30.0)
     one_sided = replace(published, drive="one_sided")

@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError, TraceError
 from neural.drive import DERIVATIVES
-from neural.encoder import (
-    afferent_drives,
-    encode,
-    membrane_current,
-    membrane_potential,
-)
+from neural.encoder import afferent_drives, encode, membrane_current, membrane_potential
 from neural.parameters import PUBLISHED, AfferentParameters
 
 DT_MS = 0.5
@@ -81,9 +76,7 @@ def test_stress_of_constant_acceleration_fires_ra_with_the_period_of_the_recurre
 @pytest.mark.parametrize("derivative", DERIVATIVES)
 @settings(max_examples=15)
 @given(later=st.integers(1, 100), frequency_hz=st.sampled_from([20, 50, 100, 300]))
-def test_a_later_stimulus_fires_the_same_spikes_later(
-    name, derivative, later, frequency_hz
-):
+def test_a_later_stimulus_fires_the_same_spikes_later(name, derivative, later, frequency_hz):
     rest = np.zeros(20)
     early = np.concatenate([rest, half_sine_pa(frequency_hz), np.zeros(120)])
     late = np.concatenate([np.zeros(later), early[:-later]])
@@ -150,15 +143,9 @@ def test_the_current_stays_under_its_greatest():
 
 
 def test_sa_alone_has_two_drives():
-    drives = {
-        name: afferent_drives(name, half_sine_pa(50), DT_MS) for name in PUBLISHED
-    }
+    drives = {name: afferent_drives(name, half_sine_pa(50), DT_MS) for name in PUBLISHED}
 
-    assert {name: len(each) for name, each in drives.items()} == {
-        "SA": 2,
-        "RA": 1,
-        "PC": 1,
-    }
+    assert {name: len(each) for name, each in drives.items()} == {"SA": 2, "RA": 1, "PC": 1}
     with pytest.raises(ParameterError, match="'Ruffini', expected SA, RA or PC"):
         afferent_drives("Ruffini", half_sine_pa(50), DT_MS)
 

@@ -17,16 +17,12 @@ DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(121)
 FREQUENCIES_HZ = (20.0, 90.0, 300.0, 20.0)
 PEAKS_PA = (2e4, 1e4, 4e3, 5e3)
-STRESS_PA = np.array(PEAKS_PA) * (
-    1.3 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, FREQUENCIES_HZ))
-)
+STRESS_PA = np.array(PEAKS_PA) * (1.3 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, FREQUENCIES_HZ)))
 WINDOWS_MS = ((5.0, 60.0), (20.0, 40.0), (0.0, 60.0), (7.3, 59.9))
 GROUPS = ("20", "90", "300", "20")
 OBSERVED_IPS = np.array([31.0, 80.0, 5.5, 0.0])
 ROWS = [row for models in DRIVES.values() for row in models.values()]
-ALL = pytest.mark.parametrize(
-    "row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS]
-)
+ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -161,9 +157,7 @@ def test_a_part_is_the_problem_of_its_stimuli(flags):
     assert part.windows_ms == tuple(WINDOWS_MS[k] for k in kept)
     assert part.observed_ips.tolist() == OBSERVED_IPS[kept].tolist()
     assert (part.cells, part.dt_ms, part.drive) == (3, DT_MS, whole.drive)
-    np.testing.assert_array_equal(
-        part.rates_ips(values), whole.rates_ips(values)[:, kept]
-    )
+    np.testing.assert_array_equal(part.rates_ips(values), whole.rates_ips(values)[:, kept])
 
 
 def test_what_is_searched_goes_with_the_cells():
@@ -240,11 +234,7 @@ def test_observed_rates_are_a_copy():
         ({"windows_ms": ((0.0, 500.0),) * 4}, ParameterError, "is not inside 0 to 120"),
         ({"observed_ips": OBSERVED_IPS[:, None]}, ParameterError, "expected"),
         (
-            {
-                "drive": drive_named("sharp", "PC"),
-                "dt_ms": 0.3,
-                "windows_ms": ((0.0, 9.0),) * 4,
-            },
+            {"drive": drive_named("sharp", "PC"), "dt_ms": 0.3, "windows_ms": ((0.0, 9.0),) * 4},
             ParameterError,
             "whole part of 1 ms",
         ),

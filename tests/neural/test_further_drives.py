@@ -11,13 +11,7 @@ from hypothesis import strategies as st
 from fembridge.errors import ParameterError, TraceError
 from neural.drive import DERIVATIVES, pc_drive, ra_drive
 from neural.drive_table import drive_named
-from neural.further_drives import (
-    LAG_MS,
-    absolute_rate,
-    acceleration_rise,
-    rate_rise,
-    sharp_rise,
-)
+from neural.further_drives import LAG_MS, absolute_rate, acceleration_rise, rate_rise, sharp_rise
 
 DT_MS = 0.5
 WITH_SCHEME = (absolute_rate, rate_rise, acceleration_rise)
@@ -32,12 +26,7 @@ def plain_sharp_rise(stress, dt_ms):
     lag = round(LAG_MS / dt_ms)
     drive = [0.0] * len(stress)
     for t in range(3 * lag, len(stress)):
-        third = (
-            stress[t]
-            - 3 * stress[t - lag]
-            + 3 * stress[t - 2 * lag]
-            - stress[t - 3 * lag]
-        )
+        third = stress[t] - 3 * stress[t - lag] + 3 * stress[t - 2 * lag] - stress[t - 3 * lag]
         drive[t] = third ** (1 / 3) if third > 0 else 0.0
     return drive
 
@@ -62,9 +51,7 @@ def test_the_rise_of_the_acceleration_is_that_of_a_plain_loop(seed):
         a, b, c, d = stress[t - 3 : t + 1]
         rise[t] = max((d - 3 * c + 3 * b - a) / DT_MS**2, 0.0)
 
-    np.testing.assert_allclose(
-        acceleration_rise(stress, DT_MS), rise, rtol=1e-9, atol=1e-7
-    )
+    np.testing.assert_allclose(acceleration_rise(stress, DT_MS), rise, rtol=1e-9, atol=1e-7)
 
 
 @settings(max_examples=25)
@@ -86,10 +73,7 @@ def test_the_sharp_rise_is_that_of_a_plain_loop(seed, dt_ms, rows):
 def test_what_rises_and_what_falls_are_together_the_published_filters(seed, scheme):
     stress = walk(seed)
 
-    for one_sided, published in (
-        (rate_rise, ra_drive),
-        (acceleration_rise, pc_drive),
-    ):
+    for one_sided, published in ((rate_rise, ra_drive), (acceleration_rise, pc_drive)):
         rising = one_sided(stress, DT_MS, scheme)
         falling = one_sided(-stress, DT_MS, scheme)
         both = published(stress, DT_MS, scheme)
@@ -106,22 +90,15 @@ def test_the_rate_of_a_ramp_is_its_slope_in_either_direction(scheme):
 
 
 @settings(max_examples=25)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    power=st.integers(-3, 3),
-)
+@given(seed=st.integers(0, 2**32 - 1), power=st.integers(-3, 3))
 def test_filters_grow_with_the_stress_and_sharp_with_its_cube_root(seed, power):
     stress = walk(seed)
     scale = 8.0**power
 
     for drive in WITH_SCHEME:
-        np.testing.assert_array_equal(
-            drive(scale * stress, DT_MS), scale * drive(stress, DT_MS)
-        )
+        np.testing.assert_array_equal(drive(scale * stress, DT_MS), scale * drive(stress, DT_MS))
     np.testing.assert_allclose(
-        sharp_rise(scale * stress, DT_MS),
-        2.0**power * sharp_rise(stress, DT_MS),
-        rtol=1e-14,
+        sharp_rise(scale * stress, DT_MS), 2.0**power * sharp_rise(stress, DT_MS), rtol=1e-14
     )
 
 
@@ -188,9 +165,7 @@ def test_traces_filtered_together_are_filtered_alone(drive):
     assert together.shape == stress.shape
     assert (together >= 0).all()
     for column in range(3):
-        np.testing.assert_array_equal(
-            together[:, column], drive(stress[:, column], DT_MS)
-        )
+        np.testing.assert_array_equal(together[:, column], drive(stress[:, column], DT_MS))
 
 
 @pytest.mark.parametrize("dt_ms", [0.3, 0.4, 2.0, 1e9])
@@ -217,9 +192,7 @@ def test_the_differences_look_back_whatever_the_scheme_and_refuse_an_unknown_one
 def test_a_step_printed_with_six_digits_makes_the_lag():
     stress = walk(8)
 
-    np.testing.assert_array_equal(
-        sharp_rise(stress, 0.500001), sharp_rise(stress, DT_MS)
-    )
+    np.testing.assert_array_equal(sharp_rise(stress, 0.500001), sharp_rise(stress, DT_MS))
     assert sharp_rise(stress, 0.333333)[9:].any()
 
 

@@ -34,9 +34,7 @@ def test_constant_current_fires_with_the_period_of_the_recurrence(tau_ms, curren
     period = math.log1p(-gap_mv / steady_mv) / math.log1p(-dt_ms / tau_ms)
     assume(abs(period - round(period)) > 1e-6)  # a tie is for rounding to break
 
-    spikes = spike_counts(
-        np.full((500, 1), current), tau_ms=tau_ms, dt_ms=dt_ms, gap_mv=gap_mv
-    )
+    spikes = spike_counts(np.full((500, 1), current), tau_ms=tau_ms, dt_ms=dt_ms, gap_mv=gap_mv)
 
     assert spikes[0] == 500 // math.ceil(period)
 
@@ -104,18 +102,14 @@ def test_a_spike_stands_one_step_after_the_current_that_caused_it():
     dt_ms=st.sampled_from([0.25, 0.5, 1.0]),
     pause_rows=st.integers(0, 4),
 )
-def test_the_kernel_counts_what_a_plain_loop_counts(
-    seed, rows, shape, scale, dt_ms, pause_rows
-):
+def test_the_kernel_counts_what_a_plain_loop_counts(seed, rows, shape, scale, dt_ms, pause_rows):
     rng = np.random.default_rng(seed)
     current = rng.uniform(-0.2, 1.0, (rows, *shape)) * scale
     tau_ms = rng.uniform(dt_ms, 80.0, shape[0])
     refractory_ms = pause_rows * dt_ms
     edges = np.sort(rng.integers(0, rows + 1, (2, shape[1])), axis=0)
 
-    counts = spike_counts(
-        current, tau_ms, dt_ms, 10.0, refractory_ms, window=(edges[0], edges[1])
-    )
+    counts = spike_counts(current, tau_ms, dt_ms, 10.0, refractory_ms, window=(edges[0], edges[1]))
 
     for candidate, condition in np.ndindex(shape):
         run = current[:, candidate, condition]
@@ -151,10 +145,7 @@ def test_counts_have_the_shape_of_the_current_without_time():
 def test_a_slice_counts_its_rows_alone():
     current = np.full((100, 2), 25.0)  # a spike every row
 
-    assert spike_counts(current, 1e6, 0.5, 10.0, window=slice(10, 30)).tolist() == [
-        20,
-        20,
-    ]
+    assert spike_counts(current, 1e6, 0.5, 10.0, window=slice(10, 30)).tolist() == [20, 20]
     assert spike_counts(current, 1e6, 0.5, 10.0, window=slice(30, 10)).sum() == 0
 
 

@@ -17,13 +17,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def plain_run(
-    current_mv_per_ms,
-    tau_ms,
-    *,
-    pause_rows=0,
-    floored=False,
-    jump_mv=0.0,
-    recovery_ms=math.inf,
+    current_mv_per_ms, tau_ms, *, pause_rows=0, floored=False, jump_mv=0.0, recovery_ms=math.inf
 ):
     """Potential and spiking rows as a reader of `neural.lif` would write them."""
     potential_mv, raised_mv, quiet_rows = 0.0, 0.0, 0
@@ -61,9 +55,7 @@ def test_a_run_is_that_of_a_plain_loop(
     current, tau_ms = scale * rng.uniform(-0.6, 1.0, rows), rng.uniform(DT_MS, 60)
     membrane = {"floored": floored, "jump_mv": jump_mv, "recovery_ms": recovery_ms}
 
-    potential_mv, fired = integrate(
-        current, tau_ms, DT_MS, GAP_MV, DT_MS * pause_rows, **membrane
-    )
+    potential_mv, fired = integrate(current, tau_ms, DT_MS, GAP_MV, DT_MS * pause_rows, **membrane)
 
     expected_mv, spikes = plain_run(current, tau_ms, pause_rows=pause_rows, **membrane)
     assert np.flatnonzero(fired).tolist() == spikes
@@ -190,8 +182,6 @@ def test_single_precision_does_not_see_a_grazed_threshold_and_double_does():
         Coefficients(1.0, weights=(1.0,)),
         Coefficients(40.0 * (1 + 1e-12), halves=(20.0 * (1 + 1e-12),)),
     ):
-        single = candidate_counts(
-            grazing, coefficients, DT_MS, **arguments, single=True
-        )
+        single = candidate_counts(grazing, coefficients, DT_MS, **arguments, single=True)
         double = candidate_counts(grazing, coefficients, DT_MS, **arguments)
         assert (single.tolist(), double.tolist()) == ([[0, 0]], [[6, 6]])

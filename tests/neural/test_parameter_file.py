@@ -21,9 +21,7 @@ from neural.drive_table import DRIVES
 from neural.parameters import AFFERENTS
 
 ROWS = [row for models in DRIVES.values() for row in models.values()]
-ALL = pytest.mark.parametrize(
-    "row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS]
-)
+ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 RISING_RA = {"drive": "rising", "tau_ms": 300.0, "step_pa": 7000.0}
 
 
@@ -140,9 +138,7 @@ def test_a_section_that_makes_no_parameters_is_refused_by_name(section, words):
 
 
 def test_parameters_of_another_model_are_refused_by_their_class():
-    with pytest.raises(
-        ParameterError, match=r"RA: drive 'sharp' has no such .* rising"
-    ):
+    with pytest.raises(ParameterError, match=r"RA: drive 'sharp' has no such .* rising"):
         RisingRaParameters(tau_ms=1.0, step_pa=1.0, drive="sharp")
     assert SharpPcParameters(tau_ms=1.0, beta_mv_per_ms=1.0).drive == "sharp"
     with pytest.raises(TypeError, match="a5_pa_per_ms"):
@@ -181,9 +177,7 @@ def test_a_set_without_a_name_has_that_of_its_file(file_of):
 def test_a_depth_that_is_none_is_refused_with_the_file(file_of, value):
     path = file_of(f"preindent_um = {value}\n")
 
-    with pytest.raises(
-        ParameterError, match=r"own\.toml: preindent_um must be a number >= 0, got"
-    ):
+    with pytest.raises(ParameterError, match=r"own\.toml: preindent_um must be a number >= 0, got"):
         read_parameter_set(path)
 
 

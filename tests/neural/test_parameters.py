@@ -8,11 +8,7 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ParameterError
-from neural.parameter_file import (
-    parameters_from_table,
-    parameters_to_table,
-    read_parameters,
-)
+from neural.parameter_file import parameters_from_table, parameters_to_table, read_parameters
 from neural.parameters import PUBLISHED, PcParameters
 
 

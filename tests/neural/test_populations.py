@@ -43,9 +43,7 @@ VALUES = {
     "recovery_ms": 41.0,
 }
 ROWS = [row for models in DRIVES.values() for row in models.values()]
-ALL = pytest.mark.parametrize(
-    "row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS]
-)
+ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 
 
 def parameters_of(row, **changes) -> AfferentParameters:
@@ -122,9 +120,7 @@ def test_needs_are_worked_by_hand_for_two_cells():
     row, 9 times in 160; the other sees 2.5 steps: rows 65 and 130.
     """
     spread = math.log(2.0) / quantiles(2)[1]
-    ra = RisingRaParameters(
-        tau_ms=1e12, step_pa=4096.0, refractory_ms=0.0, cells=2, spread=spread
-    )
+    ra = RisingRaParameters(tau_ms=1e12, step_pa=4096.0, refractory_ms=0.0, cells=2, spread=spread)
     rise = np.concatenate([np.zeros(4), 128.0 * np.arange(1, 162)])
 
     [[keen, dull]] = encode_cells(rise, DT_MS, ra)
@@ -160,9 +156,7 @@ def test_a_trace_alone_and_traces_together_have_an_entry_a_condition_and_cell():
 def test_one_cell_is_what_encode_gives():
     runs = encode_cells(STRESS_PA, DT_MS, PUBLISHED["SA"])
 
-    for [cell], times_ms in zip(
-        runs, encode(STRESS_PA, DT_MS, PUBLISHED["SA"]), strict=True
-    ):
+    for [cell], times_ms in zip(runs, encode(STRESS_PA, DT_MS, PUBLISHED["SA"]), strict=True):
         np.testing.assert_array_equal(cell, times_ms)
     with pytest.raises(ParameterError, match="SA: 3 cells, expected one; encode_cells"):
         encode(STRESS_PA, DT_MS, replace(PUBLISHED["SA"], cells=3))

@@ -39,9 +39,7 @@ def test_three_times_the_half_saturation_gives_three_quarters():
 def test_the_two_drives_of_sa_add():
     level, rate = np.array([4.0, 0.0, 4.0]), np.array([0.0, 1.0, 1.0])
 
-    found = current(
-        "SA", [level, rate], a1_pa=4.0, a2_pa_per_ms=3.0, alpha_mv_per_ms=2.0
-    )
+    found = current("SA", [level, rate], a1_pa=4.0, a2_pa_per_ms=3.0, alpha_mv_per_ms=2.0)
 
     np.testing.assert_allclose(found, [1.0, 0.5, 1.5], rtol=1e-15)
 

@@ -42,10 +42,7 @@ def test_one_spike_a_cycle_is_one_impulse_a_cycle():
 )
 def test_rows_of_a_window_are_the_spikes_inside_it(start_row, length, dt_ms, start_ms):
     rows = 400
-    window_ms = (
-        start_ms + start_row * dt_ms,
-        start_ms + (start_row + length) * dt_ms,
-    )
+    window_ms = (start_ms + start_row * dt_ms, start_ms + (start_row + length) * dt_ms)
     every_spike_ms = start_ms + (np.arange(rows) + 1) * dt_ms
 
     chosen = every_spike_ms[window_rows(window_ms, dt_ms, start_ms)]

@@ -83,9 +83,7 @@ def test_an_infinite_current_fires_nothing():
 
 def test_a_search_tries_whole_populations_and_says_so():
     seen = []
-    front = search_front(
-        small_problem(), evaluations=50, population=20, on_progress=seen.append
-    )
+    front = search_front(small_problem(), evaluations=50, population=20, on_progress=seen.append)
     assert front.evaluations == 60
     assert [(now.evaluations, now.of) for now in seen] == [(20, 60), (40, 60), (60, 60)]
 
@@ -95,9 +93,7 @@ def test_an_interrupt_after_the_last_generation_is_none():
         if progress.evaluations >= 40:
             raise KeyboardInterrupt
 
-    front = search_front(
-        small_problem(), evaluations=40, population=20, on_progress=late
-    )
+    front = search_front(small_problem(), evaluations=40, population=20, on_progress=late)
     assert front.finished
 
 

@@ -103,9 +103,7 @@ def test_a_front_is_sorted_by_the_error_of_all_stimuli(front):
     """Every group has two stimuli, so the total is the mean of both objectives."""
     totals = total_rmse_ips(PROBLEM, front.errors_ips2)
 
-    np.testing.assert_allclose(
-        totals, np.sqrt(front.errors_ips2.mean(axis=1)), rtol=1e-13
-    )
+    np.testing.assert_allclose(totals, np.sqrt(front.errors_ips2.mean(axis=1)), rtol=1e-13)
     assert all(a <= b for a, b in pairwise(totals.tolist()))
     assert totals[0] < totals[-1]
 
@@ -156,8 +154,7 @@ def test_more_evaluations_find_no_worse():
     many = search_front(PROBLEM, seed=6, evaluations=384, population=24)
 
     assert (
-        total_rmse_ips(PROBLEM, many.errors_ips2)[0]
-        < total_rmse_ips(PROBLEM, few.errors_ips2)[0]
+        total_rmse_ips(PROBLEM, many.errors_ips2)[0] < total_rmse_ips(PROBLEM, few.errors_ips2)[0]
     )
 
 
@@ -189,9 +186,7 @@ def test_an_interrupt_gives_what_was_found_by_then():
 
 
 @pytest.mark.parametrize("generations", [0, 1, 3])
-def test_an_interrupt_inside_a_generation_gives_the_whole_ones_before(
-    monkeypatch, generations
-):
+def test_an_interrupt_inside_a_generation_gives_the_whole_ones_before(monkeypatch, generations):
     calls = []
     true_errors = FitProblem.errors_ips2
 

@@ -17,9 +17,7 @@ from neural.spike_distance import van_rossum_distance, victor_purpura_distance
 trains = st.lists(st.integers(0, 200).map(lambda step: 0.5 * step), max_size=9)
 positive = st.floats(-2.0, 2.0).map(lambda exponent: 10.0**exponent)
 few = settings(max_examples=40)  # drawing them is what takes the time
-either = pytest.mark.parametrize(
-    "distance", [van_rossum_distance, victor_purpura_distance]
-)
+either = pytest.mark.parametrize("distance", [van_rossum_distance, victor_purpura_distance])
 
 
 def first_victor_purpura(times_a_ms, times_b_ms, cost_per_ms):
@@ -198,9 +196,7 @@ def test_a_detour_is_never_shorter(distance, a, b, c, scale):
 @either
 @few
 @given(trains, trains, positive, st.integers(-400, 400).map(lambda step: 0.25 * step))
-def test_a_distance_does_not_ask_when_the_clock_was_started(
-    distance, a, b, scale, later_ms
-):
+def test_a_distance_does_not_ask_when_the_clock_was_started(distance, a, b, scale, later_ms):
     """Shifts of quarters of a millisecond are exact, so the intervals are the same."""
     moved = distance(np.add(a, later_ms), np.add(b, later_ms), scale)
 
@@ -212,9 +208,9 @@ def test_a_distance_does_not_ask_when_the_clock_was_started(
 def test_time_and_its_scale_stretch_together(a, b, scale, stretch):
     longer_a, longer_b = np.multiply(a, stretch), np.multiply(b, stretch)
 
-    assert victor_purpura_distance(
-        longer_a, longer_b, scale / stretch
-    ) == pytest.approx(victor_purpura_distance(a, b, scale), rel=1e-9, abs=1e-9)
+    assert victor_purpura_distance(longer_a, longer_b, scale / stretch) == pytest.approx(
+        victor_purpura_distance(a, b, scale), rel=1e-9, abs=1e-9
+    )
     assert van_rossum_distance(longer_a, longer_b, scale * stretch) == pytest.approx(
         van_rossum_distance(a, b, scale), rel=1e-9, abs=1e-9
     )

@@ -40,9 +40,9 @@ def plain_rate_ips(amplitude_um, curve):
 
 
 def test_halfway_in_rate_is_halfway_in_the_logarithm():
-    assert threshold_amplitude_um(
-        [10.0, 1000.0], [0.0, 50.0], criterion_ips=25.0
-    ) == pytest.approx(100.0, rel=1e-14)
+    assert threshold_amplitude_um([10.0, 1000.0], [0.0, 50.0], criterion_ips=25.0) == pytest.approx(
+        100.0, rel=1e-14
+    )
     assert threshold_amplitude_um(
         [1.0, 2.0, 32.0], [0.0, 10.0, 60.0], criterion_ips=20.0
     ) == pytest.approx(2.0 * 16.0**0.2, rel=1e-14)
@@ -112,9 +112,7 @@ def test_an_amplitude_whose_rate_is_the_criterion_is_given_exactly():
     amplitude_um = [6.71, 9.32, 12.5, 18.0]
 
     for tie in (10.0, 10.0 - 1e-12):
-        found_um = threshold_amplitude_um(
-            amplitude_um, [0.0, 3.0, tie, 40.0], criterion_ips=10.0
-        )
+        found_um = threshold_amplitude_um(amplitude_um, [0.0, 3.0, tie, 40.0], criterion_ips=10.0)
         assert found_um == 12.5
 
 
@@ -154,9 +152,7 @@ def test_the_entrainment_threshold_is_that_of_one_impulse_a_cycle():
 
 def test_a_plateau_reaches_to_where_the_curve_leaves_its_range():
     """45 and 55 ips are 0.9 of the way up and 0.1 of the way on, a decade each."""
-    plateau = entrainment_plateau(
-        [1.0, 10.0, 100.0, 1000.0], [0.0, 50.0, 50.0, 100.0], 50.0
-    )
+    plateau = entrainment_plateau([1.0, 10.0, 100.0, 1000.0], [0.0, 50.0, 50.0, 100.0], 50.0)
 
     assert plateau.low_um == pytest.approx(10.0**0.9, rel=1e-14)
     assert plateau.high_um == pytest.approx(10.0**2.1, rel=1e-14)
@@ -171,9 +167,7 @@ def test_a_plateau_that_falls_off_ends_at_its_lower_rate():
 
 
 def test_a_plateau_is_open_where_the_amplitudes_end():
-    assert entrainment_plateau([10.0, 20.0, 40.0], [48.0, 50.0, 52.0], 50.0) == Plateau(
-        10.0, 40.0
-    )
+    assert entrainment_plateau([10.0, 20.0, 40.0], [48.0, 50.0, 52.0], 50.0) == Plateau(10.0, 40.0)
     assert entrainment_plateau([10.0], [50.0], 50.0) == Plateau(10.0, 10.0)
 
 

@@ -187,9 +187,7 @@ class HeaderReader:
             before = at
             line, at = self._line(at, name, where)
             if not line.startswith(b" -5"):
-                raise ValueError(
-                    f"{name} announces {announced} components, then {line[:40]!r}"
-                )
+                raise ValueError(f"{name} announces {announced} components, then {line[:40]!r}")
             if line[33:38].strip() != b"1":
                 components.append(line[5:13].decode("ascii").strip())
             line_end = at - before - len(line)

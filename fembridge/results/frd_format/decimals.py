@@ -45,8 +45,7 @@ def decimals(
     """
     shape, strides = (rows, columns), (width, FIELD)
     head, middle, tail = (
-        np.ndarray(shape, "<u4", text, first + at, strides).flatten()
-        for at in (0, 4, 8)
+        np.ndarray(shape, "<u4", text, first + at, strides).flatten() for at in (0, 4, 8)
     )
     odd = _odd(head, middle, tail)
     power = tail  # no longer needed as it was
@@ -68,9 +67,7 @@ def decimals(
     return values.reshape(shape), found
 
 
-def whole_numbers(
-    text: bytes, rows: int, width: int, first: int
-) -> tuple[IntArray, BoolArray]:
+def whole_numbers(text: bytes, rows: int, width: int, first: int) -> tuple[IntArray, BoolArray]:
     """Read right-justified I10 integers, ``(rows,)``, and tell which are such."""
     high = np.ndarray((rows,), "<u2", text, first, (width,)).astype(np.uint64)
     low = np.ndarray((rows,), "<u8", text, first + 2, (width,)).copy()
@@ -154,13 +151,9 @@ def _right_justified(high: NDArray[np.uint64], low: NDArray[np.uint64]) -> BoolA
     return fine
 
 
-def _blanks_and_digits(
-    word: NDArray[np.uint64], ones: int
-) -> tuple[BoolArray, NDArray[np.uint64]]:
+def _blanks_and_digits(word: NDArray[np.uint64], ones: int) -> tuple[BoolArray, NDArray[np.uint64]]:
     """Whether all bytes are blanks or digits; and 1 in each byte that is a digit."""
-    digit: NDArray[np.uint64] = np.bitwise_and(
-        word >> 4, ones
-    )  # the bit that tells 0x30 from 0x20
+    digit: NDArray[np.uint64] = np.bitwise_and(word >> 4, ones)  # the bit that tells 0x30 from 0x20
     low_half = word & 0x0F * ones
     fine = (word & 0xE0 * ones) == 0x20 * ones
     fine &= (low_half + 0x06 * ones & 0xF0 * ones) == 0  # 9 at most

@@ -44,9 +44,7 @@ class ElementRows:
     corners: IntArray
 
 
-def packed_elements(
-    file: ByteFile, offset: int, records: int
-) -> Iterator[tuple[ElementRows, int]]:
+def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple[ElementRows, int]]:
     """Yield packed elements, and the offset behind them.
 
     Raises
@@ -79,9 +77,7 @@ def packed_elements(
             look *= 4
 
 
-def printed_elements(
-    file: ByteFile, offset: int, end: int, id_width: int
-) -> Iterator[ElementRows]:
+def printed_elements(file: ByteFile, offset: int, end: int, id_width: int) -> Iterator[ElementRows]:
     """Yield the elements whose lines stand from `offset` to the line `` -3``.
 
     Raises
@@ -105,8 +101,7 @@ def printed_elements(
             return
         if place == 0 or last:
             raise ResultError(
-                f"element block: {text[place : place + 24]!r} at byte {at + place} is "
-                "no element",
+                f"element block: {text[place : place + 24]!r} at byte {at + place} is no element",
                 file.path,
             )
         at += place
@@ -163,12 +158,7 @@ def _run(text: bytes, place: int, ends: list[int], id_width: int) -> int:
 
 
 def _rows(
-    text: bytes,
-    place: int,
-    rows: int,
-    ends: list[int],
-    id_width: int,
-    file: ByteFile,
+    text: bytes, place: int, rows: int, ends: list[int], id_width: int, file: ByteFile
 ) -> ElementRows:
     width, columns = ends[-1], []
     at_type = place + _MARK + id_width

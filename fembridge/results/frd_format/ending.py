@@ -31,8 +31,7 @@ def why_not_whole(index: FrdIndex, path: Path | None = None) -> str | None:
         words.append(
             "no whole increment"
             if last is None
-            else f"last whole increment: {last.increment} of step {last.step}, "
-            f"{last.time_ms:g} ms"
+            else f"last whole increment: {last.increment} of step {last.step}, {last.time_ms:g} ms"
         )
     return "; ".join(words)
 
@@ -46,8 +45,7 @@ def _nothing(index: FrdIndex) -> str:
     where = "look in the .sta file and the solver's log for its reason"
     if index.nodes is None:
         return (
-            f"header only ({index.size} bytes): the solver stopped before its "
-            f"first output; {where}"
+            f"header only ({index.size} bytes): the solver stopped before its first output; {where}"
         )
     return f"mesh only, no results: the solver stopped at its start; {where}"
 

@@ -86,8 +86,7 @@ class Field:
         """
         if name not in self.components:
             raise UsageError(
-                f"{self.name} has no component {name!r}, it has "
-                f"{', '.join(self.components)}"
+                f"{self.name} has no component {name!r}, it has {', '.join(self.components)}"
             )
         column: FloatArray = self.values[:, self.components.index(name)]
         return column
@@ -237,11 +236,7 @@ def _fields(
 
 
 def _read(
-    path: Path,
-    size: int,
-    wanted: Sequence[Output],
-    options: ReadOptions,
-    at_once: int | None,
+    path: Path, size: int, wanted: Sequence[Output], options: ReadOptions, at_once: int | None
 ) -> Iterator[dict[str, Field]]:
     with ByteFile(path) as file:
         if file.size != size:
@@ -260,12 +255,8 @@ def _read(
                 if not options.partial:
                     raise
                 step, increment = next(iter(output.values())).key
-                options.note(
-                    f"dropped step {step}, increment {increment}: {error.problem}"
-                )
+                options.note(f"dropped step {step}, increment {increment}: {error.problem}")
         if file.change is not None and not options.partial:
-            raise ResultError(
-                f"{file.change}; read it again when the run has ended", path
-            )
+            raise ResultError(f"{file.change}; read it again when the run has ended", path)
         if file.change is not None:
             options.note(file.change)

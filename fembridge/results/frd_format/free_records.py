@@ -54,11 +54,7 @@ def free_values(file: ByteFile, block: FrdBlock, nodes: IntArray) -> FloatArray:
 def _values(file: ByteFile, block: FrdBlock, node: int, text: bytes) -> list[float]:
     row, at, end = [], 0, len(text.rstrip())
     while at < end:
-        match = (
-            _VALUE.match(text, at)
-            or _SHORT_VALUE.match(text, at)
-            or _ODD_VALUE.match(text, at)
-        )
+        match = _VALUE.match(text, at) or _SHORT_VALUE.match(text, at) or _ODD_VALUE.match(text, at)
         if match is None:
             raise ResultError(f"{block}, node {node}: {text[:80]!r}", file.path)
         try:
@@ -68,9 +64,7 @@ def _values(file: ByteFile, block: FrdBlock, node: int, text: bytes) -> list[flo
         at = match.end()
     if len(row) != len(block.components):
         raise ResultError(
-            f"{block}, node {node}: {len(row)} values, expected "
-            f"{len(block.components)}",
-            file.path,
+            f"{block}, node {node}: {len(row)} values, expected {len(block.components)}", file.path
         )
     return row
 

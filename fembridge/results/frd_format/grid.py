@@ -79,9 +79,7 @@ class Grid:
 
     def materials_of(self, node: int) -> tuple[int, ...]:
         """Materials of the elements at `node`, ascending."""
-        met = [
-            cells.material[(cells.corners == node).any(axis=1)] for cells in self.cells
-        ]
+        met = [cells.material[(cells.corners == node).any(axis=1)] for cells in self.cells]
         return tuple(np.unique(np.concatenate(met)).tolist()) if met else ()
 
 
@@ -122,8 +120,7 @@ def read_grid_of(file: ByteFile, index: FrdIndex) -> Grid:
         absent = some.corners[grid.rows_of(some.corners) < 0]
         if absent.size:
             raise ResultError(
-                f"an element of kind {some.kind} has node {absent[0]}, which the mesh "
-                "has not",
+                f"an element of kind {some.kind} has node {absent[0]}, which the mesh has not",
                 file.path,
             )
     return grid

@@ -123,14 +123,12 @@ def _history_blocks(
         absent = [name for name in want.components if name not in block.components]
         if absent:
             raise ResultError(
-                f"{block} has no component {absent[0]}: "
-                f"it holds {', '.join(block.components)}",
+                f"{block} has no component {absent[0]}: it holds {', '.join(block.components)}",
                 file.path,
             )
         if block.key in by_key:
             raise ResultError(
-                f"{block} is there twice: iterations, not increments, or two runs "
-                "in one file",
+                f"{block} is there twice: iterations, not increments, or two runs in one file",
                 file.path,
             )
         by_key[block.key] = block
@@ -138,11 +136,7 @@ def _history_blocks(
 
 
 def _over_time(
-    file: ByteFile,
-    index: FrdIndex,
-    name: str,
-    blocks: Sequence[FrdBlock],
-    options: ReadOptions,
+    file: ByteFile, index: FrdIndex, name: str, blocks: Sequence[FrdBlock], options: ReadOptions
 ) -> list[FrdBlock]:
     """Take the blocks of static and dynamic steps: modes have no time."""
     found = [block for block in blocks if block.output.over_time]
@@ -183,9 +177,7 @@ def _joined(
     return keys
 
 
-def _converged(
-    file: ByteFile, index: FrdIndex, keys: list[Key], options: ReadOptions
-) -> list[Key]:
+def _converged(file: ByteFile, index: FrdIndex, keys: list[Key], options: ReadOptions) -> list[Key]:
     """Leave out the file's last increment unless something shows it converged.
 
     Stress is written of converged increments alone, so a STRESS block shows it;
@@ -202,9 +194,7 @@ def _converged(
     return keys
 
 
-def _read(
-    file: ByteFile, block: FrdBlock, want: Want, reader: NodeRecords
-) -> FloatArray:
+def _read(file: ByteFile, block: FrdBlock, want: Want, reader: NodeRecords) -> FloatArray:
     columns = [block.components.index(name) for name in want.components]
     values = reader.read(block)
     if columns != list(range(values.shape[1])):

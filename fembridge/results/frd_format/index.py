@@ -92,9 +92,7 @@ def index_frd(file: ByteFile) -> FrdIndex:
         raise ResultError("empty: 0 bytes", file.path)
     start = file.peek(0, len(FIRST_BYTES))
     if start != FIRST_BYTES:
-        raise ResultError(
-            f"no .frd: begins with {start!r}, expected {FIRST_BYTES!r}", file.path
-        )
+        raise ResultError(f"no .frd: begins with {start!r}, expected {FIRST_BYTES!r}", file.path)
     walk = FrdWalk(file)
     walk.run()
     return FrdIndex(

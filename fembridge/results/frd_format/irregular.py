@@ -21,9 +21,7 @@ _ODD = rb" *[+-]?(?:1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
 _LONGEST = 24  # characters of a field, with room
 
 
-def irregular_records(
-    file: ByteFile, block: FrdBlock
-) -> Iterator[tuple[IntArray, FloatArray]]:
+def irregular_records(file: ByteFile, block: FrdBlock) -> Iterator[tuple[IntArray, FloatArray]]:
     """Yield nodes ``(rows,)`` and values ``(rows, component)``, as they come.
 
     Raises

@@ -17,9 +17,7 @@ from fembridge.results.read_options import ReadOptions
 Output = dict[str, FrdBlock]  # by quantity
 
 
-def outputs_of(
-    file: ByteFile, index: FrdIndex, options: ReadOptions
-) -> tuple[Output, ...]:
+def outputs_of(file: ByteFile, index: FrdIndex, options: ReadOptions) -> tuple[Output, ...]:
     """Give the blocks of each output that counts, in file order.
 
     Raises
@@ -34,9 +32,7 @@ def outputs_of(
     if not index.blocks:
         raise ResultError(problem or "no results in it", file.path)
     if problem is not None and not options.partial:
-        raise ResultError(
-            f"{problem}; --partial (partial=True) reads what is whole", file.path
-        )
+        raise ResultError(f"{problem}; --partial (partial=True) reads what is whole", file.path)
     if problem is not None:
         options.note(problem)
     outputs: list[Output] = []
@@ -53,10 +49,7 @@ def outputs_of(
 
 
 def having(
-    file: ByteFile,
-    outputs: Sequence[Output],
-    names: Sequence[str],
-    options: ReadOptions,
+    file: ByteFile, outputs: Sequence[Output], names: Sequence[str], options: ReadOptions
 ) -> list[Output]:
     """Give the outputs that have all quantities `names`, and these alone.
 
@@ -86,9 +79,7 @@ def having(
     return found
 
 
-def _converged(
-    file: ByteFile, outputs: list[Output], options: ReadOptions
-) -> list[Output]:
+def _converged(file: ByteFile, outputs: list[Output], options: ReadOptions) -> list[Output]:
     """Leave out the last output unless something shows that it converged.
 
     Stress is written of converged increments alone, so a STRESS block shows it;

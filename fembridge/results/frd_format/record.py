@@ -14,9 +14,7 @@ from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
 from fembridge.results.frd_format.fixed_text import FIELD
 
 
-def read_record(
-    file: ByteFile, block: FrdBlock, row: int, node: int
-) -> tuple[float, ...] | None:
+def read_record(file: ByteFile, block: FrdBlock, row: int, node: int) -> tuple[float, ...] | None:
     """Values of record `row`, from 0; None if it is not a usual one of `node`."""
     length, count = block.record_bytes, len(block.components)
     if row >= block.records:

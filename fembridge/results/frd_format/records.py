@@ -13,12 +13,7 @@ import numpy as np
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
 from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
-from fembridge.results.frd_format.fixed_text import (
-    FIELD,
-    floats,
-    integers,
-    to_characters,
-)
+from fembridge.results.frd_format.fixed_text import FIELD, floats, integers, to_characters
 from fembridge.results.frd_format.free_records import free_ids, free_values
 from fembridge.results.frd_format.record import read_record
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -107,8 +102,7 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
             row = first + int(np.flatnonzero(~fine)[0])
             start = file.peek(block.offset + row * block.record_bytes, 14)
             raise ResultError(
-                f"{block}: record {row + 1} of {block.records} begins with {start!r}",
-                file.path,
+                f"{block}: record {row + 1} of {block.records} begins with {start!r}", file.path
             )
         parts.append(ids)
     return np.concatenate(parts)
@@ -197,9 +191,7 @@ def _values(file: ByteFile, block: FrdBlock, raw: bytes) -> FloatArray:
 
 def _packed(block: FrdBlock) -> np.dtype[np.void]:
     number_type = "<f4" if block.flag == 2 else "<f8"
-    return np.dtype(
-        [("node", "<i4"), ("values", number_type, (len(block.components),))]
-    )
+    return np.dtype([("node", "<i4"), ("values", number_type, (len(block.components),))])
 
 
 def _lines(block: FrdBlock) -> Iterator[tuple[int, int, int]]:

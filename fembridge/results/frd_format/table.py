@@ -12,12 +12,7 @@ import numpy as np
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd_format.block import VALUES_A_LINE, FrdBlock
-from fembridge.results.frd_format.decimals import (
-    ID_WIDTH,
-    decimals,
-    odd_number,
-    whole_numbers,
-)
+from fembridge.results.frd_format.decimals import ID_WIDTH, decimals, odd_number, whole_numbers
 from fembridge.results.frd_format.fixed_text import FIELD, integers
 from fembridge.results.frd_format.irregular import irregular_records
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -119,8 +114,7 @@ def _replace(
             value = odd_number(text, block.record_bytes, start, (row, place))
         except ValueError as error:
             raise ResultError(
-                f"{block}, node {nodes[row]}, {block.components[column + place]}: "
-                f"{error}",
+                f"{block}, node {nodes[row]}, {block.components[column + place]}: {error}",
                 file.path,
             ) from error
         found[row, place] = value
@@ -198,9 +192,7 @@ def _scale(values: FloatArray, factor: FloatArray) -> None:
             values *= float(factor[0])
 
 
-def _check_finite(
-    file: ByteFile, block: FrdBlock, nodes: IntArray, values: FloatArray
-) -> None:
+def _check_finite(file: ByteFile, block: FrdBlock, nodes: IntArray, values: FloatArray) -> None:
     finite = np.isfinite(values)
     if not finite.all():
         row, column = np.argwhere(~finite)[0].tolist()

@@ -12,12 +12,7 @@ from dataclasses import dataclass, replace
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.block import (
-    FrdBlock,
-    HeaderReader,
-    read_mode,
-    read_step,
-)
+from fembridge.results.frd_format.block import FrdBlock, HeaderReader, read_mode, read_step
 from fembridge.results.frd_format.mesh import MeshBlock, read_mesh_block
 
 END_LINE = b" 9999"
@@ -128,9 +123,7 @@ class FrdWalk:
             return None
         return block.end
 
-    def _odd_mesh(
-        self, kind: str, line: bytes, at: int, after: int, problem: str
-    ) -> int | None:
+    def _odd_mesh(self, kind: str, line: bytes, at: int, after: int, problem: str) -> int | None:
         """Take layers of a composite shell, which the count does not count.
 
         Of other ASCII blocks whose count lies the mesh is not used; the walk
@@ -227,8 +220,7 @@ class FrdWalk:
     def _boundary(self, at: int) -> bool:
         found = self.file.peek(at, 6)
         return any(
-            found.startswith(marker) or marker.startswith(found)
-            for marker in _AFTER_A_BLOCK
+            found.startswith(marker) or marker.startswith(found) for marker in _AFTER_A_BLOCK
         )
 
     def _resume(self, at: int) -> int | None:
@@ -241,15 +233,10 @@ class FrdWalk:
     def _cut(self, block: FrdBlock, records: int, at: int) -> None:
         of = "" if block.records < 0 else f"{block.records} "
         self._harm(
-            f"{block} is cut at byte {at}, after {records} of {of}records",
-            at,
-            block,
-            records,
+            f"{block} is cut at byte {at}, after {records} of {of}records", at, block, records
         )
 
-    def _harm(
-        self, problem: str, at: int, block: FrdBlock | None = None, records: int = 0
-    ) -> None:
+    def _harm(self, problem: str, at: int, block: FrdBlock | None = None, records: int = 0) -> None:
         if block is None and "byte" not in problem:
             problem = f"{problem} (byte {at} of {self.file.size})"
         key = self._key if block is None else block.key

@@ -38,11 +38,7 @@ class BinaryRecords:
         self.real_bytes = 4
         self._big_endian = big_endian
         self._word_bytes = self._integer_bytes = word_bytes
-        self._word_lengths = (
-            _MARK_BYTES,
-            len(END) * word_bytes,
-            TITLE_WORDS * word_bytes,
-        )
+        self._word_lengths = (_MARK_BYTES, len(END) * word_bytes, TITLE_WORDS * word_bytes)
         self._length = struct.Struct(">i" if big_endian else "<i")
 
     def word(self) -> str:
@@ -82,9 +78,7 @@ class BinaryRecords:
         words = len(raw) // self._word_bytes
         letters = _LONG_LABEL_WORDS if words > _LONG_LABEL_WORDS else _LABEL_WORDS
         if not 0 < words - letters <= 2 or len(raw) % self._word_bytes:
-            raise PostDamageError(
-                f"a post code in a record of {len(raw)} bytes", self.at
-            )
+            raise PostDamageError(f"a post code in a record of {len(raw)} bytes", self.at)
         cut = (words - letters) * self._word_bytes
         numbers = self._decode(raw[:cut], self._integer_bytes, self.at)
         self._pass(pieces, after, free=False)
@@ -99,8 +93,7 @@ class BinaryRecords:
             count = length // width
         if length != count * width:
             raise PostDamageError(
-                f"a record of {length} bytes where {count} integers of {width} "
-                "bytes are expected",
+                f"a record of {length} bytes where {count} integers of {width} bytes are expected",
                 self.at,
             )
         numbers = self._decode(self._payload(pieces, self.at), width, self.at)
@@ -115,9 +108,7 @@ class BinaryRecords:
                 self._integer_bytes = width
         return self.integers(first) + self.integers(second)
 
-    def table(
-        self, rows: int, integers: int, reals: int
-    ) -> tuple[Numbers | None, Numbers | None]:
+    def table(self, rows: int, integers: int, reals: int) -> tuple[Numbers | None, Numbers | None]:
         """Pass `rows` records alike: `integers`, then `reals`; None for none."""
         if rows == 0 or integers + reals == 0:
             return None, None
@@ -134,9 +125,7 @@ class BinaryRecords:
             )
         whole = (self.file.size - start) // stride
         if rows > whole:
-            raise PostDamageError(
-                f"cut after {whole} of {rows} records", self.file.size
-            )
+            raise PostDamageError(f"cut after {whole} of {rows} records", self.file.size)
         marker = self._length.pack(payload)
         last = start + (rows - 1) * stride
         for at in (last, last + stride - _MARKER):
@@ -164,8 +153,7 @@ class BinaryRecords:
         width = length // count if count else 4
         if length != count * width or width not in (4, 8):
             raise PostDamageError(
-                f"a record of {length} bytes where {rows} times {columns} reals are "
-                "expected",
+                f"a record of {length} bytes where {rows} times {columns} reals are expected",
                 self.at,
             )
         self._pass(pieces, after, free=True)

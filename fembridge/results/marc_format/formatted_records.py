@@ -89,9 +89,7 @@ class FormattedRecords:
             if count is not None:
                 fields = min(FIELDS_A_LINE, count - len(numbers))
             if len(line) != fields * FIELD_CHARACTERS:
-                raise PostDamageError(
-                    f"{line[:80]!r} where {fields} integers are expected", start
-                )
+                raise PostDamageError(f"{line[:80]!r} where {fields} integers are expected", start)
             for first in range(0, len(line), FIELD_CHARACTERS):
                 field = line[first : first + FIELD_CHARACTERS]
                 numbers.append(self._integer(field, start))
@@ -101,9 +99,7 @@ class FormattedRecords:
         """Read `first` and `second` integers; text does not part them."""
         return self.integers(first + second)
 
-    def table(
-        self, rows: int, integers: int, reals: int
-    ) -> tuple[Numbers | None, Numbers | None]:
+    def table(self, rows: int, integers: int, reals: int) -> tuple[Numbers | None, Numbers | None]:
         """Pass `rows` records alike: `integers`, then `reals`; None for none."""
         fields = integers + reals
         if rows == 0 or fields == 0:
@@ -144,9 +140,7 @@ class FormattedRecords:
         stride = self._one_record(min(count, FIELDS_A_LINE))[-1] - start
         grid = _lines(start, full, stride, FIELDS_A_LINE)
         last, tail = start + full * stride, None
-        regular = last <= self.file.size and (
-            full == 0 or self.file.holds(last - 1, _LINE_END)
-        )
+        regular = last <= self.file.size and (full == 0 or self.file.holds(last - 1, _LINE_END))
         self.at = last
         if regular and rest:
             self.at = self._one_record(rest)[-1]

@@ -9,11 +9,7 @@ from dataclasses import dataclass, field, replace
 from fembridge.results.marc_format.content import NodalQuantity
 from fembridge.results.marc_format.model import Model
 from fembridge.results.marc_format.numbers import Numbers
-from fembridge.results.marc_format.records import (
-    PostDamageError,
-    PostRecords,
-    must_end,
-)
+from fembridge.results.marc_format.records import PostDamageError, PostRecords, must_end
 from fembridge.typing import FloatArray
 
 TITLE, INTEGERS, REALS = 516, 517, 518
@@ -48,9 +44,7 @@ class Layout:
     global_at: int | None = None
 
 
-def read_increment_block(
-    records: PostRecords, base: int, model: Model, layout: Layout
-) -> Layout:
+def read_increment_block(records: PostRecords, base: int, model: Model, layout: Layout) -> Layout:
     """Pass the block that `records` stands in; give `layout` with where it is.
 
     Raises
@@ -115,9 +109,7 @@ def _nodal(records: PostRecords, model: Model, layout: Layout) -> Layout:
         components, flag = words[3], words[6]
         known = flag in (_ALL_NODES, _NO_NODES)
         if not known or not 0 <= components <= _MOST_COMPONENTS:
-            raise PostDamageError(
-                f"{name!r} of {components} components with flag {flag}", at
-            )
+            raise PostDamageError(f"{name!r} of {components} components with flag {flag}", at)
         with_imaginary = words[5] in _COMPLEX
         place = None
         if flag == _ALL_NODES:

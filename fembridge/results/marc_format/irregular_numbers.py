@@ -40,10 +40,7 @@ class Ragged:
     ) -> NDArray[Any]:
         """Read `rows` in their order, or all, `further` bytes on in the file."""
         dtype = np.int64 if self.form.integer else np.float64
-        found, at = (
-            np.empty((self.records, self.taken), dtype=dtype),
-            self.start + further,
-        )
+        found, at = (np.empty((self.records, self.taken), dtype=dtype), self.start + further)
         width = self.form.width
         for record in range(self.records):
             text = b""

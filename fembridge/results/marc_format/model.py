@@ -13,11 +13,7 @@ from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.marc_format.content import PostCode, PostMesh, PostSet
 from fembridge.results.marc_format.numbers import Numbers
-from fembridge.results.marc_format.records import (
-    PostDamageError,
-    PostRecords,
-    must_end,
-)
+from fembridge.results.marc_format.records import PostDamageError, PostRecords, must_end
 from fembridge.typing import IntArray
 
 VERIFICATION, CODES, CONNECTIVITY, COORDINATES, SETS = 502, 506, 507, 508, 513
@@ -68,9 +64,7 @@ class Model:
     sets: tuple[SetPlace, ...] = field(default_factory=tuple)
 
 
-def read_model_block(
-    records: PostRecords, base: int, revision: int, model: Model
-) -> Model:
+def read_model_block(records: PostRecords, base: int, revision: int, model: Model) -> Model:
     """Read the block that `records` stands in; give `model` with what it says.
 
     Raises

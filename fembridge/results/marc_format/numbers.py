@@ -114,13 +114,9 @@ class Grid:
             found = raw[:, offset : offset + len(expected)]
             odd = (found != np.frombuffer(expected, dtype=np.uint8)).any(axis=1)
             if odd.any():
-                raise ValueError(
-                    f"{found[odd][0].tobytes()!r} where {expected!r} is expected"
-                )
+                raise ValueError(f"{found[odd][0].tobytes()!r} where {expected!r} is expected")
         parts = [
-            self.form.decode(
-                raw[:, run.offset : run.offset + run.columns * self.form.width]
-            )
+            self.form.decode(raw[:, run.offset : run.offset + run.columns * self.form.width])
             for run in self.runs
             if run.columns
         ]
@@ -140,12 +136,7 @@ class Grid:
             yield row, min(last, row + step)
 
     def _take(
-        self,
-        file: ByteFile,
-        first: int,
-        last: int,
-        further: int,
-        some: IntArray | None,
+        self, file: ByteFile, first: int, last: int, further: int, some: IntArray | None
     ) -> NDArray[Any]:
         """Read from row `first` to `last`; give `some` of them, or all."""
         at = self.start + further + first * self.stride
@@ -177,11 +168,7 @@ class Flow:
         """Read `rows` in their order, or all, `further` bytes on in the file."""
         if rows is None:
             full = self.lines.values(file, None, further).ravel()
-            rest = (
-                []
-                if self.last is None
-                else [self.last.values(file, None, further).ravel()]
-            )
+            rest = [] if self.last is None else [self.last.values(file, None, further).ravel()]
             return np.concatenate([full, *rest]).reshape(self.rows, self.columns)
         if rows.size and (rows.min() < 0 or rows.max() >= self.rows):
             raise IndexError(f"row {rows.min()} or {rows.max()} of {self.rows}")

@@ -145,9 +145,7 @@ class PostFile:
         found: FloatArray = numbers.values(self._file, records, place.further)
         return found.reshape(elements.size, model.points, model.values)
 
-    def nodal_values(
-        self, row: int, name: str, node_rows: IntArray | None = None
-    ) -> FloatArray:
+    def nodal_values(self, row: int, name: str, node_rows: IntArray | None = None) -> FloatArray:
         """Read a nodal quantity of increment `row`, ``(K, components)``.
 
         `node_rows` count nodes as the mesh of the increment has them; None is all
@@ -160,9 +158,7 @@ class PostFile:
         """
         model, place = self._model(row), self._walk.places[row]
         nodes = None if node_rows is None else np.asarray(node_rows, dtype=np.int64)
-        for quantity, numbers in zip(
-            place.layout.nodal, place.layout.nodal_values, strict=True
-        ):
+        for quantity, numbers in zip(place.layout.nodal, place.layout.nodal_values, strict=True):
             if quantity.name != name:
                 continue
             if numbers is None:
@@ -172,8 +168,7 @@ class PostFile:
             return found
         held = ", ".join(quantity.name for quantity in place.layout.nodal) or "none"
         raise ResultError(
-            f"{self._name(row)} has no nodal quantity {name!r}; it has {held}",
-            self.path,
+            f"{self._name(row)} has no nodal quantity {name!r}; it has {held}", self.path
         )
 
     def global_values(self, row: int) -> dict[str, FloatArray]:
@@ -186,8 +181,7 @@ class PostFile:
             return read_global_values(self._records)
         except PostDamageError as damage:
             raise ResultError(
-                f"global variables of {self._name(row)}: {damage.problem} "
-                f"(byte {damage.at})",
+                f"global variables of {self._name(row)}: {damage.problem} (byte {damage.at})",
                 self.path,
             ) from damage
 

@@ -72,9 +72,7 @@ class PostRecords(Protocol):
     def verification(self, first: int, second: int) -> list[int]:
         """Read `first` and `second` integers of a model's verification data."""
 
-    def table(
-        self, rows: int, integers: int, reals: int
-    ) -> tuple[Numbers | None, Numbers | None]:
+    def table(self, rows: int, integers: int, reals: int) -> tuple[Numbers | None, Numbers | None]:
         """Pass `rows` records alike: `integers`, then `reals`; None for none."""
 
     def flow(self, rows: int, columns: int) -> Numbers:

@@ -151,26 +151,16 @@ def _template(
         raw = np.frombuffer(file.take(first, last - first), dtype=np.uint8)
         parts.append(_Part(first - start, last - first, places, raw[places]))
     head = start + parts[0].length
-    for stop in (
-        layout.title[1],
-        *(grid.start + grid.stride for grid in (integers, reals)),
-    ):
+    for stop in (layout.title[1], *(grid.start + grid.stride for grid in (integers, reals))):
         if stop > head:
             return None
     title = layout.title[0] - start, layout.title[1] - start
     return _Template(
-        layout,
-        length,
-        tuple(parts),
-        integers.shifted(-start),
-        reals.shifted(-start),
-        title,
+        layout, length, tuple(parts), integers.shifted(-start), reals.shifted(-start), title
     )
 
 
-def _between(
-    free: Sequence[tuple[int, int]], start: int, end: int
-) -> list[tuple[int, int]]:
+def _between(free: Sequence[tuple[int, int]], start: int, end: int) -> list[tuple[int, int]]:
     """Give what of `start` to `end` is not in `free`."""
     spans, at = [], start
     for first, last in sorted(free):

@@ -98,18 +98,14 @@ class PostWalk:
             raise self._unexpected(f"{BEGIN} or {INCREMENT}")
         self._where = "before the first increment"
         if model.revision not in _SEEN_REVISIONS:
-            self._remark(
-                f"post revision {model.revision}: real files of 12 and 14 were seen"
-            )
+            self._remark(f"post revision {model.revision}: real files of 12 and 14 were seen")
         self.models.append(model)
         self.whole_bytes = self.records.at
 
     def _domain(self) -> None:
         domains, number = self.records.integers(2)
         if domains > 1:
-            self._remark(
-                f"part {number} of a model that was solved in {domains} domains"
-            )
+            self._remark(f"part {number} of a model that was solved in {domains} domains")
 
     def _increment(self) -> None:
         records = self.records
@@ -247,9 +243,7 @@ class PostWalk:
             else:
                 self.whole_bytes = records.file.size
         elif records.at >= records.file.size:
-            self.problem = (
-                f"no {FILE_END} at the end: the run is going on, or was stopped"
-            )
+            self.problem = f"no {FILE_END} at the end: the run is going on, or was stopped"
         else:
             raise self._unexpected(f"{INCREMENT} or {FILE_END}")
 

@@ -24,10 +24,7 @@ Planner = Callable[[PostMesh, Layers, int], Plan]
 
 
 def history(
-    post: PostFile,
-    planner: Planner,
-    pick: Callable[[FloatArray], FloatArray],
-    options: ReadOptions,
+    post: PostFile, planner: Planner, pick: Callable[[FloatArray], FloatArray], options: ReadOptions
 ) -> tuple[FloatArray, FloatArray]:
     """Values at each increment that has any: ``(T,)`` in ms and ``(T, S, C)``.
 
@@ -69,17 +66,11 @@ def history(
 
 
 def _plan(
-    post: PostFile,
-    one: PostIncrement,
-    planner: Planner,
-    options: ReadOptions,
-    *,
-    told: bool,
+    post: PostFile, one: PostIncrement, planner: Planner, options: ReadOptions, *, told: bool
 ) -> Plan:
     if post.codes_of(one.row) != post.codes:
         raise ResultError(
-            f"increment {one.increment} has other post codes than the first model",
-            post.path,
+            f"increment {one.increment} has other post codes than the first model", post.path
         )
     mesh = post.meshes[one.mesh]
     layers = layers_of(mesh, post.path)
@@ -102,9 +93,7 @@ def _with_element_values(post: PostFile, options: ReadOptions) -> list[PostIncre
     _tell_left(empty, "without element values", options)
     modes = [one for one in post.increments if one.harmonic]
     _tell_left(modes, "of frequency, not of time", options)
-    return [
-        one for one in post.increments if one.has_element_values and not one.harmonic
-    ]
+    return [one for one in post.increments if one.has_element_values and not one.harmonic]
 
 
 def _tell_left(left: list[PostIncrement], what: str, options: ReadOptions) -> None:
@@ -114,9 +103,7 @@ def _tell_left(left: list[PostIncrement], what: str, options: ReadOptions) -> No
         options.note(f"left out: increments {what}, {shown}{more}")
 
 
-def _check_same(
-    plan: Plan, plans: dict[int, Plan], one: PostIncrement, path: Path
-) -> None:
+def _check_same(plan: Plan, plans: dict[int, Plan], one: PostIncrement, path: Path) -> None:
     """Hold the elements of a new mesh against those of the first."""
     if plans and not plan.same_as(next(iter(plans.values()))):
         raise ResultError(

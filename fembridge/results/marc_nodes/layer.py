@@ -45,23 +45,17 @@ def layers_of(mesh: PostMesh, path: Path) -> Layers:
     member = _membership(mesh)
     if not member.size:
         return Layers(np.zeros(count, dtype=np.int64), ("all elements",), False)
-    columns, first, layer = np.unique(
-        member, axis=1, return_index=True, return_inverse=True
-    )
+    columns, first, layer = np.unique(member, axis=1, return_index=True, return_inverse=True)
     order = np.argsort(first)  # as they come in the file
     names = [
-        " and ".join(
-            one.name for one, is_in in zip(_sets(mesh), column, strict=True) if is_in
-        )
+        " and ".join(one.name for one, is_in in zip(_sets(mesh), column, strict=True) if is_in)
         or "no element set"
         for column in columns.T[order]
     ]
     return Layers(np.argsort(order)[layer.reshape(-1)], tuple(names), True)
 
 
-def _named_by_sets(
-    mesh: PostMesh, layer: IntArray, names: list[str]
-) -> tuple[str, ...]:
+def _named_by_sets(mesh: PostMesh, layer: IntArray, names: list[str]) -> tuple[str, ...]:
     """Name a layer by the smallest element set that has just its elements, or more."""
     member = _membership(mesh)
     for number in range(len(names)):

@@ -16,9 +16,7 @@ def describe_post(post: PostFile, path: Path) -> Table:
     """Tell what an open post file holds: header, mesh, sets, quantities, problems."""
     mesh = post.meshes[0] if post.meshes else None
     nodes = 0 if mesh is None else mesh.node_ids.size
-    types, counts = np.unique(
-        [] if mesh is None else mesh.element_types, return_counts=True
-    )
+    types, counts = np.unique([] if mesh is None else mesh.element_types, return_counts=True)
     held: Table = {
         "format": f"marc-{post.kind}",
         "bytes": path.stat().st_size,
@@ -33,8 +31,7 @@ def describe_post(post: PostFile, path: Path) -> Table:
             "points stored an element": post.points,
         },
         "element_types": {
-            str(int(number)): int(count)
-            for number, count in zip(types, counts, strict=True)
+            str(int(number)): int(count) for number, count in zip(types, counts, strict=True)
         },
         "codes": [code.code for code in post.codes],
         "sets": [
@@ -60,13 +57,10 @@ def _quantities(post: PostFile, nodes: int) -> list[Table]:
             found.setdefault(quantity.name, (parts, "nodes", []))[2].append(one)
         if one.has_element_values:
             for held in element_quantities(post.codes):
-                entry = found.setdefault(
-                    held.name, (held.components, "integration points", [])
-                )
+                entry = found.setdefault(held.name, (held.components, "integration points", []))
                 entry[2].append(one)
     return [
-        _told(name, parts, where, some, nodes, post)
-        for name, (parts, where, some) in found.items()
+        _told(name, parts, where, some, nodes, post) for name, (parts, where, some) in found.items()
     ]
 
 

@@ -92,9 +92,7 @@ def plan_sides(
 
 
 def _plan(mesh: PostMesh, parts: list[tuple[Side, ...]], stored: int) -> Plan:
-    rows = np.unique(
-        np.concatenate([side.element_rows for sides in parts for side in sides])
-    )
+    rows = np.unique(np.concatenate([side.element_rows for sides in parts for side in sides]))
     weights = np.zeros((len(parts), rows.size, stored))
     for share, sides in zip(weights, parts, strict=True):
         total = sum(side.element_rows.size for side in sides)
@@ -106,9 +104,5 @@ def _plan(mesh: PostMesh, parts: list[tuple[Side, ...]], stored: int) -> Plan:
     place = np.searchsorted(mesh.node_ids, nodes, sorter=order)
     at_mm = mesh.coordinates_mm[order[np.minimum(place, order.size - 1)]]
     at_mm = np.where((nodes != 0)[:, :, None], at_mm, 0.0)
-    told = np.hstack(
-        [mesh.element_types[rows, None], nodes, at_mm.reshape(rows.size, -1)]
-    )
-    return Plan(
-        rows, weights, tuple(parts), told, tuple(remarks_on(mesh, rows, stored))
-    )
+    told = np.hstack([mesh.element_types[rows, None], nodes, at_mm.reshape(rows.size, -1)])
+    return Plan(rows, weights, tuple(parts), told, tuple(remarks_on(mesh, rows, stored)))

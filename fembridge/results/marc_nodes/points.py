@@ -87,12 +87,7 @@ class MeshPoints:
             corners = np.searchsorted(self._keys, keys)
             order = _ORDERS.get(shape, slice(None))
             cells.append(
-                SceneCells(
-                    _KINDS[shape],
-                    self.mesh.element_ids[rows],
-                    layer,
-                    corners[:, order],
-                )
+                SceneCells(_KINDS[shape], self.mesh.element_ids[rows], layer, corners[:, order])
             )
         return Scene(
             points_mm=self.mesh.coordinates_mm[self.rows],
@@ -120,9 +115,7 @@ class MeshPoints:
             used = (some.weights != 0).any(axis=0)
             at_points = values[some.element_rows][:, used]
             carried = np.einsum("np,kpc->knc", some.weights[:, used], at_points)
-            keys = self.layers.layer[some.element_rows, None] * size + self.rows_of(
-                some.nodes
-            )
+            keys = self.layers.layer[some.element_rows, None] * size + self.rows_of(some.nodes)
             at = np.searchsorted(self._keys, keys).ravel()
             count += np.bincount(at, some.once.ravel(), count.size)
             for column in range(values.shape[2]):

@@ -68,9 +68,7 @@ def corners_of(
         try:
             weights = node_weights(number, count, stored, method)
         except ValueError as error:
-            raise ResultError(
-                f"element {mesh.element_ids[some[0]]}: {error}", path
-            ) from error
+            raise ResultError(f"element {mesh.element_ids[some[0]]}: {error}", path) from error
         nodes = mesh.connectivity[some][:, : len(weights)]
         check_nodes(mesh, some, nodes, path)
         times = (nodes[:, :, None] == nodes[:, None, :]).sum(axis=2)
@@ -96,12 +94,7 @@ def check_nodes(mesh: PostMesh, rows: IntArray, nodes: IntArray, path: Path) -> 
 
 
 def sides_of(
-    mesh: PostMesh,
-    layers: Layers,
-    nodes: Sequence[int],
-    stored: int,
-    method: str,
-    path: Path,
+    mesh: PostMesh, layers: Layers, nodes: Sequence[int], stored: int, method: str, path: Path
 ) -> list[list[Side]]:
     """Give the sides of each node, lowest layer first.
 
@@ -159,9 +152,7 @@ def _sides(
         if node not in known:
             near = np.sort(known[np.argsort(np.abs(known - node), kind="stable")[:3]])
             words = f"it has {known.min()} to {known.max()}" if known.size else "none"
-            close = (
-                f", near it {', '.join(map(str, near.tolist()))}" if known.size else ""
-            )
+            close = f", near it {', '.join(map(str, near.tolist()))}" if known.size else ""
             raise ResultError(f"no node {node} in the mesh: {words}{close}", path)
         raise ResultError(
             f"node {node} is a corner of no element with values: a pressure node, or "

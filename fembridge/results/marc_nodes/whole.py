@@ -51,7 +51,5 @@ def check_unchanged(post: PostFile, options: ReadOptions) -> None:
     if post.change is None:
         return
     if not options.partial:
-        raise ResultError(
-            f"{post.change}; read it again when the run has ended", post.path
-        )
+        raise ResultError(f"{post.change}; read it again when the run has ended", post.path)
     options.note(post.change)

@@ -254,14 +254,12 @@ def _array(file: H5File, place: str, axes: tuple[str, ...], increment: int) -> H
         raise ResultError(f"no array /{place}, there is {there or 'none'}", file.path)
     if len(found.shape) != len(axes):
         raise ResultError(
-            f"/{place} has {len(found.shape)} dimensions, described are {len(axes)}",
-            file.path,
+            f"/{place} has {len(found.shape)} dimensions, described are {len(axes)}", file.path
         )
     for name, count in zip(axes, found.shape, strict=True):
         if name in _SINGLE and count != 1:
             raise ResultError(
-                f"/{place} has {count} in its dimension {name!r}: what they are is not "
-                "described",
+                f"/{place} has {count} in its dimension {name!r}: what they are is not described",
                 file.path,
             )
     listed, held = len(_increments(file)), found.shape[axes.index("increment")]
@@ -272,9 +270,7 @@ def _array(file: H5File, place: str, axes: tuple[str, ...], increment: int) -> H
             file.path,
         )
     if not 0 <= increment < held:
-        raise ResultError(
-            f"no increment {increment}, there are {held} from 0", file.path
-        )
+        raise ResultError(f"no increment {increment}, there are {held} from 0", file.path)
     return found
 
 

@@ -102,9 +102,7 @@ def read_history_tables(path: Path) -> list[HistoryText]:
     longest = max(runs, key=lambda run: len(run.rows))
     least = min(_LEAST_OTHER_ROWS, len(longest.rows))
     return [
-        _table(run)
-        for run in runs
-        if run.columns == longest.columns and len(run.rows) >= least
+        _table(run) for run in runs if run.columns == longest.columns and len(run.rows) >= least
     ]
 
 

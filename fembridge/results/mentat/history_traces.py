@@ -31,9 +31,7 @@ class _Curve:
     stress_pa: FloatArray
 
 
-def read(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> list[StressTrace]:
+def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
     """Read von Mises stress over time at `nodes`, in that order.
 
     Where the text names no node, `nodes` say whose its curves are, one for each.
@@ -82,9 +80,7 @@ def describe(path: Path) -> Table:
     }
 
 
-def _chosen(
-    curves: Sequence[_Curve], nodes: Sequence[int], path: Path
-) -> list[tuple[int, _Curve]]:
+def _chosen(curves: Sequence[_Curve], nodes: Sequence[int], path: Path) -> list[tuple[int, _Curve]]:
     named = [curve.node for curve in curves if curve.node is not None]
     if not named:
         if len(nodes) != len(curves):
@@ -112,11 +108,7 @@ def _curves(path: Path, options: ReadOptions) -> list[_Curve]:
         columns = _stress_columns(table, path, options)
         times_ms = table.values[:, table.x] * MS_PER_S
         curves += [
-            _Curve(
-                table.node(column),
-                times_ms,
-                in_pa(table.values[:, column], options, path),
-            )
+            _Curve(table.node(column), times_ms, in_pa(table.values[:, column], options, path))
             for column in columns
         ]
     return curves
@@ -133,15 +125,11 @@ def _stress_columns(table: HistoryText, path: Path, options: ReadOptions) -> lis
                 table.line,
             )
         above = f"; above them: {' / '.join(table.header)[:200]!r}" * bool(table.header)
-        options.note(
-            f"columns without names, taken as time in s and von Mises stress{above}"
-        )
+        options.note(f"columns without names, taken as time in s and von Mises stress{above}")
         return list(others)
     if not table.is_over_time:
         raise ResultError(
-            f"over {table.labels[table.x]!r}, a trace needs Time there",
-            path,
-            table.line,
+            f"over {table.labels[table.x]!r}, a trace needs Time there", path, table.line
         )
     columns = [k for k in others if _VON_MISES.search(table.labels[k])]
     left = ", ".join(repr(table.labels[k]) for k in others if k not in columns)

@@ -86,9 +86,7 @@ def _lines(path: Path) -> list[str]:
     lines = []
     for count, line, _ in text_lines(path):
         if "\0" in line:
-            raise ResultError(
-                "a zero byte: no text, or UTF-16, expected UTF-8", path, count
-            )
+            raise ResultError("a zero byte: no text, or UTF-16, expected UTF-8", path, count)
         plain = line.removeprefix(_UTF_8_MARK) if count == 1 else line
         with suppress(UnicodeDecodeError):  # else Latin-1 it is
             plain = plain.encode("latin-1").decode("utf-8")

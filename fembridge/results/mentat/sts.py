@@ -78,10 +78,7 @@ class Sts:
             return f"the job has not ended, or was killed{where}"
         if self.exit_number != SUCCESS:
             where = f" after {self._reached}" if self.rows else " before any increment"
-            return (
-                f"the job ended{where} with exit number {self.exit_number}, "
-                f"{SUCCESS} is success"
-            )
+            return f"the job ended{where} with exit number {self.exit_number}, {SUCCESS} is success"
         return None
 
     @property
@@ -144,9 +141,7 @@ def _is_header(text: str, path: Path, number: int) -> bool:
         return False
     if text.split() != _HEADER.split():
         raise ResultError(
-            f"columns {' '.join(text.split())!r}, only {_HEADER!r} is known",
-            path,
-            number,
+            f"columns {' '.join(text.split())!r}, only {_HEADER!r} is known", path, number
         )
     return True
 
@@ -167,9 +162,7 @@ def _row(line: str, path: Path, number: int) -> StsRow:
         cells += [step_s * MS_PER_S, time_s * MS_PER_S, *lengths_mm]
         return StsRow(*cells)
     except ValueError as error:
-        raise ResultError(
-            f"no increment: {error} in {line[:120]!r}", path, number
-        ) from error
+        raise ResultError(f"no increment: {error} in {line[:120]!r}", path, number) from error
 
 
 def _count(field: str) -> int | None:

@@ -30,10 +30,7 @@ _DEFAULTS = ReadOptions()
 
 
 def read_sections(
-    path: Path,
-    quantity: str,
-    set_name: str | None = None,
-    options: ReadOptions = _DEFAULTS,
+    path: Path, quantity: str, set_name: str | None = None, options: ReadOptions = _DEFAULTS
 ) -> list[DatSection]:
     """Read all sections of `quantity` ("forces", "stresses", ...), in file order.
 
@@ -48,9 +45,7 @@ def read_sections(
     sections = list(
         dat_sections(
             path,
-            lambda name, of: (
-                name == quantity and (asked is None or of.casefold() == asked)
-            ),
+            lambda name, of: name == quantity and (asked is None or of.casefold() == asked),
             options,
             held,
         )
@@ -170,14 +165,11 @@ def _history(
     sets = list(dict.fromkeys(section.set_name for section in sections))
     if len(sets) > 1:
         raise ResultError(
-            f"{quantity} are there for {len(sets)} sets, {', '.join(sets)}: "
-            "name one (--print-set)",
+            f"{quantity} are there for {len(sets)} sets, {', '.join(sets)}: name one (--print-set)",
             path,
         )
     if not first.over_time:
-        raise ResultError(
-            f"{quantity} of modes or frequencies, no history over time", path
-        )
+        raise ResultError(f"{quantity} of modes or frequencies, no history over time", path)
     if not len(first.values):
         raise ResultError(f"{first}: no records", path)
     if options.partial and len(sections) > 1:
@@ -193,9 +185,7 @@ def _history(
     return times_ms, first.labels, values
 
 
-def _check_pair(
-    path: Path, first: DatSection, before: DatSection, section: DatSection
-) -> None:
+def _check_pair(path: Path, first: DatSection, before: DatSection, section: DatSection) -> None:
     same = first.values.shape == section.values.shape
     if not same or not np.array_equal(section.labels, first.labels):
         raise ResultError(
@@ -207,9 +197,7 @@ def _check_pair(
         raise ResultError(f"{section} comes after {before.time_ms:g} ms", path)
 
 
-def _check_finite(
-    path: Path, first: DatSection, times_ms: FloatArray, values: FloatArray
-) -> None:
+def _check_finite(path: Path, first: DatSection, times_ms: FloatArray, values: FloatArray) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         row, record, column = bad[0]

@@ -221,18 +221,14 @@ def _column_names(names: tuple[str, ...], quantity: str, count: int) -> tuple[st
     if not names:
         names = ("x", "y", "z") if count == 3 else (quantity,)
     if len(names) == 1:
-        return (
-            names if count == 1 else tuple(f"{names[0]}{k + 1}" for k in range(count))
-        )
+        return names if count == 1 else tuple(f"{names[0]}{k + 1}" for k in range(count))
     return names if not count else names[:count]
 
 
 def _record(line: str, now: _Open, path: Path, number: int) -> None:
     values: list[float] = []
     rest = line
-    while rest and (
-        _VALUE.fullmatch(rest[-_VALUE_WIDTH:]) or _ODD_VALUE.fullmatch(rest[-14:])
-    ):
+    while rest and (_VALUE.fullmatch(rest[-_VALUE_WIDTH:]) or _ODD_VALUE.fullmatch(rest[-14:])):
         values.append(_float(rest[-_VALUE_WIDTH:]))
         rest = rest[:-_VALUE_WIDTH]
     values.reverse()

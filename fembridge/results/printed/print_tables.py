@@ -91,11 +91,7 @@ def print_table_of(path: Path) -> PrintTable | None:
 
 
 def write_print_table(
-    table: PrintTable,
-    path: Path,
-    output: Path,
-    options: ReadOptions,
-    quantity: str | None = None,
+    table: PrintTable, path: Path, output: Path, options: ReadOptions, quantity: str | None = None
 ) -> int:
     """Write what `path` holds as CSV to `output`; give the count of rows.
 
@@ -129,9 +125,7 @@ def unit_of(quantity: str, options: ReadOptions) -> str:
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
     counts: dict[tuple[str, str], int] = {}
     before: DatSection | None = None
-    sections = dat_sections(
-        path, lambda name, _: quantity is None or name == quantity, options
-    )
+    sections = dat_sections(path, lambda name, _: quantity is None or name == quantity, options)
     for section in sections:
         if before is not None:
             yield from _section_rows(before, path, options)
@@ -150,19 +144,14 @@ def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterato
     yield from _section_rows(before, path, options)
 
 
-def _section_rows(
-    section: DatSection, path: Path, options: ReadOptions
-) -> Iterator[Row]:
+def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:
     unit = unit_of(section.quantity, options)
     bad = np.argwhere(~np.isfinite(section.values))
     if bad.size:
         row, column = bad[0]
         labels = zip(section.label_names, section.labels[row].tolist(), strict=True)
         where = ", ".join(f"{name} {label}" for name, label in labels)
-        words = (
-            f"{section}, {where}: {section.columns[column]} is "
-            f"{section.values[row, column]}"
-        )
+        words = f"{section}, {where}: {section.columns[column]} is {section.values[row, column]}"
         if not options.partial:
             raise ResultError(words, path)
         options.note(f"dropped the section: {words}")
@@ -173,12 +162,9 @@ def _section_rows(
     time_ms = section.time_ms if section.over_time else ""
     mode = "" if section.mode is None else section.mode
     places = [
-        section.label_names.index(name) if name in section.label_names else None
-        for name in _LABELS
+        section.label_names.index(name) if name in section.label_names else None for name in _LABELS
     ]
-    for labels_row, values in zip(
-        section.labels.tolist(), stored.tolist(), strict=True
-    ):
+    for labels_row, values in zip(section.labels.tolist(), stored.tolist(), strict=True):
         label = ["" if at is None else labels_row[at] for at in places]
         for name, value in zip(section.columns, values, strict=True):
             yield (

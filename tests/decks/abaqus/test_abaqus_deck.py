@@ -61,9 +61,7 @@ def test_the_elements_around_an_afferent_are_all_that_have_its_node(read):
         _, _, rows = deck.one("ELSET", ELSET=f"AROUND_{name.upper()}")
         found = {int(word) for row in rows for word in row}
         assert found == {k for k, nodes in elements.items() if node in nodes}
-        layers = {
-            layer.name for layer in model.layers if found & set(layer.number.tolist())
-        }
+        layers = {layer.name for layer in model.layers if found & set(layer.number.tolist())}
         assert len(layers) == 1
 
 
@@ -78,10 +76,7 @@ def test_the_probe_is_moved_by_the_waveform_and_the_rest_is_held(read):
     assert_allclose(depth_mm, motion.depth_mm, rtol=0, atol=1e-12)
     held, moved = deck.all("BOUNDARY")
     assert held[2] == [["HELD", "1", "2"], ["PROBE", "1", "1"]]
-    assert (moved[1], moved[2]) == (
-        {"AMPLITUDE": "DEPTH"},
-        [["PROBE", "2", "2", "-1.0"]],
-    )
+    assert (moved[1], moved[2]) == ({"AMPLITUDE": "DEPTH"}, [["PROBE", "2", "2", "-1.0"]])
     assert deck.one("STEP")[1]["NLGEOM"] == "YES"
     _, options, [[dt_s, end_s]] = deck.one("STATIC")
     assert options == {"DIRECT": ""}

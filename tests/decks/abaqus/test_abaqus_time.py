@@ -15,9 +15,7 @@ SKIN = mesh_of(QUICK)
 
 
 def relaxing_finger():
-    dermis = replace(
-        QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02), PronyTerm(0.1, 1.0))
-    )
+    dermis = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02), PronyTerm(0.1, 1.0)))
     return replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
 
 
@@ -26,10 +24,7 @@ def test_relaxing_skin_is_a_prony_series_of_the_moduli_at_once(parse_deck, short
 
     [(_, options, rows)] = deck.all("VISCOELASTIC")
     assert options["TIME"] == "PRONY"
-    assert [[float(word) for word in row] for row in rows] == [
-        [0.4, 0.0, 0.02],
-        [0.1, 0.0, 1.0],
-    ]
+    assert [[float(word) for word in row] for row in rows] == [[0.4, 0.0, 0.02], [0.1, 0.0, 1.0]]
     at_once = [card for card in deck.all("ELASTIC") if card[1]]
     assert [card[1] for card in at_once] == [{"MODULI": "INSTANTANEOUS"}]
     assert len(deck.all("VISCO")) == 1

@@ -39,9 +39,7 @@ def test_the_same_input_gives_the_same_bytes(models, short):
     for kind in ("plain", "flat aside"):
         model = models[kind]
         again = replace(model, mesh=mesh_of(model.finger))
-        assert calculix_deck(model.analysis(short)) == calculix_deck(
-            again.analysis(short)
-        )
+        assert calculix_deck(model.analysis(short)) == calculix_deck(again.analysis(short))
 
 
 def test_a_deck_is_ascii_with_lf_and_ends_in_one(built):
@@ -210,12 +208,9 @@ def test_a_modulus_of_many_digits_is_not_cut_by_ccx(short, parse_deck):
 
 def test_a_whole_number_and_the_same_float_give_the_same_deck(short):
     whole, real_ = (
-        replace(QUICK, materials={**QUICK.materials, "dermis": Material(e, 0.3)})
-        for e in (1, 1.0)
+        replace(QUICK, materials={**QUICK.materials, "dermis": Material(e, 0.3)}) for e in (1, 1.0)
     )
-    assert calculix_deck(analyse(whole, SKIN, short)) == calculix_deck(
-        analyse(real_, SKIN, short)
-    )
+    assert calculix_deck(analyse(whole, SKIN, short)) == calculix_deck(analyse(real_, SKIN, short))
 
 
 def test_cards_stand_in_the_order_that_ccx_asks_for(built):

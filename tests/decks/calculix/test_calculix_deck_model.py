@@ -26,11 +26,7 @@ from fembridge.stimulus import Stimulus
 def test_bone_and_the_nails_outer_side_are_held_mid_sides_included(built):
     analysis, _, deck = built
     nodes, elements = deck.nodes(), deck.elements()
-    bone = {
-        number
-        for row in deck.one("ELEMENT", ELSET="BONE")[2]
-        for number in map(int, row[1:])
-    }
+    bone = {number for row in deck.one("ELEMENT", ELSET="BONE")[2] for number in map(int, row[1:])}
     held = set(deck.set_of("HELD"))
     assert bone <= held
     edges = {}
@@ -50,9 +46,7 @@ def test_bone_and_the_nails_outer_side_are_held_mid_sides_included(built):
     assert max(y_mm) < -6.5
 
 
-def test_an_edge_inside_the_nail_is_free_even_between_two_held_nodes(
-    models, short, parse_deck
-):
+def test_an_edge_inside_the_nail_is_free_even_between_two_held_nodes(models, short, parse_deck):
     """A nail of one row, open on both sides: its uprights' middles are not outside."""
     x, y = (at.ravel() for at in np.meshgrid(np.arange(4.0), [0.0, -1.0]))
     quad = np.array([[4, 5, 1, 0], [5, 6, 2, 1], [6, 7, 3, 2]])
@@ -110,11 +104,7 @@ def test_results_can_be_had_in_ascii(models, short, parse_deck):
 
 def test_the_force_on_the_probe_is_printed(built):
     _, _, deck = built
-    assert deck.one("NODE PRINT") == (
-        "NODE PRINT",
-        {"NSET": "PROBE", "TOTALS": "ONLY"},
-        [["RF"]],
-    )
+    assert deck.one("NODE PRINT") == ("NODE PRINT", {"NSET": "PROBE", "TOTALS": "ONLY"}, [["RF"]])
 
 
 def test_every_surface_face_is_on_the_outside_and_faces_the_other(built):
@@ -140,11 +130,7 @@ def face_of(members, face):
 
 def test_as_a_set_of_nodes_the_skin_has_its_mid_sides_too(models, short, parse_deck):
     plain_, quadratic = (
-        set(
-            parse_deck(calculix_deck(models[kind].analysis(short))).set_of(
-                "SKIN_CONTACT"
-            )
-        )
+        set(parse_deck(calculix_deck(models[kind].analysis(short))).set_of("SKIN_CONTACT"))
         for kind in ("plain", "quadratic")
     )
     assert plain_ < quadratic
@@ -169,9 +155,7 @@ def test_contact_by_surface_gives_a_stiffness_alone(models, short, parse_deck):
 
 
 def test_without_friction_there_is_no_card_of_it(models, short, parse_deck):
-    assert not parse_deck(calculix_deck(models["smooth"].analysis(short))).all(
-        "FRICTION"
-    )
+    assert not parse_deck(calculix_deck(models["smooth"].analysis(short))).all("FRICTION")
 
 
 def test_a_contact_that_ccx_has_not_for_plane_elements_is_refused(models, short):

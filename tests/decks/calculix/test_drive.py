@@ -45,9 +45,7 @@ def test_all_nodes_of_the_probe_go_down_with_the_node_on_the_spring(parse_deck, 
     pairs = tied(deck, 2)
     assert set(pairs) == probe
     [rigid] = set(pairs.values())
-    [(_, _, [spring])] = [
-        card for card in deck.all("ELEMENT") if card[1]["TYPE"] == "SPRING2"
-    ]
+    [(_, _, [spring])] = [card for card in deck.all("ELEMENT") if card[1]["TYPE"] == "SPRING2"]
     _, on_spring, driver = map(int, spring)
     assert on_spring == rigid
     assert {rigid, driver}.isdisjoint(probe)
@@ -95,9 +93,7 @@ def test_the_spring_changes_the_iterations_and_not_the_stress(tmp_path):
     """Twenty increments of a held sine, both ways; within 0.05 % of the peak."""
     [entry] = resolve(["sine_100_54.98"])
     whole = make_stimulus(entry, preindent_um=75.0)
-    wave = replace(
-        whole, displacement_um=whole.displacement_um[:21], window_ms=(0.0, 10.0)
-    )
+    wave = replace(whole, displacement_um=whole.displacement_um[:21], window_ms=(0.0, 10.0))
     traces, iterations = {}, {}
     for drive in ("prescribed", "spring"):
         model = replace(model_of(QUICK), drive=drive)
@@ -107,7 +103,5 @@ def test_the_spring_changes_the_iterations_and_not_the_stress(tmp_path):
         iterations[drive] = outcome.iterations
         assert read_run_folder(run.folder).inputs.get("drive", "prescribed") == drive
     peak_pa = traces["prescribed"].max(axis=1, keepdims=True)
-    assert_allclose(
-        traces["spring"] / peak_pa, traces["prescribed"] / peak_pa, rtol=0, atol=5e-4
-    )
+    assert_allclose(traces["spring"] / peak_pa, traces["prescribed"] / peak_pa, rtol=0, atol=5e-4)
     assert iterations["spring"] < iterations["prescribed"]

@@ -120,9 +120,7 @@ def test_the_skin_on_the_axis_has_a_contact_pair_of_its_own_half_as_stiff(both):
     assert half.one("SURFACE", NAME="AXIS_SURFACE")[2] == [["AXIS_CONTACT"]]
     names = [card[1]["NAME"] for card in half.all("SURFACE INTERACTION")]
     assert names == ["TOUCH", "TOUCH_ON_AXIS"]
-    full, halved = (
-        [float(word) for word in card[2][0]] for card in half.all("SURFACE BEHAVIOR")
-    )
+    full, halved = ([float(word) for word in card[2][0]] for card in half.all("SURFACE BEHAVIOR"))
     assert full == [float(w) for w in whole.one("SURFACE BEHAVIOR")[2][0]]
     assert halved == [0.5 * value for value in full]
     frictions = [[float(w) for w in card[2][0]] for card in half.all("FRICTION")]
@@ -133,9 +131,7 @@ def test_the_skin_on_the_axis_has_a_contact_pair_of_its_own_half_as_stiff(both):
 
 def test_all_nodes_on_the_axis_are_held_aside_in_each_step(both):
     whole, half = both
-    finger = {
-        int(row[0]) for row in half.one("NODE", NSET="FINGER")[2] if float(row[1]) == 0
-    }
+    finger = {int(row[0]) for row in half.one("NODE", NSET="FINGER")[2] if float(row[1]) == 0}
     assert set(half.set_of("AXIS")) == finger
     steps = half.all("STEP")
     fixed = [card[2] for card in half.all("BOUNDARY") if not card[1]]
@@ -166,23 +162,17 @@ def test_decks_of_other_solvers_are_of_the_whole(short):
     analysis = half_of(short, element="CPE4H")
     whole = replace(analysis, section="whole")
     assert abaqus_deck(analysis) == abaqus_deck(whole)
-    marc, same = (
-        DIALECTS["marc"].write(one, DeckOptions()) for one in (analysis, whole)
-    )
+    marc, same = (DIALECTS["marc"].write(one, DeckOptions()) for one in (analysis, whole))
     assert marc == same
 
 
 @pytest.mark.solver
-@pytest.mark.parametrize(
-    ("word", "held_um"), [("sine_100_54.98", 75.0), ("sine_100_85.98", 0.0)]
-)
+@pytest.mark.parametrize(("word", "held_um"), [("sine_100_54.98", 75.0), ("sine_100_85.98", 0.0)])
 def test_half_of_a_section_has_the_stress_of_the_whole(word, held_um, tmp_path):
     """Twenty increments of a sine; within 0.02 % of the peak, forces as well."""
     [entry] = resolve([word])
     sine = make_stimulus(entry, preindent_um=held_um)
-    wave = replace(
-        sine, displacement_um=sine.displacement_um[:21], window_ms=(0.0, 10.0)
-    )
+    wave = replace(sine, displacement_um=sine.displacement_um[:21], window_ms=(0.0, 10.0))
     traces, force_n = {}, {}
     for section in ("whole", "half"):
         model = replace(model_of(QUICK), section=section)
@@ -193,8 +183,6 @@ def test_half_of_a_section_has_the_stress_of_the_whole(word, held_um, tmp_path):
         assert bool(read_run_folder(folder).on_axis) == (section == "half")
     peak_pa = traces["whole"].max(axis=1, keepdims=True)
     assert peak_pa.min() > 100
-    assert_allclose(
-        traces["half"] / peak_pa, traces["whole"] / peak_pa, rtol=0, atol=2e-4
-    )
+    assert_allclose(traces["half"] / peak_pa, traces["whole"] / peak_pa, rtol=0, atol=2e-4)
     peak_n = np.abs(force_n["whole"]).max()
     assert_allclose(force_n["half"] / peak_n, force_n["whole"] / peak_n, atol=5e-4)

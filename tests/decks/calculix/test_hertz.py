@@ -96,17 +96,13 @@ def block():
 def pressed():
     """Press the cylinder into the block, in the words of a deck writer."""
     mesh = block()
-    stimulus = Stimulus(
-        "press", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS)
-    )
+    stimulus = Stimulus("press", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS))
     finger = Finger(
         "block",
         outline=Outline(50.0, 50.0),
         bone=Bone(depth_mm=50.0),
         materials={**QUICK.materials, "dermis": Material(YOUNG_MPA, POISSON)},
-        afferents={
-            f"Z{k}": AfferentSite("dermis", 0.0, at) for k, at in enumerate(AXIS_MM)
-        },
+        afferents={f"Z{k}": AfferentSite("dermis", 0.0, at) for k, at in enumerate(AXIS_MM)},
     )
     probe = mesh_probe(Probe(diameter_mm=2 * RADIUS_MM), mesh)
     edge, owner, face = mesh.outline()
@@ -148,9 +144,7 @@ def solved(tmp_path_factory):
     _, nodes, forces_n = read_node_print(folder / "job.dat", "forces", "PROBE")
     first = len(analysis.mesh.node_mm) + 1
     assert nodes.tolist() == list(range(first, first + len(analysis.probe.node_mm)))
-    _, tensor_pa = read_stress_tensor(
-        folder / "job.frd", numbered(analysis).watched.tolist()
-    )
+    _, tensor_pa = read_stress_tensor(folder / "job.frd", numbered(analysis).watched.tolist())
     lower = analysis.probe.lower_node
     return (
         abs(float(total_n[-1, 1])),

@@ -86,21 +86,14 @@ def test_skin_that_weighs_next_to_nothing_answers_as_without_inertia(tmp_path):
     """On the way in: unloading, so light a skin flutters."""
     depth_um = 60.0 * (1 - np.cos(np.linspace(0, np.pi, 9)))
     wave = Stimulus("in", depth_um, 0.5, (0.0, 4.0))
-    light = {
-        layer: replace(one, density_kg_m3=1.0) for layer, one in QUICK.materials.items()
-    }
+    light = {layer: replace(one, density_kg_m3=1.0) for layer, one in QUICK.materials.items()}
     whole = replace(model_of(QUICK), drive="prescribed")
     light_finger = replace(QUICK, materials=light)
-    models = {
-        "static": whole,
-        "dynamic": replace(whole, finger=light_finger, inertia=True),
-    }
+    models = {"static": whole, "dynamic": replace(whole, finger=light_finger, inertia=True)}
     stress_pa = {}
     for name, model in models.items():
         build_run_folder(tmp_path / name, model, wave)
         run_calculix(tmp_path / name, threads=1)
         stress_pa[name] = np.array([one.stress_pa for one in read(tmp_path / name)])
     peak_pa = stress_pa["static"].max(axis=1, keepdims=True)
-    assert_allclose(
-        stress_pa["dynamic"] / peak_pa, stress_pa["static"] / peak_pa, atol=5e-3
-    )
+    assert_allclose(stress_pa["dynamic"] / peak_pa, stress_pa["static"] / peak_pa, atol=5e-3)

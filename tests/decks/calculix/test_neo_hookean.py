@@ -41,9 +41,7 @@ def constants(deck, layer):
 
 
 @pytest.mark.parametrize("layer", SOFT)
-def test_the_constants_are_half_the_shear_modulus_and_two_over_the_bulk_modulus(
-    law_deck, layer
-):
+def test_the_constants_are_half_the_shear_modulus_and_two_over_the_bulk_modulus(law_deck, layer):
     """Young's modulus and Poisson's ratio follow from G and K by E = 9KG/(3K + G)."""
     _, deck = law_deck("neo-hookean")
     c10_mpa, d1_per_mpa = constants(deck, layer)
@@ -157,10 +155,7 @@ def test_calculix_finds_the_stress_of_the_closed_form(law_deck, tmp_path, gradie
     scale_pa = np.abs(wanted_pa).max()
     tolerance = 1e-4 if scale_pa < 1e3 else 1e-6
     assert_allclose(
-        found_pa,
-        np.tile(wanted_pa, (len(found_pa), 1)),
-        rtol=0,
-        atol=tolerance * scale_pa,
+        found_pa, np.tile(wanted_pa, (len(found_pa), 1)), rtol=0, atol=tolerance * scale_pa
     )
     hooke_pa = PA_PER_MPA * hooke_mpa(gradient, TABLE_1["epidermis"])
     alike = np.abs(hooke_pa - expected_pa).max() < 1e-3 * scale_pa

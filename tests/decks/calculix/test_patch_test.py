@@ -145,9 +145,7 @@ SCALE_MPA = np.abs(HOOKE_MPA).max()
     ],
     ids=["CPE4", "CPE8R", "CPE4 sheared", "CPE4R sheared", "CPE8R sheared"],
 )
-def test_a_patch_under_a_linear_displacement_carries_the_stress_of_hooke(
-    solve, element, mesh
-):
+def test_a_patch_under_a_linear_displacement_carries_the_stress_of_hooke(solve, element, mesh):
     off_mm, at_nodes_mpa, at_points_mpa = solve(element, mesh)
 
     assert np.abs(off_mm).max() < 1e-12

@@ -167,9 +167,7 @@ def test_a_marc_deck_of_relaxing_skin_is_refused(short):
 
 
 @pytest.mark.solver
-@pytest.mark.parametrize(
-    "card", ["*VISCO, DIRECT, CETOL=1.0E6", "*DYNAMIC, DIRECT, ALPHA=-0.3"]
-)
+@pytest.mark.parametrize("card", ["*VISCO, DIRECT, CETOL=1.0E6", "*DYNAMIC, DIRECT, ALPHA=-0.3"])
 def test_ccx_relaxes_a_sheared_square_as_the_convolution_says(tmp_path, card):
     """Simple shear, small strain: the sum over branches against the exact stress."""
     has_mass = card.startswith("*DYNAMIC")
@@ -188,24 +186,13 @@ def test_ccx_relaxes_a_sheared_square_as_the_convolution_says(tmp_path, card):
         f"{DT_S}, {120 * DT_S}",
         "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 2, 2\n4, 2, 2",
         "*BOUNDARY, AMPLITUDE=WAY\n3, 1, 1, 1.0\n4, 1, 1, 1.0",
-        *(
-            f"*EL PRINT, ELSET={name}\nS"
-            for name in ("DERMIS", "DERMIS_PRONY_1", "DERMIS_PRONY_2")
-        ),
+        *(f"*EL PRINT, ELSET={name}\nS" for name in ("DERMIS", "DERMIS_PRONY_1", "DERMIS_PRONY_2")),
         "*END STEP",
     ]
     (tmp_path / "job.inp").write_text("\n".join(lines) + "\n", "ascii")
-    done = subprocess.run(
-        [find_ccx(), "-i", "job"], cwd=tmp_path, capture_output=True, text=True
-    )
+    done = subprocess.run([find_ccx(), "-i", "job"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-500:]
     sets = ("DERMIS", *(one.section.name.upper() for one in found))
-    summed_pa = sum(
-        read_point_stress(tmp_path / "job.dat", name)[2][:, :, 3] for name in sets
-    )
+    summed_pa = sum(read_point_stress(tmp_path / "job.dat", name)[2][:, :, 3] for name in sets)
     exact_pa = 1e6 * relaxed_stress(shear, RELAXING.shear_mpa, TERMS, DT_S)
-    assert_allclose(
-        summed_pa,
-        np.broadcast_to(exact_pa[:, None], summed_pa.shape),
-        atol=1e-5,
-    )
+    assert_allclose(summed_pa, np.broadcast_to(exact_pa[:, None], summed_pa.shape), atol=1e-5)

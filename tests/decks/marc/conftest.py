@@ -133,9 +133,7 @@ SKIN = mesh_of(QUICK)
 
 
 def model_of(element="CPE4H", *, stimulus=SHORT, probe=None, contact=None, **changes):
-    analysis = analyse(
-        QUICK, SKIN, stimulus, probe=probe, contact=contact, element=element
-    )
+    analysis = analyse(QUICK, SKIN, stimulus, probe=probe, contact=contact, element=element)
     return numbered(replace(analysis, **changes))
 
 

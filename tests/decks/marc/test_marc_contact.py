@@ -16,9 +16,7 @@ def edges_of(elements, kinds):
     count = Counter()
     for kind, *members in elements.values():
         if kind in kinds:
-            count.update(
-                frozenset((members[k], members[(k + 1) % 4])) for k in range(4)
-            )
+            count.update(frozenset((members[k], members[(k + 1) % 4])) for k in range(4))
     return [edge for edge, owners in count.items() if owners == 1]
 
 
@@ -45,16 +43,9 @@ def test_boundary_nodes_are_those_of_the_outline_mid_sides_included(built, colum
 def bodies_of(deck):
     """Data lines of each contact body, by name."""
     rows = deck.one("contact").rows[4:]
-    starts = [
-        k
-        for k, row in enumerate(rows)
-        if row[80:].isidentifier() and len(row[:80]) == 80
-    ]
+    starts = [k for k, row in enumerate(rows) if row[80:].isidentifier() and len(row[:80]) == 80]
     ends = [*starts[1:], len(rows)]
-    return {
-        rows[start][80:]: rows[start:end]
-        for start, end in zip(starts, ends, strict=True)
-    }
+    return {rows[start][80:]: rows[start:end] for start, end in zip(starts, ends, strict=True)}
 
 
 def test_the_finger_is_the_first_body_and_deformable(built, columns):
@@ -88,9 +79,7 @@ def test_a_rigid_probe_is_moved_by_the_table_in_position_control(built, columns)
     assert integers(deck.all("table", "waveform")[0].rows[0])[0] == 1
 
 
-def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(
-    make_model, read_deck, columns
-):
+def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_deck, columns):
     model = make_model()
     integers, reals = columns
     curves = bodies_of(read_deck(marc_deck(model)))["probe"][7:]
@@ -106,9 +95,7 @@ def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(
     assert_allclose(side[-1, 1], model.lower_side_mm[-1], rtol=1e-15)
 
 
-def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(
-    built, columns
-):
+def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(built, columns):
     model, probe, deck = built
     _, reals = columns
     if probe == "meshed":
@@ -130,9 +117,7 @@ def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right
 
 
 @pytest.mark.parametrize("probe", ["rigid", "meshed"])
-def test_friction_is_bilinear_coulombs_by_the_interaction(
-    make_model, read_deck, columns, probe
-):
+def test_friction_is_bilinear_coulombs_by_the_interaction(make_model, read_deck, columns, probe):
     integers, reals = columns
     for friction, first in ((0.4, [6, 1]), (0.0, [0, 0])):
         model = make_model(contact=Contact(friction=friction))

@@ -23,9 +23,7 @@ def test_the_deck_is_ascii_with_lf_and_no_line_wider_than_mentats(built):
 
 def test_the_same_model_gives_the_same_bytes(make_model):
     for probe in ("rigid", "meshed"):
-        assert marc_deck(make_model(), probe=probe) == marc_deck(
-            make_model(), probe=probe
-        )
+        assert marc_deck(make_model(), probe=probe) == marc_deck(make_model(), probe=probe)
 
 
 @pytest.mark.parametrize("name", [PFL, NOUR])
@@ -37,9 +35,7 @@ def test_options_stand_in_the_order_of_a_real_deck(built, sample, name):
     )
     common = set(ours) & set(theirs)
     assert {"connectivity", "isotropic" if name == NOUR else "contact", "post"} < common
-    assert [word for word in ours if word in common] == [
-        word for word in theirs if word in common
-    ]
+    assert [word for word in ours if word in common] == [word for word in theirs if word in common]
 
 
 def test_the_history_has_the_order_of_a_real_one(built, sample):
@@ -122,9 +118,7 @@ def test_materials_have_the_fields_of_a_real_one(built, sample):
 def test_what_no_one_chose_is_mentats(built, sample):
     _, _, deck = built
     real = sample(PFL)
-    for ours, theirs in zip(
-        deck.all("parameters"), real.all("parameters"), strict=True
-    ):
+    for ours, theirs in zip(deck.all("parameters"), real.all("parameters"), strict=True):
         assert ours.rows == theirs.rows
     assert deck.one("contact").rows[1:4] == real.one("contact").rows[1:4]
     ours, theirs = deck.one("con intera"), real.one("con intera")

@@ -35,9 +35,7 @@ def test_every_element_has_its_type_and_nodes_and_a_pressure_of_its_own(built):
     assert len(elements) == sum(len(section.number) for section in sections)
     pressures = []
     for section in sections:
-        for number, wanted in zip(
-            section.number.tolist(), section.node.tolist(), strict=True
-        ):
+        for number, wanted in zip(section.number.tolist(), section.node.tolist(), strict=True):
             kind, *nodes = elements[number]
             if kind in PRESSURE_TYPES:
                 pressures.append(nodes.pop())
@@ -75,9 +73,7 @@ def test_one_block_a_layer_names_its_material_and_body(built, columns):
         assert deck.all("isotropic")[k].rows[1][90:] == name
 
 
-def test_a_meshed_probe_has_the_fingers_type_or_one_of_four_nodes(
-    make_model, read_deck
-):
+def test_a_meshed_probe_has_the_fingers_type_or_one_of_four_nodes(make_model, read_deck):
     for element, kind in (("CPE4H", 80), ("CPE4", 11), ("CPE4RH", 118), ("CPE8", 11)):
         model = make_model(element)
         deck = read_deck(marc_deck(model, probe="meshed"))
@@ -170,9 +166,7 @@ def test_there_is_one_fixed_increment_a_sample_and_none_is_cut_back(
     assert integers(deck.one("control").rows[0])[0] >= count
 
 
-def test_a_pre_indentation_is_ramped_in_before_the_stimulus(
-    make_model, read_deck, columns
-):
+def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_deck, columns):
     deck = read_deck(marc_deck(make_model(stimulus=PRESSED)))
     _, depth_mm = table_of(deck, columns)
     assert depth_mm[0] == 0.0
@@ -181,9 +175,7 @@ def test_a_pre_indentation_is_ramped_in_before_the_stimulus(
     assert "$....up to 0.01 s: the ramp to the pre-indentation" in deck.text
 
 
-def test_what_is_held_does_not_move_and_a_meshed_probe_moves_by_the_table(
-    built, columns
-):
+def test_what_is_held_does_not_move_and_a_meshed_probe_moves_by_the_table(built, columns):
     _, probe, deck = built
     integers, reals = columns
     blank, *rows = deck.one("fixed disp").rows
@@ -216,9 +208,7 @@ def test_convergence_is_of_force_and_displacement(built, columns):
 # ---- Output
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"), [("binary", 0), ("formatted", 1), ("both", 2)]
-)
+@pytest.mark.parametrize(("kind", "number"), [("binary", 0), ("formatted", 1), ("both", 2)])
 def test_stress_and_von_mises_are_posted_every_increment(
     make_model, read_deck, columns, kind, number
 ):
@@ -234,8 +224,6 @@ def test_stress_and_von_mises_are_posted_every_increment(
 
 def test_both_kinds_of_post_file_are_said_to_be_a_guess(make_model, read_deck):
     for kind in ("both", "binary"):
-        comments = " ".join(
-            read_deck(marc_deck(make_model(), post=kind)).one("post").comments
-        )
+        comments = " ".join(read_deck(marc_deck(make_model(), post=kind)).one("post").comments)
         told = "which no deck was seen with" in comments.replace(" $....", " ")
         assert told == (kind == "both")

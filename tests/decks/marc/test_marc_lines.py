@@ -154,9 +154,7 @@ def test_mentats_coordinates_come_out_of_our_writer_but_for_a_last_digit(sample,
 def test_mentats_elements_come_out_of_our_writer_as_they_were(sample, name):
     deck = sample(name)
     rows = [row for block in deck.all("connectivity") for row in block.rows[1:]]
-    for row, (number, (kind, *nodes)) in zip(
-        rows, deck.elements().items(), strict=True
-    ):
+    for row, (number, (kind, *nodes)) in zip(rows, deck.elements().items(), strict=True):
         assert list(element_lines([number], kind, np.array([nodes]))) == [row]
 
 

@@ -51,13 +51,7 @@ def test_what_the_page_says_of_the_deck_is_in_it(make_model):
     files = marc_files(make_model().analysis, DeckOptions())
     assert set(files) == {"job.dat", "job.proc"}
     deck = files["job.dat"]
-    for name in (
-        "afferent_sa",
-        "afferent_ra",
-        "afferent_pc",
-        "skin_apex",
-        "held_nodes",
-    ):
+    for name in ("afferent_sa", "afferent_ra", "afferent_pc", "skin_apex", "held_nodes"):
         assert f"`{name}`" in PAGE
         assert re.search(rf"^define +node +set +{name}$", deck, flags=re.MULTILINE)
     assert f"`{WAVEFORM_NAME}`" in PAGE

@@ -54,9 +54,7 @@ def test_the_deck_is_read_told_and_written_under_another_name():
 
 def test_the_job_is_named_as_the_deck_is_titled_and_its_first_load_case(make_model):
     lines = marc_deck(make_model()).splitlines()
-    (command,) = [
-        line for line in spoken(mentat_procedure()) if line.startswith("*edit_job")
-    ]
+    (command,) = [line for line in spoken(mentat_procedure()) if line.startswith("*edit_job")]
     job = command.split()[1]
     assert lines[0] == f"title               {job}"
     (first, *_) = [line for line in lines if line.startswith("loadcase")]
@@ -95,9 +93,7 @@ def test_a_name_is_taken_whole_or_refused(name):
     assert name != rewritten_name(name)
 
 
-@pytest.mark.parametrize(
-    "name", ["", 'a".dat', "a\nb.dat", "größe.dat", "a|b", "#.dat"]
-)
+@pytest.mark.parametrize("name", ["", 'a".dat', "a\nb.dat", "größe.dat", "a|b", "#.dat"])
 def test_a_name_that_ends_the_command_is_refused(name):
     with pytest.raises(DeckError, match="deck name"):
         mentat_procedure(name)

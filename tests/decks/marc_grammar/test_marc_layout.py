@@ -47,8 +47,7 @@ def test_every_letter_of_an_exponent_is_read(value, letter):
 
 
 @pytest.mark.parametrize(
-    ("text", "value"),
-    [("1", 1.0), ("1.", 1.0), (".5", 0.5), ("-.5+1", -5.0), ("2.5-10", 2.5e-10)],
+    ("text", "value"), [("1", 1.0), ("1.", 1.0), (".5", 0.5), ("-.5+1", -5.0), ("2.5-10", 2.5e-10)]
 )
 def test_reals_may_be_short(text, value):
     assert real(text) == value
@@ -86,14 +85,9 @@ def test_reals_that_touch_are_told_apart_by_their_columns(values):
     assert found == [float(f"{value:.13e}") for value in values]
 
 
-@given(
-    number=st.integers(1, 10**9),
-    place=st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3),
-)
+@given(number=st.integers(1, 10**9), place=st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3))
 def test_the_short_way_to_read_a_node_is_the_long_way(number, place):
-    text = f"{number:10d}" + "".join(
-        without_letter(x, 15)[:20].rjust(20) for x in place
-    )
+    text = f"{number:10d}" + "".join(without_letter(x, 15)[:20].rjust(20) for x in place)
     line = line_of(text)
     short = node_fields(line, Layout.EXTENDED, 3)
     first, *rest = fields(line, Layout.EXTENDED, "irrr")

@@ -162,14 +162,12 @@ def test_comments_before_the_first_keyword_are_an_option_without_one():
 def test_keywords_are_told_by_ten_characters_in_any_case():
     data = with_model("NO PRINT", "Contact Table", f"{0:10d}", "post,", "0,16,17")
     assert keywords(data, Section.MODEL)[-4:] == [
-        *("no print", "contact table", "post", "end option"),
+        *("no print", "contact table", "post", "end option")
     ]
 
 
 def test_an_option_that_nobody_knows_keeps_its_lines():
-    data = with_model(
-        "post", f"{0:10d}", "brand new", "  1.0", "name of it", "no print"
-    )
+    data = with_model("post", f"{0:10d}", "brand new", "  1.0", "name of it", "no print")
     deck = read_marc_deck(data)
     (new,) = deck.find("brand new")
     assert [line.text for line in new.lines] == ["brand new", "  1.0", "name of it"]
@@ -178,10 +176,7 @@ def test_an_option_that_nobody_knows_keeps_its_lines():
 @pytest.mark.parametrize("name", ["control", "post", "table", "contact", "end option"])
 def test_a_condition_may_be_called_like_a_keyword(name):
     lines = [
-        *(
-            "define              node                set                 " + name,
-            "1 to 3",
-        ),
+        *("define              node                set                 " + name, "1 to 3"),
         *("fixed disp", "", f"{1:10d}{0:10d}{0:10d}{0:10d}{1:10d}{0:10d}{name}"),
         *("1.0,", "0,", "1,", f"{2:10d}", name, "loadcase            job1"),
         *(f"{1:10d}", name),
@@ -196,7 +191,7 @@ def test_a_condition_may_be_called_like_a_keyword(name):
 def test_a_geometry_may_be_called_like_a_keyword(name):
     lines = ["geometry", "0,0,2", "2,2,1,1,1,1", name, "1.0,", "", "no print"]
     assert keywords(with_model(*lines), Section.MODEL)[-3:] == [
-        *("geometry", "no print", "end option"),
+        *("geometry", "no print", "end option")
     ]
 
 
@@ -217,9 +212,7 @@ def test_a_load_case_ends_with_continue():
 def test_an_included_file_is_noted_and_not_missed():
     data = with_model("include more.inc").replace(b"end option", b"", 1)
     deck = read_marc_deck(data)
-    assert [(each.name, each.followed) for each in deck.includes] == [
-        ("more.inc", False)
-    ]
+    assert [(each.name, each.followed) for each in deck.includes] == [("more.inc", False)]
     assert "more.inc" in deck.remarks[0]
 
 

@@ -39,16 +39,10 @@ def model(*lines, version=15, table=True):
 def test_a_condition_is_values_tables_directions_and_a_set():
     found = {each.name: each for each in conditions(PFL)}
     first = found["apply1"]
-    assert (first.family, first.where, first.list_kind) == (
-        *("fixed disp", "apply1_nodes", 2),
-    )
+    assert (first.family, first.where, first.list_kind) == (*("fixed disp", "apply1_nodes", 2),)
     assert (first.values, first.directions) == ((0.0, 0.0), (1, 2))
     load = found["apply3"]
-    assert (load.family, load.where, load.list_kind) == (
-        "dist loads",
-        "apply3_edges",
-        13,
-    )
+    assert (load.family, load.where, load.list_kind) == ("dist loads", "apply3_edges", 13)
     assert (load.values, load.tables) == ((0.025,), (1,))
 
 
@@ -56,16 +50,12 @@ def test_load_cases_name_their_conditions():
     (case,) = load_cases(PFL)
     assert case.name == "lcase1"
     assert case.active == ("apply1", "apply2", "apply3") == initial_conditions(PFL)
-    assert (case.stepping.keyword, case.increments, case.period) == (
-        *("auto step", None, 1.0),
-    )
+    assert (case.stepping.keyword, case.increments, case.period) == (*("auto step", None, 1.0),)
 
 
 def test_load_cases_of_even_increments_count_them():
     (case,) = load_cases(read_marc_deck(LINEAR))
-    assert (case.stepping.keyword, case.increments, case.period) == (
-        *("auto load", 1, 1.0),
-    )
+    assert (case.stepping.keyword, case.increments, case.period) == (*("auto load", 1, 1.0),)
 
 
 def test_tables_are_points_of_a_variable():
@@ -78,9 +68,7 @@ def test_tables_are_points_of_a_variable():
 
 def test_a_material_is_eight_numbers_and_their_tables():
     (steel,) = isotropic(PLASTIC)
-    assert (steel.name, steel.criterion, steel.hardening) == (
-        *("steel", "von mises", "isotropic"),
-    )
+    assert (steel.name, steel.criterion, steel.hardening) == (*("steel", "von mises", "isotropic"),)
     assert (steel.young, steel.poisson) == (3.0e7, 0.3)
     assert (steel.values[4], steel.tables[4]) == (1.0, 2)
 
@@ -109,9 +97,7 @@ def test_a_description_holds_what_the_views_do(name):
     deck = read_marc_deck(PATHS[name].read_bytes())
     assert held["version"] == 15
     assert held["bytes"] == PATHS[name].stat().st_size
-    assert held["elements"] == {
-        str(each.kind): len(each.number) for each in deck.elements
-    }
+    assert held["elements"] == {str(each.kind): len(each.number) for each in deck.elements}
     assert held["nodes"] == len(deck.coordinates.number)
     assert [each["name"] for each in held["tables"]] == [t.name for t in deck.tables]
     assert held["remarks"] == []
@@ -165,15 +151,9 @@ def test_a_rigid_body_has_a_curve_and_a_position():
 
 def test_a_rigid_surface_has_two_directions():
     point = [f"{x}.,{y}.,0." for y in range(2) for x in range(2)]
-    surface = [
-        "9,2,2,2,2,1,1,0",
-        *point,
-        *["1.,"] * 4,
-        *["0.,", "0.,", "1.,", "1.,"] * 2,
-    ]
+    surface = ["9,2,2,2,2,1,1,0", *point, *["1.,"] * 4, *["0.,", "0.,", "1.,", "1.,"] * 2]
     deck = model(
-        *("contact,5", "1,0,9,6", "0,0", "0.,", "0."),
-        *("1,1,0,0,1,0,0,-1,base", *BODY, *surface),
+        *("contact,5", "1,0,9,6", "0,0", "0.,", "0."), *("1,1,0,0,1,0,0,-1,base", *BODY, *surface)
     )
     (shape,) = contact(deck).bodies[0].shapes
     assert (shape.counts, shape.orders, shape.knot.shape) == ((2, 2), (2, 2), (8,))
@@ -252,9 +232,7 @@ def test_a_load_case_with_fewer_conditions_than_it_says_is_refused():
 
 
 def test_curves_that_end_early_are_refused():
-    deck = model(
-        *CONTACT[:1], "1,0", *CONTACT[2:], "1,1,0,0,1,-1,0,-1,p", *BODY, *CURVE[:5]
-    )
+    deck = model(*CONTACT[:1], "1,0", *CONTACT[2:], "1,1,0,0,1,-1,0,-1,p", *BODY, *CURVE[:5])
     with pytest.raises(DeckError, match="a rigid curve of 2 points is cut short"):
         contact(deck)
 

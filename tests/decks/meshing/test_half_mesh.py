@@ -16,9 +16,7 @@ from decks.section import section_of
 
 
 @pytest.mark.parametrize(("start_mm", "stop_mm"), [(0.1, 0.4), (0.4, 0.1), (0.2, 0.2)])
-def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(
-    start_mm, stop_mm
-):
+def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(start_mm, stop_mm):
     division = graded(6.0, start_mm, stop_mm)
     steps = division.growth ** np.arange(division.count)
     steps *= 6.0 / steps.sum()

@@ -43,12 +43,10 @@ def areas_mm2(finger):
 
     depths = (section.surface, section.corneum, section.epidermis, section.dermis)
     pad, back = (
-        [within(depth(section.arc_mm), on_nail) for depth in depths]
-        for on_nail in (False, True)
+        [within(depth(section.arc_mm), on_nail) for depth in depths] for on_nail in (False, True)
     )
     areas = {
-        layer: pad[k + 1] - pad[k] + back[k + 1] - back[k]
-        for k, layer in enumerate(LAYERS[:3])
+        layer: pad[k + 1] - pad[k] + back[k + 1] - back[k] for k, layer in enumerate(LAYERS[:3])
     }
     areas["nail"] = back[1] - back[0]
     areas["stratum_corneum"] -= areas["nail"]

@@ -38,11 +38,7 @@ FINGERS = {
     "thick epidermis": {
         "skin": {"epidermis_mm": 0.6},
         "resolution": {"far_mm": 0.45},
-        "afferents": {
-            "SA": {"depth_mm": 0.78},
-            "RA": {"depth_mm": 0.72},
-            "PC": {"depth_mm": 2.2},
-        },
+        "afferents": {"SA": {"depth_mm": 0.78}, "RA": {"depth_mm": 0.72}, "PC": {"depth_mm": 2.2}},
     },
     "thin skin": {
         "skin": {"stratum_corneum_mm": 0.15, "epidermis_mm": 0.3, "dermis_mm": 0.7},
@@ -242,8 +238,7 @@ def test_without_its_system_libraries_the_packages_are_named(monkeypatch):
     message = str(caught.value)
     assert "libGLU.so.1" in message
     assert message.endswith(
-        "apt-get install -y "
-        "libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
+        "apt-get install -y libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
     )
 
 

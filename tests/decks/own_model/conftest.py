@@ -81,9 +81,7 @@ class MarcText:
         for node in range(1, 7):
             x, y = float((node - 1) % 3), -float((node - 1) // 3)
             number = self.ints(node)
-            yield (
-                number + (" " if self.layout == "free" else "") + self.reals(x, y, 0.0)
-            )
+            yield (number + (" " if self.layout == "free" else "") + self.reals(x, y, 0.0))
         yield self.define("held_nodes")
         yield "4 to 6"
 
@@ -222,11 +220,7 @@ def rebase():
 
     def run(deck=DECK, dialect=None, resolver=None, **request):
         return rebase_inp(
-            deck.encode(),
-            MOTION,
-            Request(**request),
-            dialect=dialect,
-            resolver=resolver,
+            deck.encode(), MOTION, Request(**request), dialect=dialect, resolver=resolver
         )
 
     return run

@@ -154,9 +154,7 @@ def test_nodes_and_sets_in_included_files_count():
     }
     table = MODEL.index("*ELEMENT")
     model = (
-        MODEL[:table]
-        + "*INCLUDE, INPUT=nodes.inp\n*include, input = deeper.inp\n"
-        + MODEL[table:]
+        MODEL[:table] + "*INCLUDE, INPUT=nodes.inp\n*include, input = deeper.inp\n" + MODEL[table:]
     )
     deck = f"{model}{HEAD}*END STEP\n".encode()
     request = Request(afferents={"PC": 9})

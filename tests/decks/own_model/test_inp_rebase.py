@@ -47,8 +47,7 @@ def noise(cards):
     """Cards with data, comments and blank lines, none of which is to change."""
     block = st.tuples(cards, st.lists(st.one_of(junk_line, comment), max_size=3))
     return st.lists(
-        st.one_of(comment.map(lambda line: [line]), block.map(lambda b: [b[0], *b[1]])),
-        max_size=3,
+        st.one_of(comment.map(lambda line: [line]), block.map(lambda b: [b[0], *b[1]])), max_size=3
     ).map(lambda groups: [line for group in groups for line in group])
 
 
@@ -75,14 +74,7 @@ def decks(draw):
     count = draw(st.integers(2, 130))
     depth_mm = (
         np.array(
-            [
-                0.0,
-                *draw(
-                    st.lists(
-                        st.integers(-200_000, 200_000), min_size=count, max_size=count
-                    )
-                ),
-            ]
+            [0.0, *draw(st.lists(st.integers(-200_000, 200_000), min_size=count, max_size=count))]
         )
         * 1e-6
     )
@@ -109,9 +101,7 @@ def decks(draw):
     pairs = [f"{t}, {v}" for t, v in zip(times, values, strict=True)]
     table = [", ".join(pairs[k : k + 4]).encode() for k in range(0, len(pairs), 4)]
     change(b"0., 0., 1., 1.,", table)
-    for line in draw(
-        st.lists(st.sampled_from([b"2., 1.", b"", b"** more"]), max_size=3)
-    ):
+    for line in draw(st.lists(st.sampled_from([b"2., 1.", b"", b"** more"]), max_size=3)):
         change(line, [] if line.startswith(b"2") else [line])
     keep(*draw(noise(outside_cards)))
 
@@ -145,9 +135,7 @@ def decks(draw):
             change(line, [])
         keep(*draw(st.lists(comment, max_size=1)))
         keep(*draw(noise(inside_cards)))
-    kind, element, double = (
-        ("OUTPUT", "ELEMENT", ", DOUBLE") if binary else ("FILE", "EL", "")
-    )
+    kind, element, double = ("OUTPUT", "ELEMENT", ", DOUBLE") if binary else ("FILE", "EL", "")
     on = ", NSET=FEMBRIDGE_OUTPUT" if wanted else ""
     ours = [
         f"*NODE {kind}{on}, FREQUENCY=1{double}",

@@ -53,9 +53,7 @@ def test_a_deck_that_moves_nothing_by_an_amplitude_is_refused(changed, refused):
     assert "PRESS (line 10), OTHER (line 12)" in message
 
 
-def test_several_amplitudes_that_move_something_have_to_be_told_apart(
-    changed, rebase, refused
-):
+def test_several_amplitudes_that_move_something_have_to_be_told_apart(changed, rebase, refused):
     deck = changed("*NODE FILE", "*BOUNDARY, AMPLITUDE=OTHER\n3, 2, 2, -1.\n*NODE FILE")
     assert refused(deck) == (
         "several amplitudes move something: PRESS (line 19), OTHER (line 21); name one"
@@ -65,10 +63,7 @@ def test_several_amplitudes_that_move_something_have_to_be_told_apart(
 
 
 def test_an_amplitude_that_holds_or_heats_is_no_candidate(changed, rebase):
-    deck = changed(
-        "*NODE FILE",
-        "*BOUNDARY, AMPLITUDE=OTHER\n3, 1, 2\n3, 11, 11, 20.\n*NODE FILE",
-    )
+    deck = changed("*NODE FILE", "*BOUNDARY, AMPLITUDE=OTHER\n3, 1, 2\n3, 11, 11, 20.\n*NODE FILE")
     remarks = rebase(deck).remarks
     assert any("amplitude PRESS" in remark for remark in remarks)
 
@@ -97,9 +92,7 @@ def test_an_amplitude_without_a_condition_is_refused(refused):
         ("4, 2, x, -1.", "line 20: 'x' where a whole number is expected"),
     ],
 )
-def test_a_condition_that_one_depth_cannot_fill_is_refused(
-    lines, told, changed, refused
-):
+def test_a_condition_that_one_depth_cannot_fill_is_refused(lines, told, changed, refused):
     deck = changed("4, 2, 2, -1.", lines)
     assert refused(deck, amplitude="PRESS").startswith(told)
 
@@ -107,10 +100,7 @@ def test_a_condition_that_one_depth_cannot_fill_is_refused(
 @pytest.mark.parametrize(
     ("option", "told"),
     [
-        (
-            "TYPE=VELOCITY",
-            "TYPE=VELOCITY with amplitude PRESS: the waveform is a displ",
-        ),
+        ("TYPE=VELOCITY", "TYPE=VELOCITY with amplitude PRESS: the waveform is a displ"),
         ("USER", "USER and amplitude PRESS: it would not follow"),
         ("FIXED", "FIXED and"),
         ("TIME DELAY=0.1", "TIMEDELAY and"),
@@ -131,9 +121,7 @@ def test_a_condition_before_the_steps_is_refused(changed, refused):
 # ---- The step
 
 
-def test_two_steps_with_the_amplitude_have_to_be_told_apart(
-    deck, step, rebase, refused
-):
+def test_two_steps_with_the_amplitude_have_to_be_told_apart(deck, step, rebase, refused):
     deck = deck + step.replace("push", "pull")
     assert refused(deck) == (
         "several steps use amplitude PRESS: step 1 (push), line 14; step 2 (pull), "
@@ -147,9 +135,7 @@ def test_two_steps_with_the_amplitude_have_to_be_told_apart(
 
 
 def test_a_step_that_is_not_there_or_does_not_use_it_is_refused(deck, refused):
-    assert refused(step="3") == (
-        "no step '3' in the deck; it has: step 1 (push), line 14"
-    )
+    assert refused(step="3") == ("no step '3' in the deck; it has: step 1 (push), line 14")
     deck = deck + "*STEP\n*STATIC\n*END STEP\n"
     assert refused(deck, step="2").startswith("line 24: no *BOUNDARY here uses")
 
@@ -168,9 +154,7 @@ def test_a_step_that_is_not_there_or_does_not_use_it_is_refused(deck, refused):
         ("*STEP, NAME=push, INC=200", "", "line 23: *END STEP without a *STEP"),
     ],
 )
-def test_a_step_that_has_no_fixed_increments_is_refused(
-    old, new, told, changed, refused
-):
+def test_a_step_that_has_no_fixed_increments_is_refused(old, new, told, changed, refused):
     assert refused(changed(old, new)).startswith(told)
 
 
@@ -198,10 +182,7 @@ def after(total):
     [
         ("*STEP\n*FREQUENCY\n10\n*END STEP\n", "line 14: how long this step takes"),
         ("*STEP\n*STATIC, TIME RESET\n1., 2.\n*END STEP\n", "line 15: TIMERESET sets"),
-        (
-            "*STEP\n*STATIC, TOTAL TIME AT START=5.\n*END STEP\n",
-            "line 15: TOTALTIMEATSTART sets",
-        ),
+        ("*STEP\n*STATIC, TOTAL TIME AT START=5.\n*END STEP\n", "line 15: TOTALTIMEATSTART sets"),
         ("*STEP\n*STATIC\n1., long\n*END STEP\n", "line 16: 'long' where a number"),
         ("*RESTART, READ\n", "line 14: *RESTART, READ: the total time"),
     ],
@@ -214,8 +195,6 @@ def test_a_clock_that_cannot_be_told_is_refused_where_it_counts(
     assert "at what total time the step begins is not known" in str(rebased.remarks)
 
 
-def test_a_step_that_sets_its_own_clock_is_refused_where_total_time_counts(
-    total, refused
-):
+def test_a_step_that_sets_its_own_clock_is_refused_where_total_time_counts(total, refused):
     deck = total.replace("*STATIC", "*STATIC, TIME RESET")
     assert refused(deck).startswith("line 15: TIMERESET sets the clock")

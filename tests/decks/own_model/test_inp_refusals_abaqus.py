@@ -4,9 +4,7 @@ import pytest
 
 
 def test_an_unknown_dialect_is_refused(refused):
-    assert refused(dialect="nastran") == (
-        "dialect 'nastran', expected calculix or abaqus"
-    )
+    assert refused(dialect="nastran") == ("dialect 'nastran', expected calculix or abaqus")
 
 
 def test_abaqus_rounds_an_amplitude_in_a_dynamic_step(changed, rebase, refused):
@@ -59,15 +57,11 @@ def test_a_node_in_several_instances_is_refused(step, refused):
 def test_a_turned_instance_is_refused_for_its_nodes(step, rebase, refused):
     deck = PARTS.replace("*INSTANCE, NAME=LEFT, PART=FINGER\n*END INSTANCE\n", "")
     deck = deck.replace("5., 0.\n", "5., 0.\n0., 0., 0., 0., 0., 1., 90.\n") + step
-    assert refused(deck, afferents={"SA": 3}).startswith(
-        "line 13: instance RIGHT is turned"
-    )
+    assert refused(deck, afferents={"SA": 3}).startswith("line 13: instance RIGHT is turned")
     rebase(deck)
 
 
-def test_an_instance_of_no_part_and_an_assembly_without_an_end_are_refused(
-    step, refused
-):
+def test_an_instance_of_no_part_and_an_assembly_without_an_end_are_refused(step, refused):
     deck = PARTS.replace("PART=FINGER\n5.", "PART=HAND\n5.") + step
     assert refused(deck, afferents={"SA": 3}) == (
         "line 13: *INSTANCE of part HAND, which stands nowhere before it"

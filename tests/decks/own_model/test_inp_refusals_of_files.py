@@ -17,9 +17,7 @@ def test_a_node_that_is_there_twice_must_be_in_one_place(changed, rebase, refuse
     deck = changed("*ELEMENT", "*NODE\n3, 1., 1.\n*ELEMENT")
     assert rebase(deck, afferents={"SA": 3}).place_mm == {"SA": (1.0, 1.0)}
     deck = changed("*ELEMENT", "*NODE\n3, 1., 1.5\n*ELEMENT")
-    assert refused(deck, afferents={"SA": 3}) == (
-        "line 9: node 3 again, elsewhere than at line 6"
-    )
+    assert refused(deck, afferents={"SA": 3}) == ("line 9: node 3 again, elsewhere than at line 6")
 
 
 def test_a_node_in_another_system_of_coordinates_is_refused(changed, refused):
@@ -51,9 +49,7 @@ def test_afferents_that_differ_in_case_alone_are_refused(refused):
         "*NSET, NSET=FEMBRIDGE_OUTPUT, GENERATE\n2, 4\n",
     ],
 )
-def test_a_set_of_that_name_that_holds_something_else_is_refused(
-    there, changed, refused
-):
+def test_a_set_of_that_name_that_holds_something_else_is_refused(there, changed, refused):
     deck = changed("*AMPLITUDE, NAME=OTHER", there + "*AMPLITUDE, NAME=OTHER")
     message = refused(deck, afferents={"SA": 3})
     assert message.startswith("line 12: set ")
@@ -102,11 +98,7 @@ def include(name):
     [
         ("*ELEMENT", "*INCLUDE\n*ELEMENT", "line 8: *INCLUDE without INPUT="),
         ("*ELEMENT", include("self.inp") + "*ELEMENT", "self.inp, line 1: *INCLUDE of"),
-        (
-            "*STEP",
-            include("wave.inp") + "*STEP",
-            "wave.inp, line 1: *AMPLITUDE, NAME=W",
-        ),
+        ("*STEP", include("wave.inp") + "*STEP", "wave.inp, line 1: *AMPLITUDE, NAME=W"),
         (
             "*AMPLITUDE, NAME=OTHER",
             include("table.txt") + "*AMPLITUDE, NAME=OTHER",
@@ -134,9 +126,7 @@ def include(name):
         ),
     ],
 )
-def test_what_would_have_to_change_in_an_included_file_is_refused(
-    old, new, told, changed, refused
-):
+def test_what_would_have_to_change_in_an_included_file_is_refused(old, new, told, changed, refused):
     amplitude = "WAVE" if "wave" in new else "PRESS"
     message = refused(changed(old, new), resolver=FILES.get, amplitude=amplitude)
     assert message.startswith(told)

@@ -39,9 +39,7 @@ def solve(folder, deck):
 
 def test_our_own_deck_with_another_waveform_is_the_deck_of_that_waveform(tmp_path):
     model = Model(QUICK, mesh_of(QUICK))
-    wanted = Stimulus(
-        "wanted", np.array([0.0, 15.0, -2.0, 40.0, 80.5]), 0.5, (0.0, 2.0)
-    )
+    wanted = Stimulus("wanted", np.array([0.0, 15.0, -2.0, 40.0, 80.5]), 0.5, (0.0, 2.0))
     other = Stimulus("other", np.array([0.0, 5.0, 50.0]), 1.0, (0.0, 2.0))
     analysis = model.analysis(wanted)
     nodes = {name: row + 1 for name, row in analysis.afferent.items()}
@@ -67,9 +65,7 @@ def test_our_own_deck_with_another_waveform_is_the_deck_of_that_waveform(tmp_pat
 WIDE, HIGH = 6, 4
 CELL_M = 0.0005
 DT_S = 5e-4
-MOTION = Motion(
-    np.arange(7) * DT_S, np.array([0.0, 0.02, 0.06, 0.05, -0.01, 0.0, 0.1]), DT_S, 0
-)
+MOTION = Motion(np.arange(7) * DT_S, np.array([0.0, 0.02, 0.06, 0.05, -0.01, 0.0, 0.1]), DT_S, 0)
 UNDER, ASIDE = 17, 9
 
 
@@ -167,9 +163,7 @@ def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock)
 
 
 def test_a_motion_of_more_increments_than_the_deck_allowed_ends_well(tmp_path):
-    motion = replace(
-        MOTION, time_s=np.arange(131) * DT_S, depth_mm=np.linspace(0.0, 0.05, 131)
-    )
+    motion = replace(MOTION, time_s=np.arange(131) * DT_S, depth_mm=np.linspace(0.0, 0.05, 131))
     deck = "\n".join([*foreign(), ""]).encode("latin-1")
     request = Request(afferents={"SA": UNDER}, length_mm=1000.0)
     own = solve(tmp_path / "run", rebase_inp(deck, motion, request).deck)

@@ -98,10 +98,7 @@ def test_blanks_case_and_quotes_do_not_count(line):
 
 def test_a_comma_in_quotes_does_not_part_words():
     _, card = card_of(b'*NSET, NSET="a, b", UNSORTED\n1\n', "NSET")
-    assert [(one.name, one.value) for one in card.options] == [
-        ("NSET", "a, b"),
-        ("UNSORTED", None),
-    ]
+    assert [(one.name, one.value) for one in card.options] == [("NSET", "a, b"), ("UNSORTED", None)]
 
 
 def test_a_quote_without_its_other_half_is_a_letter():

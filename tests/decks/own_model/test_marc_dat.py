@@ -69,9 +69,7 @@ def test_the_load_case_has_an_increment_a_sample(marc_text, parts, depths):
 def test_stress_is_asked_for_at_every_increment(marc_text, parts, results):
     data = marc_text(**parts).text()
     before = post(read_marc_deck(data))
-    wanted = post(
-        read_marc_deck(rebase_marc(data, MOTION, Request(results=results)).deck)
-    )
+    wanted = post(read_marc_deck(rebase_marc(data, MOTION, Request(results=results)).deck))
     codes = [each.code for each in wanted.codes]
     assert codes[: len(parts["post"])] == list(parts["post"])
     assert sorted(codes) == sorted({*parts["post"], 17, 311})

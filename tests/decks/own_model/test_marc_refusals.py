@@ -85,13 +85,9 @@ def test_factors_of_either_sign_are_one(marc_text):
 def test_a_velocity_is_no_displacement(marc_text):
     deck = marc_text()
     lines = list(deck.contact())
-    row = next(
-        row for row, line in enumerate(lines) if line.endswith("probe") and row > 5
-    )
+    row = next(row for row, line in enumerate(lines) if line.endswith("probe") and row > 5)
     lines[row] = deck.named(1, 0, 0, 0, 1, 0, 0, -1, name="probe")
-    told = refused(
-        deck.text(contact=lines), "velocity or load", Request(amplitude="wave")
-    )
+    told = refused(deck.text(contact=lines), "velocity or load", Request(amplitude="wave"))
     assert told.startswith("line ")
 
 
@@ -127,10 +123,7 @@ def test_a_table_that_a_load_shares_is_refused(marc_text):
 
 @pytest.mark.parametrize(
     ("row", "numbers", "words"),
-    [
-        (1, (1, 1, 0, 0, 3), "formula"),
-        (2, (12, 2, 2, 0, 0, 2), "variable type 12"),
-    ],
+    [(1, (1, 1, 0, 0, 3), "formula"), (2, (12, 2, 2, 0, 0, 2), "variable type 12")],
 )
 def test_a_table_of_another_kind_is_refused(marc_text, row, numbers, words):
     deck = marc_text()

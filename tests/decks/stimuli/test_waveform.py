@@ -9,12 +9,7 @@ from scipy import signal
 
 from decks.stimuli.catalogue import CATALOGUE, resolve
 from decks.stimuli.entry import Diharmonic, Noise, Sine
-from decks.stimuli.waveform import (
-    MARGIN_SAMPLES,
-    band_noise,
-    butterworth_power,
-    make_stimulus,
-)
+from decks.stimuli.waveform import MARGIN_SAMPLES, band_noise, butterworth_power, make_stimulus
 from fembridge.errors import StimulusError
 
 NOISES = [entry for entry in CATALOGUE if isinstance(entry, Noise)]
@@ -56,9 +51,7 @@ def test_a_sinusoid_is_the_closed_form_to_half_a_picometre(frequency_hz, amplitu
     stimulus = make_stimulus(entry)
     cycles = entry.frequency_hz * stimulus.times_ms / 1000
     expected_um = entry.amplitude_um * np.sin(2 * np.pi * cycles)
-    assert_allclose(
-        stimulus.displacement_um, expected_um, rtol=0, atol=1.001 * HALF_ROUNDING_UM
-    )
+    assert_allclose(stimulus.displacement_um, expected_um, rtol=0, atol=1.001 * HALF_ROUNDING_UM)
 
 
 @pytest.mark.parametrize(("low_hz", "high_hz"), [*BANDS, (30.0, 31.0), (1.0, 999.0)])
@@ -86,9 +79,7 @@ def test_noise_is_what_sosfiltfilt_makes_of_the_same_draw(low_hz, high_hz):
     theirs = signal.sosfiltfilt(sos, drawn)[MARGIN_SAMPLES : MARGIN_SAMPLES + 501]
     untapered = slice(10, None)
     scale = ours[250] / theirs[250]
-    assert_allclose(
-        ours[untapered], scale * theirs[untapered], rtol=0, atol=1e-7 * entry.rms_um
-    )
+    assert_allclose(ours[untapered], scale * theirs[untapered], rtol=0, atol=1e-7 * entry.rms_um)
 
 
 @pytest.mark.parametrize("entry", NOISES, ids=lambda entry: entry.id)
@@ -145,9 +136,7 @@ def test_a_preindentation_is_in_every_sample_and_is_the_first_one():
     for entry in (Sine(50, 250), Noise(5, 25, 50), Diharmonic(10, 50, 2, 2)):
         free, held = make_stimulus(entry), make_stimulus(entry, preindent_um=500.0)
         assert held.displacement_um[0] == held.preindent_um == 500.0
-        assert_allclose(
-            held.displacement_um - 500.0, free.displacement_um, rtol=0, atol=1e-9
-        )
+        assert_allclose(held.displacement_um - 500.0, free.displacement_um, rtol=0, atol=1e-9)
 
 
 def test_samples_have_six_decimals_in_um():

@@ -51,12 +51,7 @@ def test_the_screen_shows_each_mesh_with_change_and_limit(call, capsys):
     call("--stored")
     told = capsys.readouterr().out.splitlines()
     meshes = stored_deflections()
-    assert told[0].split() == [
-        "mesh",
-        *(mesh.name for mesh in meshes),
-        "change",
-        "limit",
-    ]
+    assert told[0].split() == ["mesh", *(mesh.name for mesh in meshes), "change", "limit"]
     assert told[1].split() == ["elements", *(str(mesh.elements) for mesh in meshes)]
     (line,) = (line for line in told if line.startswith("deflection at 1 mm "))
     values = line.split()[4 : 4 + len(meshes)]
@@ -82,9 +77,7 @@ def test_the_summary_is_what_json_holds_and_nothing_else_is_printed(call, capsys
     assert found["source"] == "stored"
     force = found["convergence"][-1]
     assert force["quantity"] == "force_n_per_mm"
-    assert_allclose(
-        force["values"], [mesh.force_n_per_mm for mesh in stored_deflections()]
-    )
+    assert_allclose(force["values"], [mesh.force_n_per_mm for mesh in stored_deflections()])
 
 
 def test_a_mesh_that_is_not_stored_is_refused_and_nothing_is_written(call, tmp_path):

@@ -38,9 +38,7 @@ def test_the_table_holds_elements_and_forces():
 def test_the_page_does_not_claim_more_agreement_than_there_is():
     every_mm = np.arange(0.0, 6.0 + 1e-9, 0.01)
     for mesh in MESHES[:-1]:
-        (told,) = re.findall(
-            rf"`{mesh.name}`(?: is everywhere)? within ([\d.]+) µm", PAGE
-        )
+        (told,) = re.findall(rf"`{mesh.name}`(?: is everywhere)? within ([\d.]+) µm", PAGE)
         off_um = 1000 * np.abs(mesh.at(every_mm) - MESHES[-1].at(every_mm)).max()
         assert off_um <= float(told) <= 1.1 * off_um
 

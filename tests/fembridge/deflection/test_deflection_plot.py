@@ -6,11 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.deflection.stored import stored_deflections
 from fembridge.errors import UsageError
-from fembridge.plots.deflection import (
-    MOST_MESHES,
-    deflection_figure,
-    draw_deflections,
-)
+from fembridge.plots.deflection import MOST_MESHES, deflection_figure, draw_deflections
 
 STORED = stored_deflections()
 
@@ -56,9 +52,7 @@ def test_the_middle_panel_shows_micrometres_from_the_finest_mesh():
 def test_one_mesh_has_nothing_to_differ_from():
     figure = deflection_figure(STORED[:1])
     assert len(figure.axes) == 2
-    assert_allclose(
-        figure.axes[1].get_lines()[0].get_ydata(), 1000 * STORED[0].loading_n_per_mm
-    )
+    assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), 1000 * STORED[0].loading_n_per_mm)
 
 
 def test_the_legend_covers_no_line():

@@ -8,15 +8,7 @@ from decks.calculix.deck import calculix_deck
 from decks.numbered import numbered
 from decks.presets import PAPER, QUICK
 from decks.probe import Probe
-from fembridge.deflection.press import (
-    DEPTH_MM,
-    PROBE,
-    STEPS,
-    Press,
-    digest,
-    press_of,
-    surface_of,
-)
+from fembridge.deflection.press import DEPTH_MM, PROBE, STEPS, Press, digest, press_of, surface_of
 from fembridge.errors import UsageError
 
 PRESSES = {finger.name: press_of(finger) for finger in (QUICK, PAPER)}

@@ -33,18 +33,14 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     assert_allclose(again.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
 
-def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(
-    tmp_path,
-):
+def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(tmp_path):
     """``u(a) − u(b) = 2 P (1 − ν²)/(π E) ln(b/a)`` on a half plane.
 
     Johnson, Contact Mechanics (1985), section 2.3. From 0.1 to 1 mm away the probe
     is thin, and bone and sides are far; ridges and they leave 4 %.
     """
     soft = Material(0.05, 0.40)
-    skin = dict.fromkeys(
-        ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue"), soft
-    )
+    skin = dict.fromkeys(("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue"), soft)
     finger = replace(QUICK, materials={**TABLE_1, **skin})
     solved = solve_deflection(tmp_path, press_of(finger, 0.05), threads=1)
     plane = 2 * (1 - soft.poisson**2) / (math.pi * soft.young_mpa)

@@ -66,9 +66,7 @@ def test_the_deflection_gradually_decreases_with_distance(deflection):
     assert 0 < deflection.at(6.0) < 0.1
 
 
-def test_close_to_the_probe_the_skin_hangs_from_it_in_a_dent_of_its_own_size(
-    deflection,
-):
+def test_close_to_the_probe_the_skin_hangs_from_it_in_a_dent_of_its_own_size(deflection):
     """Beyond ten of its diameters only a stiff, bent layer carries the skin."""
     dent_mm = deflection.at(0.0) - deflection.at(0.1)
     assert 0.01 < dent_mm < PROBE.diameter_mm

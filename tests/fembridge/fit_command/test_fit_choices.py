@@ -131,9 +131,7 @@ def test_a_response_and_a_finger_together_are_misuse(capsys, parse):
     assert stop.value.code == 2
 
 
-def test_the_observed_sinusoids_are_followed_better_than_by_table_2(
-    tmp_path, undrawn, parse
-):
+def test_the_observed_sinusoids_are_followed_better_than_by_table_2(tmp_path, undrawn, parse):
     if not REAL.is_file():
         pytest.skip(f"no {REAL.name}: observed rates are not distributed")
     words = ("--evaluations", "500", "--population", "100")

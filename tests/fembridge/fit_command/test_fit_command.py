@@ -52,9 +52,7 @@ def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, caps
     assert "chosen: candidate 1, smallest RMSE over all 7 stimuli" in streams.out
 
 
-def test_the_file_of_parameters_gives_the_rates_that_are_told(
-    call, tmp_path, undrawn, stimuli
-):
+def test_the_file_of_parameters_gives_the_rates_that_are_told(call, tmp_path, undrawn, stimuli):
     """Read back, and worked out by the encoder apart from the fit."""
     call()
     found = read_parameter_set(tmp_path / "out/fitted.toml")
@@ -77,9 +75,7 @@ def test_the_file_of_parameters_gives_the_rates_that_are_told(
     assert max(expected) > 10.0
 
 
-def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(
-    call, tmp_path, undrawn
-):
+def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(call, tmp_path, undrawn):
     call("--rule", "frequency_response")
     found = record(tmp_path)
     for name in ("SA", "RA"):
@@ -140,9 +136,7 @@ def test_another_seed_gives_another_front(call, tmp_path, undrawn):
     assert contents(tmp_path / "out")["pareto_RA.csv"] != first["pareto_RA.csv"]
 
 
-def test_an_interrupt_keeps_the_best_so_far_and_says_so(
-    call, tmp_path, monkeypatch, capsys
-):
+def test_an_interrupt_keeps_the_best_so_far_and_says_so(call, tmp_path, monkeypatch, capsys):
     heard = []
 
     def stop(self, afferent, progress):
@@ -169,9 +163,7 @@ def test_an_interrupt_keeps_the_best_so_far_and_says_so(
     assert last == "interrupted: the best so far of SA is kept, finished = false"
 
 
-def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(
-    call, tmp_path, undrawn
-):
+def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(call, tmp_path, undrawn):
     call()
     (tmp_path / "out/mine.txt").write_text("mine")
     call("--afferent", "SA")

@@ -73,9 +73,7 @@ def test_the_same_seed_gives_the_same_front_and_another_one_another(observed, re
     assert first.values.tolist() != other.values.tolist()
 
 
-def test_an_interrupt_keeps_the_best_so_far_and_leaves_later_classes_out(
-    observed, response
-):
+def test_an_interrupt_keeps_the_best_so_far_and_leaves_later_classes_out(observed, response):
     heard = []
 
     def stop(afferent, progress):
@@ -84,11 +82,7 @@ def test_an_interrupt_keeps_the_best_so_far_and_leaves_later_classes_out(
             raise KeyboardInterrupt
 
     run = fit_afferents(
-        observed,
-        response,
-        drives("RA", "SA"),
-        FitSettings(**SHORT),
-        on_progress=stop,
+        observed, response, drives("RA", "SA"), FitSettings(**SHORT), on_progress=stop
     )
     assert heard == [("RA", 20), ("RA", 40)]
     assert [fit.afferent for fit in run.fits] == ["RA"]
@@ -116,9 +110,7 @@ def test_an_interrupt_of_a_later_class_before_it_began_keeps_the_first(
     assert not run.finished
 
 
-def test_an_interrupt_before_anything_was_found_stays_one(
-    observed, response, monkeypatch
-):
+def test_an_interrupt_before_anything_was_found_stays_one(observed, response, monkeypatch):
     from fembridge.fitting import fit as module
 
     def searched(problem, **options):
@@ -132,11 +124,7 @@ def test_an_interrupt_before_anything_was_found_stays_one(
 def test_every_fit_is_told_of_when_it_is_made(observed, response):
     heard = []
     run = fit_afferents(
-        observed,
-        response,
-        drives("RA", "SA"),
-        FitSettings(**SHORT),
-        on_fit=heard.append,
+        observed, response, drives("RA", "SA"), FitSettings(**SHORT), on_fit=heard.append
     )
     assert heard == list(run.fits)
 
@@ -163,9 +151,7 @@ def test_the_rule_decides_which_candidate_of_a_front_is_taken(ra_run):
 def test_a_class_that_the_response_lacks_is_refused(observed, response):
     from dataclasses import replace
 
-    alone = replace(
-        response, places=response.places[:1], tensor_pa=response.tensor_pa[:, :1]
-    )
+    alone = replace(response, places=response.places[:1], tensor_pa=response.tensor_pa[:, :1])
     with pytest.raises(ResponseError, match="no RA in the response, only SA"):
         fit_afferents(observed, alone, drives("RA"), FitSettings(**SHORT))
 
@@ -173,14 +159,10 @@ def test_a_class_that_the_response_lacks_is_refused(observed, response):
 def test_a_family_without_observed_rates_is_refused(observed, response):
     sines = observed.family("sine")
     with pytest.raises(UsageError, match="of RA of family noise, only of sine"):
-        fit_afferents(
-            sines, response, drives("RA"), FitSettings(families=("noise",), **SHORT)
-        )
+        fit_afferents(sines, response, drives("RA"), FitSettings(families=("noise",), **SHORT))
 
 
-def test_a_stimulus_deeper_than_the_response_is_refused_by_name(
-    observed, response, tmp_path
-):
+def test_a_stimulus_deeper_than_the_response_is_refused_by_name(observed, response, tmp_path):
     deep = ObservedRates(("sine_20_500",), ("RA",), [[30.0]], tmp_path, "0" * 64)
     with pytest.raises(ResponseError, match=r"sine_20_500 goes 5.* um deep"):
         fit_afferents(deep, response, drives("RA"), FitSettings(**SHORT))
@@ -205,10 +187,7 @@ def test_a_run_without_all_its_classes_is_not_finished(ra_run):
         ({"cells": 0}, "cells is 0, expected 1 to 1000"),
         ({"cells": 1001}, "cells is 1001"),
         ({"population": 3}, "population is 3, expected 4 or more"),
-        (
-            {"evaluations": 50, "population": 60},
-            "50 evaluations, expected at least one",
-        ),
+        ({"evaluations": 50, "population": 60}, "50 evaluations, expected at least one"),
         ({"seed": -1}, "seed is -1"),
         ({"rule": "nicest"}, "rule 'nicest', expected one of smallest_error"),
     ],

@@ -10,12 +10,7 @@ import pytest
 from fembridge.cli import main
 from fembridge.errors import UsageError
 from fembridge.fitting.response_source import stored_source
-from fembridge.fitting.study import (
-    Case,
-    default_cases,
-    held_out_rmse_ips,
-    study_models,
-)
+from fembridge.fitting.study import Case, default_cases, held_out_rmse_ips, study_models
 from fembridge.fitting.study_files import cases_text, summary_text
 from fembridge.observed import read_observed
 from fembridge.tables import Rate, write_rates
@@ -72,9 +67,7 @@ def test_the_table_has_a_row_a_case_and_seed(made):
     assert rows[0]["free_parameters"] == "3"
     assert rows[2]["parameters"].startswith("tau_ms=")
     trial = made.findings[1].trials[0]
-    assert float(rows[2]["held_out_rmse_ips"]) == pytest.approx(
-        trial.held_out.rmse_ips, abs=1e-3
-    )
+    assert float(rows[2]["held_out_rmse_ips"]) == pytest.approx(trial.held_out.rmse_ips, abs=1e-3)
 
 
 def test_the_summary_ends_with_the_paper_s_parameters_as_printed(made):
@@ -111,22 +104,12 @@ def test_two_processes_find_what_one_finds(table, made):
 )
 def test_what_is_no_study_is_refused(table, cases, words, message):
     with pytest.raises(UsageError, match=message):
-        study_models(
-            read_observed(table), stored_source("quick").response, cases, **words
-        )
+        study_models(read_observed(table), stored_source("quick").response, cases, **words)
 
 
 def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
     words = ["study", "--observed", str(table), "--drive", "sharp", "rate"]
-    short = [
-        "--evaluations",
-        "200",
-        "--seeds",
-        "1",
-        "--json",
-        "-o",
-        str(tmp_path / "s"),
-    ]
+    short = ["--evaluations", "200", "--seeds", "1", "--json", "-o", str(tmp_path / "s")]
     assert main([*words, *short]) == 0
 
     told = json.loads(capsys.readouterr().out)

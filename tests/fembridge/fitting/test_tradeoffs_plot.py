@@ -12,20 +12,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge.errors import UsageError
 from fembridge.fitting.fit import fit_afferents
 from fembridge.fitting.settings import FitSettings
-from fembridge.plots.tradeoffs import (
-    draw_tradeoffs,
-    strongest_tradeoff,
-    tradeoffs_figure,
-)
+from fembridge.plots.tradeoffs import draw_tradeoffs, strongest_tradeoff, tradeoffs_figure
 from neural import drive_named
 
 
 @pytest.fixture(scope="module")
 def run(observed, response):
-    drives = {
-        "RA": drive_named("one_sided", "RA"),
-        "SA": drive_named("rising", "SA"),
-    }
+    drives = {"RA": drive_named("one_sided", "RA"), "SA": drive_named("rising", "SA")}
     settings = FitSettings(evaluations=60, population=20)
     return fit_afferents(observed, response, drives, settings)
 
@@ -55,17 +48,12 @@ def test_every_candidate_has_a_line_the_chosen_and_table_2_one_more(run, figure)
     panels = figure.axes
     for fit, panel in zip(run.fits, panels[::6], strict=True):
         rmse_ips = np.sqrt(fit.front.errors_ips2)
-        *candidates, published, chosen = [
-            line.get_ydata() for line in panel.get_lines()
-        ]
+        *candidates, published, chosen = [line.get_ydata() for line in panel.get_lines()]
         assert_allclose(candidates, rmse_ips)
         assert_allclose(chosen, rmse_ips[fit.choice.row])
         away = fit.published.predicted_ips - fit.published.observed_ips
         groups = np.array(fit.problem.groups)
-        expected = [
-            np.sqrt(np.mean(away[groups == name] ** 2))
-            for name in fit.problem.group_names
-        ]
+        expected = [np.sqrt(np.mean(away[groups == name] ** 2)) for name in fit.problem.group_names]
         assert_allclose(published, expected)
         assert panel.get_ylim()[1] > max(rmse_ips.max(), *expected)
 
@@ -106,9 +94,7 @@ def test_all_text_is_inside_the_picture(figure):
     assert box.y1 * figure.dpi <= height
 
 
-def test_classes_with_other_groups_leave_the_panels_of_the_others_empty(
-    observed, response
-):
+def test_classes_with_other_groups_leave_the_panels_of_the_others_empty(observed, response):
     rate_ips = observed.rate_ips.copy()
     column = observed.afferents.index("SA")
     fast = [name.startswith("sine_300") for name in observed.stimuli]
@@ -126,9 +112,7 @@ def test_one_group_has_nothing_to_trade(observed, response):
     rows = [name.startswith("sine_20_") for name in observed.stimuli]
     slow = replace(
         observed,
-        stimuli=tuple(
-            s for s, kept in zip(observed.stimuli, rows, strict=True) if kept
-        ),
+        stimuli=tuple(s for s, kept in zip(observed.stimuli, rows, strict=True) if kept),
         rate_ips=observed.rate_ips[rows],
     )
     settings = FitSettings(evaluations=20, population=20)

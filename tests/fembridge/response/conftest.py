@@ -113,9 +113,7 @@ def remembering(monkeypatch):
     def judge(folder):
         kind, _, number = folder.name.partition("_")
         if int(number) in numbers or kind in numbers:
-            raise RemembersError(
-                f"{folder}: unloading differs from loading by 17 %", 17.0
-            )
+            raise RemembersError(f"{folder}: unloading differs from loading by 17 %", 17.0)
         return measured(folder)
 
     monkeypatch.setattr(solve, "measured_response", judge)

@@ -44,8 +44,7 @@ def test_a_memory_of_17_percent_is_refused_in_so_many_words():
 
     assert found.closure_percent == pytest.approx(17.0)
     assert found.problem == (
-        "unloading differs from loading by 17 % at the same depth, "
-        "expected at most 0.5 %"
+        "unloading differs from loading by 17 % at the same depth, expected at most 0.5 %"
     )
 
 

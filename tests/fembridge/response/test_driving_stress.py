@@ -29,11 +29,7 @@ def test_models_that_read_von_mises_stress_get_the_traces_of_the_response():
         assert [t.afferent for t in found] == [t.afferent for t in expected]
         for one, other in zip(found, expected, strict=True):
             assert_array_equal(one.stress_pa, other.stress_pa)
-            assert (one.node, one.dt_ms, one.start_ms) == (
-                other.node,
-                other.dt_ms,
-                other.start_ms,
-            )
+            assert (one.node, one.dt_ms, one.start_ms) == (other.node, other.dt_ms, other.start_ms)
 
 
 def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
@@ -71,8 +67,6 @@ def test_each_class_reads_its_own():
 )
 def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(origin):
     bare = replace(RESPONSE, origin=origin)
-    with pytest.raises(
-        ResponseError, match="Poisson's ratio of epidermis, in which SA"
-    ):
+    with pytest.raises(ResponseError, match="Poisson's ratio of epidermis, in which SA"):
         driving_stress(bare, STIMULUS, ENERGY)
     assert len(driving_stress(bare, STIMULUS, PUBLISHED)) == 3

@@ -40,8 +40,7 @@ def test_the_accepted_map_is_written(tmp_path, model, player):
 
 
 @pytest.mark.parametrize(
-    "cause",
-    [Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN],
+    "cause", [Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN]
 )
 def test_a_rung_that_does_not_converge_is_left_and_told(tmp_path, model, player, cause):
     player.plays[1] = cause
@@ -71,18 +70,11 @@ def test_a_rung_that_remembers_is_left_and_told(tmp_path, model, player, remembe
     "cause",
     sorted(
         set(Cause)
-        - {
-            Cause.DIVERGED,
-            Cause.ENDLESS_ITERATION,
-            Cause.STALLED,
-            Cause.NEGATIVE_JACOBIAN,
-        },
+        - {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN},
         key=lambda cause: cause.name,
     ),
 )
-def test_what_another_contact_does_not_cure_ends_the_climb(
-    tmp_path, model, player, cause
-):
+def test_what_another_contact_does_not_cure_ends_the_climb(tmp_path, model, player, cause):
     """No solver, a full disk, an interrupt: five times the same would not help."""
     player.plays[1] = cause
 
@@ -95,9 +87,7 @@ def test_what_another_contact_does_not_cure_ends_the_climb(
     assert not (tmp_path / MAP_FILE).exists()
 
 
-def test_without_a_solver_the_error_names_the_line_that_installs_one(
-    tmp_path, model, monkeypatch
-):
+def test_without_a_solver_the_error_names_the_line_that_installs_one(tmp_path, model, monkeypatch):
     monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path / "empty"))
 
@@ -105,9 +95,7 @@ def test_without_a_solver_the_error_names_the_line_that_installs_one(
         solve_response(tmp_path / "response", model)
 
 
-def test_when_all_rungs_fail_each_is_listed_with_its_reason(
-    tmp_path, model, player, remembering
-):
+def test_when_all_rungs_fail_each_is_listed_with_its_reason(tmp_path, model, player, remembering):
     player.plays = {1: Cause.DIVERGED, 3: Cause.STALLED}
     remembering.update({2, *range(4, len(LADDER) + 1)})
     told = []
@@ -137,9 +125,7 @@ def test_a_finished_run_is_read_again_and_not_solved(tmp_path, model, player):
     np.testing.assert_array_equal(second.response.tensor_pa, first.response.tensor_pa)
 
 
-def test_a_finished_rung_that_remembers_is_not_solved_again(
-    tmp_path, model, player, remembering
-):
+def test_a_finished_rung_that_remembers_is_not_solved_again(tmp_path, model, player, remembering):
     remembering.add(1)
     solve_response(tmp_path, model)
 
@@ -176,9 +162,7 @@ def test_the_solver_is_run_as_asked(tmp_path, model, player):
 
     solve_response(tmp_path, model, threads=3, limits=limits, on_progress=on_progress)
 
-    assert player.options == [
-        {"threads": 3, "limits": limits, "on_progress": on_progress}
-    ]
+    assert player.options == [{"threads": 3, "limits": limits, "on_progress": on_progress}]
 
 
 def test_a_shorter_ladder_may_be_climbed(tmp_path, model, player):
@@ -186,9 +170,7 @@ def test_a_shorter_ladder_may_be_climbed(tmp_path, model, player):
     assert solved.rungs[0].contact == LADDER[3]
 
 
-def test_a_place_that_cannot_be_written_is_told_before_anything(
-    tmp_path, model, player
-):
+def test_a_place_that_cannot_be_written_is_told_before_anything(tmp_path, model, player):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
         solve_response(tmp_path / "file", model)

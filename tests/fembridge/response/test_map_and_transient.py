@@ -72,7 +72,5 @@ def test_map_and_transient_agree_on_noise_solved_here(tmp_path):
 
     assert_same_neurons(solved.response.traces(stimulus), read(folder))
     stored = stored_response(model.finger, model.probe, model.element)
-    np.testing.assert_allclose(
-        solved.response.tensor_pa, stored.tensor_pa, rtol=1e-6, atol=1e-3
-    )
+    np.testing.assert_allclose(solved.response.tensor_pa, stored.tensor_pa, rtol=1e-6, atol=1e-3)
     assert read_run_folder(folder).start_ms > 0

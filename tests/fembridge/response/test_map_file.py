@@ -178,9 +178,7 @@ def test_a_shipped_map_is_whole_and_deep_enough_for_the_catalogue(name):
 
     response = read_map(FOLDER / f"{name}.toml")
 
-    deepest_um = max(
-        make_stimulus(entry).displacement_um.max() for entry in resolve(["all"])
-    )
+    deepest_um = max(make_stimulus(entry).displacement_um.max() for entry in resolve(["all"]))
     assert response.deepest_um >= deepest_um
     assert response.closure_percent < 0.5
     assert [place.afferent for place in response.places] == ["SA", "RA", "PC"]

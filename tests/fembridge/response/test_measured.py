@@ -112,9 +112,7 @@ def test_stress_at_the_deepest_point_is_met_once_and_goes_into_the_map(folder):
 def test_out_of_plane_shear_that_is_no_rounding_noise_is_refused(folder):
     read, deepest = results_of(folder)
     scale(folder / "job.frd", read.tensor_pa[deepest, 0, 4] / PA_PER_MPA, 1e12)
-    with pytest.raises(
-        ResultError, match=r"out-of-plane shear of .* Pa, expected none"
-    ):
+    with pytest.raises(ResultError, match=r"out-of-plane shear of .* Pa, expected none"):
         measured_response(folder)
 
 
@@ -154,9 +152,7 @@ def test_a_waveform_of_other_times_is_refused(folder):
     ]
     (folder / "stimulus.csv").write_text("\n".join(moved) + "\n")
 
-    with pytest.raises(
-        ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"
-    ):
+    with pytest.raises(ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"):
         measured_response(folder)
 
 

@@ -102,9 +102,7 @@ def test_the_scheme_of_fritsch_and_carlson_worked_out_by_hand(made_map):
 def test_a_stimulus_that_goes_too_deep_is_refused_with_both_depths(made_map, depth_um):
     with pytest.raises(ResponseError) as caught:
         made_map().traces(stimulus_of([0.0, depth_um, 0.0]))
-    assert str(caught.value) == (
-        f"mine goes {depth_um:g} um deep, the response map reaches 300 um"
-    )
+    assert str(caught.value) == (f"mine goes {depth_um:g} um deep, the response map reaches 300 um")
 
 
 def test_a_stimulus_a_nanometre_too_deep_does_not_seem_to_fit(made_map):
@@ -152,9 +150,7 @@ def test_out_of_plane_shear_is_no_plane_strain(made_map):
 
 def test_two_depths_are_no_curve(made_map):
     with pytest.raises(ResponseError, match="expected three or more depths"):
-        made_map(
-            depth_um=[0.0, 1.0], tensor_pa=np.zeros((2, 2, 6)), force_n_per_mm=[0, 1]
-        )
+        made_map(depth_um=[0.0, 1.0], tensor_pa=np.zeros((2, 2, 6)), force_n_per_mm=[0, 1])
 
 
 def test_a_map_lets_nobody_write(made_map):

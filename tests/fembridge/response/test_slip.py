@@ -42,17 +42,12 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     assert not (tmp_path / MAP_FILE).exists()
 
 
-def test_a_rung_without_friction_has_no_frictionless_twin(
-    tmp_path, model, player, remembering
-):
+def test_a_rung_without_friction_has_no_frictionless_twin(tmp_path, model, player, remembering):
     remembering.update({1, 2, 3})
 
     solve_response(tmp_path, model)
 
-    assert [folder.name for folder in player.smooth] == [
-        "frictionless_1",
-        "frictionless_2",
-    ]
+    assert [folder.name for folder in player.smooth] == ["frictionless_1", "frictionless_2"]
 
 
 def test_a_slip_is_still_itself_after_a_worker_raised_it():
@@ -62,9 +57,7 @@ def test_a_slip_is_still_itself_after_a_worker_raised_it():
 
 
 def test_no_indentation_is_solved_for_skin_that_relaxes(tmp_path, model, player):
-    dermis = dataclasses.replace(
-        model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),)
-    )
+    dermis = dataclasses.replace(model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
     materials = {**model.finger.materials, "dermis": dermis}
     finger = dataclasses.replace(model.finger, materials=materials)
 

@@ -44,9 +44,7 @@ def test_the_presets_respond_differently():
         ),
     ],
 )
-def test_anything_else_is_refused_and_the_difference_named(
-    finger, probe, element, told
-):
+def test_anything_else_is_refused_and_the_difference_named(finger, probe, element, told):
     with pytest.raises(ResponseError, match="no response is stored for this") as caught:
         stored_response(finger, probe, element)
     assert told in str(caught.value)

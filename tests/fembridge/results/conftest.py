@@ -8,10 +8,7 @@ from pathlib import Path
 import pytest
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
-COMPONENTS = {
-    "DISP": ("D1", "D2", "D3"),
-    "STRESS": ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
-}
+COMPONENTS = {"DISP": ("D1", "D2", "D3"), "STRESS": ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX")}
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,7 @@ def test_stress_is_the_sum_where_there_are_branches_and_else_as_it_was(relaxing)
     plain = {trace.afferent: trace for trace in read(RECORDED)}
     summed = {trace.afferent: trace for trace in read(relaxing.folder)}
 
-    assert_allclose(
-        summed["PC"].stress_pa, 3 * plain["PC"].stress_pa, rtol=1e-14, atol=1e-100
-    )
+    assert_allclose(summed["PC"].stress_pa, 3 * plain["PC"].stress_pa, rtol=1e-14, atol=1e-100)
     for other in ("SA", "RA"):
         assert_array_equal(summed[other].stress_pa, plain[other].stress_pa)
 

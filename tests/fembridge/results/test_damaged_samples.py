@@ -35,18 +35,9 @@ DAMAGED = {
         f"{NO_END}; {LAST_1}",
         [0.5, 1.0],
     ),
-    "cpe4_diverged": (
-        f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}",
-        [0.5],
-    ),
-    "cpe4_dyn_impact": (
-        f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}",
-        [0.5],
-    ),
-    "cpe4_incmax": (
-        f"{NO_END}; last whole increment: 2 of step 1, 1 ms",
-        [0.5, 1.0],
-    ),
+    "cpe4_diverged": (f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}", [0.5]),
+    "cpe4_dyn_impact": (f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}", [0.5]),
+    "cpe4_incmax": (f"{NO_END}; last whole increment: 2 of step 1, 1 ms", [0.5, 1.0]),
     "kill_ascii": (
         f"DISP of step 1, increment 2 is cut at byte 114077, after 157 of 252 records; "
         f"{NO_END}; {LAST_1}",
@@ -98,9 +89,7 @@ def test_what_was_whole_before_the_damage_is_read_and_equals_the_file(samples, n
     if twin is not None:
         same_pa = frd.read_stress_tensor(samples / f"{twin}.frd", [11], options)[1]
         shared = min(len(same_pa), len(tensor_pa))
-        assert_allclose(
-            tensor_pa[:shared, :, :4], same_pa[:shared, :, :4], rtol=1e-5, atol=1e-9
-        )
+        assert_allclose(tensor_pa[:shared, :, :4], same_pa[:shared, :, :4], rtol=1e-5, atol=1e-9)
 
 
 def test_divergence_shows_without_the_sta_file(samples, tmp_path):
@@ -183,9 +172,7 @@ def refused(action, words):
         ("f.inp", b"*NSET, NSET=A\n1,", read_node_sets, "more than 65536 bytes"),
     ],
 )
-def test_a_line_of_two_gigabytes_is_named_in_little_memory(
-    tmp_path, name, start, reader, words
-):
+def test_a_line_of_two_gigabytes_is_named_in_little_memory(tmp_path, name, start, reader, words):
     path = hole(tmp_path / name, start)
     action = (lambda: reader(path)) if words is None else refused(
         lambda: reader(path), words
@@ -198,17 +185,13 @@ def test_a_line_of_two_gigabytes_is_named_in_little_memory(
 def test_a_block_of_nothing_is_named_in_little_memory(block, write_frd, tmp_path):
     """A hole that a full disk left, where records should be; it is read through."""
     whole = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])]).read_bytes()
-    path = hole(
-        tmp_path / "hole.frd", whole[: whole.rindex(b" -1         1")], SEARCHED
-    )
+    path = hole(tmp_path / "hole.frd", whole[: whole.rindex(b" -1         1")], SEARCHED)
     words = r"STRESS of step 1, increment 1 is cut at byte \d+, after 0 of 1 records"
     assert peak_bytes(refused(lambda: read(path, [1]), words)) < 8 << 20
 
 
 @pytest.mark.parametrize("flag", [1, 2, 3])
-@pytest.mark.parametrize(
-    "reader", [lambda p: read(p, [1]), lambda p: list(read_fields(p))]
-)
+@pytest.mark.parametrize("reader", [lambda p: read(p, [1]), lambda p: list(read_fields(p))])
 def test_a_count_of_billions_takes_no_memory(block, write_frd, flag, reader):
     lying = block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=flag, count=999_999_999_999)
     path = write_frd([lying])
@@ -283,8 +266,6 @@ def test_a_blank_count_of_records_is_read_to_the_end_line(block, write_frd):
     records = [(n, [float(n)] * 6) for n in (1, 2, 3)]
     path = write_frd([block("STRESS", k, k * 1e-3, records) for k in (1, 2)])
     content = path.read_bytes()
-    path.write_bytes(
-        content.replace(b"           3" + b" " * 21 + b"0", b" " * 33 + b"0")
-    )
+    path.write_bytes(content.replace(b"           3" + b" " * 21 + b"0", b" " * 33 + b"0"))
     assert path.read_bytes() != content
     assert len(read(path, [3])[0].stress_pa) == 2

@@ -14,10 +14,7 @@ from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 
 CUT_STEP = 1 if os.environ.get("CI") == "true" else 5
-STRESSES = (
-    " stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and time"
-    "  0.5000000E-03"
-)
+STRESSES = " stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and time  0.5000000E-03"
 
 
 def test_total_force_is_the_sum_of_the_nodal_forces(samples):
@@ -32,9 +29,7 @@ def test_total_force_is_the_sum_of_the_nodal_forces(samples):
 
 
 def test_printed_displacement_is_that_of_the_result_file(samples):
-    _, nodes, moved_mm = dat.read_node_print(
-        samples / "cpe4_ascii.dat", "displacements", "PROBES"
-    )
+    _, nodes, moved_mm = dat.read_node_print(samples / "cpe4_ascii.dat", "displacements", "PROBES")
     _, stored_mm = read_displacement(samples / "cpe4_ascii.frd", nodes.tolist())
     assert_allclose(moved_mm, stored_mm, rtol=5e-6, atol=1e-15)
 
@@ -88,9 +83,7 @@ def test_an_old_spelling_and_a_fortran_exponent_are_read(tmp_path):
 
 
 def test_a_set_that_is_absent_is_named_beside_those_there(samples):
-    with pytest.raises(
-        ResultError, match=r"no total force for set NBOT.*total force for set NTOP"
-    ):
+    with pytest.raises(ResultError, match=r"no total force for set NBOT.*total force for set NTOP"):
         dat.read_total_force(samples / "cpe4_ascii.dat", "NBOT")
 
 
@@ -112,9 +105,7 @@ def test_every_cut_is_an_error_or_a_true_beginning(samples, tmp_path):
     for size in range(len(run) - 1, -1, -CUT_STEP):
         os.truncate(path, size)
         try:
-            _, _, some_n = dat.read_node_print(
-                path, "forces", "NTOP", ReadOptions(partial=True)
-            )
+            _, _, some_n = dat.read_node_print(path, "forces", "NTOP", ReadOptions(partial=True))
         except ResultError:
             continue
         counts.add(len(some_n))

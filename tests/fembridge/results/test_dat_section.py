@@ -100,12 +100,9 @@ def dat(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("header", "labels", "count", "quantity", "columns", "label_names"),
-    [*KINDS, *CONTACT],
+    ("header", "labels", "count", "quantity", "columns", "label_names"), [*KINDS, *CONTACT]
 )
-def test_a_print_of_any_kind_is_read(
-    dat, header, labels, count, quantity, columns, label_names
-):
+def test_a_print_of_any_kind_is_read(dat, header, labels, count, quantity, columns, label_names):
     rows = record(labels, REALS[:count]) + record(labels, REALS[:count][::-1])
     (section,) = sections_of(dat(f"\n {header}\n\n{rows}"))
     names = columns.split() if isinstance(columns, str) else columns
@@ -119,10 +116,7 @@ def test_a_print_of_any_kind_is_read(
 
 def test_statistics_of_contact_become_sections_of_their_set(dat):
     force, area, number = sections_of(dat(STATISTICS))
-    assert (force.quantity, force.set_name) == (
-        "surface force",
-        "SSKIN, master set MIND",
-    )
+    assert (force.quantity, force.set_name) == ("surface force", "SSKIN, master set MIND")
     assert force.columns == ("fx", "fy", "fz", "mx", "my", "mz")
     assert area.columns == ("area", "normal force", "shear force")
     assert area.values.tolist() == [[0.6446008, -1.466055e-02, 2.465886e-17]]
@@ -143,9 +137,7 @@ def test_modes_have_a_number_and_no_time(dat, tmp_path):
 
 def test_tables_of_another_kind_are_told_once(dat):
     heard = []
-    text = (
-        "     E I G E N V A L U E   O U T P U T\n\n MODE NO  X\n\n      1   0.4E+04\n"
-    )
+    text = "     E I G E N V A L U E   O U T P U T\n\n MODE NO  X\n\n      1   0.4E+04\n"
     assert sections_of(dat(text), ReadOptions(tell=heard.append)) == []
     assert len(heard) == 1
     assert heard[0].startswith("tables of another kind are left out, from line 1: E I")

@@ -242,9 +242,7 @@ PLACES = {
 
 @pytest.mark.parametrize("kind", ["qu4", "qu8", "he8", "he20"])
 @pytest.mark.parametrize(("points", "order"), [(1, 0), (8, 1), (27, 2)])
-def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(
-    kind, points, order
-):
+def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(kind, points, order):
     corners = PLACES["qu4" if kind.startswith("qu") else "he8"]
     places = list(corners)
     if kind == "qu8":
@@ -254,9 +252,7 @@ def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(
                 (4, 5), (5, 6), (6, 7), (7, 4)]  # fmt: skip
         places += [tuple(np.add(corners[a], corners[b]) / 2) for a, b in mids]
     gauss = {1: [0.0], 8: [-(3**-0.5), 3**-0.5], 27: [-(0.6**0.5), 0.0, 0.6**0.5]}
-    lie = [
-        (x, y, z) for z in gauss[points] for y in gauss[points] for x in gauss[points]
-    ]
+    lie = [(x, y, z) for z in gauss[points] for y in gauss[points] for x in gauss[points]]
 
     def stress(x, y, z=0.0):
         return (2 + 3 * x**order) * (1 - 4 * y**order) * (5 + z**order * len(corners))

@@ -24,9 +24,7 @@ def test_uniaxial_stress_is_itself(stress, poisson, along):
 
 
 @given(shear=st.floats(-1e6, 1e6), poisson=POISSON, plane=st.integers(3, 5))
-def test_pure_shear_is_as_much_as_shear_and_young_s_modulus_have_it(
-    shear, poisson, plane
-):
+def test_pure_shear_is_as_much_as_shear_and_young_s_modulus_have_it(shear, poisson, plane):
     """W = τ²/2G with G = E/2(1 + ν)."""
     tensor = np.zeros(6)
     tensor[plane] = shear
@@ -64,9 +62,7 @@ def test_it_is_the_energy_that_hooke_s_law_gives_each_tensor(tensor, poisson, yo
 def test_without_change_of_volume_it_is_von_mises_stress(tensor):
     """At ν = 1/2 all energy is of shape: 2EW = σ²."""
     scale = 1 + abs(tensor).max()
-    assert_allclose(
-        energy_stress_pa(tensor, 0.5), von_mises_pa(tensor), atol=1e-6 * scale
-    )
+    assert_allclose(energy_stress_pa(tensor, 0.5), von_mises_pa(tensor), atol=1e-6 * scale)
 
 
 @pytest.mark.parametrize("shape", [(5,), (6, 4), ()])

@@ -68,9 +68,7 @@ def test_a_linear_field_in_a_distorted_element_comes_out_exactly(number, jitter,
     at_corners = base + np.array(jitter)[: corners * size].reshape(corners, size)
     value = lambda place: field[0] + place @ np.array(field[1 : 1 + size])  # noqa: E731
 
-    found = weights_of(number, "linear") @ value(
-        shape_functions(about, here) @ at_corners
-    )
+    found = weights_of(number, "linear") @ value(shape_functions(about, here) @ at_corners)
 
     wanted = value(shape_functions(about, to) @ at_corners)
     assert_allclose(found, wanted, rtol=0, atol=1e-12 * (1 + sum(map(abs, field))))

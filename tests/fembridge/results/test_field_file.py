@@ -60,15 +60,7 @@ def test_a_csv_has_a_row_a_node_and_units_in_its_names(samples, tmp_path):
     write_field(tmp_path / "f.csv", field)
     with (tmp_path / "f.csv").open(newline="") as file:
         rows = list(csv.reader(file))
-    assert rows[0] == [
-        "node",
-        "sxx_pa",
-        "syy_pa",
-        "szz_pa",
-        "sxy_pa",
-        "syz_pa",
-        "szx_pa",
-    ]
+    assert rows[0] == ["node", "sxx_pa", "syy_pa", "szz_pa", "sxy_pa", "syz_pa", "szx_pa"]
     table = np.array(rows[1:], dtype=float)
     assert np.array_equal(table[:, 0], field.nodes)
     assert np.array_equal(table[:, 1:], field.values)

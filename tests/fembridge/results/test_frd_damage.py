@@ -48,10 +48,7 @@ def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(block, write_frd, 
         if size < whole_size - 1:  # without its last line end nothing is lost
             with pytest.raises(ResultError):
                 frd.read_stress_tensor(path, [1, 3])
-        for reader, whole in (
-            (frd.read_stress_tensor, tensor),
-            (frd.read_displacement, moved),
-        ):
+        for reader, whole in ((frd.read_stress_tensor, tensor), (frd.read_displacement, moved)):
             try:
                 some_ms, some = reader(path, [1, 3], LENIENT)
             except ResultError as error:
@@ -64,9 +61,7 @@ def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(block, write_frd, 
 
 
 @pytest.mark.parametrize("flag", [1, 2, 3])
-def test_changed_bytes_never_make_a_number_that_is_not_in_the_file(
-    block, write_frd, flag
-):
+def test_changed_bytes_never_make_a_number_that_is_not_in_the_file(block, write_frd, flag):
     blocks = small_run(block, flag, increments=2)
     path = write_frd(blocks, f"fuzz{flag}.frd", mesh_flag=min(flag, 2))
     whole, rng = path.read_bytes(), np.random.default_rng(flag)
@@ -120,9 +115,7 @@ def test_a_count_that_lies_is_no_shift_of_records(block, write_frd, flag, count)
 @pytest.mark.parametrize("kept", [0, 40, 86, 100])
 def test_increments_appended_behind_a_cut_are_found_again(block, write_frd, kept):
     """A disk that was full and had room again: text goes on within a line."""
-    blocks = [
-        block("STRESS", k, k * 1e-3, [(1, [k] * 6), (2, [k] * 6)]) for k in (1, 2, 3)
-    ]
+    blocks = [block("STRESS", k, k * 1e-3, [(1, [k] * 6), (2, [k] * 6)]) for k in (1, 2, 3)]
     path = write_frd(blocks)
     whole = path.read_bytes()
     start = whole.index(b" -1         1", whole.index(b" 2.00000E-03")) + kept
@@ -146,9 +139,7 @@ def test_markers_inside_binary_records_are_numbers_there(block, write_frd):
 
 @pytest.mark.parametrize("flag", [1, 2, 3])
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
-def test_a_value_that_is_no_number_is_named_by_node_and_time(
-    block, write_frd, flag, bad
-):
+def test_a_value_that_is_no_number_is_named_by_node_and_time(block, write_frd, flag, bad):
     blocks = [
         block("STRESS", 1, 5e-4, [(4, [1.0] * 6)], flag=flag),
         block("STRESS", 2, 1e-3, [(4, [1.0, bad, 1, 1, 1, 1])], flag=flag),

@@ -40,8 +40,7 @@ def test_the_hardest_digits_of_each_power_of_ten_are_rounded_as_float_does(expon
     """Those whose exact value lies nearest to the middle of two doubles."""
     digits = np.arange(0, 1_000_000, STEP)
     fields = [
-        f" {number // 100_000}.{number % 100_000:05d}E{exponent:+03d}"
-        for number in digits.tolist()
+        f" {number // 100_000}.{number % 100_000:05d}E{exponent:+03d}" for number in digits.tolist()
     ]
     values, odd = decimals("".join(fields).encode(), len(fields), 12, 0, 1)
     assert odd is None
@@ -49,10 +48,7 @@ def test_the_hardest_digits_of_each_power_of_ten_are_rounded_as_float_does(expon
 
 
 def test_columns_of_a_record_are_cut_where_they_stand():
-    text = (
-        b" -1         7 1.00000E+00-2.50000E-01\n"
-        b" -1         8-0.00000E+00 3.00000E+00\n"
-    )
+    text = b" -1         7 1.00000E+00-2.50000E-01\n -1         8-0.00000E+00 3.00000E+00\n"
     values, odd = decimals(text, 2, 38, 13, 2)
     assert odd is None
     assert bits_of(values) == bits_of([1.0, -0.25, -0.0, 3.0])
@@ -71,11 +67,7 @@ def test_a_field_with_any_other_character_anywhere_is_called_odd(at):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [
-        (b"3.06745E-003", 3.06745e-3),
-        (b"+1.50000E+00", 1.5),
-        (b"        -INF", -np.inf),
-    ],
+    [(b"3.06745E-003", 3.06745e-3), (b"+1.50000E+00", 1.5), (b"        -INF", -np.inf)],
 )
 def test_what_is_odd_and_a_number_is_read_one_by_one(field, value):
     text = b"-1.37387E-03" + field

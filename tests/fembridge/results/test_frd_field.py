@@ -71,8 +71,7 @@ def test_every_number_is_the_float_of_its_text(samples, name, quantity):
 
 def test_all_storages_of_one_run_agree_within_their_rounding(samples):
     exact, text, single = (
-        list(read_fields(samples / f"cpe4_{how}.frd"))
-        for how in ("bin_f64", "ascii", "bin_f32")
+        list(read_fields(samples / f"cpe4_{how}.frd")) for how in ("bin_f64", "ascii", "bin_f32")
     )
     for known, printed, packed in zip(exact, text, single, strict=True):
         assert_array_equal(printed.nodes, known.nodes)
@@ -85,13 +84,9 @@ VALUES = st.floats(-1e30, 1e30, width=32).map(lambda x: float(f"{x:.5E}"))
 
 @settings(deadline=None, max_examples=60)
 @given(data=st.data(), flag=st.sampled_from([0, 1, 2, 3]), seed=st.integers(0, 99))
-def test_what_was_written_is_read_whatever_the_storage(
-    write_frd, block, data, flag, seed
-):
+def test_what_was_written_is_read_whatever_the_storage(write_frd, block, data, flag, seed):
     count = data.draw(st.integers(1, 14), label="components")
-    nodes = data.draw(
-        st.lists(st.integers(1, 99_999), min_size=1, max_size=20), label="nodes"
-    )
+    nodes = data.draw(st.lists(st.integers(1, 99_999), min_size=1, max_size=20), label="nodes")
     names = tuple(f"SDV{k}" for k in range(count))
     rng = np.random.default_rng(seed)
     tables = []
@@ -134,15 +129,12 @@ def three_digits(value):
 def test_exponents_of_three_digits_are_read(
     write_frd, block, sign, line_end, chunk_bytes, monkeypatch
 ):
-    monkeypatch.setattr(
-        "fembridge.results.frd_format.irregular.CHUNK_BYTES", chunk_bytes
-    )
+    monkeypatch.setattr("fembridge.results.frd_format.irregular.CHUNK_BYTES", chunk_bytes)
     values = [sign * 5.28012e-3, 3.06745e-3, sign, 0.0, 2e10, -1e-12, 7.5]
     names = tuple(f"SDV{k}" for k in range(7))
     records = [(node, [node * x for x in values]) for node in range(1, 30)]
     blocks = [
-        block("SDV", k, k * 1e-3, records, components=names, number=three_digits)
-        for k in (1, 2)
+        block("SDV", k, k * 1e-3, records, components=names, number=three_digits) for k in (1, 2)
     ]
     path = write_frd(blocks, line_end=line_end)
     for at_once in (None, 10):
@@ -160,9 +152,7 @@ def test_lines_that_end_as_in_windows_are_read(write_frd, block):
 
 def test_units_are_said_and_applied(samples):
     path = samples / "cpe4_ascii.frd"
-    joined = next(
-        read_joined_fields(path, ("STRESS", "DISP", "TOSTRAIN", "FORC", "CONTACT"))
-    )
+    joined = next(read_joined_fields(path, ("STRESS", "DISP", "TOSTRAIN", "FORC", "CONTACT")))
     assert {name: field.units[0] for name, field in joined.items()} == {
         "STRESS": "Pa", "DISP": "mm", "TOSTRAIN": "1", "FORC": "N", "CONTACT": "mm",
     }  # fmt: skip
@@ -254,9 +244,7 @@ def test_a_block_larger_than_a_chunk_is_read_whole(write_frd, block, flag, monke
 
 
 @pytest.mark.parametrize("flag", [1, 2])
-def test_memory_beside_the_arrays_that_come_out_does_not_grow(
-    write_frd, block, flag, monkeypatch
-):
+def test_memory_beside_the_arrays_that_come_out_does_not_grow(write_frd, block, flag, monkeypatch):
     """20 increments of 20 000 nodes: 35 MB of text, 1.1 MB an increment here."""
     # Made and dropped untouched: no memory, though it is counted as if it were.
     monkeypatch.setattr("fembridge.results.frd_format.field._KEPT_BYTES", 0)

@@ -24,9 +24,7 @@ def test_blocks_without_records_are_explained(samples):
 
 @pytest.mark.parametrize("flag", [1, 2, 3])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_number_that_is_not_finite_is_refused_or_left_out(
-    write_frd, block, flag, value
-):
+def test_a_number_that_is_not_finite_is_refused_or_left_out(write_frd, block, flag, value):
     good = [(n, [1.0] * 6) for n in (1, 2)]
     bad = [(1, [1.0] * 6), (2, [1.0, value, 1.0, 1.0, 1.0, 1.0])]
     path = write_frd(
@@ -74,9 +72,7 @@ def test_a_file_that_shrinks_while_it_is_read_is_told(write_frd, block, records)
     fields = read_fields(path)
     next(fields)
     path.write_bytes(path.read_bytes()[:-1000])
-    with pytest.raises(
-        ResultError, match=r"shrank|it had \d+ bytes when it was opened"
-    ):
+    with pytest.raises(ResultError, match=r"shrank|it had \d+ bytes when it was opened"):
         list(fields)
 
 
@@ -84,10 +80,7 @@ def test_a_file_that_grows_is_read_as_far_as_it_was_with_partial(write_frd, bloc
     rows = [(node, range(6)) for node in range(1, 9)]
     path = write_frd([block("STRESS", k, k * 1e-3, rows) for k in (1, 2)])
     said = []
-    strict, lenient = (
-        read_fields(path),
-        read_fields(path, partial=True, tell=said.append),
-    )
+    strict, lenient = (read_fields(path), read_fields(path, partial=True, tell=said.append))
     next(strict), next(lenient)
     with path.open("ab") as file:
         file.write(b"more")

@@ -11,9 +11,7 @@ from fembridge.results.frd_format.element import NODES_OF_TYPE
 from fembridge.results.frd_format.grid import KIND_OF_TYPE, read_grid
 
 ELEMENTS = st.lists(
-    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)),
-    min_size=1,
-    max_size=40,
+    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)), min_size=1, max_size=40
 )
 
 
@@ -36,9 +34,7 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
     ]
     if mesh_flag == 2:
         line_end = "\n"  # among packed numbers it would be one of them
-    path = write_frd(
-        [], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end
-    )
+    path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end)
     grid = read_grid(path)
     assert grid.nodes.tolist() == nodes
     assert grid.coordinates_mm.tolist() == [[node, 0, 0] for node in nodes]
@@ -53,8 +49,7 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
         assert cells.material.tolist() == [material for _, _, material, _ in mine]
         assert cells.corners.tolist() == [corners for *_, corners in mine]
     met = [
-        len({material for _, material, corners in elements if node in corners})
-        for node in nodes
+        len({material for _, material, corners in elements if node in corners}) for node in nodes
     ]
     assert grid.materials_met().tolist() == met
     assert grid.materials_of(7) == tuple(
@@ -64,9 +59,7 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
 
 @pytest.mark.parametrize("mesh_flag", [1, 2])
 @pytest.mark.parametrize("chunk_bytes", [300, 997, 5000])
-def test_a_mesh_larger_than_a_chunk_is_read_whole(
-    write_frd, mesh_flag, chunk_bytes, monkeypatch
-):
+def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_bytes, monkeypatch):
     monkeypatch.setattr("fembridge.results.frd_format.element.CHUNK_BYTES", chunk_bytes)
     monkeypatch.setattr("fembridge.results.frd_format.table.CHUNK_BYTES", chunk_bytes)
     nodes = list(range(1, 130))
@@ -82,8 +75,7 @@ def test_a_mesh_larger_than_a_chunk_is_read_whole(
 
 def test_all_storages_of_one_run_have_the_same_mesh(samples):
     text, single, double = (
-        read_grid(samples / f"cpe4_{how}.frd")
-        for how in ("ascii", "bin_f32", "bin_f64")
+        read_grid(samples / f"cpe4_{how}.frd") for how in ("ascii", "bin_f32", "bin_f64")
     )
     for other in (single, double):
         assert_array_equal(other.nodes, text.nodes)
@@ -110,9 +102,7 @@ def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
     assert dict(zip(grid.nodes.tolist(), places, strict=True)) == nodes
     (cells,) = grid.cells
     assert cells.kind == "qu8"
-    assert (
-        dict(zip(cells.ids.tolist(), cells.corners.tolist(), strict=True)) == elements
-    )
+    assert dict(zip(cells.ids.tolist(), cells.corners.tolist(), strict=True)) == elements
     on_boundary = grid.coordinates_mm[:, 1] == 0.5
     assert_array_equal(grid.materials_met() == 2, on_boundary)
 
@@ -121,10 +111,7 @@ def test_blank_counts_and_beams_are_read(samples):
     """As in the file of the last iterations: contact springs are two-node beams."""
     grid = read_grid(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
     assert grid.nodes.size == 188
-    assert [(c.kind, c.corners.shape) for c in grid.cells] == [
-        ("he8", (30, 8)),
-        ("be2", (112, 2)),
-    ]
+    assert [(c.kind, c.corners.shape) for c in grid.cells] == [("he8", (30, 8)), ("be2", (112, 2))]
 
 
 def test_arrays_are_read_only(samples):

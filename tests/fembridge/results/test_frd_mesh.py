@@ -15,17 +15,13 @@ from fembridge.results.frd_format.mesh import NODES_OF_TYPE, materials_at
 from fembridge.results.read_options import ReadOptions
 
 ELEMENTS = st.lists(
-    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)),
-    min_size=1,
-    max_size=30,
+    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)), min_size=1, max_size=30
 )
 
 
 @settings(deadline=None)
 @given(kinds=ELEMENTS, mesh_flag=st.sampled_from([1, 2]), seed=st.integers(0, 99))
-def test_any_mix_of_element_types_gives_what_a_plain_loop_gives(
-    write_frd, kinds, mesh_flag, seed
-):
+def test_any_mix_of_element_types_gives_what_a_plain_loop_gives(write_frd, kinds, mesh_flag, seed):
     rng, nodes = np.random.default_rng(seed), list(range(1, 41))
     elements = [
         (kind, material, rng.integers(1, 41, NODES_OF_TYPE[kind]).tolist())
@@ -38,8 +34,7 @@ def test_any_mix_of_element_types_gives_what_a_plain_loop_gives(
     assert index.ended
     assert not index.damage
     assert found == {
-        node: {material for _, material, corners in elements if node in corners}
-        for node in nodes
+        node: {material for _, material, corners in elements if node in corners} for node in nodes
     }
 
 

@@ -66,9 +66,7 @@ def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
 
 @settings(deadline=None)
 @given(count=st.integers(1, 20), flag=FLAGS, seed=st.integers(0, 99))
-def test_any_number_of_components_fits_the_record_length(
-    block, write_frd, count, flag, seed
-):
+def test_any_number_of_components_fits_the_record_length(block, write_frd, count, flag, seed):
     """Beyond six, ASCII continues on further lines; few and many nodes agree."""
     names = tuple(f"C{k}" for k in range(count))
     ids = list(range(100, 0, -1))
@@ -93,9 +91,7 @@ def test_rows_that_move_between_blocks_are_found_again(block, write_frd):
     assert_array_equal(tensor_pa[:, 0, 0], [1, 10, 100])
 
 
-def test_a_node_that_leaves_the_output_is_missed_by_name_and_increment(
-    block, write_frd
-):
+def test_a_node_that_leaves_the_output_is_missed_by_name_and_increment(block, write_frd):
     tables = [{1: 1.0, 2: 2.0}, {1: 10.0}]
     blocks = [
         block("STRESS", k, k * 1e-3, [(n, [x] * 6) for n, x in table.items()])
@@ -122,9 +118,7 @@ def test_exponents_of_three_digits_are_read(block, write_frd, sign):
 
     values = [5.28012e-3 * sign, 3.06745e-3, -1.0, 0.0, 2.0e10, -1e-12]
     blocks = [
-        block(
-            "STRESS", k, k * 1e-3, [(7, values), (8, values[::-1])], number=three_digits
-        )
+        block("STRESS", k, k * 1e-3, [(7, values), (8, values[::-1])], number=three_digits)
         for k in (1, 2)
     ]
     _, tensor_pa = frd.read_stress_tensor(write_frd(blocks), [8, 7], AS_IS)
@@ -158,14 +152,8 @@ def test_stress_is_scaled_by_the_unit_of_the_file(block, write_frd):
 
 
 @settings(deadline=None)
-@given(
-    dt_ms=st.floats(0.05, 2.0),
-    samples=st.integers(3, 400),
-    start=st.integers(1, 50),
-)
-def test_rounding_of_printed_times_does_not_make_an_even_step_uneven(
-    dt_ms, samples, start
-):
+@given(dt_ms=st.floats(0.05, 2.0), samples=st.integers(3, 400), start=st.integers(1, 50))
+def test_rounding_of_printed_times_does_not_make_an_even_step_uneven(dt_ms, samples, start):
     times_s = (np.arange(samples) + start) * dt_ms / 1e3
     printed = [f"{t:.5E}" if t < 1 else f"{t:.9f}" for t in times_s]
     times_ms = frd.unrounded(np.array([float(text) for text in printed]) * 1e3)

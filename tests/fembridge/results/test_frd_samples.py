@@ -31,9 +31,7 @@ def index_of(path):
 
 def test_the_samples_are_those_that_were_recorded():
     sums = tomllib.loads((SAMPLES / "RUN.toml").read_text())["sha256"]
-    found = {
-        name: hashlib.sha256((SAMPLES / name).read_bytes()).hexdigest() for name in sums
-    }
+    found = {name: hashlib.sha256((SAMPLES / name).read_bytes()).hexdigest() for name in sums}
     assert found == sums
 
 
@@ -43,8 +41,7 @@ def test_the_index_lists_what_another_reader_listed(name):
     found = [(block, block.records) for block in index.blocks]
     found += [(harm.block, harm.records) for harm in index.damage if harm.block]
     rows = [
-        [b.name, b.step, b.increment, records, len(b.components), b.flag]
-        for b, records in found
+        [b.name, b.step, b.increment, records, len(b.components), b.flag] for b, records in found
     ]
     assert rows == [[row[0], *row[2:]] for row in expected["datasets"]]
     times_s = [row[1] for row in expected["datasets"]]
@@ -102,9 +99,7 @@ def test_a_partial_reading_tells_what_is_wrong_with_the_file():
 
 def test_iterations_of_one_increment_are_no_history():
     path = SAMPLES / "cpe4_lastiter_ResultsForLastIterations.frd"
-    with pytest.raises(
-        ResultError, match="DISP of step 1 holds results of another kind"
-    ):
+    with pytest.raises(ResultError, match="DISP of step 1 holds results of another kind"):
         frd.read_displacement(path, [11], LENIENT)
     with pytest.raises(ResultError, match="no STRESS in it, it holds DISP"):
         frd.read_stress_tensor(path, [11], LENIENT)
@@ -118,9 +113,7 @@ def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
         shutil.copy(SAMPLES / "cpe4_diverged.sta", tmp_path)
     heard = []
     times_ms, displacement_mm = frd.read_displacement(
-        tmp_path / "cpe4_diverged.frd",
-        [11],
-        ReadOptions(partial=True, tell=heard.append),
+        tmp_path / "cpe4_diverged.frd", [11], ReadOptions(partial=True, tell=heard.append)
     )
     assert times_ms.tolist() == [0.5]
     assert displacement_mm.shape == (1, 1, 3)

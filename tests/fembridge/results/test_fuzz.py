@@ -31,16 +31,7 @@ LENIENT = ReadOptions(partial=True, across_materials=True, stress_unit="Pa")
 STRICT = ReadOptions(stress_unit="Pa")
 PRINTED = re.compile(rb"(?=([ +-]?\d*\.\d+(?:[EeDd][+-]?\d{1,3}|[+-]\d{3})?))")
 WHOLE = re.compile(rb"(?=(\d+))")
-MARKERS = (
-    b" -1",
-    b" -2",
-    b" -3\n",
-    b" 9999\n",
-    b"    1PSTEP",
-    b"  100CL",
-    b"\n",
-    b"\0",
-)
+MARKERS = (b" -1", b" -2", b" -3\n", b" 9999\n", b"    1PSTEP", b"  100CL", b"\n", b"\0")
 
 STA = b"""SUMMARY OF JOB INFORMATION
   STEP      INC     ATT  ITRS     TOT TIME     STEP TIME      INC TIME
@@ -254,9 +245,7 @@ TEXTS = {"dat": DAT, "sta": STA, "cvg": CVG, "deck": DECK}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_mutation_crashes_hangs_or_makes_up_a_number(
-    kind, block, write_frd, tmp_path
-):
+def test_no_mutation_crashes_hangs_or_makes_up_a_number(kind, block, write_frd, tmp_path):
     name, check, flag, share = KINDS[kind]
     content = TEXTS.get(kind) or frd_content(block, write_frd, flag)
     path: Path = tmp_path / name

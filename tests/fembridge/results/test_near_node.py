@@ -57,12 +57,8 @@ def test_without_results_there_is_no_nearest_node(samples):
 
 
 @settings(max_examples=30)
-@given(
-    seed=st.integers(0, 99), mesh_flag=st.sampled_from([1, 3]), count=st.integers(1, 40)
-)
-def test_any_place_gives_what_a_plain_search_gives(
-    block, write_frd, seed, mesh_flag, count
-):
+@given(seed=st.integers(0, 99), mesh_flag=st.sampled_from([1, 3]), count=st.integers(1, 40))
+def test_any_place_gives_what_a_plain_search_gives(block, write_frd, seed, mesh_flag, count):
     """The writer puts node n at x = n."""
     rng = np.random.default_rng(seed)
     mesh = sorted(rng.choice(np.arange(1, 200), count + 5, replace=False).tolist())

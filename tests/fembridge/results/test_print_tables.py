@@ -69,9 +69,7 @@ def test_one_quantity_can_be_taken_and_an_absent_one_is_named(samples, tmp_path)
     assert len(rows_of(output)) == 12  # what stood there stays
 
 
-def test_a_deck_of_another_unit_has_its_stress_in_pa_and_the_rest_as_it_is(
-    samples, tmp_path
-):
+def test_a_deck_of_another_unit_has_its_stress_in_pa_and_the_rest_as_it_is(samples, tmp_path):
     output = tmp_path / "t.csv"
     write(samples / "cpe4_ascii.dat", output, stress_unit="kPa")
     rows = rows_of(output)
@@ -107,9 +105,7 @@ def test_a_contact_print_may_have_fewer_records_at_the_end(dat):
 
 
 @pytest.mark.parametrize(("suffix", "rows"), [("sta", 4), ("cvg", 20)])
-def test_progress_becomes_a_table_with_units_in_its_names(
-    samples, tmp_path, suffix, rows
-):
+def test_progress_becomes_a_table_with_units_in_its_names(samples, tmp_path, suffix, rows):
     output = tmp_path / "t.csv"
     assert write(samples / f"cpe4_ascii.{suffix}", output) == rows
     first = rows_of(output)[0]

@@ -81,9 +81,7 @@ def plug(monkeypatch, value):
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: (point,))
 
 
-def test_another_package_adds_a_reader_under_the_entry_point(
-    tmp_path, monkeypatch, samples
-):
+def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypatch, samples):
     theirs = Reader("theirs", ".zzz", b"ZZZ", "fembridge.results.frd:read")
     monkeypatch.setattr("fembridge.results.THEIRS", theirs, raising=False)
     plug(monkeypatch, "fembridge.results:THEIRS")

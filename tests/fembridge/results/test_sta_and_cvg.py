@@ -34,9 +34,7 @@ def test_a_run_that_stopped_at_its_start_has_no_rows(samples):
 @pytest.mark.parametrize(
     ("name", "read_rows"), [("cpe4_ascii.sta", read_sta), ("cpe4_ascii.cvg", read_cvg)]
 )
-def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(
-    samples, tmp_path, name, read_rows
-):
+def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, name, read_rows):
     whole = (samples / name).read_bytes()
     rows, path = read_rows(samples / name), tmp_path / name
     path.write_bytes(whole)

@@ -26,9 +26,7 @@ from fembridge.results.read_options import ReadOptions
 
 FOLDER = Path("/usr/share/doc/calculix-ccx-test/examples/test")
 OF = 1 if os.environ.get("CI") == "true" else 5
-FRD = sorted(p.name for p in FOLDER.glob("*.frd*") if "check" not in p.name)[
-    OF - 1 :: OF
-]
+FRD = sorted(p.name for p in FOLDER.glob("*.frd*") if "check" not in p.name)[OF - 1 :: OF]
 DAT = sorted(path.name for path in FOLDER.glob("*.dat.ref*"))[OF - 1 :: OF]
 DECKS = sorted(path.name for path in FOLDER.glob("*.inp*"))[OF - 1 :: OF]
 HERE = pytest.mark.skipif(not FRD, reason="calculix-ccx-test is not installed")

@@ -20,10 +20,7 @@ def tensor(xx=0.0, yy=0.0, zz=0.0, xy=0.0, yz=0.0, zx=0.0):
 @given(stress=STRESS, axis=st.sampled_from(["xx", "yy", "zz"]))
 def test_uniaxial_stress_is_its_size(stress, axis):
     assert_allclose(
-        von_mises_pa(tensor(**{axis: stress})),
-        abs(stress),
-        rtol=1e-12,
-        atol=SQUARE_UNDERFLOWS,
+        von_mises_pa(tensor(**{axis: stress})), abs(stress), rtol=1e-12, atol=SQUARE_UNDERFLOWS
     )
 
 

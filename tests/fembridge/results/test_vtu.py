@@ -59,9 +59,7 @@ def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
         assert_array_equal(mesh.point_data["STRESS"], field.values)
         tensor_pa = tensor_of(field)
         assert_array_equal(mesh.point_data["von_mises"], von_mises_pa(tensor_pa))
-        assert_array_equal(
-            mesh.point_data["principal"], principal_stresses_pa(tensor_pa)
-        )
+        assert_array_equal(mesh.point_data["principal"], principal_stresses_pa(tensor_pa))
         (cells,) = mesh.cells
         assert cells.type == "quad"
         assert_array_equal(grid.nodes[cells.data], grid.cells[0].corners)
@@ -100,18 +98,14 @@ def test_a_node_without_a_value_is_nan_and_told(samples, tmp_path):
 def test_blocks_without_records_leave_nothing_to_write(samples, tmp_path):
     said = []
     with pytest.raises(ResultError, match="no increment with a value is left"):
-        write_vtu_series(
-            samples / "cpe8r_3d_nset_zero.frd", tmp_path / "out", tell=said.append
-        )
+        write_vtu_series(samples / "cpe8r_3d_nset_zero.frd", tmp_path / "out", tell=said.append)
     assert any("STRESS of step 1, increment 1 has 0 records" in words for words in said)
     assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.parametrize("kind", sorted(FRD_EDGES))
 @pytest.mark.parametrize("mesh_flag", [1, 2])
-def test_mid_side_nodes_lie_where_vtk_looks_for_them(
-    write_frd, block, tmp_path, kind, mesh_flag
-):
+def test_mid_side_nodes_lie_where_vtk_looks_for_them(write_frd, block, tmp_path, kind, mesh_flag):
     """A node's x is its number here, and so a name for it."""
     corners, edges = FRD_EDGES[kind]
     first = [2 * 3**k for k in range(corners)]  # so that no two sums are equal
@@ -203,8 +197,7 @@ def test_a_value_that_is_not_finite_is_refused_or_leaves_its_increment_out(
 
 def test_names_that_xml_cannot_hold_are_made_plain(write_frd, block, tmp_path):
     path = write_frd(
-        [block("A<&\x01B", 1, 1e-3, [(1, [2.0])], components=("X",))],
-        nodes=(1, 2, 3, 4),
+        [block("A<&\x01B", 1, 1e-3, [(1, [2.0])], components=("X",))], nodes=(1, 2, 3, 4)
     )
     content = path.read_bytes().replace(b"1EPI", b"1E\xe9\x02")
     path.write_bytes(content)

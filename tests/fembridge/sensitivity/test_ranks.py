@@ -19,9 +19,7 @@ STRESS = Output("SA", "peak_stress_pa", "all")
 
 def swept(value, *answers, outputs=None):
     names = tuple(f"skin.part_{k}" for k in range(value.shape[1]))
-    outputs = outputs or tuple(
-        Output("SA", "rate_ips", f"sine_{k}") for k in range(len(answers))
-    )
+    outputs = outputs or tuple(Output("SA", "rate_ips", f"sine_{k}") for k in range(len(answers)))
     return SweptFingers(names, value, outputs, np.stack(answers, axis=1))
 
 
@@ -36,9 +34,7 @@ def test_one_strictly_monotone_cause_has_coefficient_1_whatever_its_shape(ends):
     low, high = sorted(ends)
     if high - low < 0.01:
         return
-    value = np.stack(
-        [np.linspace(low, high, 40), np.random.default_rng(0).permutation(40)], axis=1
-    )
+    value = np.stack([np.linspace(low, high, 40), np.random.default_rng(0).permutation(40)], axis=1)
     [up, down] = rank_regressions(
         swept(value, np.exp(value[:, 0]), -(value[:, 0] ** 3)), resamples=50
     )
@@ -118,9 +114,7 @@ def test_an_answer_that_never_changes_is_told_and_warns_of_nothing():
     value = orthogonal(2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        still, moving = rank_regressions(
-            swept(value, np.full(25, 7.0), value[:, 0]), resamples=50
-        )
+        still, moving = rank_regressions(swept(value, np.full(25, 7.0), value[:, 0]), resamples=50)
 
     assert not still.varies and moving.varies
     assert not still.coefficient.any() and still.r_squared == 0

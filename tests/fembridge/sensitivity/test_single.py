@@ -8,12 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import UsageError
-from fembridge.sensitivity import (
-    Output,
-    SweptFingers,
-    is_one_at_a_time,
-    single_effects,
-)
+from fembridge.sensitivity import Output, SweptFingers, is_one_at_a_time, single_effects
 from fembridge.sensitivity.single import effects_in_order
 from fembridge.sweep.design import Range, one_at_a_time
 
@@ -24,15 +19,10 @@ STRESS = Output("SA", "peak_stress_pa", "all")
 def fingers(rows, *answers, outputs=(RATE, STRESS)):
     names = tuple(rows[0])
     value = np.array([[row[name] for name in names] for row in rows])
-    return SweptFingers(
-        names, value, outputs[: len(answers)], np.stack(answers, axis=1)
-    )
+    return SweptFingers(names, value, outputs[: len(answers)], np.stack(answers, axis=1))
 
 
-@given(
-    slopes=st.lists(st.floats(-5, 5), min_size=1, max_size=5),
-    half=st.floats(0.01, 0.5),
-)
+@given(slopes=st.lists(st.floats(-5, 5), min_size=1, max_size=5), half=st.floats(0.01, 0.5))
 def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
     base = {f"p{k}": 1.0 for k in range(len(slopes))}
     rows = one_at_a_time(base, {name: Range(1 - half, 1 + half) for name in base})
@@ -80,17 +70,11 @@ def test_a_silent_base_has_no_percentage():
 
 
 def test_the_strongest_comes_first_and_stress_parts_what_rates_do_not():
-    rows = one_at_a_time(
-        {"p": 1.0, "q": 1.0, "r": 1.0}, {n: Range(0, 2) for n in "pqr"}
-    )
+    rows = one_at_a_time({"p": 1.0, "q": 1.0, "r": 1.0}, {n: Range(0, 2) for n in "pqr"})
     rates = np.array([10.0, 10, 10, 10, 10, 10, 12])
     stress = np.array([100.0, 99, 101, 90, 110, 100, 100])
 
-    assert effects_in_order(single_effects(fingers(rows, rates, stress))) == [
-        "r",
-        "q",
-        "p",
-    ]
+    assert effects_in_order(single_effects(fingers(rows, rates, stress))) == ["r", "q", "p"]
 
 
 def test_two_changes_at_once_are_no_one_at_a_time():

@@ -28,9 +28,7 @@ def row(dermis, stimulus, rate, stress, afferent="SA", status="done,", friction=
     return f"{begin},{rate},3,{stress},{status},runs/x"
 
 
-def test_a_finger_is_what_stands_before_the_stimulus_and_constants_are_left_out(
-    results,
-):
+def test_a_finger_is_what_stands_before_the_stimulus_and_constants_are_left_out(results):
     swept = read_swept(
         results(
             row(1.0, "sine_20_250", 10, 5000),
@@ -91,10 +89,7 @@ def test_a_finger_of_which_anything_failed_is_left_out_and_its_cause_told(result
     [
         ([row(1.0, "sine_20_250", 1, 1)], "fingers: 1, expected two or more"),
         (
-            [
-                row(1.0, "sine_20_250", 1, 1),
-                row(1.1, "sine_20_250", "", "", status="failed,bad"),
-            ],
+            [row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_20_250", "", "", status="failed,bad")],
             "fingers: 1, 1 failed, expected two",
         ),
         ([], "fingers: 0"),
@@ -124,10 +119,7 @@ def test_nothing_to_compare_is_told(results, rows, problem):
             [row(1.0, "sine_20_250", 1, 1), row("", "sine_20_250", 2, 1)],
             "skin.dermis_mm is '1.0', '': expected",
         ),
-        (
-            [row(1.0, "sine_20_250", "nan", 1), row(1.1, "sine_20_250", 2, 1)],
-            "rate_ips is nan",
-        ),
+        ([row(1.0, "sine_20_250", "nan", 1), row(1.1, "sine_20_250", 2, 1)], "rate_ips is nan"),
         ([row(1.0, "sine_20_250", 1, 1, status="odd,")], "status is 'odd'"),
     ],
 )
@@ -144,10 +136,5 @@ def test_another_table_is_refused_and_both_kinds_are_named(results):
 
 def test_a_stimulus_belongs_to_its_frequency_or_its_family():
     stimuli = ("sine_20_250", "sine_300_50", "diharm_10_50_125", "noise_25_250_0.25")
-    assert [group_of(each) for each in stimuli] == [
-        "sine_20",
-        "sine_300",
-        "diharm",
-        "noise",
-    ]
+    assert [group_of(each) for each in stimuli] == ["sine_20", "sine_300", "diharm", "noise"]
     assert group_of("my_own") == "my_own"

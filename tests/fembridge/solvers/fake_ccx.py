@@ -146,9 +146,7 @@ def not_linked():
 def inverted():
     begin()
     for _ in range(200):
-        say(
-            " *ERROR in e_c3d: nonpositive jacobian\n        determinant in element 7\n"
-        )
+        say(" *ERROR in e_c3d: nonpositive jacobian\n        determinant in element 7\n")
     return 201
 
 

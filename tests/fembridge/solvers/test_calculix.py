@@ -126,9 +126,7 @@ def test_files_that_are_not_the_solvers_stay(fake_ccx, make_run):
     assert {"notes.txt", "stimulus.csv"} <= files_of(folder)
 
 
-def test_a_failure_is_raised_as_an_error_that_names_folder_and_cause(
-    fake_ccx, make_run
-):
+def test_a_failure_is_raised_as_an_error_that_names_folder_and_cause(fake_ccx, make_run):
     folder = make_run("diverged")
 
     with pytest.raises(SolverError, match="an increment did not converge") as caught:
@@ -236,9 +234,7 @@ def test_a_deck_that_was_changed_after_it_was_built_is_run_and_told(fake_ccx, ma
     assert not run_calculix(folder).as_built
 
 
-def test_without_a_solver_the_line_that_installs_it_is_told(
-    make_run, monkeypatch, tmp_path
-):
+def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatch, tmp_path):
     monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     folder = make_run("normal")

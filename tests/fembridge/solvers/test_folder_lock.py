@@ -63,8 +63,5 @@ def test_never_two_hold_it_however_many_try(tmp_path):
 
 
 def test_a_folder_that_is_not_there_cannot_be_held(tmp_path):
-    with (
-        pytest.raises(OutputError, match="cannot write here"),
-        folder_lock(tmp_path / "absent"),
-    ):
+    with pytest.raises(OutputError, match="cannot write here"), folder_lock(tmp_path / "absent"):
         pass

@@ -59,11 +59,7 @@ PARTS = {
 }
 ENDINGS = {
     "set": ("NOPE", Cause.BAD_DECK, "NOPE has not yet been defined"),
-    "model": (
-        "*INCLUDE, INPUT=nope.inc",
-        Cause.BAD_DECK,
-        "cannot open file nope.inc",
-    ),
+    "model": ("*INCLUDE, INPUT=nope.inc", Cause.BAD_DECK, "cannot open file nope.inc"),
     "request": ("*EL OUTPUT\nS", Cause.CARD_DROPPED, "[*ELOUTPUT]"),
     "solver": (", SOLVER=PARDISO", Cause.SOLVER_NOT_BUILT_IN, "PARDISO"),
     "nodes": ("1, 4, 3, 2", Cause.NEGATIVE_JACOBIAN, "in element 1"),
@@ -77,10 +73,7 @@ ENDINGS = {
 }
 OTHER_ENDINGS = {
     "unknown card": ({"model": "*FOOBAR"}, Cause.CARD_DROPPED),
-    "unknown parameter": (
-        {"request": "*NODE PRINT, NSET=ALL, FOO=3\nU"},
-        Cause.CARD_DROPPED,
-    ),
+    "unknown parameter": ({"request": "*NODE PRINT, NSET=ALL, FOO=3\nU"}, Cause.CARD_DROPPED),
     "unknown set": ({"request": "*NODE PRINT, NSET=NOPE\nU"}, Cause.CARD_DROPPED),
     "unknown solver": ({"solver": ", SOLVER=FOO"}, Cause.CARD_DROPPED),
     "absent node": ({"nodes": "1, 2, 3, 7"}, Cause.CRASHED),
@@ -149,9 +142,7 @@ def test_a_card_that_was_dropped_is_told_with_its_line(make_run):
 
 
 @pytest.mark.parametrize("signal_is", ["ignored", "obeyed"])
-def test_a_file_that_cannot_grow_is_a_full_disk(
-    make_run, tmp_path, monkeypatch, signal_is
-):
+def test_a_file_that_cannot_grow_is_a_full_disk(make_run, tmp_path, monkeypatch, signal_is):
     """Ignored, it acts as a full disk does: CalculiX ends with exit code 0."""
     program = tmp_path / "ccx-in-little-room"
     trap = "trap '' XFSZ\n" if signal_is == "ignored" else ""
@@ -177,9 +168,7 @@ def test_a_long_run_is_stopped_by_its_limit(make_run):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_no_signal_to_python_leaves_calculix_behind(
-    make_run, is_alive, wait_until, number
-):
+def test_no_signal_to_python_leaves_calculix_behind(make_run, is_alive, wait_until, number):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
     command = [sys.executable, "-c", RUN, str(folder)]
     child = subprocess.Popen(command, stderr=subprocess.DEVNULL)

@@ -20,13 +20,9 @@ def test_every_row_can_be_loaded(name):
 
 
 def test_another_package_can_add_a_solver(monkeypatch):
-    row = importlib.metadata.EntryPoint(
-        "mine", "math:hypot", fembridge.solvers.ENTRY_POINTS
-    )
+    row = importlib.metadata.EntryPoint("mine", "math:hypot", fembridge.solvers.ENTRY_POINTS)
     rows = importlib.metadata.EntryPoints([row])
-    monkeypatch.setattr(
-        fembridge.solvers, "entry_points", lambda group: rows.select(group=group)
-    )
+    monkeypatch.setattr(fembridge.solvers, "entry_points", lambda group: rows.select(group=group))
 
     assert load_solver("mine")(3.0, 4.0) == 5.0
     with pytest.raises(MissingError, match=r"no solver 'nine' here.*calculix, mine"):

@@ -45,9 +45,7 @@ def parent(fake_ccx):
 
 
 @pytest.mark.parametrize("where", ["main", "thread"])
-def test_killing_python_leaves_no_solver(
-    parent, make_run, pid_of, is_alive, wait_until, where
-):
+def test_killing_python_leaves_no_solver(parent, make_run, pid_of, is_alive, wait_until, where):
     folder = make_run("stubborn")
     child = parent(folder, where)
     solver = pid_of(folder)
@@ -94,9 +92,7 @@ def test_a_signal_to_python_stops_the_solver_and_keeps_the_evidence(
     assert not (folder / ".solver.lock").exists()
 
 
-def test_a_second_run_in_a_folder_is_refused(
-    parent, make_run, pid_of, is_alive, is_at_work
-):
+def test_a_second_run_in_a_folder_is_refused(parent, make_run, pid_of, is_alive, is_at_work):
     folder = make_run("hang")
     child = parent(folder)
     solver = pid_of(folder)
@@ -113,9 +109,7 @@ def test_another_thread_can_halt_a_run(fake_ccx, make_run, pid_of, is_alive):
     folder = make_run("hang")
     halt = threading.Event()
     found = []
-    thread = threading.Thread(
-        target=lambda: found.append(attempt_calculix(folder, halt=halt))
-    )
+    thread = threading.Thread(target=lambda: found.append(attempt_calculix(folder, halt=halt)))
     thread.start()
     solver = pid_of(folder)
     halt.set()

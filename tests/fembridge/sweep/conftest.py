@@ -68,9 +68,7 @@ def ledger(tmp_path):
         path = tmp_path / "ledger"
         lines = path.read_text().splitlines() if path.exists() else []
         words = [line.split(" ", 3) for line in lines]
-        return [
-            (word, int(pid), int(up), Path(where)) for word, pid, up, where in words
-        ]
+        return [(word, int(pid), int(up), Path(where)) for word, pid, up, where in words]
 
     return read
 

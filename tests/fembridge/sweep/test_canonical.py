@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 from fembridge.sweep.canonical import canonical_text, digest
 
 KEYS = st.text(min_size=1, max_size=5)
-NUMBERS = st.one_of(
-    st.integers(-(2**70), 2**70), st.floats(allow_nan=False, allow_infinity=False)
-)
+NUMBERS = st.one_of(st.integers(-(2**70), 2**70), st.floats(allow_nan=False, allow_infinity=False))
 LEAVES = st.one_of(NUMBERS, st.text(max_size=5), st.booleans(), st.none())
 TABLES = st.recursive(
     st.dictionaries(KEYS, LEAVES, max_size=4),

@@ -129,9 +129,7 @@ def test_what_is_no_address_is_refused(address, dermis_study, tmp_path):
         run_sweep(dermis_study(1), tmp_path, executor="dask", scheduler=address)
 
 
-def test_without_dask_the_line_that_installs_it_is_told(
-    dermis_study, tmp_path, monkeypatch
-):
+def test_without_dask_the_line_that_installs_it_is_told(dermis_study, tmp_path, monkeypatch):
     def absent(name):
         raise ImportError(name)
 

@@ -6,13 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import UsageError
-from fembridge.sweep.design import (
-    Range,
-    hypercube_shares,
-    latin_hypercube,
-    one_at_a_time,
-    range_of,
-)
+from fembridge.sweep.design import Range, hypercube_shares, latin_hypercube, one_at_a_time, range_of
 
 
 @pytest.mark.parametrize("samples", [2, 7, 50, 201])
@@ -48,9 +42,7 @@ def test_drawn_parameters_hardly_go_together():
     share=st.floats(0, 1),
     logarithmic=st.booleans(),
 )
-def test_a_value_lies_in_its_range_and_even_steps_are_even(
-    low, times, share, logarithmic
-):
+def test_a_value_lies_in_its_range_and_even_steps_are_even(low, times, share, logarithmic):
     span = Range(low, low * times, logarithmic)
     value = span.at(share)
 

@@ -32,9 +32,7 @@ def finished(sweep):
     return code, out, err
 
 
-def test_each_response_is_solved_once_and_every_item_reads_it(
-    dermis_study, tmp_path, ledger
-):
+def test_each_response_is_solved_once_and_every_item_reads_it(dermis_study, tmp_path, ledger):
     path = dermis_study(3, "preindent_um = [0, 75]")
     sweep = run_sweep(path, tmp_path / "out", jobs=2)
 
@@ -82,10 +80,7 @@ def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
     wait_until(lambda: len(list(wait_for.glob("*/item.toml"))) >= 1)
     gate.unlink()
     wait_until(
-        lambda: (
-            len(begun(ledger)) - sum(solved(ledger).values()) >= 1
-            or len(begun(ledger)) == 4
-        )
+        lambda: len(begun(ledger)) - sum(solved(ledger).values()) >= 1 or len(begun(ledger)) == 4
     )
     sweep.send_signal(signal.SIGKILL)
     sweep.wait(60)
@@ -109,15 +104,7 @@ def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
     [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
 )
 def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
-    dermis_study,
-    tmp_path,
-    ledger,
-    gate,
-    start_sweep,
-    wait_until,
-    is_alive,
-    number,
-    code,
+    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive, number, code
 ):
     path = dermis_study(3)
     sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "2")
@@ -161,10 +148,7 @@ def test_a_task_that_kills_its_worker_every_time_fails_alone(
     sweep = run_sweep(dermis_study(3), tmp_path / "out")
 
     [failed] = sweep.failed
-    assert (
-        "its process died 2 times, the last time with exit code -9"
-        in (sweep.causes[failed.key])
-    )
+    assert "its process died 2 times, the last time with exit code -9" in (sweep.causes[failed.key])
     assert sum(row["status"] == "done" for row in table_of(tmp_path / "out")) == 6
 
 
@@ -213,9 +197,7 @@ def test_a_folder_of_many_strange_letters_is_a_folder(dermis_study, tmp_path):
     assert (folder / "results.csv").read_text().count("done") == 3
 
 
-def test_a_folder_in_which_nothing_can_be_made_is_one_line(
-    dermis_study, tmp_path, command, capsys
-):
+def test_a_folder_in_which_nothing_can_be_made_is_one_line(dermis_study, tmp_path, command, capsys):
     (tmp_path / "out").write_text("a file")
     assert command(dermis_study(1), "-o", tmp_path / "out") == 1
     [line] = capsys.readouterr().err.splitlines()

@@ -210,8 +210,5 @@ def test_what_is_no_owner_owns_nothing(tmp_path, text):
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / "file").touch()
-    with (
-        pytest.raises(OutputError, match="a file stands where"),
-        leased(tmp_path / "file"),
-    ):
+    with pytest.raises(OutputError, match="a file stands where"), leased(tmp_path / "file"):
         pass

@@ -84,9 +84,7 @@ def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
 
     assert not {each.key for each in ones} & {each.key for each in others}
     solves = [{each.solve_place for each in plan} for plan in (ones, others)]
-    assert {each.response.key for each in ones} == {
-        each.response.key for each in others
-    }
+    assert {each.response.key for each in ones} == {each.response.key for each in others}
     by_id = [
         {each.entries[0].id: each.solve_place for each in plan if each.method != "map"}
         for plan in (ones, others)
@@ -264,11 +262,7 @@ def test_names_that_people_give_change_no_address():
 def test_a_task_is_the_same_after_a_pickle():
     one = item(method="transient")
     again = pickle.loads(pickle.dumps(one))
-    assert (again.key, again.place, again.solve_place) == (
-        one.key,
-        one.place,
-        one.solve_place,
-    )
+    assert (again.key, again.place, again.solve_place) == (one.key, one.place, one.solve_place)
     assert [each.id for each in again.stimuli()] == [each.id for each in one.stimuli()]
 
 
@@ -280,9 +274,7 @@ def test_of_a_finger_that_relaxes_each_waveform_is_solved():
 
     plan = plan_of(study("sine_20", variants=variants), CCX)
 
-    method_of = {
-        item.response.finger.relaxing_s > 0: item.method for item in plan.items.values()
-    }
+    method_of = {item.response.finger.relaxing_s > 0: item.method for item in plan.items.values()}
     assert method_of == {False: "map", True: "transient"}
     assert len(plan.items) == 1 + len(resolve("sine_20"))
     assert {point.columns["method"] for point in plan.points} == {"map", "transient"}

@@ -23,9 +23,7 @@ def short(entry, preindent_um=0.0, seed=None):
     return Stimulus(entry.id, wave_um, 0.5, (0.0, 4.0), origin={"family": "short"})
 
 
-def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(
-    tmp_path, monkeypatch
-):
+def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     variants = (Variant("quick", PRESETS["quick"]),)
     study = Study(resolve("noise_25_250_20,sine_20_250"), variants)
@@ -41,9 +39,7 @@ def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(
     assert answers.keys() == expected.keys()
     for key, answer in answers.items():
         assert answer.rate_ips == expected[key].rate_ips
-        np.testing.assert_allclose(
-            answer.peak_stress_pa, expected[key].peak_stress_pa, rtol=1e-3
-        )
+        np.testing.assert_allclose(answer.peak_stress_pa, expected[key].peak_stress_pa, rtol=1e-3)
 
     monkeypatch.setattr(task_module, "make_stimulus", short)
     both = Study(

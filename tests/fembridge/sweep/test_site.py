@@ -69,9 +69,7 @@ def test_nothing_moves_where_nothing_is_different(name):
     ridge=st.floats(0, 0.15),
     papilla=st.floats(0, 0.15),
 )
-def test_in_any_skin_they_keep_their_distance(
-    corneum, epidermis, dermis, ridge, papilla
-):
+def test_in_any_skin_they_keep_their_distance(corneum, epidermis, dermis, ridge, papilla):
     finger = replace(
         QUICK,
         skin=Skin(corneum, epidermis, dermis),
@@ -89,9 +87,7 @@ def test_in_any_skin_they_keep_their_distance(
 
 def test_a_place_beyond_the_layer_is_refused_with_the_layers_depths():
     thin = replace(QUICK, skin=Skin(0.3, 0.2, 1.1))
-    with pytest.raises(
-        FingerError, match=r"SA .* is not inside the epidermis, 0\.3 to 0\.55 mm"
-    ):
+    with pytest.raises(FingerError, match=r"SA .* is not inside the epidermis, 0\.3 to 0\.55 mm"):
         anchored(thin, {"SA": Anchor(upper=False, distance_mm=0.3)})
 
 

@@ -23,9 +23,7 @@ QUICK = Variant("quick", PRESETS["quick"])
 
 
 def study(words, **changes):
-    return Study(
-        resolve(words), changes.pop("variants", (QUICK,)), stored=True, **changes
-    )
+    return Study(resolve(words), changes.pop("variants", (QUICK,)), stored=True, **changes)
 
 
 def rows_of(sweep):
@@ -89,9 +87,7 @@ def test_a_study_that_grew_does_what_is_new(here, tmp_path):
 
 @pytest.mark.parametrize("name", ["answers.csv", "spikes.csv", "item.toml"])
 @pytest.mark.parametrize("harm", ["cut", "edited", "gone", "nonsense"])
-def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(
-    here, tmp_path, name, harm
-):
+def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(here, tmp_path, name, harm):
     made = study("sine_20_250")
     sweep = run_sweep(made, tmp_path)
     table = sweep.results.read_bytes()
@@ -135,14 +131,10 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
     [failed] = sweep.failed
     assert "no response is stored for this finger" in sweep.causes[failed.key]
     rows = rows_of(sweep)
-    assert [row["status"] for row in rows] == ["done"] * 18 + ["failed"] * 18 + [
-        "done"
-    ] * 18
+    assert [row["status"] for row in rows] == ["done"] * 18 + ["failed"] * 18 + ["done"] * 18
     bad = rows[18:36]
     assert {row["cause"] for row in bad} == {sweep.causes[failed.key]}
-    assert {row["rate_ips"] + row["spikes"] + row["peak_stress_pa"] for row in bad} == {
-        ""
-    }
+    assert {row["rate_ips"] + row["spikes"] + row["peak_stress_pa"] for row in bad} == {""}
     assert {(row["finger"], row["skin.epidermis_mm"]) for row in rows} == {
         ("quick", "0.4"),
         ("quick", "0.5"),
@@ -150,9 +142,7 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
     }
 
 
-def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(
-    here, tmp_path, monkeypatch
-):
+def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(here, tmp_path, monkeypatch):
     from fembridge.sweep import work as work_module
 
     real = work_module.simulate
@@ -176,9 +166,7 @@ def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(
     assert not trace.exists()
 
 
-def test_the_study_stands_beside_its_results_and_is_the_same_study(
-    here, tmp_path, study_file
-):
+def test_the_study_stands_beside_its_results_and_is_the_same_study(here, tmp_path, study_file):
     text = 'stimuli = ["sine_20_250"]\nfingers = ["quick", "paper"]\nstored = true\n'
     sweep = run_sweep(study_file(text), tmp_path / "out")
 
@@ -194,9 +182,7 @@ def test_an_executor_that_is_none_is_refused(tmp_path):
         run_sweep(study("sine_20_250"), tmp_path, executor="slurm")
 
 
-def test_an_old_table_does_not_outlive_the_start_of_a_sweep(
-    here, tmp_path, monkeypatch
-):
+def test_an_old_table_does_not_outlive_the_start_of_a_sweep(here, tmp_path, monkeypatch):
     made = study("sine_20_250")
     sweep = run_sweep(made, tmp_path)
     [item] = plan_of(made, "stored").items.values()

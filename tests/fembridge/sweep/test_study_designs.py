@@ -56,9 +56,7 @@ def test_a_hypercube_has_as_many_fingers_as_it_says_and_all_columns(tmp_path):
         assert asked == {"friction": point.columns["contact.friction"]}
 
 
-def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(
-    tmp_path,
-):
+def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(tmp_path):
     asked = {"design": "one-at-a-time", "ranges": {"skin.epidermis_mm": [0.35, 0.45]}}
     follow = study_with(tmp_path, **asked).variants
     fixed = study_with(tmp_path, **asked, sites="fixed").variants
@@ -72,12 +70,8 @@ def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(
 
 def test_grids_and_rows_can_follow_and_tell_distances_too(tmp_path):
     name = "afferents.SA.to_boundary_mm"
-    [thick] = study_with(
-        tmp_path, grid={"skin.epidermis_mm": 0.45}, sites="follow"
-    ).variants
-    one, other = study_with(
-        tmp_path, rows=[{name: 0.05}, {"contact.friction": 0.0}]
-    ).variants
+    [thick] = study_with(tmp_path, grid={"skin.epidermis_mm": 0.45}, sites="follow").variants
+    one, other = study_with(tmp_path, rows=[{name: 0.05}, {"contact.friction": 0.0}]).variants
 
     assert thick.finger.afferents["SA"].depth_mm == pytest.approx(0.6375)
     assert one.finger.afferents["SA"].depth_mm == pytest.approx(0.65)
@@ -102,9 +96,7 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
     ]
 
 
-def test_the_table_of_a_design_names_every_parameter_in_its_columns(
-    here, tmp_path, study_file
-):
+def test_the_table_of_a_design_names_every_parameter_in_its_columns(here, tmp_path, study_file):
     study = study_file(
         'stimuli = ["sine_20_250"]\nstored = true\n[[fingers]]\n'
         'design = "one-at-a-time"\n[fingers.ranges]\n'
@@ -114,11 +106,7 @@ def test_the_table_of_a_design_names_every_parameter_in_its_columns(
 
     with sweep.results.open() as file:
         rows = list(csv.DictReader(file))
-    assert [row["materials.dermis.young_mpa"] for row in rows[::3]] == [
-        "0.05",
-        "0.04",
-        "0.06",
-    ]
+    assert [row["materials.dermis.young_mpa"] for row in rows[::3]] == ["0.05", "0.04", "0.06"]
     assert [row["status"] for row in rows[::3]] == ["done", "failed", "failed"]
 
 
@@ -158,10 +146,7 @@ def test_a_study_without_a_design_has_the_keys_that_it_had(tmp_path):
             {"design": "latin-hypercube", "ranges": RANGES, "samples": 5, "seed": -1},
             "seed: -1, expected 0 to",
         ),
-        (
-            {"design": "latin-hypercube", "ranges": RANGES, "samples": 90_000},
-            "1080000 points",
-        ),
+        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 90_000}, "1080000 points"),
         ({"ranges": RANGES, "grid": {}}, "grid and ranges, expected one of them"),
         (
             {"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}},
@@ -191,11 +176,7 @@ def test_a_study_without_a_design_has_the_keys_that_it_had(tmp_path):
         ({"rows": [{"afferents.SA.to_boundary_mm": "near"}]}, "'near', expected a num"),
         ({"rows": [{"afferents.SA.to_boundary_mm": -0.1}]}, "-0.1, expected a number"),
         (
-            {
-                "rows": [
-                    {"afferents.SA.to_boundary_mm": 0.1, "afferents.SA.depth_mm": 0.5}
-                ]
-            },
+            {"rows": [{"afferents.SA.to_boundary_mm": 0.1, "afferents.SA.depth_mm": 0.5}]},
             "to_boundary_mm beside afferents.SA.depth_mm, expected one",
         ),
         ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "afferent 'XY'"),

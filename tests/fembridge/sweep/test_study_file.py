@@ -19,9 +19,7 @@ from fembridge.sweep.variant import grid_rows, grid_size
 LEAST = {"stimuli": ["sine_20_250"]}
 
 
-def test_a_study_of_one_line_is_the_quick_finger_as_the_parameters_were_fitted(
-    study_file,
-):
+def test_a_study_of_one_line_is_the_quick_finger_as_the_parameters_were_fitted(study_file):
     study = read_study(study_file('stimuli = "noise_25_250"'))
 
     assert len(study.stimuli) == study.points == 5
@@ -29,11 +27,7 @@ def test_a_study_of_one_line_is_the_quick_finger_as_the_parameters_were_fitted(
     assert variant.finger == PRESETS["quick"]
     assert (study.probes, study.contacts) == ((Probe(),), ({},))
     assert (study.methods, study.preindents_um) == (("map",), (75.0,))
-    assert (study.parameters.name, study.name, study.stored) == (
-        "fitted",
-        "study",
-        False,
-    )
+    assert (study.parameters.name, study.name, study.stored) == ("fitted", "study", False)
 
 
 def test_a_grid_gives_every_combination_and_rows_give_one_finger_each(study_file):
@@ -54,8 +48,7 @@ def test_a_grid_gives_every_combination_and_rows_give_one_finger_each(study_file
 
     grid = study.variants[:6]
     assert [
-        (each.finger.skin.epidermis_mm, each.finger.materials["dermis"].young_mpa)
-        for each in grid
+        (each.finger.skin.epidermis_mm, each.finger.materials["dermis"].young_mpa) for each in grid
     ] == list(product((0.3, 0.5), (0.04, 0.05, 0.06)))
     one, other = study.variants[6:]
     assert one.label == other.label == one.finger.name == "paper"

@@ -5,9 +5,7 @@ import json
 import pytest
 
 
-def test_the_command_counts_and_ends_with_0(
-    here, command, study_file, tmp_path, capsys
-):
+def test_the_command_counts_and_ends_with_0(here, command, study_file, tmp_path, capsys):
     path = study_file('stimuli = ["sine_20_250"]\nstored = true\n')
     assert command(path, "-o", tmp_path / "out") == 0
     streams = capsys.readouterr()
@@ -17,19 +15,13 @@ def test_the_command_counts_and_ends_with_0(
     assert command(path, "-o", tmp_path / "out", "--json") == 0
     streams = capsys.readouterr()
     summary = json.loads(streams.out)
-    assert (summary["done"], summary["finished_before"], summary["failed"]) == (
-        1,
-        1,
-        [],
-    )
+    assert (summary["done"], summary["finished_before"], summary["failed"]) == (1, 1, [])
 
 
 def test_the_command_ends_with_1_and_one_line_when_something_failed(
     here, command, study_file, tmp_path, capsys
 ):
-    path = study_file(
-        'stimuli = ["sine_20_500"]\nstored = true\nparameters = "published"\n'
-    )
+    path = study_file('stimuli = ["sine_20_500"]\nstored = true\nparameters = "published"\n')
     assert command(path, "-o", tmp_path / "out") == 1
     streams = capsys.readouterr()
     told = "fembridge: 1 of 1 items failed, first quick, map: sine_20_500 goes 500 um"

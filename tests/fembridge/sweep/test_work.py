@@ -25,9 +25,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_who_lost_the_folder_meanwhile_publishes_nothing_and_looks_again(
-    folder, monkeypatch
-):
+def test_who_lost_the_folder_meanwhile_publishes_nothing_and_looks_again(folder, monkeypatch):
     [item] = plan().items.values()
     place, real, calls = folder / item.place, module.simulate, []
 

@@ -10,12 +10,7 @@ from numpy.testing import assert_allclose
 from fembridge.errors import UsageError
 from fembridge.tables import AFFERENTS, Rate
 from fembridge.touchsim import touchsim_rates
-from fembridge.validation.agreement_cell import (
-    EVERY_SET,
-    agreement_cells,
-    cell_of,
-    references_of,
-)
+from fembridge.validation.agreement_cell import EVERY_SET, agreement_cells, cell_of, references_of
 from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM, compare_rates
 from fembridge.validation.family import FAMILIES, SINES
 from fembridge.validation.study import STIMULI
@@ -25,8 +20,7 @@ TRUE = touchsim_rates()
 
 def scaled(factor, offset_ips=0.0):
     return [
-        Rate(rate.stimulus, rate.afferent, factor * rate.rate_ips + offset_ips)
-        for rate in TRUE
+        Rate(rate.stimulus, rate.afferent, factor * rate.rate_ips + offset_ips) for rate in TRUE
     ]
 
 
@@ -60,9 +54,7 @@ def test_equal_rates_agree_fully_and_meet_both_goals(compared):
     assert cell.beats(of_sines(compared, TOUCHSIM))
 
 
-def test_doubled_rates_lie_on_a_line_and_are_worse_than_those_a_tenth_too_high(
-    compared,
-):
+def test_doubled_rates_lie_on_a_line_and_are_worse_than_those_a_tenth_too_high(compared):
     cell = of_sines(compared, "double")
     line = cell.agreement.regression
     assert_allclose([line.slope, line.intercept_ips, line.r_squared], [2, 3, 1])

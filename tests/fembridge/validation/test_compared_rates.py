@@ -8,12 +8,7 @@ from numpy.testing import assert_array_equal
 
 from fembridge.errors import UsageError
 from fembridge.tables import AFFERENTS, Rate
-from fembridge.validation.compared_rates import (
-    OBSERVED,
-    TOUCHSIM,
-    ComparedRates,
-    compare_rates,
-)
+from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM, ComparedRates, compare_rates
 
 STIMULI = ("sine_20_250", "sine_50_250", "noise_5_25_50")
 PLACES = [(stimulus, afferent) for stimulus in STIMULI for afferent in AFFERENTS]
@@ -21,16 +16,13 @@ PLACES = [(stimulus, afferent) for stimulus in STIMULI for afferent in AFFERENTS
 
 @given(
     rates=st.dictionaries(
-        st.tuples(st.sampled_from(["first", "second"]), st.sampled_from(PLACES)),
-        st.floats(0, 500),
+        st.tuples(st.sampled_from(["first", "second"]), st.sampled_from(PLACES)), st.floats(0, 500)
     )
 )
 def test_each_rate_stands_in_its_place_and_nothing_in_any_other(rates):
     sources = {
         source: [
-            Rate(*place, rate_ips)
-            for (its, place), rate_ips in rates.items()
-            if its == source
+            Rate(*place, rate_ips) for (its, place), rate_ips in rates.items() if its == source
         ]
         for source in ("first", "second")
     }

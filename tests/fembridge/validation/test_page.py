@@ -76,9 +76,7 @@ def test_every_id_of_a_figure_is_its_own_and_every_reference_finds_one(tmp_path)
 def test_the_colours_of_a_figure_are_the_page_s_and_it_has_no_size_of_its_own(tmp_path):
     inner = to_inline(drawn(tmp_path / "a.svg"), "one", 'a "title" & more')
     head = inner.partition(">")[0]
-    assert head.startswith(
-        '<svg role="img" aria-label="a &quot;title&quot; &amp; more"'
-    )
+    assert head.startswith('<svg role="img" aria-label="a &quot;title&quot; &amp; more"')
     assert "viewBox" in head
     assert "width" not in head
     assert "height" not in head

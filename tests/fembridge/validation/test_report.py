@@ -152,9 +152,7 @@ def test_the_summary_shows_what_the_table_beside_it_holds(read, report):
                 for name in ("r_squared", "p_value", "rmse_ips", "bias_ips")
             ]
             texts = (share_text, p_text, rate_text, signed_text)
-            expected += [
-                text(number) for text, number in zip(texts, numbers, strict=True)
-            ]
+            expected += [text(number) for text, number in zip(texts, numbers, strict=True)]
         assert cells[: len(expected)] == expected
     assert compared == 3 * (3 + 1)
 
@@ -176,21 +174,13 @@ def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(read):
 def test_rates_are_those_that_came_in_and_those_that_were_computed(report, study):
     rows = rows_of(report / "rates.csv")
     found = {
-        (row["source"], row["stimulus"], row["afferent"]): float(row["rate_ips"])
-        for row in rows
+        (row["source"], row["stimulus"], row["afferent"]): float(row["rate_ips"]) for row in rows
     }
     assert len(found) == len(rows)
-    expected = {
-        ("TouchSim", one.stimulus, one.afferent): one.rate_ips
-        for one in touchsim_rates()
-    }
+    expected = {("TouchSim", one.stimulus, one.afferent): one.rate_ips for one in touchsim_rates()}
     for name, simulation in study.simulations.items():
-        expected |= {
-            (name, r.stimulus, r.afferent): r.rate_ips for r in simulation.rates
-        }
-    expected |= {
-        ("observed", r.stimulus, r.afferent): r.rate_ips for r in study.observed.rates()
-    }
+        expected |= {(name, r.stimulus, r.afferent): r.rate_ips for r in simulation.rates}
+    expected |= {("observed", r.stimulus, r.afferent): r.rate_ips for r in study.observed.rates()}
     assert found == expected
 
 
@@ -208,9 +198,7 @@ def test_the_record_names_the_inputs_and_seals_the_files(report, study):
         assert hashlib.sha256((report / name).read_bytes()).hexdigest() == digest
 
 
-def test_a_page_that_cannot_be_written_leaves_what_was_there(
-    study, tmp_path, monkeypatch
-):
+def test_a_page_that_cannot_be_written_leaves_what_was_there(study, tmp_path, monkeypatch):
     monkeypatch.setattr(report_module, "_sections", lambda *arguments: [])
     (tmp_path / PAGE).mkdir()
     (tmp_path / "rates.csv").write_text("old", encoding="utf-8")
@@ -226,9 +214,7 @@ def test_five_repeats_of_a_model_without_noise_are_five_equal_rows(report, study
         name = (row["source"], row["stimulus"], row["afferent"])
         repeats = spikes.setdefault(name, {})
         repeats.setdefault(int(row["repeat"]), []).append(float(row["spike_time_ms"]))
-    assert {name[1] for name in spikes} == {
-        *("sine_20_34.74", "sine_20_129.49", "sine_20_250")
-    }
+    assert {name[1] for name in spikes} == {*("sine_20_34.74", "sine_20_129.49", "sine_20_250")}
     trains = {
         (name, train.stimulus, train.afferent): train.times_ms
         for name, simulation in study.simulations.items()

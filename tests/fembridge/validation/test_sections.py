@@ -24,9 +24,7 @@ from fembridge.validation.source_section import source_section
 from fembridge.validation.study import validate
 from fembridge.validation.summary_section import summary_section
 
-SINES_OBSERVED = (
-    Path(fembridge.__file__).parents[2] / "shared/data/observed_sine_rates.csv"
-)
+SINES_OBSERVED = Path(fembridge.__file__).parents[2] / "shared/data/observed_sine_rates.csv"
 
 
 def text_of(section):
@@ -50,9 +48,7 @@ def test_each_cell_with_a_low_r_squared_or_a_large_error_has_its_sentence(study)
         for afferent in AFFERENTS:
             cell = cell_of(study.cells, reference, "own", family.name, afferent)
             opening = f"{afferent}, {family.title.lower()}"
-            sentences = [
-                one for one in told if one.startswith((f"{opening}:", f"{opening},"))
-            ]
+            sentences = [one for one in told if one.startswith((f"{opening}:", f"{opening},"))]
             short = False
             if cell.agreement is not None:
                 rate_ips = study.compared.of(reference, afferent, family.stimuli)
@@ -60,8 +56,7 @@ def test_each_cell_with_a_low_r_squared_or_a_large_error_has_its_sentence(study)
                 short = far or not cell.agreement.regression.r_squared > 0.8
             assert len(sentences) == short, opening
             assert all(
-                ("against TouchSim" in one) == (reference == "TouchSim")
-                for one in sentences
+                ("against TouchSim" in one) == (reference == "TouchSim") for one in sentences
             )
 
 
@@ -106,9 +101,7 @@ def test_rates_that_are_all_zero_are_a_shortfall_only_of_a_model_that_fires(tmp_
     assert any("from TouchSim’s" in one for one in told)  # no observed sinusoid
 
 
-def test_a_command_of_the_page_makes_the_numbers_of_the_page(
-    study, tmp_path, monkeypatch
-):
+def test_a_command_of_the_page_makes_the_numbers_of_the_page(study, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = command_lines(study, "whole")
     program, *words = shlex.split(lines.simulations("diharm_50_250")[0])
@@ -166,9 +159,7 @@ def test_a_population_gives_one_row_a_cell(study):
     )
     population = replace(simulation, trains=trains)
     assert cells_of(population) == 5
-    single = {
-        (train.stimulus, train.afferent): train.times_ms for train in simulation.trains
-    }
+    single = {(train.stimulus, train.afferent): train.times_ms for train in simulation.trains}
     found = repeated_trains(population)
     assert len(found) == 3 * 3 * 5
     for train in found:

@@ -11,11 +11,7 @@ from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.validation.compared_rates import compare_rates
 from fembridge.validation.locking_row import locking_rows
 from fembridge.validation.study import STIMULI
-from fembridge.validation.threshold_row import (
-    ThresholdRow,
-    threshold_rows,
-    times_apart,
-)
+from fembridge.validation.threshold_row import ThresholdRow, threshold_rows, times_apart
 
 AMPLITUDES_UM = st.one_of(st.floats(1, 300), st.just(math.inf))
 

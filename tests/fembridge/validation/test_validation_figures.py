@@ -10,11 +10,7 @@ from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM
 from fembridge.validation.family import FAMILIES, SINES
 from fembridge.validation.rate_figure import rate_figure
 from fembridge.validation.regression_figure import regression_figure
-from fembridge.validation.repeat_raster import (
-    RASTER_STIMULI,
-    raster_figure,
-    repeated_trains,
-)
+from fembridge.validation.repeat_raster import RASTER_STIMULI, raster_figure, repeated_trains
 from fembridge.validation.threshold_figure import threshold_figure
 
 # Points a figure of 7.2 inches may have at least, so that on the page, where it is
@@ -105,7 +101,5 @@ def test_the_dashed_line_is_the_regression_and_the_grey_one_is_equality(study):
             predicted = study.compared.of(source, afferent, SINES.stimuli)
             line = next(one for one in panel.lines if one.get_linestyle() == "--")
             slope, intercept = np.polyfit(observed, predicted, 1)
-            assert_allclose(
-                line.get_ydata(), slope * line.get_xdata() + intercept, atol=1e-9
-            )
+            assert_allclose(line.get_ydata(), slope * line.get_xdata() + intercept, atol=1e-9)
             assert panel.get_xlim() == panel.get_ylim()

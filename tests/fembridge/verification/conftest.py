@@ -3,15 +3,7 @@
 import pytest
 
 from fembridge.verification.bench import Cost
-from fembridge.verification.finding import (
-    AT_LEAST,
-    Chart,
-    Check,
-    Finding,
-    Line,
-    NumberTable,
-    Panel,
-)
+from fembridge.verification.finding import AT_LEAST, Chart, Check, Finding, Line, NumberTable, Panel
 
 
 @pytest.fixture
@@ -21,10 +13,7 @@ def small_finding():
         title="A small study, made up",
         question="Is two more than one?",
         words=("It is.", "By one."),
-        checks=(
-            Check("difference", 1.0, 1.5, "mm"),
-            Check("ratio", 2.0, 3.0, side=AT_LEAST),
-        ),
+        checks=(Check("difference", 1.0, 1.5, "mm"), Check("ratio", 2.0, 3.0, side=AT_LEAST)),
         tables=(
             NumberTable(
                 name="numbers",

@@ -7,21 +7,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from decks.material import Material
-from fembridge.verification.hertz_block import (
-    E_STAR_MPA,
-    MATERIAL,
-    RADIUS_MM,
-    Hertz,
-    pressed,
-)
+from fembridge.verification.hertz_block import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, pressed
 from fembridge.verification.plane_deck import NEO_HOOKEAN, uniform_stress_mpa
-from fembridge.verification.ring import (
-    INNER_MM,
-    MOVED_MM,
-    OUTER_MM,
-    ring_problem,
-    ring_stress_mpa,
-)
+from fembridge.verification.ring import INNER_MM, MOVED_MM, OUTER_MM, ring_problem, ring_stress_mpa
 
 forces = st.floats(1e-3, 1e3)
 materials = st.builds(Material, st.floats(0.01, 10), st.floats(0, 0.499))
@@ -68,11 +56,7 @@ def test_each_mesh_of_the_block_has_the_nodes_of_the_one_before(halvings):
     assert all(tuple(node) in held for node in coarse.node_mm.tolist())
 
 
-@given(
-    angle=st.floats(-3, 3),
-    material=materials,
-    law=st.sampled_from(["linear", NEO_HOOKEAN]),
-)
+@given(angle=st.floats(-3, 3), material=materials, law=st.sampled_from(["linear", NEO_HOOKEAN]))
 def test_a_turn_carries_no_stress(angle, material, law):
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos - 1, -sin], [sin, cos - 1]])

@@ -13,9 +13,7 @@ WIDTH = np.array([0.8, 0.4, 0.2, 0.1])
 
 
 @given(order=st.floats(0.5, 4), factor=st.floats(0.01, 5), limit=st.floats(1, 20))
-def test_a_power_law_is_found_and_its_index_is_a_quarter_more_than_the_error(
-    order, factor, limit
-):
+def test_a_power_law_is_found_and_its_index_is_a_quarter_more_than_the_error(order, factor, limit):
     value = limit + factor * WIDTH**order
     found = extrapolation(WIDTH, value)
     assert found.closes_in

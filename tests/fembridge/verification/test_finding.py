@@ -8,11 +8,7 @@ import pytest
 from fembridge.errors import ResponseError
 from fembridge.verification.bench import Cost
 from fembridge.verification.finding import AT_LEAST, Check, Finding, Line, NumberTable
-from fembridge.verification.finding_file import (
-    inputs_of_study,
-    read_finding,
-    write_finding,
-)
+from fembridge.verification.finding_file import inputs_of_study, read_finding, write_finding
 
 INPUTS = {"quick": True, "versions": {"CalculiX": "2.20"}}
 
@@ -32,9 +28,7 @@ def test_costs_add_up():
         (Check("a", math.nan, 1.0, side=AT_LEAST), False),
     ],
 )
-def test_a_check_is_passed_when_its_bound_is_kept_and_never_without_a_number(
-    check, passed
-):
+def test_a_check_is_passed_when_its_bound_is_kept_and_never_without_a_number(check, passed):
     assert check.passed == passed
 
 

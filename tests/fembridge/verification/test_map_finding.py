@@ -40,11 +40,7 @@ def found_by(finding):
 def test_the_worst_errors_and_every_different_spike_count(compared):
     """119 of 121 spikes that are in either train: the one and the other is missing."""
     other = replace(
-        compared,
-        trace_percent={"SA": 0.4, "RA": 0.0, "PC": 0.0},
-        spikes=0,
-        equal=0,
-        more=0,
+        compared, trace_percent={"SA": 0.4, "RA": 0.0, "PC": 0.0}, spikes=0, equal=0, more=0
     )
     finding = finding_of([compared, other], MAPS, spent=Cost(), reduced="")
     trace, drive, equal, *_ = found_by(finding)
@@ -64,9 +60,7 @@ def test_82_transients_take_500_increments_each_and_the_time_of_those_solved(com
 def test_the_finger_that_gains_least_is_the_one_that_is_told(compared):
     paper = replace(compared, finger="paper", cost=Cost(3, 6, 2.0, 0.3))
     maps = {**MAPS, "paper": MapCost(Cost(41, 80, 25.0, 49.0), 1.0)}
-    *_, increments, cpu = found_by(
-        finding_of([compared, paper], maps, spent=Cost(), reduced="")
-    )
+    *_, increments, cpu = found_by(finding_of([compared, paper], maps, spent=Cost(), reduced=""))
     assert_allclose(increments, 82 * 500 / 41)
     assert_allclose(cpu, 82 * 500 * 0.1 / 50.0)
 

@@ -64,18 +64,11 @@ def test_every_file_that_the_page_names_is_there(small_finding, tmp_path):
     assert picture.startswith(b"\x89PNG")
     with (tmp_path / "tables" / "verification_numbers.csv").open() as file:
         rows = list(csv.reader(file))
-    assert rows == [
-        ["which_one", "value_kpa", "count"],
-        ["one", "-1.25", "3"],
-        ["two", "", "4"],
-    ]
+    assert rows == [["which_one", "value_kpa", "count"], ["one", "-1.25", "3"], ["two", "", "4"]]
     summary = json.loads((tmp_path / "verification.json").read_text())
     assert summary == summary_of([small_finding], VERSIONS, quick=False)
     assert not summary["passed"]
-    assert [check["passed"] for check in summary["studies"][0]["checks"]] == [
-        True,
-        False,
-    ]
+    assert [check["passed"] for check in summary["studies"][0]["checks"]] == [True, False]
 
 
 def test_the_same_findings_give_the_same_files(small_finding, tmp_path):
@@ -93,7 +86,4 @@ def test_a_chart_has_a_panel_each_and_names_a_line_once(small_finding):
     first, second = figure.axes
     assert first.get_xscale() == "log"
     assert second.get_title() == "RA"
-    assert [text.get_text() for text in first.get_legend().get_texts()] == [
-        "SA",
-        "limit",
-    ]
+    assert [text.get_text() for text in first.get_legend().get_texts()] == ["SA", "limit"]

@@ -77,10 +77,7 @@ def test_a_deck_prescribes_what_is_given_and_leaves_the_rest_free():
     ]
     assert cards(text, "ELASTIC") == [[["1.0", "0.3"]], [["2.0", "0.25"]]]
     elements = [row for card in cards(text, "ELEMENT") for row in card]
-    assert [list(map(int, row)) for row in elements] == [
-        [1, 1, 2, 5, 4],
-        [2, 2, 3, 6, 5],
-    ]
+    assert [list(map(int, row)) for row in elements] == [[1, 1, 2, 5, 4], [2, 2, 3, 6, 5]]
 
 
 def test_a_neo_hookean_deck_has_half_the_shear_and_two_over_the_bulk_modulus():

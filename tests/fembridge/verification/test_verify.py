@@ -90,9 +90,7 @@ def arguments(folder, *words):
     return parser.parse_args([*words, "-o", str(folder)])
 
 
-def test_a_check_that_fails_is_told_and_makes_the_exit_code_1(
-    made, monkeypatch, tmp_path, capsys
-):
+def test_a_check_that_fails_is_told_and_makes_the_exit_code_1(made, monkeypatch, tmp_path, capsys):
     summary = command.run(arguments(tmp_path, "--only", "patch"))
     assert summary["exit_code"] == 1
     out = capsys.readouterr().out

@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 
 SET_TYPES = (0, 1, 7, 12, 13, 18, 19)
 REALS = st.floats(-1e30, 1e30).filter(lambda x: x == 0 or abs(x) > 1e-30)
-NAMES = (
-    st.text("abcdefgh XYZ_0189", min_size=1, max_size=24).map(str.strip).filter(bool)
-)
+NAMES = st.text("abcdefgh XYZ_0189", min_size=1, max_size=24).map(str.strip).filter(bool)
 
 
 def storages(writer):
@@ -22,11 +20,7 @@ def storages(writer):
             word_bytes=st.sampled_from((4, 4, 8)),
             piece_bytes=st.sampled_from((0, 0, 0, 7, 50)),
         ),
-        st.builds(
-            writer.Storage,
-            binary=st.just(False),
-            line_end=st.sampled_from(("\n", "\r\n")),
-        ),
+        st.builds(writer.Storage, binary=st.just(False), line_end=st.sampled_from(("\n", "\r\n"))),
     )
 
 
@@ -96,9 +90,7 @@ def increments_of(draw, writer, model, seed):
         values = None
         if draw(st.booleans()):
             values = seed.normal(size=(len(model.node_ids), components))
-        nodal.append(
-            writer.Quantity(name, code, components, values, draw(st.booleans()))
-        )
+        nodal.append(writer.Quantity(name, code, components, values, draw(st.booleans())))
     variables = [("Completion", [*seed.normal(size=2)]), ("fix", [0.5])]
     return writer.Increment(
         sub=draw(st.integers(0, 2)),

@@ -145,9 +145,7 @@ def write_increment(sink, model, increment):
     words[3] = 2 if increment.element is None else 102
     words[7], words[9] = increment.recycles, increment.cut_backs
     sink.word("****")
-    block(
-        sink, 51600, "Loadcase Title", lambda: sink.text(" " * 10 + increment.title, 70)
-    )
+    block(sink, 51600, "Loadcase Title", lambda: sink.text(" " * 10 + increment.title, 70))
     block(sink, 51701, "Integer Verification Data", lambda: sink.mixed(words, ()))
 
     def reals():

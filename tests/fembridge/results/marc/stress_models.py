@@ -25,10 +25,7 @@ KINDS = {
 
 def place(corners, xi, eta):
     """Where (xi, eta) lies in a quadrilateral with straight sides."""
-    shares = [
-        (1 + sx * xi) * (1 + sy * eta) / 4
-        for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    ]
+    shares = [(1 + sx * xi) * (1 + sy * eta) / 4 for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     return tuple(
         sum(share * corner[axis] for share, corner in zip(shares, corners, strict=True))
         for axis in (0, 1)
@@ -94,9 +91,7 @@ class Plane:
             "coordinates": tuple(self.nodes.values()),
             "elements": tuple(
                 (row + 1, self.kind, nodes, (layer + 1, 1, 1, 3, 1))
-                for row, (nodes, layer) in enumerate(
-                    zip(self.elements, self.layers, strict=True)
-                )
+                for row, (nodes, layer) in enumerate(zip(self.elements, self.layers, strict=True))
             ),
             "points": self.count,
             "codes": CODES,
@@ -110,11 +105,7 @@ class Plane:
                 number=row,
                 time_s=time_s,
                 element=self.at_points(stress, time_s),
-                nodal=(
-                    writer.Quantity(
-                        "Displacement", 1, 2, [(time_s, -n) for n in self.nodes]
-                    ),
-                ),
+                nodal=(writer.Quantity("Displacement", 1, 2, [(time_s, -n) for n in self.nodes]),),
             )
             for row, time_s in enumerate(times_s)
         )

@@ -60,13 +60,10 @@ def whole(request, writer):
 
 @pytest.mark.parametrize("way", WAYS)
 @settings(
-    settings.get_profile("costly"),
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    settings.get_profile("costly"), suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(seed=st.integers(0, 2**32 - 1), changes=st.integers(1, 4))
-def test_changed_bytes_are_an_error_of_ours_or_numbers(
-    way, seed, changes, whole, tmp_path
-):
+def test_changed_bytes_are_an_error_of_ours_or_numbers(way, seed, changes, whole, tmp_path):
     content, name = whole()
     rng = np.random.default_rng(seed)
     damaged = bytearray(content)

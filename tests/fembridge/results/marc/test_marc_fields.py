@@ -60,10 +60,7 @@ def test_a_stress_field_has_the_nodes_inside_layers_and_says_what_it_left(path, 
     between = {n for n in plane.bearing if plane.nodes[n][0] == 2.0}
     assert set(field.nodes.tolist()) == plane.bearing - between
     assert f"left out: {len(between)} nodes lie between layers" in "; ".join(said)
-    assert (field.increment, field.components) == (
-        1,
-        ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
-    )
+    assert (field.increment, field.components) == (1, ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"))
     assert field.time_ms == pytest.approx(1.0)
     for node, values in zip(field.nodes.tolist(), field.values, strict=True):
         x, y = plane.nodes[node]
@@ -125,15 +122,11 @@ def test_names_are_as_short_as_they_are_clear(path):
 
 
 def test_an_increment_that_is_not_there_is_refused_with_those_there(path):
-    with pytest.raises(
-        ResultError, match="no increment 7 of Stress, it has 0:0 to 0:2"
-    ):
+    with pytest.raises(ResultError, match="no increment 7 of Stress, it has 0:0 to 0:2"):
         read_field(path, "Stress", "7")
 
 
-def test_increments_of_one_number_are_told_apart_by_their_sub_increment(
-    plane, writer, write_post
-):
+def test_increments_of_one_number_are_told_apart_by_their_sub_increment(plane, writer, write_post):
     increments = [
         replace(one, number=4, sub=k)
         for k, one in enumerate(plane.increments(writer, linear_stress, TIMES_S))

@@ -31,10 +31,7 @@ models = _sibling("stress_models")
 
 def stress_mpa(x, y, layer, time_s):
     """Linear in place and jumping from layer to layer."""
-    return [
-        time_s * 1e3 * (0.01 * (k + 1) + 0.02 * x - 0.01 * y + 0.5 * layer)
-        for k in range(6)
-    ]
+    return [time_s * 1e3 * (0.01 * (k + 1) + 0.02 * x - 0.01 * y + 0.5 * layer) for k in range(6)]
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +83,7 @@ def test_afferents_have_the_stress_of_their_own_layer(run, finger):
     for trace in traces:
         layer = int(trace.afferent[1:])
         x, y = finger[0][trace.node]
-        exact = [
-            1e6 * models.von_mises(stress_mpa(x, y, layer, k * DT_S)) for k in range(3)
-        ]
+        exact = [1e6 * models.von_mises(stress_mpa(x, y, layer, k * DT_S)) for k in range(3)]
         assert trace.start_ms == 0.0
         assert trace.dt_ms == pytest.approx(0.5, rel=1e-6)
         assert_allclose(trace.stress_pa, exact, rtol=1e-5, atol=1)
@@ -98,21 +93,12 @@ def test_a_node_on_the_boundary_of_two_layers_is_refused_by_their_names(run, fin
     _, quads, layers = finger
     epidermis, dermis = LAYERS.index("epidermis"), LAYERS.index("dermis")
     in_layer = {
-        n: {
-            node
-            for quad, x in zip(quads, layers, strict=True)
-            if x == n
-            for node in quad
-        }
+        n: {node for quad, x in zip(quads, layers, strict=True) if x == n for node in quad}
         for n in range(len(LAYERS))
     }
-    others = set().union(
-        *(s for n, s in in_layer.items() if n not in (epidermis, dermis))
-    )
+    others = set().union(*(s for n, s in in_layer.items() if n not in (epidermis, dermis)))
     shared = sorted((in_layer[epidermis] & in_layer[dermis]) - others)
-    with pytest.raises(
-        ResultError, match=f"node {shared[0]} lies between epidermis an"
-    ):
+    with pytest.raises(ResultError, match=f"node {shared[0]} lies between epidermis an"):
         read(run, [shared[0]])
 
 
@@ -130,9 +116,7 @@ def test_the_text_file_is_read_where_there_is_no_binary_one(finger, writer, tmp_
     plane = models.Plane(80, nodes, quads)
     increments = plane.increments(writer, stress_mpa, (0.0, DT_S, 2 * DT_S))
     storage = writer.Storage(binary=False)
-    (tmp_path / "job.t19").write_bytes(
-        writer.post_bytes(storage, plane.model(writer), increments)
-    )
+    (tmp_path / "job.t19").write_bytes(writer.post_bytes(storage, plane.model(writer), increments))
     place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
     RunFolder(tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0").write()
     (trace,) = read(tmp_path)
@@ -163,9 +147,7 @@ def test_someone_s_own_model_may_be_in_another_unit(writer, tmp_path):
         writer.post_bytes(writer.Storage(), plane.model(writer), increments)
     )
     place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
-    RunFolder(
-        tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0", stress_unit="kPa"
-    ).write()
+    RunFolder(tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0", stress_unit="kPa").write()
     exact = 1e3 * models.von_mises(stress_mpa(1.0, 1.0, 0, 2 * DT_S))
     assert read(tmp_path)[0].stress_pa[-1] == pytest.approx(exact, rel=1e-5)
     with pytest.raises(UsageError, match="a run folder of fembridge is in kPa, always"):

@@ -54,9 +54,7 @@ def test_a_node_inside_a_layer_has_that_layer_s_stress(two_layers, writer, write
     assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
 
 
-def test_a_node_between_layers_is_refused_with_both_names(
-    two_layers, writer, write_post
-):
+def test_a_node_between_layers_is_refused_with_both_names(two_layers, writer, write_post):
     path = file_of(two_layers, writer, write_post)
     ids = ("elements with ids 1 1 1 3 1", "elements with ids 2 1 1 3 1")
     words = f"node 7 lies between {' and '.join(ids)}: a mean over both"
@@ -68,9 +66,7 @@ def test_a_node_between_layers_is_refused_with_both_names(
         last_mpa(path, BETWEEN)
 
 
-def test_across_materials_takes_the_mean_over_all_elements(
-    two_layers, writer, write_post
-):
+def test_across_materials_takes_the_mean_over_all_elements(two_layers, writer, write_post):
     path = file_of(two_layers, writer, write_post)
     mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
     assert last_mpa(path, BETWEEN, across_materials=True) == pytest.approx(mean)
@@ -90,9 +86,7 @@ def test_each_side_of_a_boundary_for_itself(two_layers, writer, write_post):
     assert alone.elements == (1, 2, 4, 5)
 
 
-def test_a_file_without_ids_is_asked_for_its_element_sets(
-    two_layers, writer, write_post
-):
+def test_a_file_without_ids_is_asked_for_its_element_sets(two_layers, writer, write_post):
     sets = (("soft", 0, (1, 2, 4, 5), ()), ("stiff", 0, (3, 6), ()), ("n", 1, (7,), ()))
     path = file_of(two_layers, writer, write_post, revision=12, sets=sets)
     with pytest.raises(ResultError, match="node 7 lies between soft and stiff"):
@@ -100,9 +94,7 @@ def test_a_file_without_ids_is_asked_for_its_element_sets(
     assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
 
 
-def test_a_file_that_tells_no_layers_is_read_and_that_is_said(
-    two_layers, writer, write_post
-):
+def test_a_file_that_tells_no_layers_is_read_and_that_is_said(two_layers, writer, write_post):
     path = file_of(two_layers, writer, write_post, revision=12)
     said = []
     mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
@@ -129,15 +121,12 @@ def deck_text(plane):
         lines += ["connectivity", extended(0, 0, 1, 0, 1, layer + 1, 0, 1, 0)]
         lines += [
             extended(row + 1, plane.kind, *nodes)
-            for row, (nodes, mine) in enumerate(
-                zip(plane.elements, plane.layers, strict=True)
-            )
+            for row, (nodes, mine) in enumerate(zip(plane.elements, plane.layers, strict=True))
             if mine == layer
         ]
     lines += ["coordinates", extended(3, len(plane.nodes), 0, 1)]
     lines += [
-        f"{node:>10}{x:>20.10f}{y:>20.10f}{0.0:>20.10f}"
-        for node, (x, y) in plane.nodes.items()
+        f"{node:>10}{x:>20.10f}{y:>20.10f}{0.0:>20.10f}" for node, (x, y) in plane.nodes.items()
     ]
     lines.append("end option")
     return "\n".join(lines) + "\n"
@@ -155,9 +144,7 @@ def test_the_deck_beside_tells_the_materials_of_a_file_without_ids(
 
 
 @pytest.mark.parametrize("text", ["", "*NODE\n1, 0., 0.\n", "title\nconnectivity\n"])
-def test_another_deck_beside_tells_nothing(
-    text, two_layers, writer, write_post, tmp_path
-):
+def test_another_deck_beside_tells_nothing(text, two_layers, writer, write_post, tmp_path):
     path = tmp_path / "job.t16"
     path.write_bytes(file_of(two_layers, writer, write_post, revision=12).read_bytes())
     (tmp_path / "job.dat").write_text(text)
@@ -165,9 +152,7 @@ def test_another_deck_beside_tells_nothing(
     assert last_mpa(path, BETWEEN) == pytest.approx(mean)
 
 
-def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(
-    writer, write_post
-):
+def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(writer, write_post):
     """Element 2 has node 2 at its corners 1 and 2: the mean of both is its share."""
     nodes = {1: (0, 0), 2: (1, 0), 3: (1, 1), 4: (0, 1), 5: (2, 1)}
     plane = models.Plane(11, nodes, [(1, 2, 3, 4), (2, 2, 5, 3)])

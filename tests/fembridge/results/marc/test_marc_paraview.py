@@ -76,10 +76,7 @@ def test_paraview_gets_each_layer_s_own_values_at_a_boundary(path, plane, tmp_pa
             assert_allclose(data["Stress"][point], exact, rtol=0, atol=1e3)
             mises = models.von_mises(exact)
             assert data["von_mises"][point] == pytest.approx(mises, rel=1e-4)
-            assert data["Displacement"][point].tolist() == [
-                pytest.approx(0.002),
-                -node,
-            ]
+            assert data["Displacement"][point].tolist() == [pytest.approx(0.002), -node]
             assert data["materials"][point] == 1 + (x == 2.0)
 
 
@@ -108,33 +105,26 @@ def test_paraview_gets_the_mesh_of_each_increment(writer, write_post, tmp_path):
     assert [len(mesh.cells[0].data) for mesh in meshes] == [2, 3]
 
 
-def test_unknown_elements_are_left_out_of_pictures_and_that_is_told(
-    writer, write_post, tmp_path
-):
+def test_unknown_elements_are_left_out_of_pictures_and_that_is_told(writer, write_post, tmp_path):
     plane = models.Plane(11, *models.grid(2, 1))
     (first, second) = plane.model(writer).elements
     elements = (first, (second[0], 998, second[2], second[3]))
     increments = plane.increments(writer, linear_stress, (0.0,))
     model = plane.model(writer, elements=elements)
     path, said = write_post(writer.Storage(), model, increments), []
-    series = write_vtu_series(
-        path, tmp_path, quantities=["Displacement"], tell=said.append
-    )
+    series = write_vtu_series(path, tmp_path, quantities=["Displacement"], tell=said.append)
     assert len(meshio.read(entries(series)[0][1]).cells[0].data) == 1
     assert "left out: elements of unknown type 998" in said
     assert read_field(path, "Displacement").nodes.size == 6
 
 
-def test_nodes_between_bricks_lie_where_vtk_looks_for_them(
-    writer, write_post, tmp_path
-):
+def test_nodes_between_bricks_lie_where_vtk_looks_for_them(writer, write_post, tmp_path):
     """Marc's brick of 20: corners, middles of the bottom, of the top, then upright."""
     corners = [(x, y, z) for z in (0, 2) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
     pairs = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
     pairs += [(k, k + 4) for k in range(4)]
     middles = [
-        tuple((a + b) / 2 for a, b in zip(corners[p], corners[q], strict=True))
-        for p, q in pairs
+        tuple((a + b) / 2 for a, b in zip(corners[p], corners[q], strict=True)) for p, q in pairs
     ]
     places = [*corners, *middles]
     model = writer.Model(
@@ -156,9 +146,7 @@ def test_nodes_between_bricks_lie_where_vtk_looks_for_them(
         assert_allclose(found[8 + k], (found[p] + found[q]) / 2)
 
 
-def test_memory_does_not_grow_with_the_number_of_increments(
-    writer, write_post, tmp_path
-):
+def test_memory_does_not_grow_with_the_number_of_increments(writer, write_post, tmp_path):
     import tracemalloc
 
     plane = models.Plane(11, *models.grid(30, 30))

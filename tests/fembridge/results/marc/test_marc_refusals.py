@@ -73,9 +73,7 @@ def test_a_node_without_stress_is_named(node, told, write, increments):
 @pytest.mark.parametrize("known", [(1, 2, 3, 5), ()])
 def test_an_element_with_a_node_that_is_not_listed_is_named(known, writer, write_post):
     model = writer.Model(
-        node_ids=known,
-        coordinates=writer.Model().coordinates[: len(known)],
-        codes=models.CODES,
+        node_ids=known, coordinates=writer.Model().coordinates[: len(known)], codes=models.CODES
     )
     ones = np.ones((1, 4, len(models.CODES)))
     increments = [writer.Increment(k, time_s=0.1 * k, element=ones) for k in (1, 2)]
@@ -101,9 +99,7 @@ def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
     assert any("increment" in words for words in said)
 
 
-def test_increments_without_element_values_are_left_out_and_told(
-    write, increments, writer
-):
+def test_increments_without_element_values_are_left_out_and_told(write, increments, writer):
     first = replace(increments[0], element=None)
     path = write((first, *increments[1:]))
     said = []
@@ -174,9 +170,7 @@ def test_an_unknown_element_type_is_refused_and_averaged_on_request(writer, writ
     strange = tuple((n, 998, nodes, more) for n, _, nodes, more in
                     plane.model(writer).elements)  # fmt: skip
     increments = [writer.Increment(number=0, element=[[[s] * 7 for s in (1, 2, 3, 6)]])]
-    path = write_post(
-        writer.Storage(), plane.model(writer, elements=strange), increments
-    )
+    path = write_post(writer.Storage(), plane.model(writer, elements=strange), increments)
     with pytest.raises(ResultError, match="element 1: element type 998: where its int"):
         read_stress_tensor(path, [1])
     options = ReadOptions(extrapolate="average")
@@ -197,9 +191,7 @@ def test_the_same_mesh_written_anew_is_one_history(write, increments, plane, wri
     assert_allclose(trace.stress_pa, [0, 1e6, 2e6, 3e6], rtol=1e-6, atol=1)
 
 
-def test_another_mesh_at_the_nodes_asked_for_is_refused(
-    write, increments, plane, writer
-):
+def test_another_mesh_at_the_nodes_asked_for_is_refused(write, increments, plane, writer):
     """Node 9, far from what moved, keeps its elements and its history."""
     moved = models.Plane(80, {**models.grid(2, 2)[0], 1: (-0.5, 0)}, plane.quads)
     again = replace(increments[2], new_model=moved.model(writer))
@@ -235,15 +227,11 @@ def test_a_file_that_is_none_is_named(tmp_path):
 
 @pytest.mark.parametrize("kind", ["t16", "t19"])
 @pytest.mark.parametrize("dt_s", [0.0005, 1 / 3000])
-def test_even_times_are_even_again_without_their_rounding(
-    kind, dt_s, write, plane, writer
-):
+def test_even_times_are_even_again_without_their_rounding(kind, dt_s, write, plane, writer):
     """500 increments that end at a time of few digits after the step's."""
     times_s = [k * dt_s for k in range(1, 501)]
     increments = [
-        writer.Increment(
-            number=k + 1, time_s=t, element=np.ones((4, 4, 7)) * (1 + k % 7)
-        )
+        writer.Increment(number=k + 1, time_s=t, element=np.ones((4, 4, 7)) * (1 + k % 7))
         for k, t in enumerate(times_s)
     ]
     storage = writer.Storage(binary=kind == "t16")
@@ -258,9 +246,7 @@ def test_times_that_are_not_even_stay_as_they_are():
         assert unrounded_ms(times_ms, kind, precision) is times_ms
 
 
-def test_a_job_that_gave_up_is_told_from_its_status_file(
-    write, increments, marc_samples, tmp_path
-):
+def test_a_job_that_gave_up_is_told_from_its_status_file(write, increments, marc_samples, tmp_path):
     path, said = tmp_path / "job.t16", []
     path.write_bytes(write(increments).read_bytes())
     status = (marc_samples / "nour_plastic.sts").read_text()

@@ -13,9 +13,7 @@ from numpy.testing import assert_allclose
 
 from fembridge import read
 from fembridge.results.marc import read as read_marc
-from fembridge.results.marc import (
-    read_stress_tensor,
-)
+from fembridge.results.marc import read_stress_tensor
 from fembridge.results.read_options import ReadOptions
 
 
@@ -55,9 +53,7 @@ def storage(request, writer):
 @pytest.mark.parametrize("kind", [3, 11, 27, 54, 80])
 def test_linear_stress_comes_out_at_every_node(kind, writer, write_post, storage):
     """A distorted mesh: what is linear in x and y is carried exactly."""
-    nodes, quads = models.grid(
-        3, 2, lambda x, y: (x + 0.2 * math.sin(3 * y), y + 0.15 * x * y)
-    )
+    nodes, quads = models.grid(3, 2, lambda x, y: (x + 0.2 * math.sin(3 * y), y + 0.15 * x * y))
     plane = models.Plane(kind, nodes, quads)
     increments = plane.increments(writer, linear_stress, TIMES_S)
     path = write_post(storage, plane.model(writer), increments)
@@ -77,9 +73,7 @@ def test_traces_are_of_the_nodal_tensor_and_begin_at_increment_0(writer, write_p
     nodes, quads = models.grid(2, 2)
     plane = models.Plane(80, nodes, quads)
     path = write_post(
-        writer.Storage(),
-        plane.model(writer),
-        plane.increments(writer, linear_stress, TIMES_S),
+        writer.Storage(), plane.model(writer), plane.increments(writer, linear_stress, TIMES_S)
     )
     first, second = read(path, [5, 1])
     assert (first.node, second.node) == (5, 1)
@@ -87,8 +81,7 @@ def test_traces_are_of_the_nodal_tensor_and_begin_at_increment_0(writer, write_p
     assert first.dt_ms == pytest.approx(0.5, rel=1e-6)
     for trace in (first, second):
         exact = [
-            1e6 * models.von_mises(linear_stress(*plane.nodes[trace.node], 0, t))
-            for t in TIMES_S
+            1e6 * models.von_mises(linear_stress(*plane.nodes[trace.node], 0, t)) for t in TIMES_S
         ]
         assert_allclose(trace.stress_pa, exact, rtol=1e-5)
 
@@ -104,9 +97,7 @@ def test_two_elements_worked_by_hand(writer, write_post):
     plane = models.Plane(11, nodes, [(1, 2, 5, 4), (2, 3, 6, 5)])
     stored = [[10.0, 20.0, 30.0, 44.0], [1.0, 2.0, 4.0, 8.0]]
     element = [[[abs(s), s, 0, 0, 0, 0, 0] for s in row] for row in stored]
-    increments = [
-        writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)
-    ]
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
     path = write_post(writer.Storage(), plane.model(writer), increments)
     a, b = 1 + math.sqrt(3) / 2, 1 - math.sqrt(3) / 2
 
@@ -124,9 +115,7 @@ def test_two_elements_worked_by_hand(writer, write_post):
     assert at(4, "average") == pytest.approx(104 / 4)
 
 
-def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(
-    writer, write_post
-):
+def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(writer, write_post):
     """Shear that turns its sign inside the element: the tensor's is 0 at mid-height,
     the points' is √3 |τ| of each."""
     nodes, quads = models.grid(1, 1)
@@ -134,9 +123,7 @@ def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(
 
     def file(stress):
         return write_post(
-            writer.Storage(),
-            plane.model(writer),
-            plane.increments(writer, stress, (0.0, 1.0)),
+            writer.Storage(), plane.model(writer), plane.increments(writer, stress, (0.0, 1.0))
         )
 
     def trace(path, way, method="average"):
@@ -151,15 +138,11 @@ def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(
     assert trace(turning, "tensor") == pytest.approx(0.0, abs=1.0)
     shear = math.sqrt(3) * 0.5 / math.sqrt(3)
     assert trace(turning, "scalar") == pytest.approx(1e6 * shear, rel=1e-6)
-    assert trace(turning, "tensor", "linear") == pytest.approx(
-        1e6 * math.sqrt(3) * 0.5, rel=1e-6
-    )
+    assert trace(turning, "tensor", "linear") == pytest.approx(1e6 * math.sqrt(3) * 0.5, rel=1e-6)
     assert trace(turning, "scalar", "linear") == pytest.approx(1e6 * shear, rel=1e-6)
 
 
-def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(
-    writer, write_post
-):
+def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(writer, write_post):
     nodes, quads = models.grid(1, 1)
     plane = models.Plane(11, nodes, quads)
     stored = plane.increments(writer, linear_stress, (0.0, 1e-3))
@@ -170,13 +153,8 @@ def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(
     options = ReadOptions(von_mises="scalar", extrapolate="translate", tell=said.append)
     assert read_marc(path, [1], options)[0].stress_pa[1] == pytest.approx(7e6)
     assert "Equivalent Von Mises Stress (code 17)" in said[0]
-    bare = [
-        replace(one, element=[[v[1:] for v in row] for row in one.element])
-        for one in stored
-    ]
-    path = write_post(
-        writer.Storage(), plane.model(writer, codes=models.CODES[1:]), bare
-    )
+    bare = [replace(one, element=[[v[1:] for v in row] for row in one.element]) for one in stored]
+    path = write_post(writer.Storage(), plane.model(writer, codes=models.CODES[1:]), bare)
     first_point = models.place(plane.corners[0], *models.POINTS[4][0])
     wanted = 1e6 * models.von_mises(linear_stress(*first_point, 0, 1e-3))
     trace = read_marc(path, [1], options)[0]
@@ -188,9 +166,7 @@ def test_von_mises_below_zero_is_told(writer, write_post):
     """Points 2 and 3 have 1 MPa, the others none: at corner 1 that is -1/2 each."""
     plane = models.Plane(11, *models.grid(1, 1))
     element = [[[s, s, 0, 0, 0, 0, 0] for s in (0.0, 1.0, 1.0, 0.0)]]
-    increments = [
-        writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)
-    ]
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
     path = write_post(writer.Storage(), plane.model(writer), increments)
     said = []
     options = ReadOptions(von_mises="scalar", tell=said.append)
@@ -202,9 +178,7 @@ def test_one_point_elements_give_their_point_to_every_corner(writer, write_post)
     nodes, quads = models.grid(2, 1)
     plane = models.Plane(118, nodes, quads)
     path = write_post(
-        writer.Storage(),
-        plane.model(writer),
-        plane.increments(writer, linear_stress, TIMES_S),
+        writer.Storage(), plane.model(writer), plane.increments(writer, linear_stress, TIMES_S)
     )
     centre = 1e6 * np.array(linear_stress(0.5, 0.5, 0, 1e-3))
     other = 1e6 * np.array(linear_stress(1.5, 0.5, 0, 1e-3))
@@ -231,9 +205,7 @@ def test_a_node_has_the_mean_of_its_elements_as_a_plain_loop_finds_it(
     rng = np.random.default_rng(seed)
     plane = models.Plane(kind, *models.grid(columns, rows))
     values = rng.normal(size=(len(plane.quads), plane.count, 7))
-    increments = [
-        writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)
-    ]
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)]
     storage = writer.Storage(real_bytes=8)
     path = write_post(storage, plane.model(writer), increments)
     node = int(rng.choice(sorted(plane.bearing)))

@@ -38,9 +38,7 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(writer, write_post)
 
     def file(codes, values):
         element = [[values] * 4]
-        increments = [
-            writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)
-        ]
+        increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
         model = plane.model(writer, codes=codes)
         return write_post(writer.Storage(), model, increments)
 
@@ -75,9 +73,7 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(writer, write_post)
         ),
     ],
 )
-def test_a_file_without_one_stress_tensor_says_what_it_has(
-    codes, told, writer, write_post
-):
+def test_a_file_without_one_stress_tensor_says_what_it_has(codes, told, writer, write_post):
     plane = models.Plane(11, *models.grid(1, 1))
     element = [[[1.0] * len(codes)] * 4]
     increments = [writer.Increment(number=0, element=element)]
@@ -89,9 +85,7 @@ def test_a_file_without_one_stress_tensor_says_what_it_has(
 def test_the_unit_of_the_file_scales_the_stress(writer, write_post):
     plane = models.Plane(11, *models.grid(1, 1))
     path = write_post(
-        writer.Storage(),
-        plane.model(writer),
-        plane.increments(writer, linear_stress, TIMES_S),
+        writer.Storage(), plane.model(writer), plane.increments(writer, linear_stress, TIMES_S)
     )
     mpa = read(path, [1])[0].stress_pa
     assert_allclose(read(path, [1], stress_unit="kPa")[0].stress_pa, mpa / 1e3)
@@ -117,9 +111,7 @@ def test_displacement_of_a_recorded_run_is_that_of_its_status_file(marc_samples)
     path = marc_samples / "nour_plastic.t16"
     lines = path.with_suffix(".sts").read_text().splitlines()
     rows = [line.split() for line in lines if line[:1] == " " and len(line.split()) > 9]
-    wanted = {
-        int(r[1]): float(r[-1]) for r in rows if r[0].isdigit() and r[1].isdigit()
-    }
+    wanted = {int(r[1]): float(r[-1]) for r in rows if r[0].isdigit() and r[1].isdigit()}
     from fembridge.results.marc_format.post_file import PostFile
 
     with PostFile(path) as post:

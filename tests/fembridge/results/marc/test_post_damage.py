@@ -170,9 +170,7 @@ def test_a_count_that_lies_takes_no_memory(
         assert str(path) in str(error)
 
 
-def test_a_file_without_its_end_may_still_be_written(
-    writer, write_post, open_post, small_run
-):
+def test_a_file_without_its_end_may_still_be_written(writer, write_post, open_post, small_run):
     model, increments = small_run()
     path = write_post(writer.Storage(), model, increments, ended=False)
     with open_post(path) as post:
@@ -190,12 +188,9 @@ def test_element_values_of_another_count_are_left_out_and_remarked(
     stored = np.arange(elements * 4.0).reshape(elements, 4, 1)
     moved = writer.Quantity("Displacement", 1, 2, np.ones((4, 2)))
     model = writer.Model(
-        elements=tuple((n, 11, (1, 2, 3, 4), (1,) * 5) for n in range(elements)),
-        points=points,
+        elements=tuple((n, 11, (1, 2, 3, 4), (1,) * 5) for n in range(elements)), points=points
     )
-    made = [
-        writer.Increment(number=n, element=stored, nodal=(moved,)) for n in range(3)
-    ]
+    made = [writer.Increment(number=n, element=stored, nodal=(moved,)) for n in range(3)]
     with open_post(write_post(writer.Storage(binary), model, made)) as post:
         assert (post.problem, post.unread_bytes) == (None, 0)
         (remark,) = post.remarks
@@ -209,9 +204,7 @@ def test_element_values_of_another_count_are_left_out_and_remarked(
 
 @pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize("block", [b"507", b"508"])
-def test_a_mesh_of_more_than_is_announced_is_refused(
-    binary, block, writer, write_post, open_post
-):
+def test_a_mesh_of_more_than_is_announced_is_refused(binary, block, writer, write_post, open_post):
     model = writer.Model(elements=((1, 11, (1, 2, 3, 4), (1,) * 5),) * 2)
     path = write_post(writer.Storage(binary), model)
     whole = path.read_bytes()
@@ -233,9 +226,7 @@ def test_a_mesh_of_more_than_is_announced_is_refused(
 def test_a_record_that_moved_inside_a_table_is_no_number(writer, write_post, open_post):
     """The walk looks at the first and the last record of a table, reading at all."""
     element = np.arange(32.0).reshape(8, 4, 1) + 1000
-    model = writer.Model(
-        elements=tuple((n, 11, (1, 2, 3, 4), (1,) * 5) for n in range(8))
-    )
+    model = writer.Model(elements=tuple((n, 11, (1, 2, 3, 4), (1,) * 5) for n in range(8)))
     path = write_post(writer.Storage(), model, [writer.Increment(element=element)])
     whole = path.read_bytes()
     at = whole.index(struct.pack("<f", 1009.0))  # the second point of element row 2
@@ -267,9 +258,7 @@ def test_bytes_behind_the_end_are_counted(writer, write_post, open_post, small_r
         (b"=beg=abcde (Analysis Title)\n", "no whole model: .*has no number"),
     ],
 )
-def test_a_foreign_file_is_named_by_what_it_begins_with(
-    content, words, tmp_path, open_post
-):
+def test_a_foreign_file_is_named_by_what_it_begins_with(content, words, tmp_path, open_post):
     path = tmp_path / "job.t16"
     path.write_bytes(content)
     with pytest.raises(ResultError, match=words):

@@ -27,8 +27,7 @@ def many(writer):
             node_ids=tuple(range(1, nodes + 1)),
             coordinates=tuple((float(node), 0.0) for node in range(nodes)),
             elements=tuple(
-                (number, 11, (1, 2, 3, 4), (1, 1, 1, 2, 0))
-                for number in range(1, elements + 1)
+                (number, 11, (1, 2, 3, 4), (1, 1, 1, 2, 0)) for number in range(1, elements + 1)
             ),
         )
         points = np.arange(elements * 4.0).reshape(elements, 4, 1)
@@ -66,8 +65,7 @@ def check(post, increments):
         values = post.nodal_values(row, quantity.name, some)
         assert_array_equal(values, quantity.values[some])
         assert_array_equal(
-            [*post.global_values(row).values()],
-            [values for _, values in expected.variables],
+            [*post.global_values(row).values()], [values for _, values in expected.variables]
         )
 
 
@@ -112,9 +110,7 @@ def test_one_of_another_kind_among_them_is_read_as_it_is(
 
 
 @BINARY_AND_TEXT
-def test_after_a_new_mesh_nothing_is_taken_for_granted(
-    binary, many, writer, write_post, open_post
-):
+def test_after_a_new_mesh_nothing_is_taken_for_granted(binary, many, writer, write_post, open_post):
     model, increments = many(12)
     finer, more = many(12, elements=5, nodes=7)
     more[3] = replace(more[3], new_model=finer)
@@ -128,9 +124,7 @@ def test_after_a_new_mesh_nothing_is_taken_for_granted(
 
 
 @BINARY_AND_TEXT
-def test_a_damaged_one_among_them_ends_the_walk_there(
-    binary, many, writer, write_post, open_post
-):
+def test_a_damaged_one_among_them_ends_the_walk_there(binary, many, writer, write_post, open_post):
     model, increments = many(200)
     path = write_post(writer.Storage(binary), model, increments)
     content = path.read_bytes()

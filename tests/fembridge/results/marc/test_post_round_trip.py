@@ -30,9 +30,7 @@ def test_what_is_written_is_read_whatever_the_storage(
         assert len(post.increments) == len(increments)
         check_model(storage, model, post.meshes[0], post.codes)
         at, mesh = model, 0
-        for row, (expected, found) in enumerate(
-            zip(increments, post.increments, strict=True)
-        ):
+        for row, (expected, found) in enumerate(zip(increments, post.increments, strict=True)):
             if expected.new_model:
                 at, mesh = expected.new_model, mesh + 1
                 check_model(storage, at, post.meshes[mesh], post.codes_of(row))

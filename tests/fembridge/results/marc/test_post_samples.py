@@ -55,9 +55,7 @@ def test_energies_and_sets_are_those_of_the_listing_of_the_run(marc_samples, ope
     with open_post(marc_samples / "nour_plastic.t16") as post:
         energies = post.energies(23)
         assert_allclose(
-            energies[[8, 9, 15, 13]],
-            [1.24112e5, 1.06038e5, 1.80735e4, 1.37551e5],
-            rtol=RTOL,
+            energies[[8, 9, 15, 13]], [1.24112e5, 1.06038e5, 1.80735e4, 1.37551e5], rtol=RTOL
         )
         assert [(s.name, s.kind, s.members.tolist()) for s in post.meshes[0].sets] == [
             ("fixed_nodes", "node", [1, 10, 20, 21, 22]),

@@ -137,16 +137,11 @@ def test_tables_of_uneven_lines_are_read_row_by_row(writer, write_post, open_pos
 )
 def test_what_is_no_number_is_shown(old, new, words, write_text, open_post):
     path = write_text(TWO_NODES.replace(old, new, 1))
-    with (
-        open_post(path) as post,
-        pytest.raises(ResultError, match=words),
-    ):
+    with open_post(path) as post, pytest.raises(ResultError, match=words):
         assert post.meshes[0]
 
 
-def test_a_block_that_is_built_otherwise_is_left_out_and_remarked(
-    write_text, open_post
-):
+def test_a_block_that_is_built_otherwise_is_left_out_and_remarked(write_text, open_post):
     text = TWO_NODES.replace("           -1            0", "            1            0")
     with open_post(write_text(text)) as post:
         assert (post.problem, post.unread_bytes) == (None, 0)

@@ -59,9 +59,7 @@ def job(h5py, tmp_path, values):
             nodal = values["nodal"].reshape(NODES, 3, INCREMENTS, 1, 1, 1, 1)
             file[DISPLACEMENT] = nodal
             file["Marc/Results/Node/Node Post Summary"] = np.ones((1, 5, 3, 1, 1, 1, 1))
-            scalar = values["scalar"].reshape(
-                ELEMENTS, 1, INCREMENTS, POINTS, 1, 1, 1, 1
-            )
+            scalar = values["scalar"].reshape(ELEMENTS, 1, INCREMENTS, POINTS, 1, 1, 1, 1)
             file[SCALAR] = scalar
             file["Marc/Input/Something"] = np.arange(3)
             if change is not None:
@@ -158,9 +156,7 @@ def test_a_value_that_is_not_finite_is_refused(job):
 
 def test_what_is_not_there_is_named_with_what_is(job):
     path = job()
-    with pytest.raises(
-        ResultError, match="no array /Marc/Results/Node/Velocity, there"
-    ):
+    with pytest.raises(ResultError, match="no array /Marc/Results/Node/Velocity, there"):
         read_nodal(path, "Velocity", 0)
     with pytest.raises(ResultError, match=f"there is {SCALAR}, {DISPLACEMENT}"):
         read_element_scalar(path, MISES, "Tria3", 0)

@@ -19,12 +19,7 @@ from fembridge.results.mentat.history_text import (
     read_history_text,
     write_history_table,
 )
-from fembridge.results.mentat.history_traces import (
-    describe,
-    is_over_time,
-    nodes_in,
-    read,
-)
+from fembridge.results.mentat.history_traces import describe, is_over_time, nodes_in, read
 from fembridge.results.mentat.number_table import number
 from fembridge.results.read_options import ReadOptions
 
@@ -84,18 +79,14 @@ def test_stress_leaves_in_pa_whatever_the_unit_of_the_file(text, unit, pa):
     assert_allclose(trace.stress_pa[1], 0.5 * pa, rtol=1e-15)
 
 
-def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(
-    text,
-):
+def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(text):
     path = text(NINE_LINES)
     heard = []
     trace = read(path, [12], ReadOptions(tell=heard.append))[0]
     assert trace.node == 12
     assert_allclose(trace.stress_pa, [0.0, 12500.0, 25000.0], rtol=1e-15)
     assert "taken as time in s and von Mises stress; above them: 'History" in heard[0]
-    with pytest.raises(
-        ResultError, match="name one node for each of the 1, 0 were named"
-    ):
+    with pytest.raises(ResultError, match="name one node for each of the 1, 0 were named"):
         read(path, ())
 
 
@@ -128,9 +119,7 @@ def test_what_is_no_von_mises_stress_is_left_out_and_told(text):
     heard = []
     traces = read(path, (), ReadOptions(tell=heard.append))
     assert [trace.node for trace in traces] == [7]
-    assert heard == [
-        "no von Mises stress, left out: 'Equivalent Von X Displacement Node 12'"
-    ]
+    assert heard == ["no von Mises stress, left out: 'Equivalent Von X Displacement Node 12'"]
     none = COPIED.replace("Mises", "Nothing")
     with pytest.raises(ResultError, match="no von Mises stress in it, but"):
         read(text(none), ())
@@ -153,8 +142,7 @@ def test_more_than_two_columns_without_names_are_a_table_alone(text, tmp_path):
 
 def test_curves_one_under_the_other_are_all_read(text, tmp_path):
     one, two = (
-        f"Time \tEquivalent Von Mises Stress Node {node} \n"
-        f"0\t0\n0.0005\t{peak}\n0.001\t0\n"
+        f"Time \tEquivalent Von Mises Stress Node {node} \n0\t0\n0.0005\t{peak}\n0.001\t0\n"
         for node, peak in ((5, 0.5), (6, 0.25))
     )
     path = text(one + "\n" + two)
@@ -206,9 +194,7 @@ def test_an_uneven_step_is_an_error(text):
 )
 def test_how_the_numbers_are_written_and_parted_does_not_matter(text, content):
     table = read_history_text(text(content))
-    assert_array_equal(
-        table.values, [[0, 0, 0], [0.0005, 0.0125, 0.5], [0.001, 0.025, 0.25]]
-    )
+    assert_array_equal(table.values, [[0, 0, 0], [0.0005, 0.0125, 0.5], [0.001, 0.025, 0.25]])
 
 
 def test_labels_keep_their_letters(text):
@@ -262,9 +248,7 @@ def test_a_number_is_what_fortran_and_c_print(word, value):
     assert number(word) == value
 
 
-@given(
-    value=st.floats(allow_nan=False, allow_infinity=False), digits=st.integers(0, 16)
-)
+@given(value=st.floats(allow_nan=False, allow_infinity=False), digits=st.integers(0, 16))
 def test_a_printed_real_comes_back(value, digits):
     printed = f"{value:.{digits}e}"
     assert number(printed) == float(printed)
@@ -273,16 +257,12 @@ def test_a_printed_real_comes_back(value, digits):
 
 
 @given(
-    rows=st.lists(
-        st.lists(st.floats(-1e30, 1e30), min_size=3, max_size=3), min_size=2, max_size=9
-    ),
+    rows=st.lists(st.lists(st.floats(-1e30, 1e30), min_size=3, max_size=3), min_size=2, max_size=9),
     separator=st.sampled_from(["\t", " ", "   ", ";", "\t,", " , "]),
     comma=st.booleans(),
     head=st.sampled_from(["", "title\n", "title\nmore\n\n", "7\n", "a b c\n"]),
 )
-def test_any_table_comes_back_number_by_number(
-    tmp_path_factory, rows, separator, comma, head
-):
+def test_any_table_comes_back_number_by_number(tmp_path_factory, rows, separator, comma, head):
     comma = comma and "," not in separator
     path = tmp_path_factory.getbasetemp() / "any.txt"
     lines = [separator.join(f"{value:.9e}" for value in row) for row in rows]

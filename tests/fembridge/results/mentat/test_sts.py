@@ -58,9 +58,7 @@ def sts(tmp_path):
         ("pfl_example_model_0", "Marc 2021.4", 91, 2686, 12, 8.4233),
     ],
 )
-def test_a_real_job_is_read_to_its_end(
-    name, version, count, cycles, cut_backs, greatest_mm
-):
+def test_a_real_job_is_read_to_its_end(name, version, count, cycles, cut_backs, greatest_mm):
     """The numbers are the last lines of the files, read by eye."""
     found = read_sts(SAMPLES / f"{name}.sts")
     last = found.rows[-1]
@@ -98,9 +96,7 @@ def test_line_ends_of_windows_change_nothing(sts):
 def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):
     found = read_sts(sts(HEAD + ROW))
     assert found.exit_number is None
-    assert found.problem == (
-        "the job has not ended, or was killed, increment 3 at 1.5 ms"
-    )
+    assert found.problem == ("the job has not ended, or was killed, increment 3 at 1.5 ms")
     assert read_sts(sts(HEAD)).problem == "the job has not ended, or was killed"
 
 
@@ -121,16 +117,13 @@ def test_another_exit_number_is_a_problem_that_names_it(sts, number):
     found = read_sts(sts(text.replace("3004", str(number))))
     assert found.exit_number == number
     assert found.problem == (
-        f"the job ended after increment 3 at 1.5 ms with exit number {number}, "
-        "3004 is success"
+        f"the job ended after increment 3 at 1.5 ms with exit number {number}, 3004 is success"
     )
 
 
 def test_a_job_that_ended_at_once_has_no_rows(sts):
     words = read_sts(sts(HEAD + END.replace("3004", "13"))).problem
-    assert words == (
-        "the job ended before any increment with exit number 13, 3004 is success"
-    )
+    assert words == ("the job ended before any increment with exit number 13, 3004 is success")
 
 
 def test_counts_that_touch_are_told_apart_by_column_and_stars_are_no_count(sts):
@@ -216,9 +209,7 @@ def sts_row_of_text():
 @given(data=st.data())
 def test_a_changed_byte_gives_rows_or_an_error_and_nothing_else(tmp_path_factory, data):
     content = bytearray((HEAD + ROW * 2 + END).encode())
-    content[data.draw(st.integers(0, len(content) - 1))] = data.draw(
-        st.integers(0, 255)
-    )
+    content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path = tmp_path_factory.getbasetemp() / "changed.sts"
     path.write_bytes(bytes(content))
     try:
