@@ -22,11 +22,11 @@ import numpy as np
 
 from decks.presets import PRESETS
 from fembridge.build import Model, build_run_folder, model_of
-from fembridge.outputs import write_text
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
 from fembridge.solvers.calculix import attempt_calculix
 from fembridge.stimulus import Stimulus
+from fembridge.store import write_text
 from fembridge.typing import FloatArray
 
 INCREMENTS = 40

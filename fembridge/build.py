@@ -14,9 +14,9 @@ from decks.meshing.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
 from fembridge.exports import write_csv
-from fembridge.outputs import filling, write_text
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
+from fembridge.store import filling, write_text
 from fembridge.typing import Table
 
 _MS_PER_S = 1.0e3

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import OutputError
-from fembridge.outputs import replacing, write_text
 from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
+from fembridge.store import replacing, write_text
 
 MM_PER_UM = 1.0e-3
 S_PER_MS = 1.0e-3

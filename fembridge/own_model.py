@@ -15,9 +15,9 @@ from decks.own_model.request import Rebased, Request
 from fembridge.build import stimulus_inputs
 from fembridge.errors import DeckError
 from fembridge.exports import write_csv
-from fembridge.outputs import filling
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
+from fembridge.store import filling
 
 _SUFFIXES = {".inp": ("calculix", "abaqus"), ".dat": ("marc",)}
 _OURS = (RUN_FILE, STIMULUS_FILE, "job.inp", "job.dat")

@@ -10,7 +10,6 @@ After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
 """
 
 import csv
-import hashlib
 import math
 import tomllib
 from collections.abc import Mapping
@@ -20,7 +19,7 @@ from typing import Any, TypeGuard
 
 from decks.dialects import dialect_of
 from fembridge.errors import ResultError
-from fembridge.outputs import write_text
+from fembridge.store import write_text
 from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
@@ -268,12 +267,6 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
         raise ResultError(f"{len(rows)} samples, expected two or more", path)
     times_ms, depth_um = np.array(rows, dtype=np.float64).T
     return times_ms, depth_um
-
-
-def sha256_of(path: Path) -> str:
-    """Digest of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _is_whole(number: object, least: int) -> TypeGuard[int]:

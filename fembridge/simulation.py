@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fembridge.errors import TraceError
-from fembridge.outputs import filling, replacing, write_text
 from fembridge.stimulus import Stimulus
+from fembridge.store import filling, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table

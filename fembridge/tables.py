@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import TableError, TraceError
-from fembridge.outputs import write_text
+from fembridge.store import write_text
 from fembridge.table_rows import read_rows
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray

@@ -18,7 +18,7 @@ from decks.meshing.mesh_checks import (
     scaled_jacobian,
 )
 from fembridge.errors import FingerError
-from fembridge.outputs import replacing
+from fembridge.store import replacing
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # What NumPy raises on a file that is no whole archive of arrays.

@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.errors import UsageError
-    from fembridge.outputs import filling, write_text
     from fembridge.plots.deflection import draw_deflections
+    from fembridge.store import filling, write_text
 
     output = Path(args.output)
     if args.solver is None:

@@ -191,8 +191,8 @@ def _write(
         write_fit,
     )
     from fembridge.fitting.provenance import fit_table
-    from fembridge.outputs import filling
     from fembridge.plots.tradeoffs import draw_tradeoffs
+    from fembridge.store import filling
 
     name = "fit" if args.drive is None else f"fit_{args.drive}"
     table = fit_table(made, observed, source, _options(args))

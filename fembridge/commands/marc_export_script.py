@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Print or write the script; the summary holds where it is, or the script."""
-    from fembridge.outputs import write_text
+    from fembridge.store import write_text
 
     script = script_text()
     output: Path | None = args.output

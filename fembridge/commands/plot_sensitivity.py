@@ -10,7 +10,6 @@ _TABLES = (".csv", ".md")
 def draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
     """Draw; the summary holds every number of the tables."""
     from fembridge.errors import UsageError
-    from fembridge.outputs import write_text
     from fembridge.plots.sensitivity import draw_effects, draw_regressions
     from fembridge.sensitivity import (
         is_one_at_a_time,
@@ -26,6 +25,7 @@ def draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
         regression_rows,
         regressions_markdown,
     )
+    from fembridge.store import write_text
 
     if args.effects is not None and args.effects.suffix.lower() not in _TABLES:
         raise UsageError(f"{args.effects}: expected {' or '.join(_TABLES)}")

@@ -79,12 +79,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
     from pathlib import Path
 
-    from fembridge.outputs import filling
     from fembridge.simulate import simulate
     from fembridge.simulation import RATES_FILE, RECORD_FILE, SPIKES_FILE, TRACES_FILE
     from fembridge.solvers.progress_bars import ProgressBars
     from fembridge.solvers.settings import SolverSettings
     from fembridge.solvers.watchdog import Limits
+    from fembridge.store import filling
     from neural import parameter_set_or_file
 
     output = Path(args.output)

@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.fitting.study import held_out_rmse_ips, study_models
     from fembridge.fitting.study_files import CASES_FILE, SUMMARY_FILE, cases_text, summary_text
     from fembridge.observed import read_observed
-    from fembridge.outputs import filling, write_text
     from fembridge.plots.study import draw_study
+    from fembridge.store import filling, write_text
 
     observed = read_observed(Path(args.observed))
     cases = cases_from(args, observed)

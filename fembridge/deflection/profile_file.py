@@ -6,7 +6,7 @@ import numpy as np
 
 from fembridge.deflection.profile import Deflection
 from fembridge.errors import ResponseError
-from fembridge.sealed import read_sealed, write_sealed
+from fembridge.store import read_sealed, write_sealed
 from fembridge.typing import Table
 
 FORMAT = 1

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fembridge.fitting.fit import Fit, FitRun
-from fembridge.outputs import write_text
+from fembridge.store import write_text
 from fembridge.tables import AFFERENTS, Rate, write_rates
 from fembridge.typing import Table
 from neural.parameter_file import parameters_to_table

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fembridge.errors import UsageError
-from fembridge.outputs import replacing
 from fembridge.plots.palette import DPI, HAIR_PT, INK, SMALL_TEXT_PT
+from fembridge.store import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.outputs import replacing
 from fembridge.plots.palette import (
     AFFERENT_COLOURS,
     DPI,
@@ -22,6 +21,7 @@ from fembridge.plots.palette import (
     TINY_TEXT_PT,
 )
 from fembridge.stimulus import Stimulus
+from fembridge.store import replacing
 from fembridge.tables import SpikeTrain
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from fembridge.errors import ResponseError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.stress import TENSOR
 from fembridge.run_folder import AfferentNode
-from fembridge.sealed import read_sealed, write_sealed
+from fembridge.store import read_sealed, write_sealed
 from fembridge.typing import Table
 
 FORMAT = 1

@@ -19,7 +19,6 @@ from pathlib import Path
 from decks.analysis import DRIVES, Contact
 from fembridge.build import Model, build_run_folder
 from fembridge.errors import ResponseError, ResultError
-from fembridge.outputs import make_folder
 from fembridge.response.indentation import DEFAULT_DEPTH_UM, indentation
 from fembridge.response.map_file import MAP_FILE, write_map
 from fembridge.response.measured import measured_response
@@ -35,6 +34,7 @@ from fembridge.solvers.calculix import attempt_calculix
 from fembridge.solvers.outcome import Cause, Outcome
 from fembridge.solvers.record import finished_outcome
 from fembridge.solvers.watchdog import Limits, OnProgress
+from fembridge.store import make_folder
 
 LADDER = (
     Contact("node-to-surface", stiffness_mpa_per_mm=200.0),

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.outputs import replacing
 from fembridge.results.field_source import open_source
 from fembridge.results.frd_format.field import Field
 from fembridge.results.read_options import ReadOptions
+from fembridge.store import replacing
 
 LAST = "last"
 _CHOICE = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.outputs import write_text
 from fembridge.results import result_file
 from fembridge.results.frd_format.grid import Cells, Grid, read_grid
 from fembridge.results.printed.dat import read_point_stress
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import TENSOR, von_mises_pa
+from fembridge.store import write_text
 from fembridge.typing import FloatArray, IntArray
 
 _DEFAULTS = ReadOptions()

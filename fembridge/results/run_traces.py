@@ -12,7 +12,8 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.read_options import ReadOptions
-from fembridge.run_folder import SOLVER_FILE, RunFolder, sha256_of
+from fembridge.run_folder import SOLVER_FILE, RunFolder
+from fembridge.store import sha256_of
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 
 

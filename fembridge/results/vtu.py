@@ -20,10 +20,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fembridge.errors import MissingError, ResultError, UsageError
-from fembridge.outputs import filling
 from fembridge.results.derived import DERIVED
 from fembridge.results.field_source import Scene, open_source
 from fembridge.results.read_options import ReadOptions
+from fembridge.store import filling
 from fembridge.typing import FloatArray
 
 # Kind of element: meshio's name, and its nodes in the order of VTK. A wedge is

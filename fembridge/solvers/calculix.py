@@ -15,7 +15,7 @@ from pathlib import Path
 from decks.dialects import JOB
 from fembridge.errors import MissingError, OutputError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
-from fembridge.run_folder import RunFolder, read_run_folder, sha256_of
+from fembridge.run_folder import RunFolder, read_run_folder
 from fembridge.solvers.folder_lock import folder_lock
 from fembridge.solvers.outcome import Cause, Failure, Outcome
 from fembridge.solvers.process import signals_as_exits, start, stop
@@ -31,6 +31,7 @@ from fembridge.solvers.watchdog import (
     Watchdog,
 )
 from fembridge.solvers.workplace import WORK_FOLDER, Workplace
+from fembridge.store import sha256_of
 
 FIRST_LOOK_S = 0.05
 SLOWEST_LOOK_S = 1.0

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from decks.dialects import JOB
 from fembridge.errors import OutputError
-from fembridge.outputs import write_text
-from fembridge.run_folder import SOLVER_FILE, RunFolder, sha256_of
+from fembridge.run_folder import SOLVER_FILE, RunFolder
 from fembridge.solvers.outcome import Outcome
+from fembridge.store import sha256_of, write_text
 from fembridge.typing import Table
 
 FORMAT = 1

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from decks.dialects import JOB
 from fembridge.errors import OutputError
-from fembridge.outputs import make_folder, write_text
 from fembridge.run_folder import RunFolder
 from fembridge.solvers.outcome import Failure
+from fembridge.store import make_folder, write_text
 
 WORK_FOLDER = "solving"
 FAILED_FOLDER = "failed"

@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import FembridgeError
-from fembridge.outputs import filling, write_text
-from fembridge.run_folder import sha256_of
-from fembridge.sealed import read_sealed, write_sealed
 from fembridge.simulation import SPIKES_FILE, Simulation
+from fembridge.store import filling, read_sealed, sha256_of, write_sealed, write_text
 from fembridge.sweep.task import FORMAT, Item
 from fembridge.table_rows import read_rows
 from fembridge.tables import write_spikes

@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fembridge.errors import OutputError
-from fembridge.outputs import make_folder
+from fembridge.store import make_folder
 
 PREFIX = ".lease."
 HEARTBEAT_S = 15.0

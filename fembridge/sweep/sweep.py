@@ -18,9 +18,9 @@ import numpy as np
 
 from fembridge import __version__
 from fembridge.errors import OutputError, UsageError
-from fembridge.outputs import make_folder, write_text
 from fembridge.solvers.process import signals_as_exits
 from fembridge.solvers.settings import SolverSettings
+from fembridge.store import make_folder, write_text
 from fembridge.sweep.answers import is_finished
 from fembridge.sweep.board import Board
 from fembridge.sweep.crew import Crew, Ended

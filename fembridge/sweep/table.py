@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from fembridge.errors import FembridgeError
-from fembridge.outputs import write_text
+from fembridge.store import write_text
 from fembridge.sweep.answers import Answer, read_answers
 from fembridge.sweep.plan import Plan
 

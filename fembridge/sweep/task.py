@@ -16,7 +16,7 @@ from decks.stimuli.waveform import make_stimulus
 from fembridge import __version__
 from fembridge.build import stimulus_inputs
 from fembridge.stimulus import Stimulus
-from fembridge.sweep.canonical import SHORT, digest
+from fembridge.store import SHORT, digest
 from fembridge.sweep.study import Asked
 from fembridge.typing import Table
 from neural import AfferentParameters, Parameters, parameters_to_table

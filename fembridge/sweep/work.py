@@ -17,7 +17,6 @@ from decks.meshing.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import mesh_of
 from fembridge.build import Model
 from fembridge.errors import FembridgeError, FingerError, MissingError, OutputError, ResponseError
-from fembridge.outputs import write_text
 from fembridge.response.accepted import Tell
 from fembridge.response.map_file import MAP_FILE, read_map
 from fembridge.response.response_map import ResponseMap
@@ -27,6 +26,7 @@ from fembridge.simulate import simulate
 from fembridge.simulation import Simulation
 from fembridge.solvers.settings import SolverSettings
 from fembridge.solvers.watchdog import OnProgress
+from fembridge.store import write_text
 from fembridge.sweep.answers import is_finished, write_item
 from fembridge.sweep.lease import BusyError, leased
 from fembridge.sweep.solver_version import solver_version

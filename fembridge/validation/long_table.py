@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import UsageError
-from fembridge.outputs import write_text
+from fembridge.store import write_text
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fembridge.outputs import filling, write_text
+from fembridge.store import filling, write_text
 from fembridge.validation.album import Album
 from fembridge.validation.command_lines import command_lines
 from fembridge.validation.compared_rates import OBSERVED

@@ -17,13 +17,13 @@ from decks.calculix.deck import calculix_deck
 from decks.dialects import JOB
 from fembridge.build import build_analysis_folder
 from fembridge.errors import DeckError, SolverError
-from fembridge.outputs import filling, write_text
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
 from fembridge.solvers.calculix import attempt_calculix
 from fembridge.solvers.outcome import Failure, Outcome
 from fembridge.solvers.record import finished_outcome
 from fembridge.solvers.watchdog import Limits, OnProgress
 from fembridge.stimulus import Stimulus
+from fembridge.store import filling, write_text
 from fembridge.typing import Table
 
 COST_FILE = "cost.toml"

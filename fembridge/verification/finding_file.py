@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from fembridge.errors import ResponseError
-from fembridge.sealed import read_sealed, write_sealed
+from fembridge.store import read_sealed, write_sealed
 from fembridge.typing import Table
 from fembridge.verification.finding import Finding
 

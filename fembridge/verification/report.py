@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fembridge.outputs import write_text
+from fembridge.store import write_text
 from fembridge.typing import Table
 from fembridge.validation.long_table import LongTable
 from fembridge.verification.chart_picture import draw_chart

@@ -14,10 +14,10 @@ from pathlib import Path
 from fembridge import __version__
 from fembridge.errors import MissingError, ResponseError, SolverError
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
-from fembridge.outputs import make_folder
 from fembridge.solvers.guard import PR_SET_PDEATHSIG
 from fembridge.solvers.process import signals_as_exits
 from fembridge.solvers.watchdog import OnProgress
+from fembridge.store import make_folder
 from fembridge.verification.bench import Bench
 from fembridge.verification.finding import Finding
 from fembridge.verification.finding_file import (

@@ -8,7 +8,7 @@ import pytest
 
 from decks.presets import QUICK
 from fembridge.build import model_of
-from fembridge.run_folder import sha256_of
+from fembridge.store import sha256_of
 
 ROOT = Path(__file__).parents[2]
 FORCE = b"*CLOAD\nSKIN_APEX, 2, 1.0E-12\n"

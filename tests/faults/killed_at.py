@@ -70,7 +70,7 @@ class Outputs:
         self.write("new")
 
     def write(self, text):
-        from fembridge.outputs import filling, write_text
+        from fembridge.store import filling, write_text
 
         with filling(self.folder, last="record.toml") as draft:
             for name in ("a.csv", "b.csv", "record.toml"):
@@ -100,7 +100,8 @@ class Results:
         self.build(NEW)
 
     def build(self, deck):
-        from fembridge.run_folder import RunFolder, sha256_of
+        from fembridge.run_folder import RunFolder
+        from fembridge.store import sha256_of
 
         self.folder.mkdir(exist_ok=True)
         path = self.folder / "job.inp"

@@ -3,7 +3,7 @@
 import threading
 from pathlib import Path
 
-from fembridge.outputs import filling, write_text
+from fembridge.store import filling, write_text
 
 PATIENCE_S = 0.5
 NAMES = ("a.csv", "b.csv", "record.toml")

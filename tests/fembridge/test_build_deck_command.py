@@ -6,7 +6,8 @@ import tomllib
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import read_run_folder, sha256_of
+from fembridge.run_folder import read_run_folder
+from fembridge.store import sha256_of
 
 LEVELS = ["0.25", "1", "5", "10", "20"]
 

@@ -10,7 +10,8 @@ import time
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import RunFolder, sha256_of
+from fembridge.run_folder import RunFolder
+from fembridge.store import sha256_of
 
 PLAY = """#!{python} -IS
 import pathlib, sys, time

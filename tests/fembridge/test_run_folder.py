@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ResultError
 from fembridge.exports import write_csv
-from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform, sha256_of
+from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform
 from fembridge.stimulus import Stimulus
+from fembridge.store import sha256_of
 
 PLACES = (
     AfferentNode("SA", 25, "epidermis", 0.0, -0.61, 0.61),

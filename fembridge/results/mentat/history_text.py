@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.outputs import replacing
 from fembridge.results.mentat.number_table import NumberRun, number, number_runs
+from fembridge.store import replacing
 from fembridge.typing import FloatArray
 
 INDEX = "index"

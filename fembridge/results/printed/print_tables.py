@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.outputs import replacing
 from fembridge.results.mentat.h5 import UNSEEN, H5Increment, read_increments
 from fembridge.results.mentat.sts import StsRow, read_sts
 from fembridge.results.printed.cvg import CvgRow, read_cvg
@@ -26,6 +25,7 @@ from fembridge.results.printed.dat_section import DatSection, dat_sections
 from fembridge.results.printed.sta import StaRow, read_sta
 from fembridge.results.printed.text_lines import text_lines
 from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.store import replacing
 from fembridge.typing import Table
 
 DAT_COLUMNS = (

@@ -15,9 +15,10 @@ from fembridge.build import model_of
 from fembridge.response import solve
 from fembridge.response.path_dependence import RemembersError
 from fembridge.response.response_map import ResponseMap
-from fembridge.run_folder import AfferentNode, read_run_folder, sha256_of
+from fembridge.run_folder import AfferentNode, read_run_folder
 from fembridge.solvers.outcome import Cause, Failure, Outcome
 from fembridge.solvers.record import write_record
+from fembridge.store import sha256_of
 
 DEPTH_UM = np.array([0.0, 2.0, 7.0, 20.0, 55.0, 110.0, 190.0, 300.0])
 PLACES = (

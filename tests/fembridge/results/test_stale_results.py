@@ -7,7 +7,7 @@ import pytest
 
 from fembridge.errors import ResultError
 from fembridge.results import read
-from fembridge.run_folder import sha256_of
+from fembridge.store import sha256_of
 
 RECORDED = Path(__file__).parents[3] / "fixtures" / "transient_sine"
 

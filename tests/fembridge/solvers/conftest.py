@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fembridge.run_folder import RunFolder, sha256_of
+from fembridge.run_folder import RunFolder
+from fembridge.store import sha256_of
 
 PATIENCE_S = 120.0
 

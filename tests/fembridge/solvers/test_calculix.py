@@ -6,10 +6,10 @@ import threading
 import pytest
 
 from fembridge.errors import ResultError, SolverError
-from fembridge.run_folder import sha256_of
 from fembridge.solvers.calculix import attempt_calculix, run_calculix
 from fembridge.solvers.outcome import Cause
 from fembridge.solvers.watchdog import Limits
+from fembridge.store import sha256_of
 
 ENDINGS = {
     "bad_deck": (Cause.BAD_DECK, "NOPE has not yet been defined. [NOPE,1,1]"),

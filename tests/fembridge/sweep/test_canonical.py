@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fembridge.sweep.canonical import canonical_text, digest
+from fembridge.store import canonical_text, digest
 
 KEYS = st.text(min_size=1, max_size=5)
 NUMBERS = st.one_of(st.integers(-(2**70), 2**70), st.floats(allow_nan=False, allow_infinity=False))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fembridge.errors import OutputError
-from fembridge.outputs import filling, make_folder, replacing, write_text
+from fembridge.store import filling, make_folder, replacing, write_text
 
 
 def names_in(folder):

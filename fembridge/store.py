@@ -1,0 +1,384 @@
+"""Files: written whole or not at all, digests, and TOML to values and back.
+
+A reader of a final name finds the old content or the new, never a part: not after
+Ctrl-C, not after a full disk, not after a kill. Files that belong together are written
+in a draft folder and take their places only when all are whole; of two processes that
+do so in one folder, one waits for the other.
+"""
+
+import difflib
+import fcntl
+import filecmp
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fembridge.errors import FembridgeError, OutputError, ResponseError
+from fembridge.typing import Table
+
+if TYPE_CHECKING:
+    from cattrs import Converter
+
+_STEM_LETTERS = 40
+SHORT = 16
+"""Hexadecimal digits of a digest that a folder is named by."""
+
+_NO_FLOAT = 2**1023  # from here on a whole number is no float
+_Value = TypeVar("_Value")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path`; on success it takes that name.
+
+    Where `path` is a link, what it points to is replaced. The temporary path keeps
+    the suffix, for writers that go by it.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be made or written, the disk is full, or `path` is a
+        folder, a device or a pipe. What stood under `path` before is untouched.
+    """
+    make_folder(path.parent)
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    _check_replaceable(target, path)
+    token = os.urandom(4).hex()
+    draft = target.with_name(f".{target.stem[:_STEM_LETTERS]}.{token}{target.suffix}")
+    try:
+        draft.open("xb").close()  # with the permissions that any new file gets
+    except OSError as error:
+        raise OutputError(f"cannot write here: {error.strerror}", path) from error
+    try:
+        yield draft
+        with draft.open("rb") as file:
+            os.fsync(file.fileno())
+        draft.replace(target)
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror or error}", path) from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def filling(folder: Path, last: str) -> Iterator[Path]:
+    """Give a draft folder; on success its files take their places in `folder`.
+
+    Parameters
+    ----------
+    last
+        Name of the file that takes its place last. An old one is taken away before
+        the first file is replaced: a folder that has it holds files that belong
+        together.
+
+    Notes
+    -----
+    Files that stand there already with the same content, all of them, are left
+    alone. What else is in `folder` is not touched.
+
+    Raises
+    ------
+    OutputError
+        `folder` cannot be made or written, or a folder stands where a file is
+        wanted. What stood in `folder` before is untouched.
+    """
+    make_folder(folder)
+    try:
+        draft = Path(tempfile.mkdtemp(prefix=".draft.", dir=folder))
+    except OSError as error:
+        raise OutputError(f"cannot write here: {error.strerror}", folder) from error
+    try:
+        yield draft
+        _move_up(draft, folder, last)
+    except OutputError as error:
+        if not error.path.is_relative_to(draft):
+            raise
+        place = folder / error.path.relative_to(draft)
+        raise OutputError(error.problem, place) from error
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror or error}", folder) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` as UTF-8 with LF line ends, whole or not at all."""
+    with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
+        out.write(text)
+
+
+def make_folder(folder: Path) -> Path:
+    """Make `folder` and its parents; say what is in the way of it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        standing = (place for place in (folder, *folder.parents) if place.exists())
+        raise OutputError(
+            "a file stands where a folder is wanted", next(standing, folder)
+        ) from error
+    except OSError as error:
+        raise OutputError(f"cannot make this folder: {error.strerror}", folder) from (error)
+    return folder
+
+
+def _check_replaceable(target: Path, path: Path) -> None:
+    """Refuse what a rename would destroy: as root even ``/dev/null`` can go."""
+    if target.is_dir():
+        raise OutputError("a folder stands where a file is wanted", path)
+    if target.exists() and not target.is_file():
+        raise OutputError("a device or a pipe, expected the name of a file", path)
+
+
+def _move_up(draft: Path, folder: Path, last: str) -> None:
+    names = sorted((file.name for file in draft.iterdir()), key=lambda n: (n == last, n))
+    for name in names:
+        _check_replaceable(folder / name, folder / name)
+    with _alone_in(folder):
+        if all(_same(draft / name, folder / name) for name in names):
+            return
+        (folder / last).unlink(missing_ok=True)
+        for name in names:
+            (draft / name).replace(folder / name)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Wait for others that move files up there; without locks, for nobody."""
+    handle = None
+    with suppress(OSError):  # some network file systems lock no folder
+        handle = os.open(folder, os.O_RDONLY)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _same(new: Path, old: Path) -> bool:
+    return old.is_file() and filecmp.cmp(new, old, shallow=False)
+
+
+MAX_TOML_BYTES = 1_000_000
+
+
+def read_toml(path: Path, error: type[FembridgeError], max_bytes: int = MAX_TOML_BYTES) -> Table:
+    """Table of the TOML file `path`, of at most `max_bytes`.
+
+    Raises
+    ------
+    FembridgeError
+        An `error` that names the file: absent, too large, not UTF-8, no TOML.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(max_bytes + 1)
+        if len(content) > max_bytes:
+            raise error(f"{path}: more than {max_bytes} bytes")
+        return tomllib.loads(content.decode("utf-8-sig"))  # some editors begin with a mark
+    except OSError as problem:
+        raise error(f"{path}: cannot be read: {problem.strerror}") from problem
+    except (ValueError, RecursionError) as problem:  # no TOML, no UTF-8, nested too deep
+        raise error(f"{path}: not readable as TOML: {problem}") from problem
+
+
+def structure(table: object, kind: type[_Value], error: type[FembridgeError]) -> _Value:
+    """Value of the dataclass `kind` from a table as TOML gives it.
+
+    Numbers, words and truth values are taken as they are: no word becomes a number. An
+    unknown key is refused with the near ones.
+
+    Raises
+    ------
+    FembridgeError
+        An `error`, one line: where in the table, what was found, what was expected.
+    """
+    from cattrs import BaseValidationError
+
+    try:
+        return _converter().structure(table, kind)
+    except BaseValidationError as problem:
+        raise error(_first_problem(problem)) from problem
+
+
+def changed(value: _Value, table: object, error: type[FembridgeError]) -> _Value:
+    """`value`, a dataclass, with what `table` says in place of its own; as `structure`."""
+    if not isinstance(table, Mapping):
+        raise error(f"{table!r}, expected a table")
+    return structure(_merged(unstructure(value), table), type(value), error)
+
+
+def unstructure(value: object) -> Any:  # noqa: ANN401 - as nested as the value
+    """Tables, lists, numbers and words of a dataclass, for TOML; None is left out."""
+    return _without_none(_converter().unstructure(value))
+
+
+def near_hint(word: str, known: Iterable[str]) -> str:
+    """``; did you mean ...?`` for a misspelt `word`, "" where none of `known` is near."""
+    folded = {name.casefold(): name for name in known}
+    near = difflib.get_close_matches(word.casefold(), folded, n=2)
+    return f"; did you mean {' or '.join(folded[name] for name in near)}?" if near else ""
+
+
+@cache
+def _converter() -> "Converter":
+    from cattrs import Converter
+
+    converter = Converter(forbid_extra_keys=True)
+    for kind, accepted, name in (
+        (bool, (bool,), "true or false"),
+        (int, (int,), "a whole number"),
+        (float, (int, float), "a number"),
+        (str, (str,), "a word"),
+    ):
+        converter.register_structure_hook(kind, _strict(kind, accepted, name))
+    return converter
+
+
+def _strict(kind: type, accepted: tuple[type, ...], name: str) -> Callable[[object, type], object]:
+    def hook(value: object, _: type) -> object:
+        if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
+            raise ValueError(f"{value!r}, expected {name}")
+        try:
+            return kind(value)
+        except OverflowError:
+            raise ValueError(f"a number too large: expected {name}") from None
+
+    return hook
+
+
+def _first_problem(problem: BaseException, where: str = "") -> str:
+    """First leaf of a tree of validation errors, in one line with its place."""
+    from cattrs import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
+
+    if isinstance(problem, ForbiddenExtraKeysError):
+        known = [field.name for field in _fields_of(problem.cl)]
+        key = min(map(str, problem.extra_fields))
+        hint = near_hint(key, known)
+        found = f"unknown key {key!r}, expected {', '.join(known)}{hint}"
+    elif isinstance(problem, ClassValidationError | IterableValidationError):
+        inner = problem.exceptions[0]
+        for note in getattr(inner, "__notes__", ()):
+            place = getattr(note, "name", None)
+            index = getattr(note, "index", None)
+            if place is not None:
+                where = f"{where}.{place}" if where else str(place)
+            elif index is not None:
+                where = f"{where}[{index}]"
+        return _first_problem(inner, where)
+    elif isinstance(problem, KeyError):
+        found = f"{problem.args[0]} is absent"
+    else:
+        found = str(problem)
+    return f"{where}: {found}" if where else found
+
+
+def _fields_of(kind: Any) -> Any:  # noqa: ANN401 - dataclass of any kind
+    from dataclasses import fields
+
+    return fields(kind)
+
+
+def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    found = dict(under)
+    for key, value in over.items():
+        both = isinstance(value, Mapping) and isinstance(found.get(key), Mapping)
+        found[key] = _merged(found[key], value) if both else value
+    return found
+
+
+def _without_none(value: Any) -> Any:  # noqa: ANN401 - as nested as the value
+    if isinstance(value, Mapping):
+        return {key: _without_none(each) for key, each in value.items() if each is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(each) for each in value]
+    return value
+
+
+def sha256_of(path: Path) -> str:
+    """Digest of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def write_sealed(path: Path, table: Table) -> None:
+    """Write `table`, which has a ``format``, under a line with its checksum.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    import tomli_w
+
+    sealed = tomli_w.dumps(table)
+    write_text(path, f"{_seal(sealed.encode())}\n{sealed}")
+
+
+def read_sealed(path: Path, what: str, expected: object) -> Table:
+    """Read what `write_sealed` wrote: a `what`, of the ``format`` `expected`.
+
+    Raises
+    ------
+    ResponseError
+        The file is absent, of another format, or was altered after it was written.
+    """
+    try:
+        content = path.read_bytes()
+        table = tomllib.loads(content.decode())
+    except OSError as error:
+        raise ResponseError(f"{path}: not readable: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
+        raise ResponseError(f"{path}: not readable as a {what}: {error}") from error
+    if table.get("format") != expected:
+        raise ResponseError(f"{path}: format {table.get('format')!r}, expected {expected}")
+    stated, _, sealed = content.partition(b"\n")
+    if stated != _seal(sealed).encode():
+        raise ResponseError(f"{path}: its numbers do not match its checksum: it was edited or cut")
+    return table
+
+
+def _seal(sealed: bytes) -> str:
+    """First line of a file: the checksum of all bytes below it."""
+    return f'sha256 = "{hashlib.sha256(sealed).hexdigest()}"'
+
+
+def digest(content: object) -> str:
+    """Give the SHA-256 of the canonical text of `content`, hexadecimal.
+
+    Raises
+    ------
+    ValueError
+        A number that is not finite.
+    TypeError
+        What TOML has no word for.
+    """
+    return hashlib.sha256(canonical_text(content).encode()).hexdigest()
+
+
+def canonical_text(content: object) -> str:
+    """Write tables, lists, words and numbers as JSON, sorted, without blanks."""
+    return json.dumps(_plain(content), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _plain(content: object) -> object:
+    if content is None or isinstance(content, bool | str):
+        return content
+    if isinstance(content, int):
+        is_float = abs(content) < _NO_FLOAT and float(content) == content
+        return float(content) if is_float else content
+    if isinstance(content, float):
+        return content + 0.0
+    if isinstance(content, Mapping):
+        return {str(key): _plain(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_plain(value) for value in content]
+    raise TypeError(f"{content!r} has no canonical text")
