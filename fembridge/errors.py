@@ -13,6 +13,7 @@ FembridgeError
 ├── SolverError      the solver did not reach the end of the step
 ├── MissingError     a program or library that is not on this machine
 └── OutputError      a place where results cannot be written
+    └── LockedError      a folder in which another process is at work
 
 A message says what was found, what was expected and where. Errors pickle, so
 that a worker can raise them and its parent report them.
@@ -87,3 +88,7 @@ class SolverError(_PlacedError):
 
 class OutputError(_PlacedError):
     """A place where results cannot be written."""
+
+
+class LockedError(OutputError):
+    """A folder in which another process is at work."""

@@ -7,6 +7,7 @@ do so in one folder, one waits for the other.
 """
 
 import difflib
+import errno
 import fcntl
 import filecmp
 import hashlib
@@ -15,19 +16,22 @@ import os
 import shutil
 import tempfile
 import tomllib
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fembridge.errors import FembridgeError, OutputError, ResponseError
+from fembridge.errors import FembridgeError, LockedError, OutputError, ResponseError
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
     from cattrs import Converter
 
 _STEM_LETTERS = 40
+_LOOK_S = 0.2
+_NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 SHORT = 16
 """Hexadecimal digits of a digest that a folder is named by."""
 
@@ -161,6 +165,60 @@ def _alone_in(folder: Path) -> Iterator[None]:
     finally:
         if handle is not None:
             os.close(handle)
+
+
+@contextmanager
+def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]:
+    """The lock file `name` in `folder`, which one process of all has at a time.
+
+    It is a lock of the kernel: it ends with its process, however that ends. The file
+    holds the number of the process and is gone after an orderly end. On a file system
+    without locks nobody is kept out, and a warning says so once.
+
+    Raises
+    ------
+    LockedError
+        Another process has it, and we do not `wait`.
+    OutputError
+        The folder is absent or cannot be written, or `name` is a link.
+    """
+    from filelock import FileLock, Timeout
+
+    path = folder / name
+    if not folder.is_dir():
+        raise OutputError("cannot write here: no such folder", folder)
+    if path.is_symlink():
+        raise OutputError("a link stands where a lock file is wanted", path)
+    lock = FileLock(path, thread_local=False)
+    try:
+        lock.acquire(blocking=wait, poll_interval=_LOOK_S)
+        path.write_text(f"{os.getpid()}\n", encoding="ascii")
+    except Timeout as error:
+        raise LockedError(f"{_holder(path)} is at work here", folder) from error
+    except OSError as error:
+        lock.release()
+        if error.errno not in _NO_LOCKS:
+            raise OutputError(f"cannot write here: {error.strerror}", folder) from error
+        warnings.warn(
+            f"no file locks here ({error.strerror}): two that work in one folder at a time "
+            "do not notice each other",
+            stacklevel=3,
+        )
+    try:
+        yield
+    finally:
+        if lock.is_locked:
+            path.unlink(missing_ok=True)  # first: who opened it before looks again
+        lock.release()
+
+
+def _holder(path: Path) -> str:
+    """Process that wrote its number into the lock file `path`."""
+    try:
+        number = path.read_text(encoding="ascii").strip()
+    except (OSError, ValueError):
+        number = ""
+    return f"process {number}" if number.isdigit() else "another process"
 
 
 def _same(new: Path, old: Path) -> bool:

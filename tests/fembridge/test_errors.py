@@ -65,6 +65,7 @@ def test_an_error_has_a_place_or_has_none():
         "ResultError",
         "SolverError",
         "OutputError",
+        "LockedError",
     }
 
 

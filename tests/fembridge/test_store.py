@@ -1,13 +1,28 @@
 """Output files are whole or not there, and what is not a file stays what it is."""
 
+import errno
+import fcntl
 import os
 import stat
+import subprocess
+import sys
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from fembridge.errors import OutputError
-from fembridge.store import filling, make_folder, replacing, write_text
+from fembridge.errors import LockedError, OutputError
+from fembridge.store import filling, folder_lock, make_folder, replacing, write_text
+
+HOLD = """
+from pathlib import Path
+from time import sleep
+from fembridge.store import folder_lock
+with folder_lock(Path({folder!r}), ".lock"):
+    print("held", flush=True)
+    sleep(60)
+"""
 
 
 def names_in(folder):
@@ -279,3 +294,91 @@ def test_a_draft_folder_that_cannot_be_made_is_told():
         filling(Path("/proc/self"), last="a"),
     ):
         pytest.fail("the work was begun")
+
+
+def test_a_second_is_refused_and_learns_who_is_at_work(tmp_path):
+    with folder_lock(tmp_path, ".lock"):
+        for _ in range(2):  # one refused does not take the lock away
+            with (
+                pytest.raises(LockedError, match=f"process {os.getpid()} "),
+                folder_lock(tmp_path, ".lock", wait=False),
+            ):
+                pytest.fail("two at work")
+    assert names_in(tmp_path) == []
+
+
+def test_the_file_of_a_process_that_was_killed_is_no_lock(tmp_path):
+    (tmp_path / ".lock").write_text("4194304999\n")
+    with folder_lock(tmp_path, ".lock", wait=False):
+        assert (tmp_path / ".lock").read_text() == f"{os.getpid()}\n"
+
+
+def test_the_lock_of_a_process_ends_when_it_is_killed(tmp_path):
+    other = subprocess.Popen(
+        [sys.executable, "-c", HOLD.format(folder=str(tmp_path))], stdout=subprocess.PIPE
+    )
+    assert other.stdout.readline() == b"held\n"
+    with pytest.raises(LockedError), folder_lock(tmp_path, ".lock", wait=False):
+        pytest.fail("two at work")
+    other.kill()
+    other.communicate()
+    with folder_lock(tmp_path, ".lock", wait=False):
+        pass
+
+
+def test_never_two_have_a_lock_however_many_try(tmp_path):
+    inside, most = [], []
+
+    def attempt():
+        for _ in range(25):
+            with suppress(LockedError), folder_lock(tmp_path, ".lock", wait=False):
+                inside.append(1)
+                most.append(len(inside))
+                inside.pop()
+
+    threads = [threading.Thread(target=attempt) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert max(most) == 1
+
+
+def test_a_lock_that_waits_gets_its_turn(tmp_path):
+    turns = []
+
+    def wait():
+        with folder_lock(tmp_path, ".lock"):
+            turns.append("second")
+
+    with folder_lock(tmp_path, ".lock"):
+        thread = threading.Thread(target=wait)
+        thread.start()
+        turns.append("first")
+    thread.join()
+
+    assert turns == ["first", "second"]
+
+
+def test_no_lock_follows_a_link(tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / ".lock").symlink_to("mine")
+    with pytest.raises(OutputError), folder_lock(tmp_path, ".lock"):
+        pytest.fail("went through the link")
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_there_is_no_lock_in_a_folder_that_is_absent(tmp_path):
+    with pytest.raises(OutputError), folder_lock(tmp_path / "absent", ".lock"):
+        pytest.fail("no such folder")
+    assert names_in(tmp_path) == []
+
+
+def test_a_file_system_without_locks_says_so_and_goes_on(tmp_path, monkeypatch):
+    def no_lock(*_, **__):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", no_lock)
+    with pytest.warns(UserWarning, match="No locks"), folder_lock(tmp_path, ".lock"):
+        pass
