@@ -5,7 +5,7 @@ clock of the stimulus: time 0 is its start, and the first sample is the state
 before it moves. Of any other .frd (CalculiX), .t16 or .t19 (Marc) choose nodes:
 --node, --set, --near; of a .dat integration points: --point; of a history plot saved
 from Mentat (.txt) its curves. Fields: --field writes one increment, --vtu all of them
-for ParaView. Tables: a .dat, .sta, .cvg, .sts or .h5 becomes a long CSV, and so does a
+for ParaView. Tables: a .dat, .sta, .cvg or .sts becomes a long CSV, and so does a
 path plot. --list shows what a file holds. A run that did not end normally is refused,
 unless --partial takes what is whole.
 """

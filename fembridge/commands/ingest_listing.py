@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-# Of plots, HDF5 files and decks: what is shown as it is.
+# Of plots and decks: what is shown as it is.
 _PLAIN = (
     "title", "schema", "precision", "increments", "end_ms", "tables", "columns",
     "over_time", "nodes", "arrays", "not_described",

@@ -44,5 +44,5 @@ def script_text() -> str:
     """Give the script as it is shipped."""
     from importlib.resources import files
 
-    place = files("fembridge") / "marc_export" / "export.py"
+    place = files("fembridge") / "marc_export.py"
     return place.read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ _PRINTS = (".dat", ".sta", ".cvg")
 _KNOWN_STARTS = (
     (b"\x1f\x8b", "gzip: unpack it first"),
     (b"PK\x03\x04", "zip: unpack it first"),
-    (b"\x89HDF", "HDF5"),
+    (b"\x89HDF", "HDF5, which is not read; of a Marc job take the .t16 or .t19"),
     (b"<?xml", "XML"),
     (b"<VTKFile", "VTK"),
     (b"# vtk", "VTK"),
@@ -93,7 +93,6 @@ READERS = (
     ),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
-    Reader("marc-h5", ".h5", b"\x89HDF", "fembridge.results.mentat.h5:read"),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat.history_traces:read"),
 )
 

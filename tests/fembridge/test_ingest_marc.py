@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fembridge import read
 from fembridge.cli import main
-from fembridge.errors import ResultError
 
 HERE = Path(__file__).parent / "results" / "marc"
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "marc_samples"
@@ -262,23 +260,10 @@ def test_a_recorded_post_file_goes_to_paraview(here):
     assert mesh.point_data["Plastic Strain in Global System"].shape == (85, 6)
 
 
-def test_an_hdf5_file_is_listed_tabled_and_gives_no_traces(here, capsys):
-    h5py = pytest.importorskip("h5py", reason="no h5py: an extra")
-    columns = ["CASE", "INC", "SUBINC", "CYCL_INC", "SEPA_INC", "CUT_INC", "CYCL_TOT"]
-    columns += ["SEPA_TOT", "CUT_TOT", "RMESH"]
-    kind = [(name, "i4") for name in columns] + [("TIME_INC", "f8"), ("TIME_TOT", "f8")]
-    rows = np.zeros(2, dtype=kind)
-    rows["INC"], rows["TIME_TOT"] = (0, 1), (0.0, 0.0005)
-    with h5py.File("job.h5", "w") as file:
-        file.create_dataset("Marc/Summary", data=rows)
-        moved = np.zeros((4, 2, 2, 1, 1, 1, 1))
-        file.create_dataset("Marc/Results/Node/Displacement", data=moved)
-    assert main(["ingest", "job.h5", "--list"]) == 0
-    out = capsys.readouterr().out
-    assert "job.h5: marc-h5, " in out
-    assert "  arrays: Marc/Results/Node/Displacement" in out
-    assert "no real file of this kind was seen" in out
-    assert main(["ingest", "job.h5", "-o", "increments.csv"]) == 0
-    assert len(rows_of("increments.csv")) == 2
-    with pytest.raises(ResultError, match=r"no traces from a \.h5"):
-        read("job.h5", [1])
+@pytest.mark.parametrize("words", [["--list"], ["--node", "1"], []])
+def test_an_hdf5_file_is_named_and_what_is_read_instead(words, here, capsys):
+    (here / "job.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
+    assert main(["ingest", "job.h5", *words]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "HDF5" in line
+    assert ".t16" in line

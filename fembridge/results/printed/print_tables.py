@@ -6,7 +6,7 @@ in Pa, and so are energy densities (1 Pa is 1 J/m³). Other units follow from a 
 in mm, N and s; of a deck in other units (``--stress-unit``) they are called "deck",
 and the number is the deck's. A ``.sta`` gives one row an attempt at an increment, a
 ``.cvg`` one row an iteration, with the unit in the name of the column; so does the
-``.sts`` and the ``.h5`` of Marc for each increment that ended.
+``.sts`` of Marc for each increment that ended.
 """
 
 import csv
@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.mentat.h5 import UNSEEN, H5Increment, read_increments
 from fembridge.results.mentat.sts import StsRow, read_sts
 from fembridge.results.printed.cvg import CvgRow, read_cvg
 from fembridge.results.printed.dat_section import DatSection, dat_sections
@@ -211,27 +210,15 @@ def _sts_problem(path: Path) -> str | None:
     return read_sts(path).problem
 
 
-def _h5_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    options.note(UNSEEN)
-    for row in read_increments(path):
-        yield astuple(row)
-
-
-def _unseen(_: Path) -> str | None:
-    return UNSEEN
-
-
 def _columns(row: type) -> tuple[str, ...]:
     return tuple(field.name for field in fields(row))
 
 
 _ABOUT_DAT = "fembridge.results.printed.dat:describe"
-_ABOUT_H5 = "fembridge.results.mentat.h5:describe"
 
 PRINT_TABLES = (
     PrintTable("ccx-dat", ".dat", DAT_COLUMNS, _dat_rows, _unfinished, _ABOUT_DAT),
     PrintTable("ccx-sta", ".sta", _columns(StaRow), _sta_rows, _unfinished),
     PrintTable("ccx-cvg", ".cvg", _columns(CvgRow), _cvg_rows, _unfinished),
     PrintTable("marc-sts", ".sts", _columns(StsRow), _sts_rows, _sts_problem),
-    PrintTable("marc-h5", ".h5", _columns(H5Increment), _h5_rows, _unseen, _ABOUT_H5),
 )
