@@ -110,12 +110,12 @@ def _solved(args: argparse.Namespace, output: "Path") -> "list[Deflection]":
     from fembridge.deflection.press import DEPTH_MM, press_of
     from fembridge.deflection.solve import solve_deflection
     from fembridge.deflection.stored import stored_deflections
-    from fembridge.solvers.progress_bars import ProgressBars
+    from fembridge.progress import SolverBars
     from fembridge.solvers.watchdog import Limits
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
     press = press_of(_finger(args.finger or "quick"), depth_mm)
-    with ProgressBars() as bars:
+    with SolverBars() as bars:
         solved = solve_deflection(
             output / "run",
             press,

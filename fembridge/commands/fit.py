@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with SearchBar() as bar:
 
         def on_fit(fit: "Fit") -> None:
-            bar.end(fit.afferent)
+            bar.remove(fit.afferent)
             tell(line_of(fit))
 
         made = fit_afferents(

@@ -62,12 +62,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
     from pathlib import Path
 
+    from fembridge.progress import SolverBars
     from fembridge.solvers.batch import run_folders
-    from fembridge.solvers.progress_bars import ProgressBars
     from fembridge.solvers.watchdog import Limits
 
     limits = Limits(args.time_limit, args.stall_limit, args.iteration_limit)
-    with ProgressBars() as bars:
+    with SolverBars() as bars:
         outcomes = run_folders(
             map(Path, args.folders),
             jobs=args.jobs,

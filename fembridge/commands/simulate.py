@@ -79,9 +79,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
     from pathlib import Path
 
+    from fembridge.progress import SolverBars
     from fembridge.simulate import simulate
     from fembridge.simulation import RATES_FILE, RECORD_FILE, SPIKES_FILE, TRACES_FILE
-    from fembridge.solvers.progress_bars import ProgressBars
     from fembridge.solvers.settings import SolverSettings
     from fembridge.solvers.watchdog import Limits
     from fembridge.store import filling
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         lines.append(line)
         print(line, file=sys.stderr)
 
-    with ProgressBars() as bars:
+    with SolverBars() as bars:
         settings = SolverSettings(
             threads=args.threads,
             jobs=args.jobs,

@@ -43,14 +43,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.errors import UsageError
-    from fembridge.solvers.progress_bars import ProgressBars
+    from fembridge.progress import SolverBars
     from fembridge.verification.report import PAGE_FILE, summary_of, write_report
     from fembridge.verification.verify import cores, verify, versions_here
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
     folder = Path(args.output)
-    with ProgressBars() as bars:
+    with SolverBars() as bars:
         findings = verify(
             folder,
             args.only,

@@ -5,8 +5,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from fembridge.bars import start_bars
-from fembridge.solvers.progress_bars import LONGEST_NAME, words_of
+from fembridge.progress import LONGEST_NAME, words_of
+from fembridge.progress import _start as start_bars
 from fembridge.solvers.watchdog import Progress
 from fembridge.sweep.crew import Begun, Ended, Event, PutOff
 from fembridge.sweep.task import Item, Task
@@ -34,7 +34,7 @@ class Board:
     def __enter__(self) -> "Board":
         if self._shows and sys.stderr.isatty():
             self._bars = start_bars()
-            self._whole = self._bars.add_task("sweep", total=self.total, told="")
+            self._whole = self._bars.add_task("sweep", total=self.total, words="")
             self._update()
         elif self._shows and self._before:
             self._say(f"{self._before} of {self.total} items are finished already")
@@ -97,8 +97,8 @@ class Board:
         if name not in self._rows:
             told = self._task_in(progress.folder.as_posix())
             short = told if len(told) <= LONGEST_NAME else f"{told[:LONGEST_NAME]}…"
-            self._rows[name] = self._bars.add_task(short, total=1.0, told="")
-        self._bars.update(self._rows[name], completed=progress.fraction, told=words_of(progress))
+            self._rows[name] = self._bars.add_task(short, total=1.0, words="")
+        self._bars.update(self._rows[name], completed=progress.fraction, words=words_of(progress))
 
     def _task_in(self, folder: str) -> str:
         """Name the task that is solved in `folder`."""
@@ -111,7 +111,7 @@ class Board:
     def _update(self) -> None:
         if self._bars is not None and self._whole is not None:
             completed = self.done + self.failed
-            self._bars.update(self._whole, completed=completed, told=str(self))
+            self._bars.update(self._whole, completed=completed, words=str(self))
 
     def _say(self, line: str) -> None:
         if not self._shows:

@@ -1,0 +1,244 @@
+"""Work in other processes, behind the executor of `concurrent.futures`.
+
+`LocalExecutor` has worker processes on this machine: one that is killed costs its own
+task a second beginning, and nobody else anything. `dask_executor` has the workers of a
+dask cluster. A task is a function that can be imported, with arguments that pickle.
+"""
+
+import contextlib
+import os
+import pickle
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import fembridge
+from fembridge.errors import MissingError, UsageError
+from fembridge.solvers.process import GRACE_S, signals_as_exits
+
+ATTEMPTS = 2
+"""A task whose process died is begun once more: the next death is its own doing."""
+
+INSTALL_LINE = "pip install 'fembridge[dask]'"
+
+# A solver is given `GRACE_S` to end; then its process some time to notice.
+_PATIENCE_S = GRACE_S + 2.0
+_ADDRESS = re.compile(r"(tcp|tls|ucx|wss?)://\S+")
+_DASK_PATIENCE = "20s"
+_MESSAGE, _RESULT, _ERROR = range(3)
+
+_answers: IO[bytes] | None = None
+
+
+class WorkerDiedError(Exception):
+    """The process of a task died, and that of its second attempt too."""
+
+
+class LocalExecutor(Executor):
+    """`jobs` processes on this machine, each with one task at a time.
+
+    They stand outside the terminal's group, so Ctrl-C reaches us alone; when we die,
+    even by ``kill -9``, each stops its solver and goes. Left by an exception, the block
+    ``with LocalExecutor(...)`` does not wait for tasks: it ends them.
+
+    Parameters
+    ----------
+    on_message
+        Called with what tasks `send` on their way, from threads of this executor.
+    """
+
+    def __init__(self, jobs: int, on_message: Callable[[Any], None] | None = None) -> None:
+        self._threads = ThreadPoolExecutor(jobs)
+        self._own = threading.local()
+        self._on_message = on_message or (lambda message: None)
+        self._workers: set[subprocess.Popen[bytes]] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+
+    def submit(
+        self, function: Callable[..., Any], /, *args: object, **kwargs: object
+    ) -> Future[Any]:
+        """Result of ``function(*args, **kwargs)`` in one of the processes, when it is there.
+
+        Its exception is `WorkerDiedError` when the process died `ATTEMPTS` times.
+        """
+        return self._threads.submit(self._attempt, pickle.dumps((function, args, kwargs)))
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.shutdown(cancel_futures=kind is not None)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Let the processes go when all tasks are done, or at once with `cancel_futures`."""
+        if cancel_futures:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            self._stop()
+        self._threads.shutdown(wait)
+        for worker in list(self._workers):
+            self._end(worker)
+
+    def _attempt(self, task: bytes) -> Any:  # noqa: ANN401 - of any function
+        code: int | None = None
+        for _ in range(ATTEMPTS):
+            worker = self._worker()
+            try:
+                kind, value = self._answer(worker, task)
+            except (EOFError, OSError, pickle.UnpicklingError):  # it died
+                self._own.worker = None
+                code = self._end(worker)
+                continue
+            if kind == _ERROR:
+                raise value
+            return value
+        raise WorkerDiedError(
+            f"its process died {ATTEMPTS} times, the last time with exit code {code}"
+        )
+
+    def _answer(self, worker: subprocess.Popen[bytes], task: bytes) -> tuple[int, Any]:
+        assert worker.stdin is not None and worker.stdout is not None
+        worker.stdin.write(task)
+        worker.stdin.flush()
+        while True:
+            kind, value = pickle.load(worker.stdout)
+            if kind != _MESSAGE:
+                return kind, value
+            self._on_message(value)
+
+    def _worker(self) -> subprocess.Popen[bytes]:
+        """The process of this thread; a new one where there is none."""
+        worker: subprocess.Popen[bytes] | None = getattr(self._own, "worker", None)
+        if worker is not None:
+            return worker
+        above = str(Path(fembridge.__file__).parents[1])
+        paths = [above, *filter(None, [os.environ.get("PYTHONPATH")])]
+        with self._lock:
+            if self._stopped:
+                raise CancelledError
+            worker = subprocess.Popen(
+                [sys.executable, "-P", "-c", "from fembridge.executor import serve; serve()"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+                start_new_session=True,
+            )
+            self._workers.add(worker)
+        self._own.worker = worker
+        return worker
+
+    def _stop(self) -> None:
+        """Have every process stop its solver and go; kill those that do not."""
+        with self._lock:
+            self._stopped = True
+            workers = list(self._workers)
+        try:
+            for worker in workers:
+                worker.terminate()
+            until_s = time.monotonic() + _PATIENCE_S
+            for worker in workers:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    worker.wait(max(0.0, until_s - time.monotonic()))
+        finally:  # a second Ctrl-C does not wait
+            for worker in workers:
+                worker.kill()
+
+    def _end(self, worker: subprocess.Popen[bytes]) -> int:
+        """Exit code of a process whose input is closed, at which it goes."""
+        for stream in (worker.stdin, worker.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
+        code = worker.wait()
+        with self._lock:
+            self._workers.discard(worker)
+        return code
+
+
+def send(message: object) -> None:
+    """Send `message` to who began the task; nowhere, outside a `LocalExecutor`."""
+    if _answers is not None:
+        pickle.dump((_MESSAGE, message), _answers)
+        _answers.flush()
+
+
+def serve() -> None:
+    """Do tasks in this process until its input ends."""
+    global _answers
+    _answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    source = os.fdopen(os.dup(0), "rb")
+    threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
+    with signals_as_exits():
+        while True:
+            function, args, kwargs = tasks.get()
+            try:
+                answer = _RESULT, function(*args, **kwargs)
+            except Exception as error:
+                answer = _ERROR, error
+            try:
+                words = pickle.dumps(answer)
+            except Exception as error:
+                words = pickle.dumps((_ERROR, RuntimeError(f"{answer[1]!r}: {error}")))
+            _answers.write(words)
+            _answers.flush()
+
+
+def _listen(source: IO[bytes], tasks: "queue.SimpleQueue[Any]") -> None:
+    """Pass on each task; at the end of them, end this process as SIGTERM would."""
+    try:
+        while True:
+            tasks.put(pickle.load(source))
+    except (EOFError, pickle.UnpicklingError, OSError):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
+    """Workers of the cluster at `scheduler`; without one, of `jobs` processes made here.
+
+    A task that is lost with its worker is given to another by the scheduler. Left by an
+    exception, tasks that have not begun are taken back.
+
+    Raises
+    ------
+    MissingError
+        dask.distributed is not installed.
+    UsageError
+        No scheduler answers at this address.
+    """
+    try:
+        distributed = import_module("distributed")
+    except ImportError as error:
+        raise MissingError(f"--executor dask needs dask.distributed: {INSTALL_LINE}") from error
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
+        raise UsageError(f"scheduler {scheduler!r}, expected tcp://HOST:PORT")
+    with contextlib.ExitStack() as stack:
+        cluster = scheduler or stack.enter_context(
+            distributed.LocalCluster(
+                n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=":0"
+            )
+        )
+        try:
+            client = distributed.Client(cluster, timeout=_DASK_PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise UsageError(f"no dask scheduler at {scheduler}: {error}") from error
+        stack.enter_context(client)
+        executor = client.get_executor(pure=False)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)

@@ -1,0 +1,112 @@
+"""Bars on a terminal: one line each with a name, a share and words; all go at the end."""
+
+import sys
+import threading
+from time import perf_counter
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from fembridge.solvers.watchdog import Progress
+
+if TYPE_CHECKING:
+    import rich.progress
+
+PATIENCE_S = 2.0
+LONGEST_NAME = 28
+
+
+class Bars:
+    """Bars on stderr, from `patience_s` on; nothing where there is no terminal.
+
+    A context manager. Calls may come from several threads. rich is imported when the
+    first bar is due.
+    """
+
+    def __init__(self, patience_s: float = PATIENCE_S, *, shows: bool = True) -> None:
+        self.on_terminal = shows and sys.stderr.isatty()
+        self._shows = self.on_terminal
+        self._due_s = perf_counter() + patience_s
+        self._lock = threading.Lock()
+        self._bars: rich.progress.Progress | None = None
+        self._rows: dict[str, rich.progress.TaskID] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        with self._lock:
+            self._shows = False
+            if self._bars is not None:
+                self._bars.stop()
+
+    def show(self, name: str, share: float, words: str = "") -> None:
+        """Move the bar `name` to `share`, 0 to 1; a new one where there is none."""
+        with self._lock:
+            if not self._shows or perf_counter() < self._due_s:
+                return
+            if self._bars is None:
+                self._bars = _start()
+            if name not in self._rows:
+                short = name if len(name) <= LONGEST_NAME else f"…{name[1 - LONGEST_NAME :]}"
+                self._rows[name] = self._bars.add_task(short, total=1.0, words="")
+            self._bars.update(self._rows[name], completed=share, words=words)
+
+    def remove(self, name: str) -> None:
+        """Take the bar `name` away, if there is one."""
+        with self._lock:
+            row = self._rows.pop(name, None)
+            if self._bars is not None and row is not None:
+                self._bars.remove_task(row)
+
+    def print(self, line: str) -> None:
+        """Write a line on stderr, above the bars."""
+        if self._bars is not None:
+            self._bars.console.print(line, markup=False, highlight=False)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+
+class SolverBars(Bars):
+    """A bar for each run of the solver, called with how far it is."""
+
+    def __call__(self, progress: Progress) -> None:
+        """Move the bar of a run of the solver; take it away when the run ends."""
+        if progress.ended:
+            self.remove(str(progress.folder))
+        else:
+            self.show(str(progress.folder), progress.fraction, words_of(progress))
+
+
+def words_of(progress: Progress) -> str:
+    """Increments, iterations and the time left of a run of the solver, in a line."""
+    words = (
+        f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
+    )
+    left_s = progress.left_s
+    if left_s is None:
+        return words
+    minutes, seconds = divmod(round(left_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    clock = f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
+    return f"{words}, {clock} left"
+
+
+def _start() -> "rich.progress.Progress":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    bars = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[words]}", markup=False),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    bars.start()
+    return bars

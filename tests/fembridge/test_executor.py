@@ -1,0 +1,95 @@
+"""Processes that do tasks: answers, errors, messages, and what kills them."""
+
+import math
+import operator
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from fembridge import executor as module
+from fembridge.executor import LocalExecutor, WorkerDiedError
+
+
+def test_answers_come_from_other_processes():
+    with LocalExecutor(2) as executor:
+        assert executor.submit(math.gcd, 12, 18).result() == 6
+        assert executor.submit(os.getpid).result() != os.getpid()
+        assert list(executor.map(abs, [-1, 2])) == [1, 2]
+
+
+def test_the_error_of_a_task_is_its_own():
+    with LocalExecutor(1) as executor:
+        with pytest.raises(ZeroDivisionError):
+            executor.submit(operator.truediv, 1, 0).result()
+        with pytest.raises(RuntimeError):
+            executor.submit(threading.Lock).result()  # an answer that does not pickle
+        assert executor.submit(abs, -1).result() == 1
+
+
+def test_messages_come_on_the_way():
+    heard = []
+    with LocalExecutor(1, heard.append) as executor:
+        executor.submit(module.send, "half").result()
+    assert heard == ["half"]
+    module.send("nobody listens here")
+
+
+def test_a_process_that_is_killed_is_replaced_and_its_task_begun_again():
+    with LocalExecutor(1) as executor:
+        first = executor.submit(os.getpid).result()
+        sleeping = executor.submit(time.sleep, 0.5)
+        other = executor.submit(os.getpid)
+        time.sleep(0.1)
+        os.kill(first, signal.SIGKILL)
+        assert sleeping.result() is None
+        assert other.result() != first
+
+
+def test_a_task_that_kills_its_process_every_time_is_given_up_and_harms_nobody():
+    with LocalExecutor(2) as executor:
+        bad = executor.submit(os.kill, 0, signal.SIGKILL)  # the group: the process alone
+        good = [executor.submit(abs, -k) for k in range(5)]
+        with pytest.raises(WorkerDiedError, match="exit code -9"):
+            bad.result()
+        assert [each.result() for each in good] == list(range(5))
+
+
+def test_an_exception_in_the_block_ends_tasks_and_their_processes():
+    with pytest.raises(KeyboardInterrupt), LocalExecutor(2) as executor:
+        pid = executor.submit(os.getpid).result()
+        tasks = [executor.submit(time.sleep, 60) for _ in range(3)]
+        raise KeyboardInterrupt
+    assert all(task.done() for task in tasks)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+OWNER = """
+import os, time
+from fembridge.executor import LocalExecutor
+executor = LocalExecutor(1)
+print(executor.submit(os.getpid).result(), flush=True)
+executor.submit(time.sleep, 60)
+time.sleep(60)
+"""
+
+
+def test_processes_go_when_their_owner_is_killed():
+    """Without ``if __name__ == "__main__"`` in the owner's script, too."""
+    owner = subprocess.Popen([sys.executable, "-c", OWNER], stdout=subprocess.PIPE, text=True)
+    pid = int(owner.stdout.readline())
+    owner.kill()
+    owner.communicate()
+    until_s = time.monotonic() + 60
+    while True:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            break
+        assert time.monotonic() < until_s
+        time.sleep(0.05)

@@ -1,0 +1,105 @@
+"""What a terminal shows, and that nothing else does."""
+
+import io
+import sys
+from pathlib import Path
+
+import pytest
+
+from fembridge.fitting.search_bar import SearchBar
+from fembridge.progress import Bars, SolverBars, words_of
+from fembridge.solvers.watchdog import Progress
+from neural.search import Progress as SearchProgress
+
+
+def progress(elapsed_s=10.0, increment=5, folder="runs/sine_20_250", ended=False):
+    return Progress(
+        folder=Path(folder),
+        increment=increment,
+        increments=500,
+        time_ms=0.5 * increment,
+        end_ms=250.0,
+        iterations=17,
+        iterations_here=2,
+        elapsed_s=elapsed_s,
+        ended=ended,
+    )
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    def make():
+        stream = Terminal()
+        monkeypatch.setattr(sys, "stderr", stream)  # in the test: pytest sets it at its begin
+        return stream
+
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("TERM", "xterm")
+    return make
+
+
+@pytest.mark.parametrize(
+    ("increment", "elapsed_s", "left"),
+    [(5, 10.0, ", 16:30 left"), (5, 100.0, ", 2:45:00 left"), (0, 10.0, "")],
+)
+def test_the_time_left_is_at_the_pace_so_far(increment, elapsed_s, left):
+    assert words_of(progress(elapsed_s, increment)).endswith(f"17 iterations{left}")
+
+
+def test_a_terminal_shows_a_bar_a_run(terminal):
+    stream = terminal()
+    long_name = "study/" + "x" * 40
+    with SolverBars(0) as bars:
+        bars(progress())
+        bars(progress(increment=250))
+        bars(progress(folder=long_name))
+    shown = stream.getvalue()
+    assert "runs/sine_20_250" in shown
+    assert "…" + long_name[-27:] in shown
+    assert "1%" in shown
+
+
+def test_a_bar_goes_when_its_run_ends(terminal):
+    stream = terminal()
+    with SolverBars(0) as bars:
+        bars(progress())
+        bars(progress(folder="runs/other", ended=True))  # it never had one
+        bars(progress(ended=True))
+        before = stream.tell()
+        bars(progress(folder="runs/next"))
+    assert "runs/sine_20_250" in stream.getvalue()[:before]
+    assert "runs/next" in stream.getvalue()[before:]
+    assert "runs/sine_20_250" not in stream.getvalue()[before:]
+
+
+def test_a_terminal_shows_the_search_of_a_class(terminal):
+    stream = terminal()
+    with SearchBar(0) as bar:
+        bar("RA", SearchProgress(200, 10_000, 31, 4.256))
+        bar.remove("RA")
+        bar("SA", SearchProgress(5000, 10_000, 31, 4.256))
+    shown = stream.getvalue()
+    assert "RA" in shown
+    assert "5000/10000 evaluations" in shown
+    assert "best RMSE 4.26 ips" in shown
+
+
+def test_the_first_seconds_show_nothing_and_after_the_end_nothing_comes(terminal):
+    stream = terminal()
+    with Bars() as bars:
+        bars.show("runs", 0.5)
+    with Bars(0) as bars:
+        pass
+    bars.show("runs", 0.5)
+    assert stream.getvalue() == ""
+
+
+def test_where_there_is_no_terminal_nothing_is_shown(capsys):
+    with SolverBars(0) as bars:
+        bars(progress())
+    assert capsys.readouterr().err == ""
