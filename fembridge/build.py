@@ -5,11 +5,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from decks.analysis import DRIVES, SECTIONS, Analysis, Contact, analyse
+from decks.analysis import Analysis, Contact, analyse
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.finger_file import finger_table
-from decks.half_section import nodes_on_axis, why_whole
 from decks.meshing.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
@@ -26,8 +25,8 @@ _MS_PER_S = 1.0e3
 class Model:
     """What stays the same from stimulus to stimulus: finger, mesh, probe, contact.
 
-    With `inertia` the skin's mass counts. `drive` is how CalculiX moves the probe, one
-    of `decks.analysis.DRIVES`: see `decks.calculix.drive` for what a spring does. Of a
+    With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe, one
+    of `decks.analysis.PROBE_SUPPORTS`: see `decks.calculix` for what a spring does. Of a
     section that is a mirror image of itself half is enough for a probe on a spring;
     `section` "whole" asks for all of it.
     """
@@ -38,7 +37,7 @@ class Model:
     contact: Contact = field(default_factory=Contact)
     element: str = "CPE4"
     inertia: bool = False
-    drive: str = "spring"
+    support: str = "spring"
     section: str = "half"
 
     @property
@@ -62,7 +61,7 @@ class Model:
             contact=self.contact,
             element=self.element,
             inertia=self.inertia,
-            drive=DRIVES[0] if self.inertia else self.drive,
+            support="prescribed" if self.inertia else self.support,
             section=self.section,
         )
 
@@ -104,10 +103,10 @@ def build_run_folder(
     held = dialect_named(solver).contact
     inputs["contact"] = {name: getattr(model.contact, name) for name in held}
     analysis = model.analysis(stimulus)
-    if analysis.drive != DRIVES[0] and dialect_named(solver).springs:
-        inputs["drive"] = analysis.drive
-        whole = why_whole(analysis)
-        inputs["section"] = f"{SECTIONS[0]}: {whole}" if whole else SECTIONS[1]
+    if analysis.support != "prescribed" and dialect_named(solver).springs:
+        inputs["drive"] = analysis.support
+        why = analysis.why_whole
+        inputs["section"] = f"whole: {why}" if why else "half"
     return build_analysis_folder(folder, analysis, stimulus, inputs, solver=solver, options=options)
 
 
@@ -144,9 +143,9 @@ def build_analysis_folder(
         start_ms=start_ms,
         before_ms=start_ms if own_steps else 0.0,
         branches=dialect.branches_at(analysis),
-        on_axis=nodes_on_axis(analysis) if dialect.springs else (),
+        on_axis=analysis.watched_on_axis if dialect.springs else (),
         afferents=_places(analysis),
-        apex_node=analysis.apex + 1,
+        apex_node=analysis.apex,
         deck_sha256=hashlib.sha256(files[dialect.deck].encode()).hexdigest(),
         inputs=inputs,
     )
@@ -160,10 +159,10 @@ def build_analysis_folder(
 
 def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
     places = []
-    for name, row in analysis.afferent.items():
-        x, y = analysis.mesh.node_mm[row].tolist()
+    for name, node in analysis.afferent.items():
+        x, y = analysis.node_mm[node - 1].tolist()
         layer = analysis.finger.afferents[name].layer
-        places.append(AfferentNode(name, row + 1, layer, x, y, -y))
+        places.append(AfferentNode(name, node, layer, x, y, -y))
     return tuple(places)
 
 

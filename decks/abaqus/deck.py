@@ -8,14 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from decks.analysis import Analysis
+from decks.analysis import Analysis, ElementSet
 from decks.dialects import DIALECTS, DeckOptions
 from decks.inp import materials
 from decks.inp import model as parts
 from decks.inp.lines import list_lines, real
 from decks.inp.model import OUTPUT_SET
 from decks.inp.steps import steps, waveform
-from decks.numbered import NumberedAnalysis, Section, numbered
 from fembridge.typing import IntArray
 
 _CARDS = {
@@ -36,7 +35,7 @@ def abaqus_deck(analysis: Analysis) -> str:
     Displacement and stress go to the ``.odb`` in every increment; von Mises
     stress, averaged at the nodes around each afferent, is printed to the ``.dat``.
     """
-    model = numbered(analysis)
+    model = analysis.whole()
     blocks = (
         parts.heading(model),
         parts.finger(model),
@@ -51,32 +50,32 @@ def abaqus_deck(analysis: Analysis) -> str:
     return "\n".join(line for block in blocks for line in block) + "\n"
 
 
-def _around(model: NumberedAnalysis) -> Iterator[str]:
+def _around(model: Analysis) -> Iterator[str]:
     yield "** ---- The elements at each afferent's node, all of one layer"
     for name, node in model.afferent.items():
         yield f"*ELSET, ELSET=AROUND_{name.upper()}"
         yield from list_lines(_elements_at(model, node))
 
 
-def _elements_at(model: NumberedAnalysis, node: int) -> IntArray:
+def _elements_at(model: Analysis, node: int) -> IntArray:
     return np.concatenate(
         [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]
     )
 
 
-def _materials(model: NumberedAnalysis) -> Iterator[str]:
+def _materials(model: Analysis) -> Iterator[str]:
     yield from materials.heading()
     for section in (*model.layers, model.probe):
         relaxes = bool(section.material.prony)
         yield from materials.material(
             section,
-            inertia=model.analysis.inertia,
+            inertia=model.inertia,
             moduli=", MODULI=INSTANTANEOUS" if relaxes else "",
             relaxation=_relaxation(section),
         )
 
 
-def _relaxation(section: Section) -> Iterator[str]:
+def _relaxation(section: ElementSet) -> Iterator[str]:
     if section.material.prony:
         yield "** share of the shear modulus, of the bulk modulus, time constant in s"
         yield "*VISCOELASTIC, TIME=PRONY"
@@ -84,8 +83,8 @@ def _relaxation(section: Section) -> Iterator[str]:
         yield f"{real(term.g)}, 0.0, {real(term.tau_s)}"
 
 
-def _contact(model: NumberedAnalysis) -> Iterator[str]:
-    contact = model.analysis.contact
+def _contact(model: Analysis) -> Iterator[str]:
+    contact = model.contact
     yield "**"
     yield "** ---- Contact: the skin is the slave, the probe the master"
     yield from parts.skin_surface(model)
@@ -103,12 +102,12 @@ def _contact(model: NumberedAnalysis) -> Iterator[str]:
     yield from parts.contact_pair(model)
 
 
-def _large_strain(model: NumberedAnalysis) -> str:
-    return ", NLGEOM=YES" if model.analysis.large_strain else ", NLGEOM=NO"
+def _large_strain(model: Analysis) -> str:
+    return ", NLGEOM=YES" if model.large_strain else ", NLGEOM=NO"
 
 
-def _output(model: NumberedAnalysis) -> Iterator[str]:
-    every = model.analysis.motion.phases[-1].every
+def _output(model: Analysis) -> Iterator[str]:
+    every = model.motion.phases[-1].every
     yield f"*OUTPUT, FIELD, FREQUENCY={every}"
     yield f"*NODE OUTPUT, NSET={OUTPUT_SET}"
     yield "U"

@@ -10,10 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from decks.analysis import Contact
+from decks.analysis import Analysis, Contact
 from decks.inp import model as parts
 from decks.inp.lines import list_lines, real
-from decks.numbered import NumberedAnalysis
 from fembridge.errors import DeckError
 from fembridge.typing import IntArray
 
@@ -21,7 +20,7 @@ _TENSION_MPA = 0.001
 _AXIS_SHARE = 0.5
 
 
-def contact_blocks(model: NumberedAnalysis) -> Iterator[str]:
+def contact_blocks(model: Analysis) -> Iterator[str]:
     """Give the two sides, what is between them, and the pair.
 
     Raises
@@ -29,7 +28,7 @@ def contact_blocks(model: NumberedAnalysis) -> Iterator[str]:
     DeckError
         A contact that ccx has not.
     """
-    contact = model.analysis.contact
+    contact = model.contact
     if contact.formulation not in parts.CONTACT_TYPES:
         raise DeckError(f"ccx has no contact {contact.formulation!r} for plane elements")
     by_node = contact.formulation == "node-to-surface"

@@ -13,13 +13,11 @@ from decks.calculix.contact import contact_blocks
 from decks.calculix.drive import drive_blocks, moved, sprung
 from decks.calculix.relaxation import branch_blocks, branches, lasting
 from decks.dialects import DIALECTS, DeckOptions
-from decks.half_section import half_section
 from decks.inp import materials
 from decks.inp import model as parts
 from decks.inp.lines import list_lines
 from decks.inp.model import OUTPUT_SET
 from decks.inp.steps import steps, waveform
-from decks.numbered import NumberedAnalysis, numbered
 
 _DIALECT = DIALECTS["calculix"]
 _RIGID = "all of its nodes are tied to one"
@@ -49,7 +47,7 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
         An element or a contact that ccx has not.
     """
     _DIALECT.element_named(analysis.element)
-    model = numbered(analysis, half_section(analysis))
+    model = analysis
     moves = inertia.moved(model) if analysis.inertia else moved(model)
     blocks = (
         _heading(model),
@@ -66,24 +64,22 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
     return "\n".join(line for block in blocks for line in block) + "\n"
 
 
-def _materials(model: NumberedAnalysis) -> Iterator[str]:
+def _materials(model: Analysis) -> Iterator[str]:
     yield from materials.heading()
-    has_mass, thickness_mm = model.analysis.inertia, model.thickness_mm
+    has_mass, thickness_mm = model.inertia, model.thickness_mm
     for section in (*map(lasting, model.layers), model.probe):
         yield from materials.material(section, inertia=has_mass, thickness_mm=thickness_mm)
     first = int(model.probe.number.max()) + 1
-    found = branches(model.layers, first, model.analysis.motion.phases[-1].dt_s)
-    yield from branch_blocks(
-        found, model.analysis.element, inertia=has_mass, thickness_mm=thickness_mm
-    )
+    found = branches(model.layers, first, model.motion.phases[-1].dt_s)
+    yield from branch_blocks(found, model.element, inertia=has_mass, thickness_mm=thickness_mm)
 
 
-def _drive(model: NumberedAnalysis) -> Iterator[str]:
+def _drive(model: Analysis) -> Iterator[str]:
     """Give what the probe hangs on, or what lets dynamics with contact through."""
-    return inertia.store(model) if model.analysis.inertia else drive_blocks(model)
+    return inertia.store(model) if model.inertia else drive_blocks(model)
 
 
-def _heading(model: NumberedAnalysis) -> Iterator[str]:
+def _heading(model: Analysis) -> Iterator[str]:
     """Say what is in the deck, and of a half what is not."""
     yield from parts.heading(model)
     if model.is_half:
@@ -94,7 +90,7 @@ def _heading(model: NumberedAnalysis) -> Iterator[str]:
         yield "** halves of 1 mm: forces are those of the whole."
 
 
-def _axis(model: NumberedAnalysis) -> Iterator[str]:
+def _axis(model: Analysis) -> Iterator[str]:
     """Name the nodes on the axis of a half."""
     if model.is_half:
         yield "** ---- On the axis of the half nothing moves aside, and shear is 0; the"
@@ -103,20 +99,20 @@ def _axis(model: NumberedAnalysis) -> Iterator[str]:
         yield from list_lines(model.axis)
 
 
-def _large_strain(model: NumberedAnalysis) -> str:
-    return ", NLGEOM" if model.analysis.large_strain else ""
+def _large_strain(model: Analysis) -> str:
+    return ", NLGEOM" if model.large_strain else ""
 
 
-def _output(binary: bool, model: NumberedAnalysis) -> Iterator[str]:
+def _output(binary: bool, model: Analysis) -> Iterator[str]:
     kind, double = ("OUTPUT", ", DOUBLE") if binary else ("FILE", "")
-    every = model.analysis.motion.phases[-1].every
+    every = model.motion.phases[-1].every
     often = f", FREQUENCY={every}" if every > 1 else ""
     double += often
     yield f"*NODE {kind}, NSET={OUTPUT_SET}{double}"
     yield "U"
     yield f"*{'ELEMENT' if binary else 'EL'} {kind}, NSET={OUTPUT_SET}{double}"
     yield "S"
-    if model.analysis.inertia:
+    if model.inertia:
         yield from inertia.energies(every)
     yield "** force of the skin on the probe"
     yield f"*NODE PRINT, NSET=PROBE, TOTALS=ONLY{often}"

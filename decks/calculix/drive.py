@@ -13,8 +13,8 @@ processors are seven times slower. A force that moves nothing keeps it off that.
 
 from collections.abc import Iterator
 
+from decks.analysis import Analysis
 from decks.inp.steps import Moved
-from decks.numbered import NumberedAnalysis
 
 _STIFFNESS_N_PER_MM = 1.0e5
 _NO_FORCE_N = 1.0e-12
@@ -22,12 +22,12 @@ _NO_FORCE_N = 1.0e-12
 _RIGID_MM, _DRIVER_MM = 1.0, 2.0
 
 
-def sprung(model: NumberedAnalysis) -> bool:
+def sprung(model: Analysis) -> bool:
     """Whether the probe of `model` hangs on a spring."""
-    return model.analysis.drive == "spring"
+    return model.support == "spring"
 
 
-def drive_blocks(model: NumberedAnalysis) -> Iterator[str]:
+def drive_blocks(model: Analysis) -> Iterator[str]:
     """Give the driver, the spring, and the probe's nodes as one body."""
     if not sprung(model):
         return
@@ -51,11 +51,11 @@ def drive_blocks(model: NumberedAnalysis) -> Iterator[str]:
             yield f"{node}, {axis}, 1.0, {rigid}, {axis}, -1.0"
 
 
-def moved(model: NumberedAnalysis) -> Moved:
+def moved(model: Analysis) -> Moved:
     """Tell the steps what the waveform moves, and what else is said in each."""
     if not sprung(model):
         return Moved()
-    slides = model.analysis.motion.aside_mm is not None
+    slides = model.motion.aside_mm is not None
     return Moved(
         name="DRIVER",
         held=(
@@ -72,11 +72,11 @@ def moved(model: NumberedAnalysis) -> Moved:
     )
 
 
-def _axes(model: NumberedAnalysis) -> tuple[int, ...]:
-    return (2,) if model.analysis.motion.aside_mm is None else (1, 2)
+def _axes(model: Analysis) -> tuple[int, ...]:
+    return (2,) if model.motion.aside_mm is None else (1, 2)
 
 
-def first_free_element(model: NumberedAnalysis) -> int:
+def first_free_element(model: Analysis) -> int:
     """Give the first number that neither finger, probe nor Maxwell branch has."""
     branches = sum(len(layer.number) * len(layer.material.prony) for layer in model.layers)
     return int(model.probe.number.max()) + 1 + branches

@@ -16,10 +16,10 @@ kick. So the probe is ramped in, smoothly, in the same step.
 
 from collections.abc import Iterator
 
+from decks.analysis import Analysis
 from decks.calculix.drive import first_free_element
 from decks.inp.lines import fixed
 from decks.inp.steps import Moved
-from decks.numbered import NumberedAnalysis
 
 CARD = "*DYNAMIC, DIRECT, ALPHA=-0.3"
 # 1e-3 N on 1e-9 N/mm store 500 N mm; skin pressed in by 0.5 mm, about 0.01.
@@ -30,9 +30,9 @@ _AVERAGE_FORCE_N = 5.0e-5
 _HEIGHT_MM = 100.0
 
 
-def store(model: NumberedAnalysis) -> Iterator[str]:
+def store(model: Analysis) -> Iterator[str]:
     """Give the spring, its two nodes, and when it is wound."""
-    motion = model.analysis.motion
+    motion = model.motion
     first_s, last_s = motion.phases[0].dt_s, float(motion.time_s[-1])
     held, free = _nodes(model)
     yield "**"
@@ -50,7 +50,7 @@ def store(model: NumberedAnalysis) -> Iterator[str]:
     yield f"0.0, 0.0, {fixed(first_s, 7)}, 1.0, {fixed(2 * last_s, 7)}, 1.0"
 
 
-def moved(model: NumberedAnalysis) -> Moved:
+def moved(model: Analysis) -> Moved:
     """Tell the step that the waveform moves the probe, and what is said beside it."""
     held, free = _nodes(model)
     return Moved(
@@ -74,7 +74,7 @@ def energies(every: int) -> Iterator[str]:
     yield "ELSE"
 
 
-def _nodes(model: NumberedAnalysis) -> tuple[int, int]:
+def _nodes(model: Analysis) -> tuple[int, int]:
     """Give the numbers of the store's held and of its free node."""
     first = model.first_probe_node + len(model.probe_node_mm)
     return first, first + 1

@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from decks.analysis import Analysis
+from decks.analysis import Analysis, ElementSet
 from decks.inp.lines import element_lines, real
 from decks.inp.materials import material
 from decks.material import Material, PronyTerm
-from decks.numbered import Section, numbered
 from fembridge.errors import DeckError
 
 # Branches add no mass to the layer that they lie over.
@@ -34,11 +33,11 @@ NO_MASS_KG_M3 = 1.0
 class Branch:
     """A Maxwell branch: elements over those of a layer; `creep` per MPa and s."""
 
-    section: Section
+    section: ElementSet
     creep: float
 
 
-def lasting(section: Section) -> Section:
+def lasting(section: ElementSet) -> ElementSet:
     """Give a layer with the stiffness that does not relax, and all of its mass."""
     share = section.material.lasting_share
     values = section.material
@@ -52,7 +51,7 @@ def lasting(section: Section) -> Section:
     )
 
 
-def branches(layers: Sequence[Section], first: int, dt_s: float) -> list[Branch]:
+def branches(layers: Sequence[ElementSet], first: int, dt_s: float) -> list[Branch]:
     """Give the branches of all `layers`; their elements have numbers from `first` on.
 
     Raises
@@ -73,7 +72,7 @@ def branches(layers: Sequence[Section], first: int, dt_s: float) -> list[Branch]
             first += len(layer.number)
             values, creep = _maxwell(layer.material, term, dt_s)
             name = f"{layer.name}_prony_{count}"
-            section = Section(name, number, layer.node, values, "linear")
+            section = ElementSet(name, number, layer.node, values, "linear")
             found.append(Branch(section, creep))
     return found
 
@@ -81,7 +80,7 @@ def branches(layers: Sequence[Section], first: int, dt_s: float) -> list[Branch]
 def branches_at(analysis: Analysis) -> dict[int, int]:
     """Count the branches, the lasting one too, at the watched nodes that have more."""
     counts = {}
-    model = numbered(analysis)
+    model = analysis.whole()
     for node in model.watched.tolist():
         around = [
             1 + len(layer.material.prony) for layer in model.layers if (layer.node == node).any()

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Iterator
 
+from decks.analysis import ElementSet
 from decks.inp.lines import real
 from decks.material import Material
-from decks.numbered import Section
 
 _T_PER_MM3 = 1.0e-12  # in one kg/m3
 
@@ -16,7 +16,7 @@ def heading() -> Iterator[str]:
 
 
 def material(
-    section: Section,
+    section: ElementSet,
     *,
     inertia: bool,
     moduli: str = "",

@@ -6,8 +6,8 @@ touch and the output are each solver's own.
 
 from collections.abc import Iterator
 
+from decks.analysis import Analysis
 from decks.inp.lines import element_lines, list_lines, numbered_node_lines, plain
-from decks.numbered import NumberedAnalysis
 
 # The set whose stress and displacement the solver writes.
 OUTPUT_SET = "OUTPUT_NODES"
@@ -20,19 +20,19 @@ PRESCRIBED = "each of its nodes is prescribed"
 _HEADING_WIDTH = 78
 
 
-def heading(model: NumberedAnalysis) -> Iterator[str]:
+def heading(model: Analysis) -> Iterator[str]:
     """Title, units and axes."""
     yield "*HEADING"
-    yield plain(f"fembridge: {model.analysis.title}")[:_HEADING_WIDTH]
+    yield plain(f"fembridge: {model.title}")[:_HEADING_WIDTH]
     thick = f"{model.thickness_mm:g} mm thick"
     yield f"** Units: mm, N, s, MPa. Plane strain, {thick}."
     yield "** x runs across the finger, y out of its pad; the ridge under the probe"
     yield "** has its top at the origin."
-    for note in (*model.analysis.notes, f"contact: {model.analysis.contact}"):
+    for note in (*model.notes, f"contact: {model.contact}"):
         yield f"** {plain(note)}"
 
 
-def finger(model: NumberedAnalysis) -> Iterator[str]:
+def finger(model: Analysis) -> Iterator[str]:
     """Nodes, and an element set a layer."""
     yield "**"
     yield "** ---- The finger: one element set a layer"
@@ -40,11 +40,11 @@ def finger(model: NumberedAnalysis) -> Iterator[str]:
     node = model.node
     yield from numbered_node_lines(node.tolist(), model.node_mm[node - 1])
     for layer in model.layers:
-        yield f"*ELEMENT, TYPE={model.analysis.element}, ELSET={layer.name.upper()}"
+        yield f"*ELEMENT, TYPE={model.element}, ELSET={layer.name.upper()}"
         yield from element_lines(layer.number.tolist(), layer.node)
 
 
-def probe(model: NumberedAnalysis, why_rigid: str = PRESCRIBED) -> Iterator[str]:
+def probe(model: Analysis, why_rigid: str = PRESCRIBED) -> Iterator[str]:
     """Give the probe's nodes and elements."""
     yield "**"
     yield f"** ---- The probe: rigid, since {why_rigid}"
@@ -56,12 +56,12 @@ def probe(model: NumberedAnalysis, why_rigid: str = PRESCRIBED) -> Iterator[str]
     yield from element_lines(model.probe.number.tolist(), model.probe.node)
 
 
-def sets(model: NumberedAnalysis) -> Iterator[str]:
+def sets(model: Analysis) -> Iterator[str]:
     """Who is held, where the afferents sit, whose results are written."""
     yield "**"
     yield "** ---- Bone and the nail's outer side do not move"
     yield "*NSET, NSET=HELD"
-    yield from list_lines(model.held)
+    yield from list_lines(model.fixed)
     yield "** ---- Where the afferents sit, and the skin under the probe"
     for name, words in model.sites.items():
         yield f"** {name}: {words}"
@@ -73,14 +73,14 @@ def sets(model: NumberedAnalysis) -> Iterator[str]:
     yield from list_lines(model.watched)
 
 
-def probe_surface(model: NumberedAnalysis) -> Iterator[str]:
+def probe_surface(model: Analysis) -> Iterator[str]:
     """Face 1 of each of the probe's elements is its lower side."""
     yield "*SURFACE, NAME=PROBE_SURFACE, TYPE=ELEMENT"
     for number in model.probe.number.tolist():
         yield f"{number}, S1"
 
 
-def skin_surface(model: NumberedAnalysis) -> Iterator[str]:
+def skin_surface(model: Analysis) -> Iterator[str]:
     """Give the faces of the skin that the probe can reach."""
     yield "*SURFACE, NAME=SKIN_SURFACE, TYPE=ELEMENT"
     for element, face in model.contact_face.tolist():
@@ -88,9 +88,9 @@ def skin_surface(model: NumberedAnalysis) -> Iterator[str]:
 
 
 def contact_pair(
-    model: NumberedAnalysis, slave: str = "SKIN_SURFACE", interaction: str = "TOUCH"
+    model: Analysis, slave: str = "SKIN_SURFACE", interaction: str = "TOUCH"
 ) -> Iterator[str]:
     """Name the two sides: the skin is the slave, the probe the master."""
-    kind = CONTACT_TYPES[model.analysis.contact.formulation]
+    kind = CONTACT_TYPES[model.contact.formulation]
     yield f"*CONTACT PAIR, INTERACTION={interaction}, TYPE={kind}"
     yield f"{slave}, PROBE_SURFACE"

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
+from decks.analysis import Analysis
 from decks.inp.lines import fixed, pair_lines
 from decks.motion import Phase
-from decks.numbered import NumberedAnalysis
 from fembridge.typing import FloatArray
 
 _WORDS = {
@@ -33,9 +33,9 @@ class Moved:
 _PROBE = Moved()
 
 
-def waveform(model: NumberedAnalysis) -> Iterator[str]:
+def waveform(model: Analysis) -> Iterator[str]:
     """Give the probe's way as an amplitude over total time; two where it slides."""
-    motion = model.analysis.motion
+    motion = model.motion
     yield "**"
     yield "** ---- The probe's way into the skin: time in s, depth in mm"
     if motion.ramp:
@@ -56,10 +56,10 @@ def _amplitude(name: str, time_s: FloatArray, way_mm: FloatArray) -> Iterator[st
 
 
 def steps(
-    model: NumberedAnalysis,
+    model: Analysis,
     cards: Mapping[str, str],
     large_strain: str,
-    output: Callable[[NumberedAnalysis], Iterator[str]],
+    output: Callable[[Analysis], Iterator[str]],
     moved: Moved = _PROBE,
 ) -> Iterator[str]:
     """Give each phase of the motion as a step with the same conditions and output.
@@ -69,14 +69,14 @@ def steps(
     """
     return chain.from_iterable(
         chain(_step(model, phase, cards, large_strain, moved), output(model), ["*END STEP"])
-        for phase in model.analysis.motion.phases
+        for phase in model.motion.phases
     )
 
 
 def _step(
-    model: NumberedAnalysis, phase: Phase, cards: Mapping[str, str], large_strain: str, moved: Moved
+    model: Analysis, phase: Phase, cards: Mapping[str, str], large_strain: str, moved: Moved
 ) -> Iterator[str]:
-    phases = model.analysis.motion.phases
+    phases = model.motion.phases
     which = "One step" if len(phases) == 1 else f"Step {phases.index(phase) + 1}"
     yield "**"
     yield f"** ---- {which} of equal increments: {_WORDS[phase.procedure]}"
@@ -87,7 +87,7 @@ def _step(
     yield "*BOUNDARY"
     yield "HELD, 1, 2"
     yield from moved.held
-    if model.analysis.motion.aside_mm is None:
+    if model.motion.aside_mm is None:
         yield f"{moved.name}, 1, 1"
     else:
         yield "*BOUNDARY, AMPLITUDE=ASIDE"

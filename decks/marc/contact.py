@@ -52,7 +52,7 @@ _NURBS = 9
 
 def contact(layout: Layout) -> Iterator[str]:
     """Write the two bodies, how they touch, and the table that says so."""
-    friction = layout.model.analysis.contact.friction
+    friction = layout.model.contact.friction
     yield from _heading(layout)
     yield option("contact", 5, 0, 0)
     yield integers(
@@ -91,7 +91,7 @@ def contact_table() -> Iterator[str]:
 
 
 def _heading(layout: Layout) -> Iterator[str]:
-    friction = layout.model.analysis.contact.friction
+    friction = layout.model.contact.friction
     law = f"friction {friction:g} (Coulomb, bilinear)" if friction else "no friction"
     yield from comment(
         f"contact with {law}. Marc has no contact springs, so that their stiffness is not here"

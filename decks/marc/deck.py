@@ -7,6 +7,7 @@ Marc was at hand. The same analysis gives the same bytes, ASCII with LF line end
 
 from collections.abc import Iterator
 
+from decks.analysis import Analysis
 from decks.marc.contact import contact, contact_table
 from decks.marc.history import history, parameters
 from decks.marc.layout import Layout, lay_out
@@ -15,7 +16,6 @@ from decks.marc.mesh import mesh, sets
 from decks.marc.motion import active, conditions, waveform
 from decks.marc.post import post
 from decks.marc.properties import geometry, materials
-from decks.numbered import NumberedAnalysis
 
 # Mentat names the job that it makes of a deck by the title, which real decks repeat
 # as the name of the load case before the first increment.
@@ -31,7 +31,7 @@ _LARGE_STRAIN = (4, 213, 123, 130, 230, 123, 1, 0)
 _RULE = "$..................."
 
 
-def marc_deck(model: NumberedAnalysis, *, probe: str = "rigid", post: str = "both") -> str:
+def marc_deck(model: Analysis, *, probe: str = "rigid", post: str = "both") -> str:
     """Write `model` as a deck for Marc.
 
     Parameters
@@ -72,7 +72,7 @@ def _parameters(layout: Layout) -> Iterator[str]:
     yield option("table", 0, 0, 2, 1, 1, 0, 0, 1)
     yield option("processor", 1, 1, 1, 0)
     yield "$no list"
-    if layout.model.analysis.large_strain:
+    if layout.model.large_strain:
         yield option("large stra", *_LARGE_STRAIN)
     yield named("all points")
     yield option("no echo", 1, 2, 3, 4)
@@ -81,7 +81,7 @@ def _parameters(layout: Layout) -> Iterator[str]:
 
 
 def _heading(layout: Layout) -> Iterator[str]:
-    analysis = layout.model.analysis
+    analysis = layout.model
     yield from comment(f"fembridge: {analysis.title}")
     yield from comment("units: mm, N, s, MPa; plane strain, 1 mm thick")
     yield from comment(

@@ -4,7 +4,6 @@ from decks.analysis import Analysis
 from decks.dialects import DIALECTS, JOB, DeckOptions
 from decks.marc.deck import marc_deck
 from decks.marc.procedure import mentat_procedure
-from decks.numbered import numbered
 
 PROCEDURE = f"{JOB}.proc"
 
@@ -21,7 +20,7 @@ def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
         Something that a Marc deck of ours cannot say.
     """
     name, post = DIALECTS["marc"].deck, _POST[options.results or "both"]
-    model = numbered(analysis)
+    model = analysis.whole()
     return {
         name: marc_deck(model, probe=options.probe or "rigid", post=post),
         PROCEDURE: mentat_procedure(name, post=post, friction=analysis.contact.friction > 0),

@@ -33,7 +33,7 @@ _PARAMETERS = (
 
 def history(layout: Layout) -> Iterator[str]:
     """Write the load case in which the probe moves."""
-    motion = layout.model.analysis.motion
+    motion = layout.model.motion
     yield from comment(f"start of loadcase {PRESS}")
     yield named("title", PRESS)
     yield from active(layout, PRESS)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from decks.analysis import Analysis, ElementSet
 from decks.marc.element_types import MARC_TYPES, MarcElement, marc_type
-from decks.numbered import NumberedAnalysis, Section
 from fembridge.errors import DeckError
 from fembridge.typing import IntArray
 
@@ -26,7 +26,7 @@ PROBE_BODY = 2
 class Part:
     """A section with its type of element, material and contact body."""
 
-    section: Section
+    section: ElementSet
     element: MarcElement
     material: int
     body: int
@@ -36,7 +36,7 @@ class Part:
 class Layout:
     """What a deck of `model` holds; `meshed` is whether its probe has elements."""
 
-    model: NumberedAnalysis
+    model: Analysis
     meshed: bool
     element: MarcElement
     parts: tuple[Part, ...]
@@ -67,7 +67,7 @@ class Layout:
     @property
     def boundary_nodes(self) -> int:
         """Most nodes on the outline of one deformable body, mid-sides included."""
-        edges, _, _ = self.model.analysis.mesh.outline()
+        edges, _, _ = self.model.mesh.outline()
         finger = len(np.unique(edges))
         if self.element.nodes == 8:
             finger += len(edges)
@@ -83,7 +83,7 @@ class Layout:
         return np.concatenate([section.node, pressure[:, None]], axis=1)
 
 
-def lay_out(model: NumberedAnalysis, probe: str) -> Layout:
+def lay_out(model: Analysis, probe: str) -> Layout:
     """Give each part of `model` its place in a deck.
 
     Raises
@@ -93,7 +93,7 @@ def lay_out(model: NumberedAnalysis, probe: str) -> Layout:
     """
     if probe not in PROBES:
         raise DeckError(f"probe {probe!r}, expected {' or '.join(PROBES)}")
-    element = marc_type(model.analysis.element)
+    element = marc_type(model.element)
     parts = [
         Part(layer, element, material, FINGER_BODY)
         for material, layer in enumerate(model.layers, start=1)

@@ -51,7 +51,7 @@ def sets(layout: Layout) -> Iterator[str]:
     for part in layout.parts:
         yield from _set("element", part.section.name, part.section.number)
     yield from comment("bone and the nail's outer side, which do not move")
-    yield from _set("node", HELD, model.held)
+    yield from _set("node", HELD, model.fixed)
     if layout.meshed:
         yield from _set("node", PROBE_NODES, layout.probe_nodes)
     for name, words in model.sites.items():

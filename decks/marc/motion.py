@@ -29,7 +29,7 @@ _RELATIVE = 1
 
 def waveform(layout: Layout) -> Iterator[str]:
     """Write the table: a line a sample, time in s and depth in mm."""
-    motion = layout.model.analysis.motion
+    motion = layout.model.motion
     yield from comment("the probe's way into the skin: time in s, depth in mm from first touch")
     if motion.ramp:
         start_s = motion.time_s[motion.ramp]

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from decks.analysis import DRIVES, Contact
+from decks.analysis import Contact
 from fembridge.build import Model, build_run_folder
 from fembridge.errors import ResponseError, ResultError
 from fembridge.response.indentation import DEFAULT_DEPTH_UM, indentation
@@ -103,7 +103,7 @@ def solve_response(
     if (reason := why_no_map(model, ())) is not None:
         raise ResponseError(f"{folder}: no response map: {reason}")
     # Each node prescribed: so all that was measured of contacts was measured.
-    model = replace(model, drive=DRIVES[0])
+    model = replace(model, support="prescribed")
     stimulus = indentation(depth_um)
     make_folder(folder)
     climb = partial(_climb, threads=threads, limits=limits, on_progress=on_progress)

@@ -167,10 +167,10 @@ def _pressed(bench: Bench, halvings: int) -> Pressed:
     bench.tell(f"{NAME}: {analysis.title}, {len(analysis.mesh.quad)} elements")
     folder = bench.solve_changed(f"{NAME}/{halvings}", analysis, stimulus, _PRINTS).folder
     _, _, forces_n = read_node_print(folder / f"{JOB}.dat", "forces", "PROBE")
-    lower_n = np.abs(forces_n[-1, analysis.probe.lower_node, 1])
+    lower_n = np.abs(forces_n[-1, analysis.probe_mesh.lower_node, 1])
     width_mm = element_mm(halvings)
     x_mm, pressure_mpa = _gathered(analysis, lower_n, width_mm)
-    nodes = [row + 1 for row in analysis.afferent.values()]
+    nodes = list(analysis.afferent.values())
     _, tensor_pa = read_stress_tensor(folder / f"{JOB}.frd", nodes)
     return Pressed(
         width_mm=width_mm,
@@ -186,7 +186,7 @@ def _gathered(
     analysis: Analysis, force_n: FloatArray, width_mm: float
 ) -> tuple[FloatArray, FloatArray]:
     """Give each node of the block what the probe's corners nearest to it carry."""
-    at_mm = analysis.probe.node_mm[analysis.probe.lower_node, 0]
+    at_mm = analysis.probe_mesh.node_mm[analysis.probe_mesh.lower_node, 0]
     cell = np.rint(at_mm / width_mm).astype(np.int64)
     cells = np.arange(cell.min(), cell.max() + 1)
     total_n = np.bincount(cell - cell.min(), weights=force_n, minlength=len(cells))

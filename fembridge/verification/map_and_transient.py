@@ -60,7 +60,7 @@ def study(bench: Bench) -> Finding:
 
 def _mapped(bench: Bench, name: str, model: Model) -> tuple[ResponseMap, Attempt]:
     stimulus = indentation()
-    model = replace(model, drive="prescribed")  # as `solve_response` has it
+    model = replace(model, support="prescribed")  # as `solve_response` has it
     attempt = bench.solve(
         f"{NAME}/{name}", model.analysis(stimulus), stimulus, inputs_of(model, stimulus)
     )

@@ -128,7 +128,7 @@ def _off_percent(found: FloatArray, expected: FloatArray) -> float:
 def _problem(element: str) -> tuple[PlaneProblem, IntArray]:
     """Give the problem, and the layer of each element."""
     mesh = mesh_of(QUICK)
-    held = analyse(QUICK, mesh, down()).held
+    held = analyse(QUICK, mesh, down()).fixed_row
     edge, _, _ = mesh.outline()
     skin = np.unique(edge)
     near = np.abs(mesh.node_mm[skin, 0]) <= PRESSED_HALF_MM + 1e-9

@@ -66,7 +66,7 @@ def parse(text):
 
 SKIN = mesh_of(QUICK)
 SHORT = Stimulus("short", np.array([0.0, 1.5, -2.25, 100.0]), 0.5, (0.0, 1.5))
-PLAIN = Model(QUICK, SKIN, drive="prescribed")
+PLAIN = Model(QUICK, SKIN, support="prescribed")
 MODELS = {
     "plain": PLAIN,
     "reduced": replace(PLAIN, element="CPE4R"),

@@ -1,115 +1,101 @@
-"""What an analysis holds: who is held, who may touch, who is watched, and when."""
+"""What an analysis holds, its numbers, and when half of it will do: plain loops show it."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import ELEMENTS, Contact, analyse
-from decks.finger import SITES, AfferentSite, Finger
-from decks.motion import RAMP_INCREMENTS, motion_of
+from decks.analysis import QUADRATIC, SAME_MM, Contact, analyse
+from decks.finger import LAYERS, SITES, AfferentSite, Finger
+from decks.meshing.mesh import Mesh
 from decks.presets import PRESETS, QUICK, mesh_of
 from decks.probe import Probe
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import DeckError, FingerError
-from fembridge.stimulus import Stimulus
 
 MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
-(SINE,) = (make_stimulus(entry) for entry in resolve("sine_20_250"))
+SKIN = MESHES["quick"]
+HALVES = ("CPE4", "CPE8R")
 
 
-@pytest.fixture(params=PRESETS)
-def analysis(request):
-    return analyse(PRESETS[request.param], MESHES[request.param], SINE)
+@pytest.fixture(scope="module", params=PRESETS)
+def analysis(request, short):
+    return analyse(PRESETS[request.param], MESHES[request.param], short)
 
 
-def ramp_to(preindent_um, first_um=None, samples=5):
-    first_um = preindent_um if first_um is None else first_um
-    depth_um = np.full(samples, preindent_um, dtype=float)
-    depth_um[0] = first_um
-    return Stimulus("hold", depth_um, 0.5, (0.0, 1.0), preindent_um)
+def whole_of(stimulus, element):
+    return analyse(QUICK, SKIN, stimulus, element=element)
 
 
-# ---- Motion
+def half_of(stimulus, element="CPE4", **options):
+    """`quick` with half of it asked for."""
+    asked = {"support": "spring", "section": "half", "element": element, **options}
+    return analyse(QUICK, SKIN, stimulus, **asked)
 
 
-def test_without_a_pre_indentation_the_probe_moves_as_the_stimulus_says():
-    motion = motion_of(SINE)
-    assert_array_equal(motion.depth_mm, SINE.displacement_um * 1e-3)
-    assert_array_equal(motion.time_s, np.arange(501) * 0.0005)
-    assert (motion.dt_s, motion.ramp, motion.increments) == (0.0005, 0, 500)
+@pytest.fixture(
+    scope="module",
+    params=[*((whole_of, name) for name in (*HALVES, "CPE4H")), *((half_of, n) for n in HALVES)],
+    ids=lambda param: f"{param[0].__name__.removesuffix('_of')}-{param[1]}",
+)
+def model(request, short):
+    make, element = request.param
+    return make(short, element)
 
 
-def test_a_pre_indentation_is_reached_in_20_equal_steps_before_the_stimulus():
-    (entry,) = resolve("sine_20_250")
-    stimulus = make_stimulus(entry, preindent_um=500.0)
-    motion = motion_of(stimulus)
-    assert motion.ramp == RAMP_INCREMENTS == 20
-    assert_allclose(motion.depth_mm[:21], np.arange(21) * 0.025, rtol=1e-12)
-    assert_array_equal(motion.depth_mm[20:], stimulus.displacement_um * 1e-3)
-    assert motion.increments == 520
-    assert_allclose(motion.time_s[20], 0.010)
-
-
-@pytest.mark.parametrize("first_um", [0.0, 499.0, 500.1, -500.0])
-def test_a_stimulus_that_would_make_the_probe_jump_is_refused(first_um):
-    words = f"hold: starts at {first_um:g} um, expected 500 um, where the probe stands"
-    with pytest.raises(DeckError, match=words):
-        motion_of(ramp_to(500.0, first_um))
-
-
-def test_a_stimulus_that_starts_in_the_skin_needs_a_pre_indentation():
-    with pytest.raises(DeckError, match="starts at 3 um, expected 0 um"):
-        motion_of(ramp_to(0.0, 3.0))
+@pytest.fixture(scope="module", params=HALVES)
+def both(request, short):
+    """Give a whole and its half."""
+    return whole_of(short, request.param), half_of(short, request.param)
 
 
 # ---- Contact
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    "wrong",
     [
-        ({"formulation": "mortar"}, "'mortar', expected one of node-to-surface, surf"),
-        ({"stiffness_mpa_per_mm": 0.0}, "stiffness_mpa_per_mm must be > 0, got 0"),
-        ({"stiffness_mpa_per_mm": np.nan}, "stiffness_mpa_per_mm must be finite"),
-        ({"stiffness_mpa_per_mm": True}, "stiffness_mpa_per_mm must be a number"),
-        ({"friction": -0.1}, "friction must be >= 0, got -0.1"),
-        ({"friction": "0.4"}, "friction must be a number"),
-        ({"stick_share": 0}, "stick_share must be > 0"),
-        ({"stick_share": np.inf}, "stick_share must be finite"),
+        {"formulation": "mortar"},
+        {"stiffness_mpa_per_mm": 0.0},
+        {"stiffness_mpa_per_mm": np.nan},
+        {"friction": -0.1},
+        {"stick_share": 0},
+        {"stick_share": np.inf},
     ],
 )
-def test_a_contact_that_no_solver_takes_is_a_deck_error(wrong, words):
-    with pytest.raises(DeckError, match=words):
+def test_a_contact_that_no_solver_takes_is_a_deck_error(wrong):
+    with pytest.raises(DeckError, match=next(iter(wrong)).split("_")[0]):
         Contact(**wrong)
 
 
-def test_a_contact_tells_itself_in_a_line():
+def test_a_contact_is_described_in_a_line():
     assert str(Contact()) == "node-to-surface, 200 MPa/mm, friction 0.4"
     smooth = Contact("surface-to-surface", 3000.0, friction=0.0)
     assert str(smooth) == "surface-to-surface, 3000 MPa/mm, no friction"
 
 
-# ---- The whole
+# ---- What is put together
 
 
 def test_afferents_and_apex_are_nodes_of_the_skin(analysis):
-    at = {name: analysis.mesh.node_mm[row] for name, row in analysis.afferent.items()}
+    at = {name: analysis.mesh.node_mm[row] for name, row in analysis.afferent_row.items()}
     assert set(at) == set(SITES)
     for name, site in SITES.items():
         assert at[name].tolist() == [site.x_mm, -site.depth_mm]
-    assert analysis.mesh.node_mm[analysis.apex].tolist() == [0.0, 0.0]
+    assert analysis.mesh.node_mm[analysis.apex_row].tolist() == [0.0, 0.0]
 
 
-def test_all_of_the_bone_and_the_outer_side_of_the_nail_are_held(analysis):
+def test_all_of_the_bone_and_the_outer_side_of_the_nail_are_fixed(analysis):
     mesh = analysis.mesh
     bone = set(np.unique(mesh.quad[mesh.in_layer("bone")]).tolist())
     nail = set(np.unique(mesh.quad[mesh.in_layer("nail")]).tolist())
     outside = set(np.unique(mesh.outline()[0]).tolist())
-    held = set(analysis.held.tolist())
-    assert held == bone | (nail & outside)
+    fixed = set(analysis.fixed_row.tolist())
+    assert fixed == bone | (nail & outside)
     skin = set(np.unique(mesh.quad[mesh.in_layer("epidermis")]).tolist())
-    assert not held & skin
+    assert not fixed & skin
 
 
 def test_the_skin_that_may_touch_is_one_stretch_on_both_sides_of_the_probe(analysis):
@@ -124,10 +110,10 @@ def test_the_skin_that_may_touch_is_one_stretch_on_both_sides_of_the_probe(analy
     assert mesh.node_mm[ends, 1].min() > -0.5
 
 
-def test_the_contact_moves_with_the_probe_and_grows_with_it():
-    narrow = analyse(QUICK, MESHES["quick"], SINE)
-    wide = analyse(QUICK, MESHES["quick"], SINE, probe=Probe(diameter_mm=4.0))
-    aside = analyse(QUICK, MESHES["quick"], SINE, probe=Probe(x_mm=2.0))
+def test_the_contact_moves_with_the_probe_and_grows_with_it(short):
+    narrow = analyse(QUICK, SKIN, short)
+    wide = analyse(QUICK, SKIN, short, probe=Probe(diameter_mm=4.0))
+    aside = analyse(QUICK, SKIN, short, probe=Probe(x_mm=2.0))
     assert len(wide.contact_edge) > len(narrow.contact_edge)
 
     def middle_mm(analysis):
@@ -138,38 +124,292 @@ def test_the_contact_moves_with_the_probe_and_grows_with_it():
     assert 1.0 < middle_mm(aside) < 2.5
 
 
-def test_all_of_the_skin_that_the_probe_can_reach_may_touch(analysis):
-    """At the depth of the deepest stimulus plus pre-indentation the probe is
-    1 mm wide: 0.5 mm to both sides, and the margin is three times that."""
-    mesh = analysis.mesh
-    edge, owner, face = mesh.outline()
-    middle = mesh.node_mm[edge].mean(axis=1)
-    under = (np.abs(middle[:, 0]) < 0.5) & (middle[:, 1] > -1)
-    allowed = set(map(tuple, analysis.contact_edge.tolist()))
-    reached = zip(owner[under].tolist(), face[under].tolist(), strict=True)
-    assert set(reached) <= allowed
-
-
 def test_title_and_notes_say_what_was_put_together(analysis):
     name = analysis.finger.name
-    assert analysis.title == f"sine_20_250 on finger {name}"
+    assert analysis.title == f"short on finger {name}"
     counts = f"{len(analysis.mesh.quad)} elements, {len(analysis.mesh.node_mm)} corner"
     assert counts in analysis.notes[0]
     assert analysis.notes[1:] == ("probe: cylinder, 1 mm",)
 
 
-@pytest.mark.parametrize("element", ["CPE3", "C3D8", "cpe4", "", "CPE4\n*STEP"])
-def test_an_unknown_element_is_refused(element):
-    with pytest.raises(DeckError, match=f"expected one of {', '.join(ELEMENTS)}"):
-        analyse(QUICK, MESHES["quick"], SINE, element=element)
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("element", "CPE3"),
+        ("element", "CPE4\n*STEP"),
+        ("law", "ogden"),
+        ("support", "motor"),
+        ("section", "left"),
+    ],
+)
+def test_an_unknown_word_is_refused(name, word, short):
+    with pytest.raises(DeckError, match=name):
+        analyse(QUICK, SKIN, short, **{name: word})
 
 
-def test_a_probe_beside_the_pad_is_refused():
-    with pytest.raises(FingerError, match="expected inside the pad"):
-        analyse(QUICK, MESHES["quick"], SINE, probe=Probe(x_mm=9.0))
+def test_a_probe_beside_the_pad_is_refused(short):
+    with pytest.raises(FingerError, match=r"= 8\.5076 to 9\.4924 mm"):
+        analyse(QUICK, SKIN, short, probe=Probe(x_mm=9.0))
 
 
-def test_an_afferent_without_a_node_near_it_is_refused():
+def test_a_watched_node_that_the_mesh_has_not_is_refused(short):
+    with pytest.raises(DeckError, match=f"to {len(SKIN.node_mm)}, "):
+        analyse(QUICK, SKIN, short, watched=np.array([3, len(SKIN.node_mm)]))
+
+
+def test_an_afferent_without_a_node_near_it_is_refused(short):
     far = Finger("far", afferents={"SA": AfferentSite("bone", 0.0, 2.0)})
-    with pytest.raises(FingerError, match=r"bone nearest .* expected within 0\.3 mm"):
-        analyse(far, MESHES["quick"], SINE)
+    with pytest.raises(FingerError, match=r"bone .*0\.3 mm"):
+        analyse(far, SKIN, short)
+
+
+# ---- Numbers, from 1
+
+
+def kept_rows(model):
+    """Rows of the mesh's elements that are there, by a plain loop."""
+    if not model.is_half:
+        return list(range(len(SKIN.quad)))
+    x_mm = SKIN.node_mm[:, 0]
+    return [row for row, quad in enumerate(SKIN.quad) if min(x_mm[quad]) >= 0]
+
+
+def test_every_element_of_the_mesh_is_in_the_set_of_its_layer_once(model):
+    seen = {}
+    for layer in model.layers:
+        for number, nodes in zip(layer.number, layer.node, strict=True):
+            seen[int(number)] = (layer.name, tuple(nodes[:4].tolist()))
+    assert len(seen) == sum(len(layer.number) for layer in model.layers)
+    assert sorted(seen) == [row + 1 for row in kept_rows(model)]
+    for row in kept_rows(model):
+        quad = SKIN.quad[row]
+        expected = LAYERS[SKIN.layer[row]], tuple(int(node) + 1 for node in quad)
+        assert seen[row + 1] == expected
+
+
+def test_a_mid_side_is_half_way_between_its_corners(model):
+    for layer in model.layers:
+        corners = model.node_mm[layer.node[:, :4] - 1]
+        if model.element not in QUADRATIC:
+            assert layer.node.shape[1] == 4
+            continue
+        middle = model.node_mm[layer.node[:, 4:] - 1]
+        assert_array_equal(middle, 0.5 * (corners + np.roll(corners, -1, axis=1)))
+
+
+def test_the_probe_follows_the_finger_without_a_gap(model):
+    assert model.first_probe_node == len(model.node_mm) + 1
+    first, count = len(SKIN.quad) + 1, len(model.probe_mesh.quad)
+    numbers = np.arange(first, first + count)
+    nodes = model.first_probe_node + np.arange(len(model.probe_node_mm))
+    if model.is_half:
+        right = model.probe_node_mm[:, 0] >= 0
+        numbers, nodes = numbers[count // 2 :], nodes[right]
+    assert model.probe.number.tolist() == numbers.tolist()
+    assert np.unique(model.probe.node).tolist() == nodes.tolist()
+    assert model.probe_node.tolist() == nodes.tolist()
+
+
+def test_the_lower_side_runs_from_left_to_right_and_touches_the_skin_from_above(model):
+    x_mm, y_mm = model.lower_side_mm.T
+    assert (np.diff(x_mm) > 0).all()
+    apex_mm = model.node_mm[model.apex - 1]
+    assert np.interp(apex_mm[0], x_mm, y_mm) == pytest.approx(apex_mm[1], abs=1e-6)
+
+
+def test_fixed_nodes_are_those_of_the_bone_and_of_the_nails_outer_side(model):
+    bone = next(layer for layer in model.layers if layer.name == "bone")
+    nail = next(layer for layer in model.layers if layer.name == "nail")
+    fixed = set(model.fixed.tolist())
+    assert set(bone.node.ravel().tolist()) <= fixed
+    assert fixed <= set(bone.node.ravel().tolist()) | set(nail.node.ravel().tolist())
+    assert len(fixed - set(bone.node.ravel().tolist())) > 3
+
+
+def test_a_contact_face_lies_between_two_contact_nodes(model):
+    nodes = {
+        int(number): row
+        for layer in model.layers
+        for number, row in zip(layer.number, layer.node, strict=True)
+    }
+    found = set()
+    for element, face in model.contact_face.tolist():
+        row = nodes[element]
+        found |= {int(row[face - 1]), int(row[face % 4])}
+        if len(row) == 8:
+            found.add(int(row[face + 3]))
+    assert found == set(model.contact_node.tolist())
+
+
+def test_only_soft_layers_take_another_law(short):
+    model = analyse(QUICK, SKIN, short, law="neo-hookean")
+    assert {layer.name for layer in model.layers if layer.law == "linear"} == {"bone", "nail"}
+    assert model.probe.law == "linear"
+
+
+def test_the_nodes_are_those_that_elements_use(model):
+    used = {int(node) for layer in model.layers for node in layer.node.flat}
+    assert model.node.tolist() == sorted(used)
+    if not model.is_half:
+        assert used == set(range(1, len(model.node_mm) + 1))
+
+
+# ---- The half
+
+
+def test_a_half_has_the_numbers_of_the_whole_and_none_from_the_left(both):
+    whole, half = both
+    assert np.array_equal(half.node_mm, whole.node_mm)
+    right = {n for n, (x, _) in enumerate(whole.node_mm, start=1) if x >= 0}
+    assert set(half.node.tolist()) == right
+    for name in ("fixed", "contact_node", "watched"):
+        numbers = set(getattr(whole, name).tolist())
+        assert set(getattr(half, name).tolist()) == numbers & right
+    assert (half.afferent, half.apex) == (whole.afferent, whole.apex)
+    elements = {n for layer in half.layers for n in layer.number.tolist()}
+    faces = {tuple(face) for face in whole.contact_face.tolist() if face[0] in elements}
+    assert {tuple(face) for face in half.contact_face.tolist()} == faces
+    assert 2 * len(faces) == len(whole.contact_face)
+
+
+def test_the_axis_of_a_half_is_at_x_0_and_a_whole_has_none(both):
+    whole, half = both
+    there = [n for n, (x, _) in enumerate(whole.node_mm, start=1) if x == 0]
+    assert half.axis.tolist() == there
+    assert len(there) > 10
+    assert whole.axis.size == 0
+    assert (whole.thickness_mm, half.thickness_mm) == (1.0, 2.0)
+    assert half.watched_on_axis == (half.afferent["SA"], half.afferent["PC"], half.apex)
+    assert half.whole().watched_on_axis == ()
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_half_of_a_finger_is_half_of_its_area(name, short):
+    finger, mesh = PRESETS[name], MESHES[name]
+    half = analyse(finger, mesh, short, support="spring", section="half")
+    rows = np.concatenate([layer.number for layer in half.layers]) - 1
+    area_mm2 = mesh.area_mm2()
+    assert_allclose(area_mm2[rows].sum(), 0.5 * area_mm2.sum(), rtol=1e-12)
+    assert mesh.node_mm[mesh.quad[rows], 0].min() == 0.0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"section": "whole"},
+        {"support": "prescribed"},
+        {"inertia": True},
+        {"contact": Contact("surface-to-surface")},
+        {"probe": Probe(x_mm=0.25)},
+    ],
+)
+def test_all_is_computed_where_it_was_asked_for_or_half_would_not_do(options, short):
+    assert not half_of(short, **options).is_half
+
+
+def test_all_is_computed_of_a_probe_that_slides(short):
+    assert not half_of(short.sliding(10.0)).is_half
+
+
+def test_all_is_computed_where_an_afferent_or_a_watched_node_is_on_the_left(short):
+    sites = {**QUICK.afferents, "RA": AfferentSite("epidermis", -0.125, 0.52)}
+    finger = replace(QUICK, afferents=sites)
+    analysis = analyse(finger, SKIN, short, support="spring", section="half")
+    assert "RA is at x = -0.125 mm" in analysis.why_whole
+    row = int(SKIN.node_mm[:, 0].argmin())
+    assert f"node {row + 1} is at x = -" in half_of(short, watched=np.array([row])).why_whole
+
+
+@pytest.mark.parametrize(("way_mm", "same"), [(0.0, True), (0.5 * SAME_MM, True), (1e-7, False)])
+def test_a_mesh_with_one_node_moved_is_no_mirror_image(way_mm, same, short):
+    moved_mm = SKIN.node_mm.copy()
+    row = int(np.argmax((moved_mm[:, 0] > 0.3) & (moved_mm[:, 1] < -0.3)))
+    moved_mm[row, 0] += way_mm
+    analysis = replace(half_of(short), mesh=Mesh(moved_mm, SKIN.quad, SKIN.layer))
+    assert analysis.is_half == same
+
+
+def test_a_mesh_with_one_element_of_another_layer_is_no_mirror_image(short):
+    layer = SKIN.layer.copy()
+    layer[int(np.argmax(SKIN.in_layer("dermis")))] += 1
+    assert not replace(half_of(short), mesh=Mesh(SKIN.node_mm, SKIN.quad, layer)).is_half
+
+
+@pytest.mark.parametrize(("first", "same"), [(0, False), (1, True)])
+def test_nodes_that_are_images_but_joined_otherwise_are_none(first, same, short):
+    """Two hexagons with a node inside, which three quads fill in either of two ways."""
+    angle = np.radians(30 + 60 * np.arange(6))
+    x_mm, y_mm = np.append(np.cos(angle), 0.0), np.append(np.sin(angle), 0.0)
+    right_mm = np.stack([x_mm + np.cos(np.pi / 6), y_mm], -1)
+    right_mm[2:4, 0] = 0.0  # two corners lie on the axis
+    image = np.array([7, 8, 2, 3, 9, 10, 11])
+    node_mm = np.concatenate([right_mm, right_mm[[0, 1, 4, 5, 6]] * [-1.0, 1.0]])
+
+    def joined(start):
+        around = np.arange(start, start + 6, 2)
+        return [[6, k % 6, (k + 1) % 6, (k + 2) % 6] for k in around]
+
+    left = [image[quad][::-1] for quad in joined(first)]
+    mesh = Mesh(node_mm, np.array([*joined(1), *left]), np.zeros(6))
+    analysis = replace(
+        half_of(short),
+        mesh=mesh,
+        fixed_row=image[[3]],
+        afferent_row={},
+        apex_row=2,
+        contact_edge=np.zeros((0, 2), dtype=int),
+    )
+    assert analysis.is_half == same
+
+
+def grid(x_mm):
+    """One row of elements between `x_mm`, below y = 0."""
+    x_mm = np.asarray(x_mm, dtype=float)
+    count = len(x_mm)
+    top, low = np.zeros(count), np.full(count, -1.0)
+    node_mm = np.stack([np.tile(x_mm, 2), np.concatenate([top, low])], -1)
+    left = np.arange(count - 1)
+    quad = np.stack([left + count, left + 1 + count, left + 1, left], -1)
+    return Mesh(node_mm, quad, np.zeros(count - 1))
+
+
+def strip(stimulus, mesh):
+    """An analysis of a made-up mesh, fixed below, nothing else."""
+    return replace(
+        half_of(stimulus),
+        mesh=mesh,
+        fixed_row=np.flatnonzero(mesh.node_mm[:, 1] < -0.5),
+        afferent_row={},
+        apex_row=int(np.abs(mesh.node_mm[:, 0]).argmin()),
+        contact_edge=np.stack([np.arange(len(mesh.quad)), np.full(len(mesh.quad), 2)], -1),
+    )
+
+
+def test_a_mirrored_mesh_with_elements_across_the_axis_is_computed_whole(short):
+    assert strip(short, grid([-1.0, 0.0, 1.0])).is_half
+    across = strip(short, grid([-1.5, -0.5, 0.5, 1.5]))
+    assert not replace(across, apex_row=2).is_half  # at x = 0.5
+
+
+@given(
+    widths_mm=st.lists(st.floats(0.5, 2.0), min_size=1, max_size=6),
+    order=st.randoms(use_true_random=False),
+)
+def test_any_row_of_elements_and_its_image_is_halved_however_numbered(short, widths_mm, order):
+    right_mm = np.cumsum([0.0, *widths_mm])
+    mesh = grid([*-right_mm[:0:-1], *right_mm])
+    nodes, elements = list(range(len(mesh.node_mm))), list(range(len(mesh.quad)))
+    order.shuffle(nodes)
+    order.shuffle(elements)
+    number = np.argsort(nodes)
+    shuffled = Mesh(mesh.node_mm[nodes], number[mesh.quad[elements]], mesh.layer)
+    (layer,) = strip(short, shuffled).layers
+    assert len(layer.number) == len(widths_mm)
+    assert shuffled.node_mm[layer.node - 1, 0].min() >= 0
+
+
+def test_what_is_fixed_or_may_touch_on_one_side_alone_is_no_mirror_image(short):
+    plain = strip(short, grid([-2.0, -1.0, 0.0, 1.0, 2.0]))
+    assert plain.is_half
+    assert not replace(plain, fixed_row=plain.fixed_row[1:]).is_half
+    assert not replace(plain, contact_edge=plain.contact_edge[1:]).is_half

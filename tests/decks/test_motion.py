@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.motion import HOLD_INCREMENTS, RAMP_INCREMENTS, SUBSTEPS, motion_of
-from fembridge.errors import StimulusError
+from fembridge.errors import DeckError, StimulusError
 from fembridge.stimulus import Stimulus
 
 DT_MS = 0.5
@@ -109,3 +109,31 @@ def test_a_slide_that_is_none_is_refused(speed):
 def test_a_way_aside_belongs_to_the_samples_and_begins_at_0(aside):
     with pytest.raises(StimulusError, match="way aside"):
         replace(stimulus(), aside_um=aside)
+
+
+def test_without_a_pre_indentation_the_probe_moves_as_the_stimulus_says():
+    wave = stimulus(samples=501)
+    motion = motion_of(wave)
+    assert_array_equal(motion.depth_mm, wave.displacement_um * 1e-3)
+    assert_array_equal(motion.time_s, np.arange(501) * 0.0005)
+    assert (motion.dt_s, motion.ramp, motion.increments) == (0.0005, 0, 500)
+
+
+def test_a_pre_indentation_is_reached_in_20_equal_steps_before_the_stimulus():
+    wave = stimulus(500.0, samples=501)
+    motion = motion_of(wave)
+    assert motion.ramp == RAMP_INCREMENTS == 20
+    assert_allclose(motion.depth_mm[:21], np.arange(21) * 0.025, rtol=1e-12)
+    assert_array_equal(motion.depth_mm[20:], wave.displacement_um * 1e-3)
+    assert motion.increments == 520
+    assert_allclose(motion.time_s[20], 0.010)
+
+
+@pytest.mark.parametrize(
+    ("preindent_um", "first_um"), [(500.0, 0.0), (500.0, 499.0), (500.0, -500.0), (0.0, 3.0)]
+)
+def test_a_stimulus_that_would_make_the_probe_jump_is_refused(preindent_um, first_um):
+    depth_um = np.full(5, preindent_um)
+    depth_um[0] = first_um
+    with pytest.raises(DeckError, match=f"{first_um:g} um, expected {preindent_um:g} um"):
+        motion_of(Stimulus("hold", depth_um, 0.5, (0.0, 1.0), preindent_um))

@@ -210,7 +210,7 @@ def test_a_run_tells_how_much_of_the_section_is_computed_and_why(tmp_path, model
 
 def test_a_prescribed_probe_and_other_solvers_know_no_half(tmp_path, model):
     stimulus = stimulus_of("sine_50_250")
-    still = dataclasses.replace(model, drive="prescribed")
+    still = dataclasses.replace(model, support="prescribed")
     abaqus = dataclasses.replace(model, element="CPE4H")
     for built in (
         build_run_folder(tmp_path / "prescribed", still, stimulus),

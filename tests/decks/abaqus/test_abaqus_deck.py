@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.abaqus.deck import abaqus_deck
 from decks.analysis import Contact
-from decks.numbered import numbered
 
 ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
 
@@ -16,7 +15,7 @@ ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
 @pytest.fixture(scope="module", params=ELEMENTS)
 def read(request, models, short, parse_deck):
     analysis = replace(models["plain"], element=request.param).analysis(short)
-    return numbered(analysis), parse_deck(abaqus_deck(analysis))
+    return analysis, parse_deck(abaqus_deck(analysis))
 
 
 def test_mesh_and_sections_are_those_of_the_model(read):
@@ -28,7 +27,7 @@ def test_mesh_and_sections_are_those_of_the_model(read):
     elements = deck.elements()
     for layer in model.layers:
         _, options, rows = deck.one("ELEMENT", ELSET=layer.name.upper())
-        assert options["TYPE"] == model.analysis.element
+        assert options["TYPE"] == model.element
         assert len(rows) == len(layer.number)
         for number, row in zip(layer.number.tolist(), layer.node, strict=True):
             assert elements[number] == tuple(row.tolist())
@@ -48,7 +47,7 @@ def test_materials_are_table_1(read):
 
 def test_sets_hold_the_models_nodes(read):
     model, deck = read
-    assert deck.set_of("HELD") == model.held.tolist()
+    assert deck.set_of("HELD") == model.fixed.tolist()
     assert deck.set_of("OUTPUT_NODES") == model.watched.tolist()
     for name, node in model.afferent.items():
         assert deck.set_of(f"AFFERENT_{name.upper()}") == [node]
@@ -67,7 +66,7 @@ def test_the_elements_around_an_afferent_are_all_that_have_its_node(read):
 
 def test_the_probe_is_moved_by_the_waveform_and_the_rest_is_held(read):
     model, deck = read
-    motion = model.analysis.motion
+    motion = model.motion
     _, options, rows = deck.one("AMPLITUDE")
     assert options == {"NAME": "DEPTH", "TIME": "TOTAL TIME"}
     words = np.array([word for row in rows for word in row], dtype=float)

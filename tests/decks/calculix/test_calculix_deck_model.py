@@ -10,7 +10,6 @@ from decks.calculix.deck import calculix_deck
 from decks.finger import LAYERS, SITES
 from decks.inp.lines import LONGEST_NUMBER
 from decks.meshing.mesh import Mesh
-from decks.numbered import numbered
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
 from fembridge.errors import DeckError
@@ -54,9 +53,9 @@ def test_an_edge_inside_the_nail_is_free_even_between_two_held_nodes(models, sho
     analysis = replace(
         models["quadratic"].analysis(short),
         mesh=strip,
-        held=np.arange(8),
-        afferent={},
-        apex=0,
+        fixed_row=np.arange(8),
+        afferent_row={},
+        apex_row=0,
         contact_edge=np.array([[0, 2]]),
     )
     deck = parse_deck(calculix_deck(analysis))
@@ -69,19 +68,19 @@ def test_an_edge_inside_the_nail_is_free_even_between_two_held_nodes(models, sho
 
 def test_afferents_and_the_apex_have_sets_of_one_node(built):
     analysis, _, deck = built
-    for name, row in analysis.afferent.items():
+    for name, row in analysis.afferent_row.items():
         assert deck.set_of(f"AFFERENT_{name}") == [row + 1]
         site = SITES[name]
         place = deck.nodes()[row + 1]
         assert place == (site.x_mm, -site.depth_mm, 0.0)
         assert any(line.startswith(f"{name}: {site.layer}") for line in deck.comments)
-    assert deck.set_of("SKIN_APEX") == [analysis.apex + 1]
+    assert deck.set_of("SKIN_APEX") == [analysis.apex]
 
 
 def test_results_are_asked_for_at_the_watched_nodes_alone_each_once(built):
     analysis, _, deck = built
-    watched = [*(row + 1 for row in analysis.afferent.values()), analysis.apex + 1]
-    assert deck.set_of("OUTPUT_NODES") == watched == numbered(analysis).watched.tolist()
+    watched = [*analysis.afferent.values(), analysis.apex]
+    assert deck.set_of("OUTPUT_NODES") == watched == analysis.watched.tolist()
     for keyword, words in (("NODE OUTPUT", "U"), ("ELEMENT OUTPUT", "S")):
         _, options, rows = deck.one(keyword)
         assert options == {"NSET": "OUTPUT_NODES", "DOUBLE": ""}
@@ -90,8 +89,8 @@ def test_results_are_asked_for_at_the_watched_nodes_alone_each_once(built):
 
 def test_an_afferent_at_the_apex_is_not_written_twice(models, short):
     analysis = models["plain"].analysis(short)
-    doubled = replace(analysis, afferent={"SA": analysis.apex, "RA": analysis.apex})
-    assert numbered(doubled).watched.tolist() == [analysis.apex + 1]
+    doubled = replace(analysis, afferent_row={"SA": analysis.apex_row, "RA": analysis.apex_row})
+    assert doubled.watched.tolist() == [analysis.apex]
 
 
 def test_results_can_be_had_in_ascii(models, short, parse_deck):
@@ -111,7 +110,7 @@ def test_every_surface_face_is_on_the_outside_and_faces_the_other(built):
     analysis, _, deck = built
     nodes, elements = deck.nodes(), deck.elements()
     _, _, probe = deck.one("SURFACE", NAME="PROBE_SURFACE")
-    assert len(probe) == len(analysis.probe.quad)
+    assert len(probe) == len(analysis.probe_mesh.quad)
     for number, face in probe:
         a, b = face_of(elements[int(number)], face)
         assert nodes[b][0] >= nodes[a][0]  # the body is to the left: above it

@@ -32,7 +32,7 @@ RELAXING = replace(
 
 
 def half_of(stimulus, finger=QUICK, **options):
-    asked = {"drive": "spring", "section": "half", **options}
+    asked = {"support": "spring", "section": "half", **options}
     return analyse(finger, SKIN, stimulus, **asked)
 
 
@@ -152,7 +152,7 @@ def test_a_half_is_twice_as_thick_and_says_so(both):
 
 
 def test_what_cannot_be_halved_is_written_whole_to_the_byte(short):
-    for options in ({"probe": Probe(x_mm=0.25)}, {"drive": "prescribed"}):
+    for options in ({"probe": Probe(x_mm=0.25)}, {"support": "prescribed"}):
         analysis = half_of(short, **options)
         whole = replace(analysis, section="whole")
         assert calculix_deck(analysis) == calculix_deck(whole)

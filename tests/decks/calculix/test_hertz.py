@@ -47,7 +47,6 @@ from decks.finger import AfferentSite, Bone, Finger, Outline
 from decks.material import Material
 from decks.meshing.mesh import Mesh
 from decks.motion import motion_of
-from decks.numbered import numbered
 from decks.presets import QUICK
 from decks.probe import Probe, mesh_probe, touched_node
 from fembridge.machine import find_ccx
@@ -112,13 +111,13 @@ def pressed():
         title="Hertz",
         finger=finger,
         mesh=mesh,
-        probe=probe,
+        probe_mesh=probe,
         motion=motion_of(stimulus),
         contact=Contact(stiffness_mpa_per_mm=STIFFNESS, friction=0.0),
         element="CPE4",
-        afferent={name: mesh.node_at(site) for name, site in finger.afferents.items()},
-        apex=touched_node(probe, mesh),
-        held=np.flatnonzero(mesh.node_mm[:, 1] == -BLOCK_MM),
+        afferent_row={name: mesh.node_at(site) for name, site in finger.afferents.items()},
+        apex_row=touched_node(probe, mesh),
+        fixed_row=np.flatnonzero(mesh.node_mm[:, 1] == -BLOCK_MM),
         contact_edge=np.stack([owner[top], face[top]], -1),
         large_strain=False,
     )
@@ -143,12 +142,12 @@ def solved(tmp_path_factory):
     _, total_n = read_total_force(folder / "job.dat", "PROBE")
     _, nodes, forces_n = read_node_print(folder / "job.dat", "forces", "PROBE")
     first = len(analysis.mesh.node_mm) + 1
-    assert nodes.tolist() == list(range(first, first + len(analysis.probe.node_mm)))
-    _, tensor_pa = read_stress_tensor(folder / "job.frd", numbered(analysis).watched.tolist())
-    lower = analysis.probe.lower_node
+    assert nodes.tolist() == list(range(first, first + len(analysis.probe_mesh.node_mm)))
+    _, tensor_pa = read_stress_tensor(folder / "job.frd", analysis.watched.tolist())
+    lower = analysis.probe_mesh.lower_node
     return (
         abs(float(total_n[-1, 1])),
-        analysis.probe.node_mm[lower, 0],
+        analysis.probe_mesh.node_mm[lower, 0],
         np.abs(forces_n[-1, lower, 1]),
         tensor_pa[-1] * 1e-6,
     )

@@ -87,7 +87,7 @@ def test_skin_that_weighs_next_to_nothing_answers_as_without_inertia(tmp_path):
     depth_um = 60.0 * (1 - np.cos(np.linspace(0, np.pi, 9)))
     wave = Stimulus("in", depth_um, 0.5, (0.0, 4.0))
     light = {layer: replace(one, density_kg_m3=1.0) for layer, one in QUICK.materials.items()}
-    whole = replace(model_of(QUICK), drive="prescribed")
+    whole = replace(model_of(QUICK), support="prescribed")
     light_finger = replace(QUICK, materials=light)
     models = {"static": whole, "dynamic": replace(whole, finger=light_finger, inertia=True)}
     stress_pa = {}

@@ -10,7 +10,6 @@ from decks.analysis import analyse
 from decks.calculix.deck import calculix_deck
 from decks.inp.lines import element_lines, node_lines, real
 from decks.material import TABLE_1
-from decks.numbered import numbered
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
 from fembridge.machine import find_ccx
@@ -80,10 +79,10 @@ def test_an_unknown_law_is_refused(short):
 
 
 def test_nodes_to_be_watched_follow_the_afferents_and_none_is_twice(short):
-    plain = numbered(analyse(QUICK, SKIN, short)).watched.tolist()
+    plain = analyse(QUICK, SKIN, short).watched.tolist()
     apex = plain[-1]
     rows = np.array([apex - 1, 40, 7])
-    more = numbered(analyse(QUICK, SKIN, short, watched=rows)).watched.tolist()
+    more = analyse(QUICK, SKIN, short, watched=rows).watched.tolist()
     assert more == [*plain, 41, 8]
 
 

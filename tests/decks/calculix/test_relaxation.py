@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import analyse
+from decks.analysis import ElementSet, analyse
 from decks.calculix.deck import calculix_deck
 from decks.calculix.relaxation import branch_blocks, branches, branches_at, lasting
 from decks.dialects import DIALECTS, DeckOptions
 from decks.inp.lines import real
 from decks.inp.materials import material
 from decks.material import Material, PronyTerm
-from decks.numbered import Section, numbered
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
 from fembridge.machine import find_ccx
@@ -34,7 +33,7 @@ RELAXING = Material(0.05, 0.48, prony=TERMS)
 
 def layer_of(values, name="dermis"):
     """One square element."""
-    return Section(name, np.array([1]), np.array([[1, 2, 3, 4]]), values, "linear")
+    return ElementSet(name, np.array([1]), np.array([[1, 2, 3, 4]]), values, "linear")
 
 
 def finger_with(**layers):
@@ -104,9 +103,9 @@ def test_a_layer_without_terms_stays_as_it_is():
 
 def test_branches_are_numbered_after_all_others_on_the_same_nodes(parse_deck, short):
     finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
-    model = numbered(analyse(finger, SKIN, short))
+    model = analyse(finger, SKIN, short)
     first = int(model.probe.number.max()) + 1
-    found = branches(model.layers, first, model.analysis.motion.dt_s)
+    found = branches(model.layers, first, model.motion.dt_s)
     numbers = np.concatenate([one.section.number for one in found])
     assert numbers.tolist() == list(range(first, first + len(numbers)))
     by_name = {layer.name: layer for layer in model.layers}
@@ -124,7 +123,7 @@ def test_a_node_counts_the_branches_of_its_layer(short):
     finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
     analysis = analyse(finger, SKIN, short)
     counts = branches_at(analysis)
-    assert counts == {analysis.afferent["PC"] + 1: 2}
+    assert counts == {analysis.afferent["PC"]: 2}
     assert branches_at(analyse(QUICK, SKIN, short)) == {}
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from decks.analysis import Contact, analyse
 from decks.marc.deck import marc_deck
-from decks.numbered import numbered
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.stimulus import Stimulus
@@ -134,7 +133,7 @@ SKIN = mesh_of(QUICK)
 
 def model_of(element="CPE4H", *, stimulus=SHORT, probe=None, contact=None, **changes):
     analysis = analyse(QUICK, SKIN, stimulus, probe=probe, contact=contact, element=element)
-    return numbered(replace(analysis, **changes))
+    return replace(analysis, **changes)
 
 
 KINDS = {

@@ -30,8 +30,8 @@ def test_the_real_deck_tells_as_many_boundary_nodes_as_its_outline_has(sample, c
 def test_boundary_nodes_are_those_of_the_outline_mid_sides_included(built, columns):
     model, _, deck = built
     integers, _ = columns
-    finger = dict(list(deck.elements().items())[: len(model.analysis.mesh.quad)])
-    kind = MARC_TYPES[model.analysis.element].number
+    finger = dict(list(deck.elements().items())[: len(model.mesh.quad)])
+    kind = MARC_TYPES[model.element].number
     edges = edges_of(finger, {kind})
     count = len(frozenset().union(*edges))
     count += len(edges) if kind in (27, 54) else 0

@@ -6,7 +6,6 @@ import pytest
 from decks.dialects import DIALECTS
 from decks.marc.deck import marc_deck
 from decks.marc.element_types import MARC_TYPES
-from decks.numbered import numbered
 from fembridge.errors import DeckError
 
 PFL, NOUR = "pfl_example_model_0", "nour_plastic"
@@ -137,7 +136,7 @@ def test_sizes_count_a_pressure_node_an_element(built, columns):
     zero, elements, nodes, last = integers(deck.one("sizing").line[30:])
     assert (zero, last) == (0, 0)
     assert elements == len(deck.elements())
-    pressures = elements if model.analysis.element in ("CPE4H", "CPE4RH") else 0
+    pressures = elements if model.element in ("CPE4H", "CPE4RH") else 0
     assert nodes == len(deck.nodes()) + pressures
     highest = max(node for _, *nodes_ in deck.elements().values() for node in nodes_)
     assert highest == nodes
@@ -157,7 +156,7 @@ def test_the_papers_mesh_less_its_pressures_would_be_its_corners(make_model, col
     text = marc_deck(model)
     (line,) = [row for row in text.splitlines() if row.startswith("sizing")]
     _, elements, nodes, _ = integers(line[30:])
-    assert nodes - elements == len(model.analysis.mesh.node_mm)
+    assert nodes - elements == len(model.mesh.node_mm)
 
 
 def test_each_type_of_element_is_declared_once(built):
@@ -165,7 +164,7 @@ def test_each_type_of_element_is_declared_once(built):
     declared = [int(option.word) for option in deck.all("elements")]
     used = {kind for kind, *_ in deck.elements().values()}
     assert sorted(declared) == sorted(used)
-    assert MARC_TYPES[model.analysis.element].number == declared[0]
+    assert MARC_TYPES[model.element].number == declared[0]
 
 
 def test_small_strain_is_asked_for_by_leaving_the_large_one_out(make_model, read_deck):
@@ -212,9 +211,9 @@ def test_unknown_words_are_refused(make_model, options, words):
 
 def test_a_time_that_is_not_finite_is_refused(make_model):
     model = make_model()
-    time_s = model.analysis.motion.time_s.copy()
+    time_s = model.motion.time_s.copy()
     time_s[1] = np.nan
-    object.__setattr__(model.analysis.motion, "time_s", time_s)
+    object.__setattr__(model.motion, "time_s", time_s)
     with pytest.raises(DeckError, match="expected a finite one"):
         marc_deck(model)
 
@@ -227,5 +226,5 @@ def test_the_table_of_dialects_has_the_same_types():
 
 def test_every_dialects_element_can_be_written(make_model):
     for name in DIALECTS["marc"].elements:
-        model = numbered(make_model(name).analysis)
+        model = make_model(name)
         assert f"elements            {MARC_TYPES[name].number:10d}" in marc_deck(model)

@@ -85,9 +85,9 @@ def test_a_meshed_probe_has_the_fingers_type_or_one_of_four_nodes(make_model, re
 def test_a_rigid_probe_has_no_node_and_no_element(make_model, read_deck):
     model = make_model()
     deck = read_deck(marc_deck(model))
-    assert max(deck.elements()) == len(model.analysis.mesh.quad)
+    assert max(deck.elements()) == len(model.mesh.quad)
     assert not [option for option in deck.all("define") if "probe" in option.word]
-    assert len(deck.nodes()) == len(model.analysis.mesh.node_mm)
+    assert len(deck.nodes()) == len(model.mesh.node_mm)
 
 
 # ---- Sets, materials, geometry
@@ -95,7 +95,7 @@ def test_a_rigid_probe_has_no_node_and_no_element(make_model, read_deck):
 
 def test_sets_hold_what_is_held_the_afferents_and_the_apex(built):
     model, probe, deck = built
-    assert deck.members("node", "held_nodes") == model.held.tolist()
+    assert deck.members("node", "held_nodes") == model.fixed.tolist()
     assert deck.members("node", "skin_apex") == [model.apex]
     for name, number in model.afferent.items():
         assert deck.members("node", f"afferent_{name.lower()}") == [number]
@@ -128,7 +128,7 @@ def test_plain_four_node_elements_alone_have_constant_dilatation(built, columns)
     _, kind, name, row, blank = deck.one("geometry").rows
     assert kind[:20] == "         1         2"  # plane strain
     assert (name, blank) == ("plane_strain", "")
-    plain_quad = float(model.analysis.element == "CPE4")
+    plain_quad = float(model.element == "CPE4")
     assert reals(row) == [1.0, plain_quad, 0, 0, 0, 0, 0]
 
 

@@ -48,7 +48,7 @@ def test_options_named_in_the_text_belong_to_build_deck():
 
 
 def test_what_the_page_says_of_the_deck_is_in_it(make_model):
-    files = marc_files(make_model().analysis, DeckOptions())
+    files = marc_files(make_model(), DeckOptions())
     assert set(files) == {"job.dat", "job.proc"}
     deck = files["job.dat"]
     for name in ("afferent_sa", "afferent_ra", "afferent_pc", "skin_apex", "held_nodes"):

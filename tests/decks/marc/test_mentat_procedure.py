@@ -12,7 +12,6 @@ from decks.marc.deck import marc_deck
 from decks.marc.files import marc_files
 from decks.marc.post import KINDS
 from decks.marc.procedure import commands, mentat_procedure, rewritten_name
-from decks.numbered import numbered
 from fembridge.errors import DeckError
 
 # Of public procedures and scripts; what may stand after them is in the second column.
@@ -109,16 +108,16 @@ def test_an_unknown_kind_of_post_file_is_refused():
     [(None, "both"), ("both", "both"), ("text", "formatted"), ("binary", "binary")],
 )
 def test_a_run_folder_has_the_deck_and_its_procedure(make_model, results, post):
-    analysis = make_model().analysis
+    analysis = make_model()
     files = marc_files(analysis, DeckOptions(results=results, probe="meshed"))
     assert files == {
-        DIALECTS["marc"].deck: marc_deck(numbered(analysis), probe="meshed", post=post),
+        DIALECTS["marc"].deck: marc_deck(analysis, probe="meshed", post=post),
         "job.proc": mentat_procedure("job.dat", post=post),
     }
 
 
 def test_without_friction_mentat_is_told_of_none(make_model):
-    analysis = make_model(contact=Contact(friction=0.0)).analysis
+    analysis = make_model(contact=Contact(friction=0.0))
     files = marc_files(analysis, DeckOptions())
     assert "coulomb" not in "".join(files.values()).lower()
     assert "contact with no friction" in files["job.dat"]
@@ -126,5 +125,5 @@ def test_without_friction_mentat_is_told_of_none(make_model):
 
 def test_the_dialect_writes_through_it(make_model):
     model = make_model()
-    files = DIALECTS["marc"].write(model.analysis, DeckOptions())
+    files = DIALECTS["marc"].write(model, DeckOptions())
     assert files["job.dat"] == marc_deck(model)

@@ -14,7 +14,6 @@ from decks.marc_grammar.history import initial_conditions, load_cases
 from decks.marc_grammar.material import isotropic
 from decks.marc_grammar.mesh import read_sets
 from decks.marc_grammar.post import post
-from decks.numbered import numbered
 from decks.presets import PAPER, mesh_of
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus
@@ -73,7 +72,7 @@ def test_the_mesh_comes_back(read):
             assert_array_equal(nodes[:, -1], len(node_mm) + block.number)
             nodes = nodes[:, :-1]
         assert_array_equal(nodes, section.node)
-    kind = MARC_TYPES[model.analysis.element].number
+    kind = MARC_TYPES[model.element].number
     assert {block.kind for block in deck.elements if block.body == 1} == {kind}
 
 
@@ -87,7 +86,7 @@ def test_sets_come_back(read):
     model, probe, deck = read
     sets = read_sets(deck.find("define", Section.MODEL))
     wanted = {section.name: section.number for section in sections_of(model, probe)}
-    wanted |= {"held_nodes": model.held, "skin_apex": np.array([model.apex])}
+    wanted |= {"held_nodes": model.fixed, "skin_apex": np.array([model.apex])}
     for name, number in model.afferent.items():
         wanted[f"afferent_{name.lower()}"] = np.array([number])
     if probe == "meshed":
@@ -118,7 +117,7 @@ def test_the_waveform_comes_back(read):
     model, _, deck = read
     (table,) = deck.tables
     assert (table.name, table.number, table.variables) == ("waveform", 1, (1,))
-    motion = model.analysis.motion
+    motion = model.motion
     assert_allclose(table.points[:, 0], motion.time_s, rtol=1e-15)
     assert_allclose(table.points[:, 1], motion.depth_mm, rtol=1e-15)
 
@@ -129,7 +128,7 @@ def test_bodies_and_their_contact_come_back(read):
     finger, other = found.bodies
     assert (finger.number, finger.name, finger.kind) == (1, "finger", 1)
     assert (other.number, other.name) == (2, "probe")
-    assert found.friction_type == (6 if model.analysis.contact.friction else 0)
+    assert found.friction_type == (6 if model.contact.friction else 0)
     if probe == "rigid":
         assert (other.kind, other.control) == (2, POSITION)
         assert other.motion[:3] == (0.0, -1.0, 0.0)
@@ -147,7 +146,7 @@ def test_bodies_and_their_contact_come_back(read):
         assert not any(other.motion)
     (touch,) = interactions(deck)
     assert (touch.number, touch.name) == (1, "touch")
-    assert touch.friction == model.analysis.contact.friction
+    assert touch.friction == model.contact.friction
     assert not any(touch.tables)
     (pairs,) = contact_tables(deck)
     assert pairs.pairs == ((1, 2, 1),)
@@ -170,7 +169,7 @@ def test_what_is_held_and_moved_comes_back(read):
 def test_the_increments_come_back(read):
     model, _, deck = read
     (case,) = load_cases(deck)
-    motion = model.analysis.motion
+    motion = model.motion
     assert (case.name, case.stepping.keyword) == ("press", "auto load")
     assert case.increments == motion.increments
     assert_allclose(case.period, motion.increments * motion.dt_s, rtol=1e-14)
@@ -186,7 +185,7 @@ def test_the_output_comes_back(make_model, kind):
 
 
 def test_the_papers_mesh_and_a_real_stimulus_come_back():
-    model = numbered(analyse(PAPER, mesh_of(PAPER), NOISE, element="CPE4H"))
+    model = analyse(PAPER, mesh_of(PAPER), NOISE, element="CPE4H")
     deck = read_marc_deck(marc_deck(model).encode("ascii"))
     assert deck.sizes == (17_702, len(model.node_mm) + 17_702)
     numbers = np.concatenate([block.number for block in deck.elements])

@@ -42,7 +42,7 @@ def test_our_own_deck_with_another_waveform_is_the_deck_of_that_waveform(tmp_pat
     wanted = Stimulus("wanted", np.array([0.0, 15.0, -2.0, 40.0, 80.5]), 0.5, (0.0, 2.0))
     other = Stimulus("other", np.array([0.0, 5.0, 50.0]), 1.0, (0.0, 2.0))
     analysis = model.analysis(wanted)
-    nodes = {name: row + 1 for name, row in analysis.afferent.items()}
+    nodes = analysis.afferent
 
     base = calculix_deck(model.analysis(other)).encode()
     rebased = rebase_inp(base, analysis.motion, Request(afferents=nodes))

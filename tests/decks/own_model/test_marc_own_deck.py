@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from decks.analysis import analyse
 from decks.marc.deck import marc_deck
 from decks.motion import motion_of
-from decks.numbered import numbered
 from decks.own_model.marc_dat import rebase_marc
 from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
@@ -27,7 +26,7 @@ def probe(request):
 
 @pytest.fixture(scope="module")
 def deck(probe):
-    return marc_deck(numbered(ANALYSIS), probe=probe).encode("ascii")
+    return marc_deck(ANALYSIS, probe=probe).encode("ascii")
 
 
 def test_its_own_waveform_changes_no_byte(deck):
@@ -38,7 +37,7 @@ def test_another_waveform_makes_it_the_deck_written_for_that(deck, probe):
     motion = motion_of(SINE)
     rebased = rebase_marc(deck, motion, Request()).deck
     analysis = replace(ANALYSIS, motion=motion)
-    written = marc_deck(numbered(analysis), probe=probe).encode("ascii")
+    written = marc_deck(analysis, probe=probe).encode("ascii")
     assert data_of(rebased) == data_of(written)
     assert rebased != deck
 
@@ -49,7 +48,7 @@ def data_of(deck):
 
 
 def test_the_afferents_are_where_the_mesh_has_them(deck):
-    nodes = numbered(ANALYSIS).afferent
+    nodes = ANALYSIS.afferent
     request = Request(afferents={name.upper(): node for name, node in nodes.items()})
     places = rebase_marc(deck, motion_of(NOISE), request).place_mm
     for name, node in nodes.items():
