@@ -18,10 +18,10 @@ from pathlib import Path
 from decks.finger import Finger, Resolution
 from decks.presets import QUICK
 from fembridge.build import model_of
+from fembridge.report.indent import indent
+from fembridge.report.runs import Runs
 from fembridge.sensitivity.words import parameter_words, signed
 from fembridge.sweep import Variant, read_study
-from fembridge.verification.bench import Bench
-from fembridge.verification.indent import indent
 
 
 def finer(resolution: Resolution) -> Resolution:
@@ -47,7 +47,7 @@ def shaped(variants: Sequence[Variant]) -> list[Variant]:
 
 def table(study: Path, folder: Path) -> list[str]:
     """Solve what is not solved, and give the lines of the table."""
-    bench = Bench(folder, quick=True)
+    runs = Runs(folder, quick=True)
     variants = shaped(read_study(study).variants)
     afferents = list(variants[0].finger.afferents)
     columns: dict[str, list[str]] = {each.told: [] for each in variants}
@@ -57,7 +57,7 @@ def table(study: Path, folder: Path) -> list[str]:
         for variant in variants:
             finger = replace(variant.finger, resolution=change(variant.finger.resolution))
             name = f"{mesh}_{variant.told}".replace("=", "_").replace(".", "_")
-            pressed = indent(bench, name, model_of(finger))
+            pressed = indent(runs, name, model_of(finger))
             print(f"{mesh} {variant.told}: {pressed.elements}", file=sys.stderr)
             if first is None:
                 first = pressed

@@ -14,6 +14,7 @@ WANTED = (
     "fembridge/response/maps/paper.toml",
     "fembridge/touchsim/rates.csv",
     "fembridge/validation/style.css",
+    "fembridge/report/verification.md.j2",
     "fembridge/deflection/profiles/quick.toml",
     "neural/fitted.toml",
     "fembridge/cli.py",

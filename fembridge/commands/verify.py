@@ -40,12 +40,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the studies and the page; the summary holds each check."""
+    import os
     from pathlib import Path
 
     from fembridge.errors import UsageError
     from fembridge.progress import SolverBars
-    from fembridge.verification.report import PAGE_FILE, summary_of, write_report
-    from fembridge.verification.verify import cores, verify, versions_here
+    from fembridge.report.verify import (
+        PAGE_FILE,
+        STUDIES,
+        summary_of,
+        verify,
+        versions_here,
+        write_report,
+    )
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
@@ -55,24 +62,25 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             folder,
             args.only,
             quick=args.quick,
-            jobs=args.jobs or cores(),
+            jobs=args.jobs or len(os.sched_getaffinity(0)),
             on_progress=bars,
-            tell=lambda line: print(line, file=sys.stderr, flush=True),
+            log=lambda line: print(line, file=sys.stderr, flush=True),
         )
     versions = versions_here()
     write_report(folder, findings, versions, quick=args.quick)
     summary = summary_of(findings, versions, quick=args.quick)
     failed = [
-        (finding, check) for finding in findings for check in finding.checks if not check.passed
+        (n, check) for n, found in findings.items() for check in found.checks if not check.passed
     ]
     if not args.json:
-        for finding in findings:
-            kept = sum(check.passed for check in finding.checks)
-            state = finding.skipped or f"{kept} of {len(finding.checks)} checks"
-            print(f"{finding.name:<16}{state}")
-        for finding, check in failed:
+        for study in STUDIES:
+            if finding := findings.get(study.name):
+                passed = sum(check.passed for check in finding.checks)
+                state = finding.skipped or f"{passed} of {len(finding.checks)} checks"
+                print(f"{study.name:<16}{state}")
+        for name, check in failed:
             print(
-                f"fails: {finding.name}: {check.what}: {check.found:.3g} {check.unit}, "
+                f"fails: {name}: {check.what}: {check.found:.3g} {check.unit}, "
                 f"expected {check.side} {check.bound:g}"
             )
         print(f"{PAGE_FILE}: {folder}")

@@ -9,6 +9,7 @@ import numpy as np
 from decks.analysis import analyse
 from decks.dialects import JOB
 from fembridge.build import Model, inputs_of
+from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed.dat import read_total_force
 from fembridge.results.stress import von_mises_pa
@@ -16,7 +17,6 @@ from fembridge.run_folder import read_run_folder
 from fembridge.solvers.workplace import LOG_FILE
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
-from fembridge.verification.bench import Attempt, Bench, Cost
 
 AFFERENTS = ("SA", "RA", "PC")
 DEPTH_UM = 200.0
@@ -52,37 +52,35 @@ class Indented:
         return last
 
 
-def way(depths_um: FloatArray, name: str) -> Stimulus:
-    """Give a probe's way through `depths_um` ``(T,)``, the first of them 0."""
+def through(depths_um: FloatArray, name: str) -> Stimulus:
+    """Stimulus that moves the probe through `depths_um` ``(T,)``, the first of them 0."""
     return Stimulus(name, depths_um, _DT_MS, (0.0, (depths_um.size - 1) * _DT_MS))
 
 
 def down(depth_um: float = DEPTH_UM, steps: int = STEPS) -> Stimulus:
-    """Give the way down to `depth_um` in equal steps."""
-    return way(np.linspace(0.0, depth_um, steps + 1), f"down_{depth_um:g}")
+    """Stimulus that moves the probe down to `depth_um` in equal steps."""
+    return through(np.linspace(0.0, depth_um, steps + 1), f"down_{depth_um:g}")
 
 
 def indent(
-    bench: Bench, name: str, model: Model, stimulus: Stimulus | None = None, *, law: str = "linear"
+    runs: Runs, name: str, model: Model, stimulus: Stimulus | None = None, *, law: str = "linear"
 ) -> Indented:
-    """Solve and read it.
+    """Solve and read one indentation.
 
     Raises
     ------
     SolverError
         The run is not accepted.
     """
-    stimulus = stimulus or down(steps=STEPS_QUICK if bench.quick else STEPS)
-    attempt = attempt_indent(bench, name, model, stimulus, law=law)
-    if attempt.failure is not None:
-        raise attempt.to_error()
+    stimulus = stimulus or down(steps=STEPS_QUICK if runs.quick else STEPS)
+    attempt = attempt_indent(runs, name, model, stimulus, law=law).accepted()
     return read_indented(attempt, model, stimulus)
 
 
 def attempt_indent(
-    bench: Bench, name: str, model: Model, stimulus: Stimulus, *, law: str = "linear"
+    runs: Runs, name: str, model: Model, stimulus: Stimulus, *, law: str = "linear"
 ) -> Attempt:
-    """Solve it, and give a failure instead of raising it."""
+    """Solve one indentation; a failure is in the attempt."""
     analysis = analyse(
         model.finger,
         model.mesh,
@@ -93,11 +91,11 @@ def attempt_indent(
         law=law,
     )
     inputs = {"law": law, **inputs_of(model, stimulus)}
-    return bench.attempt(name, analysis, stimulus, inputs)
+    return runs.attempt(name, analysis, stimulus, inputs)
 
 
 def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indented:
-    """Read what a run gave, with the state at rest in front."""
+    """Result of an accepted run, with the state at rest in front."""
     run = read_run_folder(attempt.folder)
     nodes = [place.node for place in run.afferents]
     read = read_stress_and_displacement(run.results, nodes, [run.apex_node])
@@ -114,7 +112,7 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
 
 
 def read_touching(log: Path) -> int:
-    """Give the last number of contact springs that CalculiX told of."""
+    """Last number of contact springs in CalculiX's log."""
     numbers = _SPRINGS.findall(log.read_text(encoding="utf-8", errors="replace"))
     return int(numbers[-1]) if numbers else 0
 

@@ -28,11 +28,6 @@ class Extrapolation:
     order: float
     uncertainty_percent: float
 
-    @property
-    def closes_in(self) -> bool:
-        """Whether the series has a limit."""
-        return not math.isnan(self.limit)
-
 
 def extrapolation(width: FloatArray, value: FloatArray) -> Extrapolation:
     """Extrapolate `value` ``(K,)`` at falling element widths ``(K,)`` to width 0.
@@ -49,7 +44,7 @@ def extrapolation(width: FloatArray, value: FloatArray) -> Extrapolation:
 
 
 def power_law_limit(width: FloatArray, value: FloatArray, order: float) -> tuple[float, float]:
-    """Fit ``limit + c width**order`` to all values; give the limit and its error.
+    """Limit of ``limit + c width**order`` fitted to all values, and its error.
 
     For series that scatter: least squares over ``(K,)`` values, K > 2. The error is
     the standard error of the limit.

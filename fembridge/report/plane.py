@@ -39,7 +39,7 @@ class PlaneProblem:
     increments: int = 1
 
     def deck(self) -> str:
-        """Give the text of the deck; its step lasts a second an increment."""
+        """Text of the deck; its step lasts a second an increment."""
         end = float(self.increments)
         blocks: tuple[Iterable[str], ...] = (
             ("*NODE, NSET=ALL",),
@@ -76,7 +76,7 @@ class PlaneProblem:
 
 
 def material_lines(material: Material, law: str) -> Iterator[str]:
-    """Give the law of a material as a deck has it."""
+    """Lines of a deck with the law of a material."""
     if law == NEO_HOOKEAN:
         c10_mpa, d1_per_mpa = neo_hookean(material)
         yield "*HYPERELASTIC, NEO HOOKE"

@@ -7,23 +7,21 @@ thread: only then is the processor time of a child process that of one run.
 
 import hashlib
 import resource
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from decks.analysis import Analysis
-from decks.calculix.deck import calculix_deck
 from decks.dialects import JOB
 from fembridge.build import build_analysis_folder
-from fembridge.errors import DeckError, SolverError
+from fembridge.errors import ResponseError
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
 from fembridge.solvers.calculix import attempt_calculix
 from fembridge.solvers.outcome import Failure, Outcome
 from fembridge.solvers.record import finished_outcome
 from fembridge.solvers.watchdog import Limits, OnProgress
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, write_text
+from fembridge.store import filling, read_toml, write_text
 from fembridge.typing import Table
 
 COST_FILE = "cost.toml"
@@ -61,13 +59,15 @@ class Attempt:
     cost: Cost
     failure: Failure | None = None
 
-    def to_error(self) -> SolverError:
-        """Turn a failure into the error that names folder and cause."""
-        return Outcome(self.folder, self.failure).to_error()
+    def accepted(self) -> "Attempt":
+        """The run itself, or the `SolverError` that names folder and cause."""
+        if self.failure is not None:
+            raise Outcome(self.folder, self.failure).to_error()
+        return self
 
 
-class Bench:
-    """Where the runs of one study are made; `quick` asks for fewer and shorter ones."""
+class Runs:
+    """The runs of one study under `folder`; `quick` asks for fewer and shorter ones."""
 
     def __init__(
         self,
@@ -75,23 +75,13 @@ class Bench:
         *,
         quick: bool = False,
         on_progress: OnProgress | None = None,
-        tell: Callable[[str], None] = lambda line: None,
+        log: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.folder = folder
         self.quick = quick
-        self.tell = tell
+        self.log = log
         self.spent = Cost()
         self._on_progress = on_progress
-
-    def solve(self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table) -> Attempt:
-        """Solve `analysis` in the folder `name`, or raise what `attempt` found.
-
-        Raises
-        ------
-        SolverError
-            The run is not accepted.
-        """
-        return _accepted(self.attempt(name, analysis, stimulus, inputs))
 
     def attempt(self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table) -> Attempt:
         """Solve `analysis`, which prescribes `stimulus`, in the folder `name`."""
@@ -121,28 +111,10 @@ class Bench:
         with filling(place, last=RUN_FILE) as draft:
             write_text(draft / f"{JOB}.inp", deck)
             replace(run, folder=draft).write()
-        return _accepted(self._made(read_run_folder(place)))
-
-    def solve_changed(
-        self, name: str, analysis: Analysis, stimulus: Stimulus, words: tuple[str, str]
-    ) -> Attempt:
-        """Solve the deck of `analysis` with the first of `words` put by the second.
-
-        For what no deck of ours has: the words stand in the deck once.
-
-        Raises
-        ------
-        SolverError
-            The run is not accepted.
-        """
-        deck = calculix_deck(analysis)
-        if deck.count(words[0]) != 1:
-            raise DeckError(f"{name}: {words[0]!r} stands {deck.count(words[0])} times")
-        increments = analysis.motion.increments
-        return self.solve_deck(name, deck.replace(*words), increments, stimulus.dt_ms)
+        return self._made(read_run_folder(place)).accepted()
 
     def _made(self, run: RunFolder) -> Attempt:
-        """Take the run that stands there, if it is whole, or make it."""
+        """Make a run, or take the one in its folder if that is whole."""
         outcome = finished_outcome(run)
         cpu_s = None if outcome is None else _kept_cpu_s(run)
         if outcome is None or cpu_s is None:
@@ -155,20 +127,11 @@ class Bench:
             )
             cpu_s = _children_s() - before_s
             if outcome.accepted:
-                _keep(run, cpu_s)
-        cost = _cost(outcome, cpu_s)
+                text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'
+                write_text(run.folder / COST_FILE, text)
+        cost = Cost(outcome.increments, outcome.iterations, outcome.wall_s, cpu_s)
         self.spent += cost
         return Attempt(run.folder, cost, outcome.failure)
-
-
-def _accepted(attempt: Attempt) -> Attempt:
-    if attempt.failure is not None:
-        raise attempt.to_error()
-    return attempt
-
-
-def _cost(outcome: Outcome, cpu_s: float) -> Cost:
-    return Cost(outcome.increments, outcome.iterations, outcome.wall_s, cpu_s)
 
 
 def _children_s() -> float:
@@ -177,17 +140,10 @@ def _children_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _keep(run: RunFolder, cpu_s: float) -> None:
-    text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'
-    write_text(run.folder / COST_FILE, text)
-
-
 def _kept_cpu_s(run: RunFolder) -> float | None:
     """Processor time on record; None where there is none of this deck."""
     try:
-        table = tomllib.loads((run.folder / COST_FILE).read_text(encoding="utf-8"))
-        if table["deck_sha256"] != run.deck_sha256:
-            return None
-        return float(table["cpu_s"])
-    except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
+        table = read_toml(run.folder / COST_FILE, ResponseError)
+        return float(table["cpu_s"]) if table["deck_sha256"] == run.deck_sha256 else None
+    except (ResponseError, KeyError, TypeError, ValueError):
         return None

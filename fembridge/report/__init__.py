@@ -1,0 +1,1 @@
+"""Two reports: `verify`, is the model solved right; `validate`, does it fire like skin."""

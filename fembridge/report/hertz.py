@@ -1,0 +1,353 @@
+"""Study: Hertz line contact at three sizes of elements, against the closed form.
+
+A cylinder of radius R pressed with P per unit length into a half plane touches it
+over 2a with the pressure ``p(x) = p0 sqrt(1 - x^2 / a^2)``:
+
+    a = sqrt(4 P R / (pi E*)),  p0 = sqrt(P E* / (pi R)),  E* = E / (1 - nu^2)
+
+and below its middle, with ``s = sqrt(1 + (z/a)^2)``, the stresses are
+
+    across: -p0 ((s^2 + (z/a)^2) / s - 2 z/a),   along: -p0 / s
+
+(K. L. Johnson, Contact Mechanics, 1985, section 4.2). What it leaves out is kept
+small here: friction and large strain are off; the block reaches 240 a to each side;
+a/R is 0.01, since points of the surface move towards the middle by a share that goes
+with it; the springs of the contact give 4e-4; the probe is a polygon with four sides to
+an element.
+
+Pressure is measured as forces on the probe's corners, gathered to the nearest nodes of
+the block. Half the width is that of the half ellipse of the same second moment,
+``P a^2 / 4``; the peak is the end of the straight line that ``p^2`` is in ``x^2``.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from decks.analysis import Analysis, Contact
+from decks.calculix.deck import calculix_deck
+from decks.dialects import JOB
+from decks.finger import AfferentSite, Bone, Finger, Outline
+from decks.material import Material
+from decks.meshing.mesh import Mesh
+from decks.motion import motion_of
+from decks.presets import QUICK
+from decks.probe import ProbeMesh
+from fembridge.report.extrapolation import extrapolation
+from fembridge.report.runs import Runs
+from fembridge.report.study import AT_LEAST, Check, Finding, exact, finish, line, panels
+from fembridge.results.frd import read_stress_tensor
+from fembridge.results.printed.dat import read_node_print
+from fembridge.results.stress import von_mises_pa
+from fembridge.stimulus import Stimulus
+from fembridge.typing import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RADIUS_MM = 40.0
+MATERIAL = Material(500.0, 0.3)
+E_STAR_MPA = MATERIAL.young_mpa / (1 - MATERIAL.poisson**2)
+STIFFNESS_MPA_PER_MM = 2.0e6
+DEPTH_UM = 11.25
+INCREMENTS = 2
+BLOCK_MM = 96.0
+# The contact reaches about 0.4 mm to both sides; elements are even to here.
+EVEN_MM = 0.64
+# Coarsest element; finer meshes halve every element of it.
+COARSE_MM = 0.08
+# Places on the axis that are nodes of every mesh.
+AXIS_MM = (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64)
+HALVINGS = (0, 1, 2)
+BOUND_PERCENT = 1.0
+LEAST_ORDER = 1.5
+
+_GROWTH = 1.5
+_SIDES_PER_ELEMENT = 4
+_PROBE_HALF_MM = 1.28
+_PROBE_BODY_MM = 1.0
+_DERMIS = 2
+_INNER_SHARE = 0.9
+_FORCE = "force at the same depth"
+_PRINTS = ("*NODE PRINT, NSET=PROBE, TOTALS=ONLY", "*NODE PRINT, NSET=PROBE")
+
+
+@dataclass(frozen=True, slots=True)
+class Hertz:
+    """The closed form for a force per mm of length."""
+
+    force_n_per_mm: float
+
+    @property
+    def half_width_mm(self) -> float:
+        """Half the width of the contact."""
+        share = 4 * self.force_n_per_mm * RADIUS_MM / (np.pi * E_STAR_MPA)
+        return float(np.sqrt(share))
+
+    @property
+    def peak_mpa(self) -> float:
+        """Pressure in the middle."""
+        return float(np.sqrt(self.force_n_per_mm * E_STAR_MPA / (np.pi * RADIUS_MM)))
+
+    def pressure_mpa(self, x_mm: FloatArray) -> FloatArray:
+        """Pressure at `x_mm` from the middle; 0 outside the contact."""
+        inside = np.clip(1 - (x_mm / self.half_width_mm) ** 2, 0.0, None)
+        pressure: FloatArray = self.peak_mpa * np.sqrt(inside)
+        return pressure
+
+    def axis_mpa(self, depth_mm: FloatArray) -> FloatArray:
+        """Stress tensors ``(Z, 6)`` below the middle, xx yy zz xy yz zx."""
+        depth = depth_mm / self.half_width_mm
+        stretch = np.sqrt(1 + depth**2)
+        across = -self.peak_mpa * ((stretch**2 + depth**2) / stretch - 2 * depth)
+        along = -self.peak_mpa / stretch
+        zero = np.zeros_like(across)
+        out = MATERIAL.poisson * (across + along)
+        return np.stack([across, along, out, zero, zero, zero], -1)
+
+    def von_mises_mpa(self, depth_mm: FloatArray) -> FloatArray:
+        """Von Mises stress ``(Z,)`` below the middle."""
+        return von_mises_pa(self.axis_mpa(depth_mm))
+
+
+@dataclass(frozen=True, slots=True)
+class Pressed:
+    """What one mesh gives: `pressure_mpa` at `x_mm`, `von_mises_mpa` on the axis."""
+
+    width_mm: float
+    elements: int
+    form: Hertz
+    x_mm: FloatArray
+    pressure_mpa: FloatArray
+    von_mises_mpa: FloatArray
+
+    @property
+    def half_width_mm(self) -> float:
+        """Of the half ellipse with the same second moment."""
+        moment = (self.pressure_mpa * self.x_mm**2).sum() / self.pressure_mpa.sum()
+        return float(2 * np.sqrt(moment))
+
+    @property
+    def peak_mpa(self) -> float:
+        """End of the line of squared pressure over squared distance."""
+        inner = np.abs(self.x_mm) < _INNER_SHARE * self.form.half_width_mm
+        fitted = np.polyfit(self.x_mm[inner] ** 2, self.pressure_mpa[inner] ** 2, 1)
+        return float(np.sqrt(fitted[1]))
+
+    @property
+    def axis_share(self) -> FloatArray:
+        """Von Mises stress on the axis over that of the closed form."""
+        share: FloatArray = self.von_mises_mpa / self.form.von_mises_mpa(np.array(AXIS_MM))
+        return share
+
+    def errors_percent(self) -> tuple[float, float, float]:
+        """Of half width, peak, and von Mises stress where it is furthest off."""
+        off = self.axis_share - 1
+        return (
+            100 * (self.half_width_mm / self.form.half_width_mm - 1),
+            100 * (self.peak_mpa / self.form.peak_mpa - 1),
+            100 * float(off[np.abs(off).argmax()]),
+        )
+
+
+def study(runs: Runs) -> Finding:
+    """Press at three sizes of elements."""
+    from pandas import DataFrame
+
+    meshes = [_pressed(runs, count) for count in HALVINGS]
+    finest = meshes[-1]
+    width = np.array([mesh.width_mm for mesh in meshes])
+    errors = np.array([mesh.errors_percent() for mesh in meshes])
+    share = np.array([mesh.axis_share for mesh in meshes])
+    force = np.array([mesh.form.force_n_per_mm for mesh in meshes])
+    series = {
+        _FORCE: force / force[-1],
+        "half width": 1 + errors[:, 0] / 100,
+        "peak pressure": 1 + errors[:, 1] / 100,
+        **{
+            f"von Mises stress, {depth:g} mm deep": share[:, AXIS_MM.index(depth)]
+            for depth in (0.16, 0.32, 0.64)
+        },
+    }
+    orders = {what: extrapolation(width, value) for what, value in series.items()}
+    quantities = ("half width", "peak pressure", "von Mises stress on the axis")
+    return Finding(
+        checks=(
+            *(
+                Check(f"{what}, finest mesh: error", abs(float(off)), BOUND_PERCENT, "%")
+                for what, off in zip(quantities, errors[-1], strict=True)
+            ),
+            Check(
+                f"observed order of the {_FORCE}", orders[_FORCE].order, LEAST_ORDER, side=AT_LEAST
+            ),
+        ),
+        tables={
+            "hertz": DataFrame(
+                {
+                    "element_mm": width,
+                    "elements": [mesh.elements for mesh in meshes],
+                    "force_n_per_mm": force,
+                    "half_width_mm": [mesh.half_width_mm for mesh in meshes],
+                    "half_width_percent": errors[:, 0],
+                    "peak_mpa": [mesh.peak_mpa for mesh in meshes],
+                    "peak_percent": errors[:, 1],
+                    "von_mises_percent": errors[:, 2],
+                }
+            ),
+            "hertz_order": DataFrame(
+                [
+                    (what, each.order, each.limit, each.uncertainty_percent)
+                    for what, each in orders.items()
+                ],
+                columns=["quantity", "order", "limit_of_ratio", "index_percent"],
+            ),
+        },
+        numbers={
+            "radius_mm": RADIUS_MM,
+            "depth_um": DEPTH_UM,
+            "axis_mm": [AXIS_MM[0], AXIS_MM[-1]],
+            "element_mm": finest.width_mm,
+            "across": 2 * finest.form.half_width_mm / finest.width_mm,
+            "errors_percent": errors[-1].tolist(),
+            "force_order": orders[_FORCE].order,
+        },
+        figure=_figure(meshes, errors, width),
+    )
+
+
+def _pressed(runs: Runs, halvings: int) -> Pressed:
+    analysis, stimulus = pressed(halvings)
+    runs.log(f"hertz: {analysis.title}, {len(analysis.mesh.quad)} elements")
+    deck = calculix_deck(analysis).replace(*_PRINTS)
+    increments = analysis.motion.increments
+    folder = runs.solve_deck(f"hertz/{halvings}", deck, increments, stimulus.dt_ms).folder
+    _, _, forces_n = read_node_print(folder / f"{JOB}.dat", "forces", "PROBE")
+    lower_n = np.abs(forces_n[-1, analysis.probe_mesh.lower_node, 1])
+    width_mm = element_mm(halvings)
+    x_mm, pressure_mpa = _gathered(analysis, lower_n, width_mm)
+    nodes = list(analysis.afferent.values())
+    _, tensor_pa = read_stress_tensor(folder / f"{JOB}.frd", nodes)
+    return Pressed(
+        width_mm=width_mm,
+        elements=len(analysis.mesh.quad),
+        form=Hertz(float(lower_n.sum())),
+        x_mm=x_mm,
+        pressure_mpa=pressure_mpa,
+        von_mises_mpa=von_mises_pa(tensor_pa[-1]) * 1e-6,
+    )
+
+
+def _gathered(
+    analysis: Analysis, force_n: FloatArray, width_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Places of the block's nodes, and the pressure of the probe's corners nearest to each."""
+    at_mm = analysis.probe_mesh.node_mm[analysis.probe_mesh.lower_node, 0]
+    cell = np.rint(at_mm / width_mm).astype(np.int64)
+    cells = np.arange(cell.min(), cell.max() + 1)
+    total_n = np.bincount(cell - cell.min(), weights=force_n, minlength=len(cells))
+    return cells * width_mm, total_n / width_mm
+
+
+def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> "Figure":
+    form = meshes[-1].form
+    across = np.linspace(-1.3, 1.3, 261)
+    depth_mm = np.linspace(0.0, EVEN_MM, 161)
+    figure, (pressure, stress, convergence) = panels(3)
+    pressure.plot(
+        across,
+        form.pressure_mpa(across * form.half_width_mm) / form.peak_mpa,
+        label="closed form",
+        **exact(),
+    )
+    stress.plot(
+        depth_mm / form.half_width_mm,
+        form.von_mises_mpa(depth_mm) / form.peak_mpa,
+        label="closed form",
+        **exact(),
+    )
+    for row, mesh in enumerate((meshes[0], meshes[-1]), start=1):
+        near = np.abs(mesh.x_mm) < 1.3 * form.half_width_mm
+        style = {"label": f"elements of {mesh.width_mm:g} mm", **line(row, mark="dots")}
+        half_mm, peak_mpa = mesh.form.half_width_mm, mesh.form.peak_mpa
+        pressure.plot(mesh.x_mm[near] / half_mm, mesh.pressure_mpa[near] / peak_mpa, **style)
+        stress.plot(np.array(AXIS_MM) / half_mm, mesh.von_mises_mpa / peak_mpa, **style)
+    for row, what in enumerate(("half width", "peak pressure", "von Mises stress")):
+        convergence.plot(width, errors[:, row], label=what, **line(row))
+    finish(pressure, "x / a", "pressure / p0")
+    finish(stress, "depth / a", "von Mises stress / p0")
+    finish(convergence, "element (mm)", "error (%)", log="x")
+    return figure
+
+
+def pressed(halvings: int) -> tuple[Analysis, Stimulus]:
+    """Analysis of the cylinder on the block whose elements were halved so often."""
+    mesh = _block(halvings)
+    stimulus = Stimulus("hertz", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS))
+    finger = Finger(
+        "block",
+        outline=Outline(50.0, 50.0),
+        bone=Bone(depth_mm=50.0),
+        materials={**QUICK.materials, "dermis": MATERIAL},
+        afferents={f"Z{row}": AfferentSite("dermis", 0.0, at) for row, at in enumerate(AXIS_MM)},
+    )
+    edge, owner, face = mesh.outline()
+    middle_mm = mesh.node_mm[edge].mean(axis=1)
+    top = (middle_mm[:, 1] == 0) & (np.abs(middle_mm[:, 0]) < EVEN_MM)
+    analysis = Analysis(
+        title=f"Hertz, elements of {element_mm(halvings):g} mm",
+        finger=finger,
+        mesh=mesh,
+        probe_mesh=_cylinder(element_mm(halvings) / _SIDES_PER_ELEMENT),
+        motion=motion_of(stimulus),
+        contact=Contact(stiffness_mpa_per_mm=STIFFNESS_MPA_PER_MM, friction=0.0),
+        element="CPE4",
+        afferent_row={name: mesh.node_at(site) for name, site in finger.afferents.items()},
+        apex_row=int(np.flatnonzero((mesh.node_mm == 0.0).all(axis=1))[0]),
+        fixed_row=np.flatnonzero(mesh.node_mm[:, 1] == -BLOCK_MM),
+        contact_edge=np.stack([owner[top], face[top]], -1),
+        large_strain=False,
+    )
+    return analysis, stimulus
+
+
+def element_mm(halvings: int) -> float:
+    """Width of the elements under the probe."""
+    return float(COARSE_MM / 2**halvings)
+
+
+def _block(halvings: int) -> Mesh:
+    """Mesh of a rectangle below y = 0, its elements square near the origin."""
+    right = _ticks(halvings)
+    x_mm = np.concatenate([-right[:0:-1], right])
+    at = np.stack(np.meshgrid(x_mm, -right), -1).reshape(-1, 2)
+    row, column = np.indices((len(right) - 1, len(x_mm) - 1)).reshape(2, -1)
+    upper = row * len(x_mm) + column
+    lower = upper + len(x_mm)
+    quad = np.stack([lower, lower + 1, upper + 1, upper], -1)
+    return Mesh(np.round(at, 9) + 0.0, quad, np.full(len(quad), _DERMIS))
+
+
+def _ticks(halvings: int) -> FloatArray:
+    """From 0 to the block's end: even ones, then growing ones, each halved."""
+    even = np.linspace(0.0, EVEN_MM, round(EVEN_MM / COARSE_MM) + 1)
+    reach = np.cumsum(COARSE_MM * _GROWTH ** np.arange(1, 60))
+    count = int(np.searchsorted(reach, BLOCK_MM - EVEN_MM)) + 1
+    far = EVEN_MM + reach[:count] * (BLOCK_MM - EVEN_MM) / reach[count - 1]
+    ticks = np.concatenate([even, far])
+    for _ in range(halvings):
+        ticks = np.sort(np.concatenate([ticks, 0.5 * (ticks[1:] + ticks[:-1])]))
+    return ticks
+
+
+def _cylinder(side_mm: float) -> ProbeMesh:
+    """Mesh of the lowest part of the cylinder, its corners `side_mm` apart in x."""
+    count = round(_PROBE_HALF_MM / side_mm)
+    x_mm = np.linspace(-_PROBE_HALF_MM, _PROBE_HALF_MM, 2 * count + 1)
+    lower = np.stack([x_mm, RADIUS_MM - np.sqrt(RADIUS_MM**2 - x_mm**2)], -1)
+    left = np.arange(2 * count)
+    above = left + 2 * count + 1
+    return ProbeMesh(
+        np.round(np.concatenate([lower, lower + np.array([0.0, _PROBE_BODY_MM])]), 9),
+        np.stack([left, left + 1, above + 1, above], -1),
+    )

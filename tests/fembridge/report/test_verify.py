@@ -1,0 +1,369 @@
+"""`fembridge verify`: what studies give to the solver, what is kept, and what the page holds."""
+
+import argparse
+import csv
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose
+from pandas import DataFrame
+
+from decks.material import Material
+from decks.presets import PAPER
+from fembridge.commands import verify as command
+from fembridge.errors import MissingError, UsageError
+from fembridge.report import contact, laws, patch
+from fembridge.report import verify as module
+from fembridge.report.indent import Indented, read_touching
+from fembridge.report.map_and_transient import Compared, MapCost, finding_of
+from fembridge.report.mesh_convergence import member
+from fembridge.report.plane import PlaneProblem, neo_hookean
+from fembridge.report.runs import Cost, Runs
+from fembridge.report.study import AT_LEAST, Check, Finding
+from fembridge.report.verify import STUDIES, studies_named, summary_of, verify, write_report
+from fembridge.stimulus import Stimulus
+from fembridge.trace import StressTrace
+
+VERSIONS = {"fembridge": "1.2", "CalculiX": "2.20"}
+
+
+@pytest.fixture
+def small_finding():
+    """What the study `patch` gives here: one check that it keeps, one that it does not."""
+    columns = ["element", "patch", "strain", "displacement_mm", "stress"]
+    return Finding(
+        checks=(Check("difference", 1.0, 1.5, "mm"), Check("ratio", 2.0, 3.0, side=AT_LEAST)),
+        tables={
+            "patch": DataFrame(
+                [("one", "a", "b", -0.012, 3.0), ("two", "a", "b", math.nan, 4.0)],
+                columns=columns,
+            )
+        },
+        numbers={"failed_percent": 1.25},
+        figure=Figure(figsize=(1, 1)),
+        cost=Cost(10, 23, 4.5, 3.25),
+    )
+
+
+@pytest.fixture
+def made(monkeypatch, small_finding):
+    """Put a study that gives the small finding for `patch`; collect its calls."""
+    calls = []
+
+    def study(runs):
+        calls.append(runs)
+        return small_finding
+
+    monkeypatch.setattr(patch, "study", study)
+    monkeypatch.setattr(module, "versions_here", lambda: VERSIONS)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("found", "side", "passed"),
+    [
+        (1.0, "at most", True),
+        (1.1, "at most", False),
+        (1.0, AT_LEAST, True),
+        (0.9, AT_LEAST, False),
+        (math.nan, "at most", False),
+        (math.nan, AT_LEAST, False),
+    ],
+)
+def test_a_check_is_passed_when_its_bound_is_kept_and_never_without_a_number(found, side, passed):
+    check = Check("a", found, 1.0, side=side)
+    assert check.passed == passed
+    assert Finding(checks=(check,)).to_frame()["passed"].tolist() == [passed]
+
+
+def test_studies_come_in_the_order_of_the_page_and_have_one_name_each():
+    names = [study.name for study in STUDIES]
+    assert len(set(names)) == len(names) == 9
+    assert [s.name for s in studies_named(["laws", "patch"])] == ["patch", "laws"]
+    assert studies_named(None) == STUDIES
+    with pytest.raises(UsageError, match="'patsch'"):
+        studies_named(["patsch"])
+
+
+def test_without_a_solver_the_line_that_installs_one_is_given(monkeypatch, tmp_path):
+    monkeypatch.setattr(module, "find_ccx", lambda: None)
+    with pytest.raises(MissingError, match="apt-get"):
+        verify(tmp_path, ["patch"])
+
+
+def test_a_finished_study_is_not_made_again_and_comes_back_equal(made, tmp_path, small_finding):
+    verify(tmp_path, ["patch"])
+    log = []
+    found = verify(tmp_path, ["patch"], log=log.append)["patch"]
+    assert len(made) == 1
+    assert log == ["patch: finished before"]
+    assert found.checks == small_finding.checks
+    assert found.numbers == small_finding.numbers
+    table, expected = found.tables["patch"], small_finding.tables["patch"]
+    assert table.to_csv() == expected.to_csv()
+    assert (table.dtypes == expected.dtypes).all()
+
+
+def test_a_quick_finding_is_not_taken_for_a_whole_one_nor_one_without_its_picture(made, tmp_path):
+    verify(tmp_path, ["patch"], quick=True)
+    verify(tmp_path, ["patch"])
+    (tmp_path / "images" / "verification_patch.png").unlink()
+    verify(tmp_path, ["patch"])
+    assert [runs.quick for runs in made] == [True, False, False]
+
+
+@pytest.mark.parametrize("damage", ["edited", "cut"])
+def test_a_finding_that_was_damaged_is_recomputed_and_logged(made, tmp_path, damage):
+    verify(tmp_path, ["patch"])
+    path = tmp_path / "findings" / "patch.toml"
+    content = path.read_bytes()
+    assert content.count(b"found = 2.0") == 1
+    edited = content.replace(b"found = 2.0", b"found = 4.0")
+    path.write_bytes(edited if damage == "edited" else content[: len(content) // 2])
+    log = []
+    found = verify(tmp_path, ["patch"], log=log.append)["patch"]
+    assert len(made) == 2
+    assert "patch.toml" in log[0]
+    assert found.checks[1].found == 2.0
+
+
+def test_the_page_and_its_files_hold_the_checks_and_the_numbers(small_finding, tmp_path):
+    for place in ("a", "b"):
+        write_report(tmp_path / place, {"patch": small_finding}, VERSIONS, quick=False)
+    page = (tmp_path / "a" / "verification.md").read_text(encoding="utf-8")
+    link = "[1. Patch test](#1-patch-test)"
+    for line in (
+        f"| {link} | difference | 1 mm | ≤ 1.5 mm | ok |",
+        f"| {link} | ratio | 2 | ≥ 3 | **fails** |",
+        "**1 of 2 checks keep their bound.**",
+        "| element | patch | strain | displacement (mm) | stress |",
+        "| one | a | b | \N{MINUS SIGN}1.2e-02 | 3.0e+00 |",
+        "| two | a | b | – | 4.0e+00 |",
+        "fembridge verify --only patch",
+        "10 increments, 23 iterations, 3 s of processor time.",
+    ):
+        assert line in page.split("\n"), line
+    with (tmp_path / "a" / "tables" / "verification_patch.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows[1:] == [["one", "a", "b", "-0.012", "3.0"], ["two", "a", "b", "", "4.0"]]
+    summary = json.loads((tmp_path / "a" / "verification.json").read_text())
+    assert summary == summary_of({"patch": small_finding}, VERSIONS, quick=False)
+    assert not summary["passed"]
+    assert [check["passed"] for check in summary["studies"][0]["checks"]] == [True, False]
+    for name in ("verification.md", "verification.json"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_a_study_that_was_skipped_says_why_and_has_no_numbers(tmp_path):
+    skipped = Finding(skipped="no such program")
+    page = module.page_text({"solver": skipped}, VERSIONS, quick=True)
+    assert "Skipped: no such program." in page
+    assert "| no such program | | | skipped |" in page
+    assert "verification_solver" not in page
+
+
+def arguments(folder, *words):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    parser.add_argument("--json", action="store_true")
+    return parser.parse_args([*words, "-o", str(folder)])
+
+
+def test_a_check_that_fails_makes_the_exit_code_1(made, tmp_path, capsys):
+    summary = command.run(arguments(tmp_path, "--only", "patch"))
+    assert summary["exit_code"] == 1
+    assert "ratio: 2 , expected at least 3" in capsys.readouterr().out
+    assert (tmp_path / "verification.md").is_file()
+
+
+def test_no_jobs_are_misuse(tmp_path):
+    with pytest.raises(UsageError, match="0"):
+        command.run(arguments(tmp_path, "--jobs", "0"))
+
+
+@pytest.mark.solver
+def test_the_two_cheapest_studies_keep_their_bounds_and_their_whole_runs(tmp_path, monkeypatch):
+    """For real, in two processes; then a verify that was killed, one of its runs damaged."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    words = ("--quick", "--jobs", "2", "--only", "patch", "solver")
+    summary = command.run(arguments(tmp_path, *words))
+    assert summary["exit_code"] == 0
+    one, other = summary["studies"]
+    assert one["increments"] == 45
+    assert other["skipped"] or len(other["checks"]) == 2
+    assert json.loads((tmp_path / "verification.json").read_text())["studies"] == [one, other]
+    assert not list(tmp_path.glob(".*"))
+
+    (tmp_path / "findings" / "patch.toml").unlink()
+    runs = tmp_path / "runs" / "patch"
+    before = {path: path.stat().st_mtime_ns for path in runs.glob("*/job.frd")}
+    assert len(before) == 15
+    damaged = runs / "CPE4_distorted_linear_small" / "job.frd"
+    damaged.write_bytes(damaged.read_bytes()[:-100])
+    found = verify(tmp_path, ["patch"], quick=True)["patch"]
+    assert all(check.passed for check in found.checks)
+    assert [p for p, ns in before.items() if p.stat().st_mtime_ns != ns] == [damaged]
+
+
+def pressed(stress_pa, force_n_per_mm):
+    """What `indent` gives for a stress ``(T, afferent)`` and force that were made up."""
+    depth_um = np.linspace(0, 400, len(stress_pa))
+    cost = Cost(4, 9, 1.0, 1.0)
+    return Indented(100, depth_um, stress_pa, force_n_per_mm, 0.9 * depth_um, 1, cost)
+
+
+def test_springs_in_series_are_extrapolated_to_rigid_contact(monkeypatch, tmp_path):
+    """Stress of 1000 (1 - 5/K) Pa: 2.5 % are lost at 200 MPa/mm."""
+
+    def indent(runs, name, model):
+        loss = 5 / model.contact.stiffness_mpa_per_mm
+        return pressed(1000 * (1 - loss) * np.array([[0, 0, 0], [3.0, 2.0, 1.0]]), np.ones(2))
+
+    monkeypatch.setattr(contact, "indent", indent)
+    found = contact.stiffness(Runs(tmp_path, quick=True))
+    assert_allclose(found.checks[0].found, 2.5)
+    assert_allclose(list(found.tables["penalty"].SA[:-1]), [2.7, 2.85, 2.925, 2.9625])
+    assert_allclose(found.tables["penalty"].iloc[-1, 1:4].astype(float), [3, 2, 1])
+    page = module.page_text({"penalty": found}, VERSIONS, quick=True)
+    assert "| limit | 3.000 | 2.000 | 1.0000 | +0.00 |" in page
+
+
+def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_path):
+    """A neo-Hookean finger that is 0.9, 2 and 4 % softer every 50 um, its force 1 % stiffer."""
+
+    def indent(runs, name, model, stimulus, *, law):
+        steps = np.arange(stimulus.displacement_um.size)[:, None]
+        share = -np.array([0.009, 0.02, 0.04]) * steps if law == "neo-hookean" else 0
+        off = 1 + 0.01 * steps[:, 0] if law == "neo-hookean" else 1
+        return pressed(1000.0 * steps * (1 + share * np.ones(3)), steps[:, 0] * off)
+
+    monkeypatch.setattr(laws, "indent", indent)
+    found = laws.study(Runs(tmp_path, quick=True))
+    assert_allclose(found.checks[0].found, 0, atol=1e-9)
+    assert found.numbers["much_from_um"] == {"SA": 300.0, "RA": 150.0, "PC": 100.0}
+    assert_allclose(found.tables["laws"].PC_percent, [-4, -8, -16, -24, -32])
+    assert_allclose(found.tables["laws"].force_percent, [1, 2, 4, 6, 8])
+    page = module.page_text({"laws": found}, VERSIONS, quick=True)
+    assert "SA from 300 µm on; RA from 150 µm on; PC from 100 µm on." in " ".join(page.split())
+
+
+def test_a_member_of_the_family_is_as_much_coarser_as_its_factor_says():
+    assert member(1.0) == PAPER
+    twice, paper = member(2.0).resolution, PAPER.resolution
+    for name in ("contact_mm", "ridge_mm", "far_mm"):
+        assert_allclose(getattr(twice, name), 2 * getattr(paper, name))
+    for name in ("stratum_corneum_rows", "epidermis_rows", "dermis_rows"):
+        assert 2 * getattr(twice, name) == getattr(paper, name)
+    assert member(2.0).afferents == PAPER.afferents
+
+
+def test_the_last_number_of_springs_in_a_log_counts(tmp_path):
+    log = tmp_path / "solver.log"
+    log.write_text(
+        " Number of contact spring elements=1\n\n iteration 2\n\n"
+        " Number of contact spring elements=3\n done\n"
+    )
+    assert read_touching(log) == 3
+    log.write_text("a log without contact\n")
+    assert read_touching(log) == 0
+
+
+def problem(**changes):
+    return PlaneProblem(
+        **{
+            "kind": "CPE4",
+            "node_mm": np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1.0]]),
+            "element": np.array([[0, 1, 4, 3], [1, 2, 5, 4]]),
+            "materials": (Material(1.0, 0.3), Material(2.0, 0.25)),
+            "element_material": np.array([0, 1]),
+            "moved": np.array([0, 5]),
+            "moved_mm": np.array([[0.0, np.nan], [0.25, -0.5]]),
+            **changes,
+        }
+    )
+
+
+def cards(text, keyword):
+    """Data lines, split, of each card of this name."""
+    found = []
+    for line in text.splitlines():
+        if line.startswith("*"):
+            found.append((line[1:].split(",")[0], []))
+        else:
+            found[-1][1].append([word.strip() for word in line.split(",")])
+    return [rows for name, rows in found if name == keyword]
+
+
+def test_a_deck_prescribes_what_is_given_and_leaves_the_rest_free():
+    text = problem().deck()
+    [boundary] = cards(text, "BOUNDARY")
+    assert [list(map(float, row)) for row in boundary] == [
+        [1, 1, 1, 0.0],
+        [6, 1, 1, 0.25],
+        [6, 2, 2, -0.5],
+    ]
+    assert cards(text, "ELASTIC") == [[["1.0", "0.3"]], [["2.0", "0.25"]]]
+    elements = [row for card in cards(text, "ELEMENT") for row in card]
+    assert [list(map(int, row)) for row in elements] == [[1, 1, 2, 5, 4], [2, 2, 3, 6, 5]]
+
+
+def test_a_neo_hookean_deck_has_half_the_shear_and_two_over_the_bulk_modulus():
+    text = problem(law="neo-hookean", large_strain=True).deck()
+    first, second = cards(text, "HYPERELASTIC")
+    assert_allclose([*map(float, second[0])], [0.5 * 0.8, 2 / (4 / 3)])
+    assert_allclose([*map(float, first[0])], neo_hookean(Material(1.0, 0.3)))
+    assert ", NLGEOM" in text
+    assert "NLGEOM" not in problem().deck()
+
+
+@pytest.fixture
+def compared():
+    stress_pa = np.array([0.0, 100.0, 200.0, 100.0])
+    traces = [StressTrace(stress_pa, 0.5, 3, name) for name in ("SA", "RA", "PC")]
+    depth_um = np.array([0.0, 10.0, 20.0, 10.0])
+    return Compared(
+        finger="quick",
+        stimulus=Stimulus("diharm_10_50_125", depth_um, 0.5, (0.0, 1.5)),
+        contact="node-to-surface",
+        trace_percent={"SA": 0.01, "RA": 0.3, "PC": 0.02},
+        drive_percent={"SA": 0.1, "RA": 0.2, "PC": 0.75},
+        spikes=120,
+        equal=119,
+        more=1,
+        cost=Cost(3, 6, 2.0, 1.5),
+        traces=(traces, traces),
+    )
+
+
+MAPS = {"quick": MapCost(Cost(39, 80, 25.0, 19.0), 1.0)}
+
+
+def test_the_worst_errors_and_every_different_spike_count(compared):
+    """119 of 121 spikes that are in either train: the one and the other is missing."""
+    no_error = {"SA": 0.4, "RA": 0.0, "PC": 0.0}
+    other = replace(compared, trace_percent=no_error, spikes=0, equal=0, more=0)
+    finding = finding_of([compared, other], MAPS)
+    trace, drive, equal = finding.checks[:3]
+    assert (trace.found, drive.found) == (0.4, 0.75)
+    assert_allclose(equal.found, 100 * 119 / 121)
+    assert [check.passed for check in finding.checks[:3]] == [False, True, False]
+    assert finding.tables["map"].solved_ms.tolist() == [1.5, 1.5]
+    assert finding.tables["map"].different.tolist() == [2, 0]
+    page = module.page_text({"map": finding}, VERSIONS, quick=False)
+    assert "the first 1.5 ms on `quick`" in page
+
+
+def test_82_transients_take_500_increments_each_and_the_time_of_those_solved(compared):
+    """0.5 s an increment against 20 s; of two fingers the one that gains least counts."""
+    *_, increments, cpu = finding_of([compared], MAPS).checks
+    assert_allclose(increments.found, 82 * 500 / 39)
+    assert_allclose(cpu.found, 82 * 500 * 0.5 / 20.0)
+    paper = replace(compared, finger="paper", cost=Cost(3, 6, 2.0, 0.3))
+    maps = {**MAPS, "paper": MapCost(Cost(41, 80, 25.0, 49.0), 1.0)}
+    *_, increments, cpu = finding_of([compared, paper], maps).checks
+    assert_allclose(increments.found, 82 * 500 / 41)
+    assert_allclose(cpu.found, 82 * 500 * 0.1 / 50.0)
