@@ -144,10 +144,10 @@ DIALECTS = {
             result_kinds=("binary", "text"),
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction", "stick_share"),
-            target="decks.calculix.deck:calculix_files",
+            target="decks.calculix:calculix_files",
             procedures=("static", "viscous", "dynamic"),
             slides=True,
-            branches="decks.calculix.relaxation:branches_at",
+            branches="decks.calculix:branches_at",
             springs=True,
         ),
         Dialect(
@@ -172,7 +172,7 @@ DIALECTS = {
             result_kinds=("binary",),
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction"),
-            target="decks.abaqus.deck:abaqus_files",
+            target="decks.abaqus:abaqus_files",
             how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
             "encode, as a table time_ms,afferent,node,von_mises_pa",
             procedures=("static", "viscous", "dynamic"),

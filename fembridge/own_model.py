@@ -41,7 +41,7 @@ class BaseDeck:
             Something is missing or ambiguous; told with file and line.
         """
         from decks.marc_grammar.describe import beside
-        from decks.own_model.inp_deck import rebase_inp
+        from decks.own_model.inp import rebase_inp
         from decks.own_model.marc_dat import rebase_marc
 
         resolver = beside(self.path)
@@ -78,7 +78,7 @@ def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
 
 
 def _dialect_in(data: bytes) -> str:
-    from decks.own_model.inp_deck import dialect_of as told_by
+    from decks.own_model.inp import dialect_of as told_by
 
     return told_by(data)
 

@@ -1,4 +1,4 @@
-"""Which ``*AMPLITUDE`` of a deck moves the probe, in which step, and by how much.
+"""Which ``*AMPLITUDE`` of a keyword deck moves the probe, in which step, and by how much.
 
     *BOUNDARY, AMPLITUDE=PRESS
     PROBE, 2, 2, -0.05
@@ -11,17 +11,76 @@ the skin is, stays the user's.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from decks.own_model.inp_blocks import Block, Blocks, place_of
-from decks.own_model.inp_numbers import number, whole
-from decks.own_model.inp_steps import Step, step_named, steps_of
-from decks.own_model.inp_text import squeezed
+from decks.inp import Block, Deck, squeezed
 from fembridge.errors import DeckError
 
+# Procedures that a waveform can run in.
+MOVABLE = ("STATIC", "DYNAMIC", "VISCO")
+# These lengthen the total time by their second number, or by 1 without one.
+_TIMED = (
+    *MOVABLE,
+    "HEATTRANSFER",
+    "COUPLEDTEMPERATURE-DISPLACEMENT",
+    "UNCOUPLEDTEMPERATURE-DISPLACEMENT",
+)
 # Displacements along x, y, z.
 _TRANSLATIONS = range(1, 4)
 _LAST_DEGREE = 100  # far beyond what any solver has
 # What makes of a condition something else than magnitude times amplitude.
 _FOREIGN = ("USER", "SUBMODEL", "FIXED", "MASSFLOW", "TIMEDELAY", "LOADCASE")
+# Options of *AMPLITUDE with the words that they may have; None: any.
+_CURVE_OPTIONS = {
+    "NAME": None,
+    "TIME": ("STEPTIME", "TOTALTIME"),
+    "DEFINITION": ("TABULAR",),
+    "VALUE": ("RELATIVE",),
+    "SMOOTH": None,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """Step number `number`, from 1: its ``*STEP``, the blocks in it, its end."""
+
+    number: int
+    head: Block
+    blocks: tuple[Block, ...]
+    end: Block
+
+    @property
+    def name(self) -> str:
+        """Number and, where it has one, name."""
+        option = self.head.option("NAME")
+        named = f" ({option.value})" if option is not None and option.value else ""
+        return f"step {self.number}{named}, {self.head.where}"
+
+    def of(self, *keywords: str) -> list[Block]:
+        """The step's blocks that have one of `keywords`."""
+        return [block for block in self.blocks if block.keyword in keywords]
+
+    def period_s(self) -> float:
+        """What the step adds to the total time.
+
+        Raises
+        ------
+        DeckError
+            It is no step in time, or sets the clock.
+        """
+        procedures = self.of(*_TIMED)
+        if len(procedures) != 1:
+            raise self.head.error(
+                "how long this step takes is not known (no *STATIC, *DYNAMIC, *VISCO), "
+                "and the waveform's amplitude counts total time; let it count step time"
+            )
+        (procedure,) = procedures
+        for name in ("TIMERESET", "TOTALTIMEATSTART"):
+            if procedure.option(name) is not None:
+                raise procedure.error(
+                    f"{name} sets the clock, and the waveform's amplitude counts "
+                    "total time; let it count step time"
+                )
+        row = next(procedure.rows(), None)
+        return 1.0 if row is None else row.number(1, blank=0.0) or 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +111,7 @@ class Drive:
     start_s: float | None
 
 
-def find_drive(blocks: Blocks, amplitude: str | None, step: str | None) -> Drive:
+def find_drive(deck: Deck, amplitude: str | None, step: str | None) -> Drive:
     """Find the amplitude and the step; None: the only one that there can be.
 
     Raises
@@ -60,13 +119,12 @@ def find_drive(blocks: Blocks, amplitude: str | None, step: str | None) -> Drive
     DeckError
         There is none or more than one, or something about it that cannot be kept.
     """
-    steps = steps_of(blocks)
+    steps = _steps_of(deck)
     if not steps:
-        raise DeckError(f"no *STEP in the deck{blocks.unread}")
-    name = squeezed(amplitude) if amplitude else _only_amplitude(blocks)
-    curve = _definition(blocks, name)
-    _check_curve(curve)
-    users = [block for block in blocks.block if block.word("AMPLITUDE") == name]
+        raise DeckError(f"no *STEP in the deck{deck.unread}")
+    name = squeezed(amplitude) if amplitude else _only_amplitude(deck)
+    curve = _definition(deck, name)
+    users = [block for block in deck.blocks if block.word("AMPLITUDE") == name]
     for block in users:
         if block.keyword not in ("BOUNDARY", "STEP"):
             raise block.error(
@@ -83,13 +141,34 @@ def find_drive(blocks: Blocks, amplitude: str | None, step: str | None) -> Drive
         push=push,
         factor=_factor(push),
         total_time=total,
-        start_s=_start_s(blocks, steps, chosen, needed=total),
+        start_s=_start_s(deck, steps, chosen, needed=total),
     )
 
 
-def _only_amplitude(blocks: Blocks) -> str:
+def _steps_of(deck: Deck) -> list[Step]:
+    steps: list[Step] = []
+    head: Block | None = None
+    inside: list[Block] = []
+    for block in deck.blocks:
+        if block.keyword == "STEP":
+            if head is not None:
+                raise block.error(f"*STEP inside the step of {head.where}")
+            head, inside = block, []
+        elif block.keyword == "ENDSTEP":
+            if head is None:
+                raise block.error("*END STEP without a *STEP")
+            steps.append(Step(len(steps) + 1, head, tuple(inside), block))
+            head = None
+        elif head is not None:
+            inside.append(block)
+    if head is not None:
+        raise head.error("this *STEP has no *END STEP")
+    return steps
+
+
+def _only_amplitude(deck: Deck) -> str:
     found: dict[str, str] = {}
-    for block in blocks.of("BOUNDARY"):
+    for block in deck.of("BOUNDARY"):
         name = block.word("AMPLITUDE")
         moves = any(push.axis in _TRANSLATIONS for push in _magnitudes(block))
         if name and moves and _is_displacement(block):
@@ -97,75 +176,65 @@ def _only_amplitude(blocks: Blocks) -> str:
     if len(found) == 1:
         return next(iter(found))
     if not found:
-        known = _known(blocks)
         raise DeckError(
             "no *BOUNDARY in a step moves anything by an AMPLITUDE; give the probe's "
-            f"one (the deck has {known}){blocks.unread}"
+            f"one (the deck has {_known(deck)}){deck.unread}"
         )
     listed = ", ".join(f"{name} ({where})" for name, where in found.items())
     raise DeckError(f"several amplitudes move something: {listed}; name one")
 
 
-def _known(blocks: Blocks) -> str:
+def _known(deck: Deck) -> str:
     names = [
         f"{block.word('NAME') or 'one without a name'} ({block.where})"
-        for block in blocks.of("AMPLITUDE")
+        for block in deck.of("AMPLITUDE")
     ]
     return f"the amplitudes {', '.join(names)}" if names else "no *AMPLITUDE"
 
 
-def _definition(blocks: Blocks, name: str) -> Block:
-    found = [block for block in blocks.of("AMPLITUDE") if block.word("NAME") == name]
+def _definition(deck: Deck, name: str) -> Block:
+    """The amplitude `name`, of a kind that can hold a waveform."""
+    found = [block for block in deck.of("AMPLITUDE") if block.word("NAME") == name]
     if not found:
         raise DeckError(
-            f"no *AMPLITUDE, NAME={name} in the deck; it has {_known(blocks)}{blocks.unread}"
+            f"no *AMPLITUDE, NAME={name} in the deck; it has {_known(deck)}{deck.unread}"
         )
     if len(found) > 1:
         both = " and ".join(block.where for block in found)
-        raise DeckError(f"*AMPLITUDE, NAME={name} stands at {both}; keep one")
+        raise DeckError(f"*AMPLITUDE, NAME={name}: duplicate, at {both}; keep one")
     (curve,) = found
     if not curve.own:
         raise curve.error(f"*AMPLITUDE, NAME={name} is in an included file; put it into the deck")
-    curve.rows()
-    return curve
-
-
-def _check_curve(curve: Block) -> None:
-    allowed = {
-        "NAME": None,
-        "TIME": ("STEPTIME", "TOTALTIME"),
-        "DEFINITION": ("TABULAR",),
-        "VALUE": ("RELATIVE",),
-        "SMOOTH": None,
-    }
-    for option in curve.card.options:
+    curve.own_rows()
+    for option in curve.options:
         if option.name == "INPUT":
             raise curve.error("its data is in another file; put it into the deck")
-        if option.name not in allowed:
+        if option.name not in _CURVE_OPTIONS:
             raise curve.error(
                 f"*AMPLITUDE with {option.name}: what it does to a waveform is not "
                 "known here; take it out"
             )
-        words = allowed[option.name]
+        words = _CURVE_OPTIONS[option.name]
         if words is not None and option.word not in words:
             expected = " or ".join(words)
             raise curve.error(f"*AMPLITUDE with {option.name}={option.value}, expected {expected}")
+    return curve
 
 
 def _step_of(
     name: str, users: list[Block], steps: list[Step], wanted: str | None, curve: Block
 ) -> Step:
-    mine = [step for step in steps if any(user in step.block for user in users)]
-    outside = [user for user in users if user.keyword == "BOUNDARY"]
-    outside = [user for user in outside if not any(user in one.block for one in steps)]
-    if outside:
-        raise outside[0].error(
-            f"*BOUNDARY with amplitude {name} is in no step; put it into the one that it belongs to"
-        )
+    mine = [step for step in steps if any(user in step.blocks for user in users)]
+    for user in users:
+        if user.keyword == "BOUNDARY" and not any(user in one.blocks for one in steps):
+            raise user.error(
+                f"*BOUNDARY with amplitude {name} is in no step; put it into the one that it "
+                "belongs to"
+            )
     if not mine:
         raise curve.error(f"no *BOUNDARY of a step uses amplitude {name}")
     if wanted is not None:
-        step = step_named(steps, wanted)
+        step = _step_named(steps, wanted)
         if step not in mine:
             known = "; ".join(one.name for one in mine)
             raise step.head.error(
@@ -176,6 +245,16 @@ def _step_of(
         listed = "; ".join(step.name for step in mine)
         raise DeckError(f"several steps use amplitude {name}: {listed}; name one")
     return mine[0]
+
+
+def _step_named(steps: list[Step], wanted: str) -> Step:
+    for step in steps:
+        if wanted.strip() == str(step.number):
+            return step
+        if (word := step.head.word("NAME")) and word == squeezed(wanted):
+            return step
+    known = "; ".join(step.name for step in steps)
+    raise DeckError(f"no step {wanted!r} in the deck; it has: {known}")
 
 
 def _pushes(name: str, step: Step, users: list[Block]) -> Iterator[Push]:
@@ -203,7 +282,7 @@ def _pushes(name: str, step: Step, users: list[Block]) -> Iterator[Push]:
             found = True
             yield push
     if not found:
-        where = next(user.where for user in users if user in step.block)
+        where = next(user.where for user in users if user in step.blocks)
         raise DeckError(f"{where}: the magnitudes with amplitude {name} are 0: nothing would move")
 
 
@@ -212,19 +291,17 @@ def _is_displacement(block: Block) -> bool:
 
 
 def _magnitudes(block: Block) -> Iterator[Push]:
-    """Give what a ``*BOUNDARY`` moves; zero magnitudes hold and do not move."""
-    for text, row in block.placed_rows():
-        what, first, last, size, *_ = (*row.words, "", "", "")
+    """What a ``*BOUNDARY`` moves; zero magnitudes fix and do not move."""
+    for row in block.rows():
+        what, first, *_ = (*row.words, "")
         if not (first.isascii() and first.isdigit()):  # ENCASTRE and the like
             continue
-        magnitude = number(size, text, row.line, blank=0.0)
+        magnitude = row.number(3, blank=0.0)
         if magnitude == 0:
             continue
-        axis = whole(first, text, row.line)
-        end = whole(last, text, row.line, blank=axis)
-        where = place_of(text, row.line)
-        for one in range(axis, min(end, _LAST_DEGREE) + 1):
-            yield Push(magnitude, one, what, where)
+        axis = row.whole(1)
+        for one in range(axis, min(row.whole(2, blank=axis), _LAST_DEGREE) + 1):
+            yield Push(magnitude, one, what, row.where)
 
 
 def _factor(push: tuple[Push, ...]) -> float:
@@ -239,9 +316,9 @@ def _factor(push: tuple[Push, ...]) -> float:
     return abs(first.magnitude)
 
 
-def _start_s(blocks: Blocks, steps: list[Step], chosen: Step, *, needed: bool) -> float | None:
+def _start_s(deck: Deck, steps: list[Step], chosen: Step, *, needed: bool) -> float | None:
     try:
-        for block in blocks.of("RESTART"):
+        for block in deck.of("RESTART"):
             if block.option("READ") is not None:
                 raise block.error(
                     "*RESTART, READ: the total time at the start is not known, and the "

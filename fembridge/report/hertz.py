@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.analysis import Analysis, Contact
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.dialects import JOB
 from decks.finger import AfferentSite, Bone, Finger, Outline
 from decks.material import Material

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.inp.lines import element_lines, list_lines, node_lines, real
+from decks.keyword_deck import element_lines, list_lines, node_lines, real
 from decks.material import Material
 from fembridge.typing import FloatArray, IntArray
 
@@ -43,7 +43,7 @@ class PlaneProblem:
         end = float(self.increments)
         blocks: tuple[Iterable[str], ...] = (
             ("*NODE, NSET=ALL",),
-            node_lines(self.node_mm, first=1),
+            node_lines(range(1, len(self.node_mm) + 1), self.node_mm),
             self._sections(),
             (f"*STEP, INC=1000{', NLGEOM' if self.large_strain else ''}",),
             ("*STATIC, DIRECT", f"1.0, {real(end)}"),

@@ -7,9 +7,10 @@ suffix says whose it is: ``.inp`` CalculiX's (or Abaqus's), ``.dat`` Marc's.
 from pathlib import Path
 
 from fembridge.errors import DeckError, ResultError, UsageError
-from fembridge.results.deck_sets import deck_beside, read_node_set
 
 _POST = (".t16", ".t19")
+_MOST_NODES = 2_000_000
+_MOST_BYTES = 1 << 29  # of a deck, which is read at once
 
 
 def node_set(path: Path, name: str, deck: Path | None) -> tuple[list[int], Path]:
@@ -37,7 +38,47 @@ def node_set(path: Path, name: str, deck: Path | None) -> tuple[list[int], Path]
         return _set_of_post(path, name)
     if deck.suffix.lower() == ".dat":
         return _set_of_marc_deck(deck, name), deck
-    return read_node_set(deck, name), deck
+    return _set_of_deck(deck, name), deck
+
+
+def deck_beside(result: Path) -> Path:
+    """The deck with the stem of `result`, beside it.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    """
+    deck = result.with_suffix(".inp")
+    if not deck.is_file():
+        raise UsageError(f"{result}: no deck {deck.name} beside it; name one: --deck")
+    return deck
+
+
+def read_node_sets(deck: Path) -> dict[str, list[range]]:
+    """The node sets of a CalculiX deck by name, in capitals, as runs of numbers.
+
+    Raises
+    ------
+    ResultError
+        There is no such deck, or a set in it cannot be read.
+    """
+    from decks.inp import node_sets, read_inp
+
+    try:
+        return node_sets(read_inp(_bytes(deck), resolver=lambda name: _bytes(deck.parent / name)))
+    except DeckError as error:
+        raise ResultError(str(error), deck) from error
+
+
+def _set_of_deck(deck: Path, name: str) -> list[int]:
+    found = read_node_sets(deck)
+    nodes = found.get("".join(name.split()).upper())
+    if nodes is None:
+        raise UsageError(f"{deck}: no node set {name!r}; it has {', '.join(found) or 'none'}")
+    if (count := sum(map(len, nodes))) > _MOST_NODES:
+        raise ResultError(f"set {name} has {count} nodes, at most {_MOST_NODES} can be read", deck)
+    return list(dict.fromkeys(node for run in nodes for node in run))
 
 
 def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
@@ -90,6 +131,8 @@ def _is_marc(deck: Path) -> bool:
 
 def _bytes(deck: Path) -> bytes:
     try:
+        if (size := deck.stat().st_size) > _MOST_BYTES:
+            raise ResultError(f"{size} bytes, expected a deck of at most {_MOST_BYTES}", deck)
         return deck.read_bytes()
     except OSError as error:
         raise ResultError(f"cannot be read: {error.strerror}", deck) from error

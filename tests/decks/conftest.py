@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.build import Model

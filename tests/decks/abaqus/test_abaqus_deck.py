@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.abaqus.deck import abaqus_deck
+from decks.abaqus import abaqus_deck
 from decks.analysis import Contact
 
 ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decks.abaqus.deck import abaqus_deck
+from decks.abaqus import abaqus_deck
 from decks.analysis import analyse
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of

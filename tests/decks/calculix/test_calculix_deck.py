@@ -11,9 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import analyse
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.finger import LAYERS
-from decks.inp.lines import LONGEST_NUMBER
+from decks.keyword_deck import LONGEST_NUMBER
 from decks.material import Material
 from decks.presets import QUICK, mesh_of
 from decks.stimuli.catalogue import resolve

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.finger import LAYERS, SITES
-from decks.inp.lines import LONGEST_NUMBER
+from decks.keyword_deck import LONGEST_NUMBER
 from decks.meshing.mesh import Mesh
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.abaqus.deck import abaqus_deck
+from decks.abaqus import abaqus_deck
 from decks.analysis import Contact, analyse
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.dialects import DIALECTS, DeckOptions
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of

@@ -42,7 +42,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import Analysis, Contact
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.finger import AfferentSite, Bone, Finger, Outline
 from decks.material import Material
 from decks.meshing.mesh import Mesh

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import analyse
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.build import build_run_folder, model_of

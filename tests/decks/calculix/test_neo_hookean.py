@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import analyse
-from decks.calculix.deck import calculix_deck
-from decks.inp.lines import element_lines, node_lines, real
+from decks.calculix import calculix_deck
+from decks.keyword_deck import element_lines, node_lines, real
 from decks.material import TABLE_1
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
@@ -125,7 +125,7 @@ def test_calculix_finds_the_stress_of_the_closed_form(law_deck, tmp_path, gradie
     moved_mm = corner_mm @ gradient.T
     lines = [
         "*NODE, NSET=ALL",
-        *node_lines(corner_mm, first=1),
+        *node_lines(range(1, len(corner_mm) + 1), corner_mm),
         "*ELEMENT, TYPE=CPE4, ELSET=EPIDERMIS",
         *element_lines([1], np.array([[1, 2, 3, 4]])),
         *material.splitlines(),

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.inp.lines import element_lines, node_lines, real
+from decks.keyword_deck import element_lines, node_lines, real
 from decks.meshing.mesh import Mesh
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_stress_and_displacement
@@ -80,7 +80,7 @@ def deck_of(element, mesh):
     ]
     lines = [
         "*NODE, NSET=ALL",
-        *node_lines(node_mm, first=1),
+        *node_lines(range(1, len(node_mm) + 1), node_mm),
         f"*ELEMENT, TYPE={element}, ELSET=PATCH",
         *element_lines(range(1, len(quad) + 1), quad + 1),
         "*MATERIAL, NAME=DERMIS",

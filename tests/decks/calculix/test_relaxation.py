@@ -14,11 +14,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import ElementSet, analyse
-from decks.calculix.deck import calculix_deck
-from decks.calculix.relaxation import branch_blocks, branches, branches_at, lasting
+from decks.calculix import branch_lines, branches, branches_at, calculix_deck, lasting
 from decks.dialects import DIALECTS, DeckOptions
-from decks.inp.lines import real
-from decks.inp.materials import material
+from decks.keyword_deck import material, real
 from decks.material import Material, PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
@@ -179,7 +177,7 @@ def test_ccx_relaxes_a_sheared_square_as_the_convolution_says(tmp_path, card):
         "*NODE, NSET=ALL\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0",
         "*ELEMENT, TYPE=CPE4, ELSET=DERMIS\n1, 1, 2, 3, 4",
         *material(lasting(layer), inertia=has_mass),
-        *branch_blocks(found, "CPE4", inertia=has_mass),
+        *branch_lines(found, "CPE4", inertia=has_mass),
         f"*AMPLITUDE, NAME=WAY\n{table}",
         f"*STEP, INC=1000\n{card}",
         f"{DT_S}, {120 * DT_S}",

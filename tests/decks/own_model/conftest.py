@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decks.motion import Motion
-from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 from fembridge.errors import DeckError
 

@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from decks.inp import Text, blocks_in
 from decks.motion import Motion
-from decks.own_model.inp_deck import rebase_inp
-from decks.own_model.inp_dialect import dialect_of
-from decks.own_model.inp_text import read_inp_text
+from decks.own_model.inp import dialect_of, rebase_inp
 from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
@@ -35,8 +34,8 @@ def test_there_are_recorded_decks():
 @pytest.mark.parametrize("path", DECKS, ids=name_of)
 def test_a_recorded_deck_is_read_whole_and_is_ccxs(path):
     data = path.read_bytes()
-    text = read_inp_text(data)
-    assert b"".join(data[card.start : card.stop] for card in text.cards) == data
+    blocks = blocks_in(Text(data))
+    assert b"".join(data[one.start : one.pieces[0].stop] for one in blocks) == data
     assert dialect_of(data) == "calculix"
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from decks.motion import Motion
-from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 
 MOTION = Motion(np.arange(3) * 5e-4, np.array([0.0, 0.1, 0.2]), 5e-4, 0)

@@ -9,8 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from decks.motion import Motion
-from decks.own_model.inp_deck import rebase_inp
-from decks.own_model.inp_dialect import dialect_of
+from decks.own_model.inp import dialect_of, rebase_inp
 from decks.own_model.request import Request
 from fembridge.errors import DeckError
 

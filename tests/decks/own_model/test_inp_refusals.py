@@ -44,7 +44,7 @@ def test_an_amplitude_that_is_not_there_is_refused_and_those_there_are_named(ref
 
 def test_an_amplitude_that_is_there_twice_is_refused(changed, refused):
     message = refused(changed("NAME=OTHER", "NAME=press"))
-    assert message == "*AMPLITUDE, NAME=PRESS stands at line 10 and line 12; keep one"
+    assert message == "*AMPLITUDE, NAME=PRESS: duplicate, at line 10 and line 12; keep one"
 
 
 def test_a_deck_that_moves_nothing_by_an_amplitude_is_refused(changed, refused):

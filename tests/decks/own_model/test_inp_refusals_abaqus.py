@@ -64,7 +64,7 @@ def test_a_turned_instance_is_refused_for_its_nodes(step, rebase, refused):
 def test_an_instance_of_no_part_and_an_assembly_without_an_end_are_refused(step, refused):
     deck = PARTS.replace("PART=FINGER\n5.", "PART=HAND\n5.") + step
     assert refused(deck, afferents={"SA": 3}) == (
-        "line 13: *INSTANCE of part HAND, which stands nowhere before it"
+        "line 13: *INSTANCE of part HAND, which is nowhere before it"
     )
     one = PARTS.replace("*INSTANCE, NAME=LEFT, PART=FINGER\n*END INSTANCE\n", "")
     deck = one.replace("*END ASSEMBLY\n", "") + step

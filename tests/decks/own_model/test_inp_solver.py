@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.motion import Motion
-from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
 from fembridge.build import Model

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.motion import Motion, motion_of
-from decks.own_model.inp_deck import rebase_inp
+from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 from decks.stimuli.catalogue import resolve
 from decks.stimuli.waveform import make_stimulus

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.calculix.deck import calculix_deck
+from decks.calculix import calculix_deck
 from decks.presets import PAPER, QUICK
 from decks.probe import Probe
 from fembridge.deflection.press import DEPTH_MM, PROBE, STEPS, Press, digest, press_of, surface_of

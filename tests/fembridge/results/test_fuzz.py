@@ -14,9 +14,9 @@ import pytest
 
 from fembridge.errors import FembridgeError
 from fembridge.results import frd, read
-from fembridge.results.deck_sets import read_node_sets
 from fembridge.results.frd_format.field import read_fields
 from fembridge.results.near_node import near_nodes
+from fembridge.results.node_sets import read_node_sets
 from fembridge.results.printed.cvg import read_cvg
 from fembridge.results.printed.dat import describe as describe_dat
 from fembridge.results.printed.dat import read_point_stress, read_point_traces

@@ -18,9 +18,9 @@ from numpy.testing import assert_array_equal
 from fembridge.errors import ResultError
 from fembridge.results import frd
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.deck_sets import read_node_sets
 from fembridge.results.frd_format.index import index_frd
 from fembridge.results.frd_format.records import NodeRecords, node_ids
+from fembridge.results.node_sets import read_node_sets
 from fembridge.results.printed.dat_section import dat_sections
 from fembridge.results.read_options import ReadOptions
 

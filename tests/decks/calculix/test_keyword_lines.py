@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from decks.inp.lines import (
+from decks.keyword_deck import (
     LONGEST_NUMBER,
     element_lines,
     fixed,
@@ -60,7 +60,7 @@ def test_lists_break_after_twelve_and_pairs_after_four():
 
 
 def test_nodes_are_numbered_and_flat_and_zero_has_no_sign():
-    assert list(node_lines(np.array([[-0.0, 1.5], [2, -3]]), first=7)) == [
+    assert list(node_lines([7, 8], np.array([[-0.0, 1.5], [2, -3]]))) == [
         "7, 0.000000000, 1.500000000, 0.0",
         "8, 2.000000000, -3.000000000, 0.0",
     ]

@@ -8,14 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from decks import keyword_deck as parts
 from decks.analysis import Analysis, ElementSet
 from decks.dialects import DIALECTS, DeckOptions
-from decks.inp import materials
-from decks.inp import model as parts
-from decks.inp.lines import list_lines, real
-from decks.inp.model import OUTPUT_SET
-from decks.inp.steps import steps, waveform
-from fembridge.typing import IntArray
+from decks.keyword_deck import OUTPUT_SET, Moved, list_lines, material, real
 
 _CARDS = {
     "static": "*STATIC, DIRECT",
@@ -25,7 +21,7 @@ _CARDS = {
 
 
 def abaqus_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
-    """Give the deck under its name in a run folder; `options` leave no choice."""
+    """The deck under its name in a run folder; `options` leave no choice."""
     return {DIALECTS["abaqus"].deck: abaqus_deck(analysis)}
 
 
@@ -36,6 +32,7 @@ def abaqus_deck(analysis: Analysis) -> str:
     stress, averaged at the nodes around each afferent, is printed to the ``.dat``.
     """
     model = analysis.whole()
+    large_strain = ", NLGEOM=YES" if model.large_strain else ", NLGEOM=NO"
     blocks = (
         parts.heading(model),
         parts.finger(model),
@@ -44,8 +41,8 @@ def abaqus_deck(analysis: Analysis) -> str:
         _around(model),
         _materials(model),
         _contact(model),
-        waveform(model),
-        steps(model, _CARDS, _large_strain(model), _output),
+        parts.waveform(model),
+        parts.steps(model, _CARDS, large_strain, _output, Moved()),
     )
     return "\n".join(line for block in blocks for line in block) + "\n"
 
@@ -54,20 +51,15 @@ def _around(model: Analysis) -> Iterator[str]:
     yield "** ---- The elements at each afferent's node, all of one layer"
     for name, node in model.afferent.items():
         yield f"*ELSET, ELSET=AROUND_{name.upper()}"
-        yield from list_lines(_elements_at(model, node))
-
-
-def _elements_at(model: Analysis, node: int) -> IntArray:
-    return np.concatenate(
-        [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]
-    )
+        at = [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]
+        yield from list_lines(np.concatenate(at))
 
 
 def _materials(model: Analysis) -> Iterator[str]:
-    yield from materials.heading()
+    yield from parts.materials_heading()
     for section in (*model.layers, model.probe):
         relaxes = bool(section.material.prony)
-        yield from materials.material(
+        yield from material(
             section,
             inertia=model.inertia,
             moduli=", MODULI=INSTANTANEOUS" if relaxes else "",
@@ -100,10 +92,6 @@ def _contact(model: Analysis) -> Iterator[str]:
         yield "*FRICTION"
         yield f"{real(contact.friction)},"
     yield from parts.contact_pair(model)
-
-
-def _large_strain(model: Analysis) -> str:
-    return ", NLGEOM=YES" if model.large_strain else ", NLGEOM=NO"
 
 
 def _output(model: Analysis) -> Iterator[str]:

@@ -1,1 +1,0 @@
-"""Abaqus: the dialect of Abaqus/Standard."""

@@ -1,0 +1,479 @@
+"""A keyword deck (``.inp``) as its bytes: keywords, options, data, and where each stands.
+
+    *AMPLITUDE, NAME=PRESS, TIME=TOTAL TIME      a keyword line: keyword, options
+    ** a comment
+    0., 0., 0.1, 1.                              a data line
+
+Nothing is rewritten: a block knows the bytes that it takes, so that a change of a few
+bytes keeps all others. Blanks and tabs count nowhere, case does not, a line may end in
+CRLF, and bytes need not be any encoding.
+
+Abaqus continues a keyword line that ends in a comma on the next line; ccx 2.20 takes
+the next line for data. So in a deck for ccx it is continued only where the next line
+has an ``=``, which ccx cannot read as data.
+
+``*INCLUDE`` puts a file's lines in its own place: they may go on with the data of the
+keyword before it, and what follows it may go on with the last keyword of the file. So a
+block has its data in pieces, some of which may be in another file. Only the deck itself
+is ever changed; an error names the file and the line.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from string import ascii_lowercase, ascii_uppercase
+
+from fembridge.errors import DeckError
+
+Resolver = Callable[[str], bytes | None]
+"""Bytes of a file by the name under which the deck includes it; None: it is absent."""
+
+# A keyword: a star that no second star follows, after blanks if need be.
+_KEYWORD_LINE = re.compile(rb"^[ \t]*\*(?![ \t]*\*)", re.MULTILINE)
+_COMMENT = re.compile(rb"[ \t]*\*[ \t]*\*")
+_WORD = re.compile(rb'(?:"[^"]*"|[^,])+')
+_BLANK = b" \t\r\n\0"
+# Of a to z alone: bytes beyond ASCII are kept, whatever letter they are somewhere.
+_CAPITALS = str.maketrans(ascii_lowercase, ascii_uppercase)
+# A number as Fortran reads it.
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ED][+-]?\d+)?", re.IGNORECASE)
+# Keywords whose data may be in a file that INPUT= names.
+_DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET")
+_DEEPEST = 9  # ccx 2.20 includes no deeper
+_MOST_DIGITS = 10
+# Runs of consecutive numbers over all sets: sets of sets of sets grow without bound.
+_MOST_RUNS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Text:
+    """Bytes of a deck, or of a file that it includes; `name` is "" for the deck itself."""
+
+    data: bytes
+    name: str = ""
+
+    @property
+    def newline(self) -> bytes:
+        """The line end that the first line has."""
+        end = self.data.find(b"\n")
+        return b"\r\n" if end > 0 and self.data[end - 1 : end] == b"\r" else b"\n"
+
+    def place(self, line: int) -> str:
+        """A line, as an error names it."""
+        return f"{self.name}, line {line}" if self.name else f"line {line}"
+
+    def lines(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
+        """Start and stop of each line between two bytes, line ends included."""
+        while start < stop:
+            end = self.data.find(b"\n", start, stop) + 1 or stop
+            yield start, end
+            start = end
+
+    def end_of(self, first: int, last: int) -> int:
+        """Byte at which a line ends, without blanks and line end.
+
+        What is behind a carriage return is not read, as in ccx.
+        """
+        return first + len(self.data[first:last].partition(b"\r")[0].rstrip(_BLANK))
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """``NAME=value`` or ``NAME`` on a keyword line, at the bytes `start` to `stop`."""
+
+    name: str
+    value: str | None
+    start: int
+    stop: int
+
+    @property
+    def word(self) -> str:
+        """The value as it is compared: in capitals and without blanks."""
+        return squeezed(self.value or "")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """A data line that is no comment: its bytes, line end included, and its words."""
+
+    text: Text
+    line: int
+    start: int
+    stop: int
+    words: tuple[str, ...]
+
+    @property
+    def where(self) -> str:
+        """Its place, as an error names it."""
+        return self.text.place(self.line)
+
+    def number(self, index: int, *, blank: float | None = None) -> float:
+        """The number at `index`; `blank` where there is none."""
+        packed = self._packed(index)
+        if not packed and blank is not None:
+            return blank
+        if _NUMBER.fullmatch(packed):
+            value = float(packed.upper().replace("D", "E"))
+            if math.isfinite(value):
+                return value
+        raise DeckError(f"{self.where}: {packed[:40]!r} where a number is expected")
+
+    def whole(self, index: int, *, blank: int | None = None) -> int:
+        """The whole number at `index`; `blank` where there is none."""
+        packed = self._packed(index)
+        return blank if not packed and blank is not None else whole(packed, self.where)
+
+    def _packed(self, index: int) -> str:
+        return "".join(self.words[index].split()) if index < len(self.words) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Lines of `text` from byte `start` to `stop`, the first of them number `line`."""
+
+    text: Text
+    start: int
+    stop: int
+    line: int
+
+    def rows(self) -> Iterator[Row]:
+        """Its data lines, without comments and blank ones."""
+        data = self.text.data
+        for offset, (first, last) in enumerate(self.text.lines(self.start, self.stop)):
+            said = data[first : self.text.end_of(first, last)].strip(_BLANK)
+            if said and not _COMMENT.match(said):
+                words = tuple(map(str.strip, said.decode("latin-1").split(",")))
+                yield Row(self.text, self.line + offset, first, last, words)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """A keyword of `text` with its options, and all of its data, wherever that is.
+
+    `keyword` is in capitals without star and blanks, `title` as people write it, star
+    included. The keyword line, number `line` from 1, begins at byte `start`; what it
+    says ends at `head`, its lines at `body`.
+    """
+
+    text: Text
+    keyword: str
+    title: str
+    options: tuple[Option, ...]
+    line: int
+    start: int
+    head: int
+    body: int
+    pieces: list[Piece] = field(default_factory=list)
+
+    @property
+    def own(self) -> bool:
+        """Whether the keyword is in the deck itself."""
+        return not self.text.name
+
+    @property
+    def where(self) -> str:
+        """The keyword's place, as an error names it."""
+        return self.text.place(self.line)
+
+    def option(self, name: str) -> Option | None:
+        """The option `name`; None where there is none."""
+        return next((one for one in self.options if one.name == name), None)
+
+    def word(self, name: str) -> str:
+        """An option's value in capitals without blanks; "" for none."""
+        option = self.option(name)
+        return "" if option is None else option.word
+
+    def rows(self) -> Iterator[Row]:
+        """The data lines."""
+        for piece in self.pieces:
+            yield from piece.rows()
+
+    def own_rows(self) -> list[Row]:
+        """The data lines, all of which are in the deck itself.
+
+        Raises
+        ------
+        DeckError
+            One is in an included file, where it cannot be changed.
+        """
+        rows = list(self.rows())
+        for row in rows:
+            if row.text.name:
+                raise DeckError(
+                    f"{row.where}: data of {self.title}, {self.where}, in an included file; "
+                    "put it into the deck itself"
+                )
+        return rows
+
+    def error(self, problem: str) -> DeckError:
+        """The error that says `problem` about this block."""
+        return DeckError(f"{self.where}: {problem}")
+
+
+@dataclass(frozen=True, slots=True)
+class Inclusion:
+    """A file that the deck names, and where; `read` is whether it was read."""
+
+    name: str
+    where: str
+    read: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deck:
+    """The blocks of a deck in a solver's order, and the files that it includes."""
+
+    blocks: tuple[Block, ...]
+    inclusions: tuple[Inclusion, ...] = ()
+
+    def of(self, *keywords: str) -> list[Block]:
+        """The blocks that have one of `keywords`."""
+        return [block for block in self.blocks if block.keyword in keywords]
+
+    @property
+    def unread(self) -> str:
+        """A remark on the files that were not read, for an error; "" for none."""
+        names = [f"{one.name} ({one.where})" for one in self.inclusions if not one.read]
+        return f"; not read: {', '.join(names)}" if names else ""
+
+
+def squeezed(text: str) -> str:
+    """A keyword, a name or a value as solvers compare it."""
+    return "".join(text.replace('"', "").split()).translate(_CAPITALS)
+
+
+def whole(word: str, where: str) -> int:
+    """The whole number that `word`, at `where`, is."""
+    packed = "".join(word.split())
+    if not (packed.isascii() and packed.isdigit() and len(packed) <= _MOST_DIGITS):
+        raise DeckError(f"{where}: {word.strip()[:40]!r} where a whole number is expected")
+    return int(packed)
+
+
+# ---- Reading
+
+
+def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = None) -> Deck:
+    """Read a deck and, by `resolver`, the files that it includes.
+
+    `abaqus`: by the rules of Abaqus, not of ccx. There are no bytes that this cannot
+    read: what is before the first keyword, or in no keyword's place, belongs to no block
+    or to the one before it.
+
+    Raises
+    ------
+    DeckError
+        ``*INCLUDE`` without a file, or files that include each other.
+    """
+    reader = _Reader(abaqus, resolver)
+    reader.take(Text(data), ())
+    return Deck(tuple(reader.blocks), tuple(reader.inclusions))
+
+
+class _Reader:
+    """Blocks as they come together, file by file."""
+
+    def __init__(self, abaqus: bool, resolver: Resolver | None) -> None:
+        self._abaqus, self._resolver = abaqus, resolver
+        self.blocks: list[Block] = []
+        self.inclusions: list[Inclusion] = []
+
+    def take(self, text: Text, above: tuple[str, ...]) -> None:
+        """Append the blocks of `text`, which was included by way of `above`."""
+        found = blocks_in(text, abaqus=self._abaqus)
+        before = found[0].start if found else len(text.data)
+        self._continue(Piece(text, 0, before, 1))
+        for block in found:
+            name = (option := block.option("INPUT")) and option.value
+            if block.keyword == "INCLUDE":
+                if not name:
+                    raise block.error("*INCLUDE without INPUT=")
+                if name in above or len(above) >= _DEEPEST:
+                    raise block.error(f"*INCLUDE of {name} includes itself")
+                included = self._open(name, block.where, wanted=True)
+                if included is not None:
+                    self.take(included, (*above, name))
+                self._continue(block.pieces[0])
+                continue
+            self.blocks.append(block)
+            if name:
+                wanted = block.keyword in _DATA_ELSEWHERE
+                if (other := self._open(name, block.where, wanted)) is not None:
+                    block.pieces.append(Piece(other, 0, len(other.data), 1))
+
+    def _continue(self, piece: Piece) -> None:
+        if self.blocks and piece.start < piece.stop:
+            self.blocks[-1].pieces.append(piece)
+
+    def _open(self, name: str, where: str, wanted: bool) -> Text | None:
+        data = self._resolver(name) if wanted and self._resolver is not None else None
+        self.inclusions.append(Inclusion(name, where, data is not None or not wanted))
+        return None if data is None else Text(data, name)
+
+
+def blocks_in(text: Text, *, abaqus: bool = False) -> list[Block]:
+    """The blocks of one file, each with its lines up to the next one; no file is included."""
+    data, found = text.data, list[Block]()
+    starts = [match.start() for match in _KEYWORD_LINE.finditer(data)]
+    line, counted = 1, 0
+    for start, stop in zip(starts, [*starts[1:], len(data)], strict=False):
+        in_heading = bool(found) and found[-1].keyword == "HEADING"
+        if in_heading and not abaqus and data[start : start + 1] != b"*":
+            continue  # ccx: a heading ends at a star in the first column
+        line += data.count(b"\n", counted, start)
+        counted = start
+        head = _head_lines(text, start, stop, abaqus)
+        title, options = _words(text, head)
+        end, body = text.end_of(*head[-1]), head[-1][1]
+        found.append(Block(text, squeezed(title), f"*{title}", options, line, start, end, body))
+    ends = [*(block.start for block in found[1:]), len(data)]
+    for block, end in zip(found, ends, strict=False):
+        first = block.line + data.count(b"\n", block.start, block.body)
+        block.pieces.append(Piece(text, block.body, end, first))
+    return found
+
+
+def _head_lines(text: Text, start: int, stop: int, abaqus: bool) -> list[tuple[int, int]]:
+    """The lines of a keyword: the first one, and those that continue it."""
+    lines = text.lines(start, stop)
+    head = [next(lines)]
+    for first, last in lines:
+        end = text.end_of(*head[-1])
+        if text.data[end - 1 : end] != b",":
+            break
+        line = text.data[first:last]
+        if _COMMENT.match(line) or not (abaqus or b"=" in line):
+            break
+        head.append((first, last))
+    return head
+
+
+def _words(text: Text, head: list[tuple[int, int]]) -> tuple[str, tuple[Option, ...]]:
+    """The keyword, without star, and the options of its lines."""
+    found = []
+    for first, last in head:
+        for match in _WORD.finditer(text.data, first, text.end_of(first, last)):
+            word = match.group()
+            begin = match.start() + len(word) - len(word.lstrip(_BLANK))
+            stripped = word.strip(_BLANK)
+            if stripped:
+                found.append((stripped.decode("latin-1"), begin, begin + len(stripped)))
+    options = []
+    for said, begin, end in found[1:]:
+        key, sign, value = said.partition("=")
+        bare = value.strip().strip('"') if sign else None
+        options.append(Option(squeezed(key), bare, begin, end))
+    title = " ".join(found[0][0].replace("*", " ").split()).translate(_CAPITALS)
+    return title, tuple(options)
+
+
+# ---- Sets
+
+
+def node_sets(deck: Deck) -> dict[str, list[range]]:
+    """The node sets of a deck for CalculiX by name, in capitals, as runs of numbers.
+
+    A set may be spread over the deck, and may name sets before it.
+
+    Raises
+    ------
+    DeckError
+        A set that cannot be read, with its line.
+    """
+    found: dict[str, list[range]] = {}
+    count = 0
+    for block in deck.of("NSET", "NODE"):
+        name = block.word("NSET")
+        if not name and block.keyword == "NODE":
+            continue
+        foreign = [option.name for option in block.options if option.name in ("ELSET", "INSTANCE")]
+        if not name or foreign:
+            raise block.error(f"{block.title} {f'with {foreign[0]}=' if name else 'without NSET='}")
+        runs = found.setdefault(name, [])
+        for run in members(block, found):
+            last = runs[-1] if runs else range(0)
+            if runs and last.step == run.step and last.stop == run.start:
+                runs[-1] = range(last.start, run.stop, run.step)
+            else:
+                runs.append(run)
+                count += 1
+            if count > _MOST_RUNS:
+                raise block.error(f"set {name}: more than {_MOST_RUNS} entries in the deck's sets")
+    return found
+
+
+def members(block: Block, known: Mapping[str, list[range]]) -> Iterator[range]:
+    """Numbers that a block puts into its set; sets that it names are in `known`.
+
+    ``*NODE`` and ``*ELEMENT`` put in the number that each of their lines begins with.
+    """
+    listed = block.keyword in ("NSET", "ELSET")
+    generated = block.option("GENERATE") is not None
+    for row in block.rows():
+        words = [word for word in (row.words if listed else row.words[:1]) if word]
+        if listed and generated:
+            first, last, step = (*(whole(word, row.where) for word in words), 1, 0, 0)[:3]
+            if len(words) not in (2, 3) or step < 1 or last < first:
+                raise DeckError(f"{row.where}: {','.join(words)!r}, expected first, last, step")
+            yield range(first, last + 1, step)
+            continue
+        for word in words:
+            if listed and not word.isdigit() and squeezed(word) in known:
+                yield from list(known[squeezed(word)])
+            else:
+                number = whole(word, row.where)
+                yield range(number, number + 1)
+
+
+# ---- Changes
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """`new` in the place of the bytes from `start` to `stop`."""
+
+    start: int
+    stop: int
+    new: bytes = b""
+
+
+def edited(data: bytes, edits: list[Edit]) -> bytes:
+    """`data` with all `edits`; those at one place in the order they are given in."""
+    pieces, done = [], 0
+    for edit in sorted(edits, key=lambda edit: (edit.start, edit.stop)):
+        pieces += [data[done : edit.start], edit.new]
+        done = edit.stop
+    return b"".join([*pieces, data[done:]])
+
+
+def inserted(text: Text, place: int, lines: list[str]) -> Edit:
+    """`lines` where a line begins, with line ends as the deck has them."""
+    new = b"".join(line.encode("latin-1") + text.newline for line in lines)
+    if place and text.data[place - 1 : place] != b"\n":  # after a last line without end
+        new = text.newline + new.removesuffix(text.newline)
+    return Edit(place, place, new)
+
+
+def in_place_of(block: Block, rows: list[Row], lines: list[str]) -> list[Edit]:
+    """`lines` where the first of a block's `rows` is; the others go.
+
+    Comments between them stay. Without rows the lines follow the keyword line.
+    """
+    text = block.text
+    if not rows:
+        return [inserted(text, block.body, lines)]
+    first, *others = rows
+    said = text.data[first.start : first.stop]
+    end = said[len(said.rstrip(b"\r\n")) :]
+    joined = (end or text.newline).join(line.encode("ascii") for line in lines) + end
+    if rows[-1].stop == len(text.data) and not text.data.endswith(b"\n"):
+        joined = joined.removesuffix(end)  # the deck's last line had no end
+    return [Edit(first.start, first.stop, joined), *(Edit(row.start, row.stop) for row in others)]
+
+
+def without(block: Block) -> list[Edit]:
+    """A block taken out: its keyword line and data; comments under it stay."""
+    rows = block.own_rows()
+    return [Edit(block.start, block.body), *(Edit(row.start, row.stop) for row in rows)]

@@ -1,1 +1,0 @@
-"""Keyword decks (``.inp``): what CalculiX and Abaqus have in common."""
