@@ -15,8 +15,8 @@ import time
 
 import numpy as np
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.fitting.response_source import stored_source
 from neural import SET_NAMES, encode_afferents, parameter_set
 

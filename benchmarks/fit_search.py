@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.fitting.problem import fit_problem
 from fembridge.fitting.response_source import stored_source
 from fembridge.observed import ObservedRates

@@ -1,10 +1,55 @@
 """What a solver is given: the finger, the probe, the stimuli, and the deck itself.
 
-``import decks`` loads no NumPy. The catalogue of stimuli is text and numbers;
-:mod:`decks.stimuli.waveform` makes samples of an entry.
+``import decks`` loads no NumPy: names that need it are imported when they are used.
 """
 
-from decks.stimuli.catalogue import CATALOGUE, resolve
-from decks.stimuli.entry import Diharmonic, Entry, Noise, Sine
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["CATALOGUE", "Diharmonic", "Entry", "Noise", "Sine", "resolve"]
+from decks.dialects import DIALECTS, DeckOptions
+from decks.stimuli import CATALOGUE, resolve
+
+if TYPE_CHECKING:
+    from decks.analysis import Analysis, Contact, analyse
+    from decks.finger import Finger
+    from decks.finger_file import read_finger
+    from decks.own_model.inp import rebase_inp
+    from decks.presets import PRESETS, mesh_of
+    from decks.probe import Probe
+    from decks.waveform import make_stimulus
+
+__all__ = [
+    "CATALOGUE",
+    "DIALECTS",
+    "PRESETS",
+    "Analysis",
+    "Contact",
+    "DeckOptions",
+    "Finger",
+    "Probe",
+    "analyse",
+    "make_stimulus",
+    "mesh_of",
+    "read_finger",
+    "rebase_inp",
+    "resolve",
+]
+
+_MODULES = {
+    "PRESETS": "presets",
+    "Analysis": "analysis",
+    "Contact": "analysis",
+    "Finger": "finger",
+    "Probe": "probe",
+    "analyse": "analysis",
+    "make_stimulus": "waveform",
+    "mesh_of": "presets",
+    "read_finger": "finger_file",
+    "rebase_inp": "own_model.inp",
+}
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for
+    if name not in _MODULES:
+        raise AttributeError(f"module 'decks' has no attribute {name!r}")
+    return getattr(import_module(f"decks.{_MODULES[name]}"), name)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from decks.stimuli.catalogue import resolve
-    from decks.stimuli.waveform import make_stimulus
+    from decks.stimuli import resolve
+    from decks.waveform import make_stimulus
     from fembridge.errors import FembridgeError
     from fembridge.observed import read_observed
     from fembridge.results import read
@@ -27,11 +27,11 @@ _HOMES = {
     "FembridgeError": "fembridge.errors",
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",
-    "make_stimulus": "decks.stimuli.waveform",
+    "make_stimulus": "decks.waveform",
     "read": "fembridge.results",
     "read_fields": "fembridge.results.frd_format.field",
     "read_observed": "fembridge.observed",
-    "resolve": "decks.stimuli.catalogue",
+    "resolve": "decks.stimuli",
     "touchsim_rates": "fembridge.touchsim",
     "write_vtu_series": "fembridge.results.vtu",
 }

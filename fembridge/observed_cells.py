@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError
 from fembridge.table_rows import Row
 from fembridge.tables import AFFERENTS, RATE_COLUMNS

@@ -136,8 +136,8 @@ def stimuli_from(args: argparse.Namespace, preindent_um: float = 0.0) -> "list[S
 
     `preindent_um` is taken where no option tells another.
     """
-    from decks.stimuli.catalogue import resolve
-    from decks.stimuli.waveform import make_stimulus
+    from decks.stimuli import resolve
+    from decks.waveform import make_stimulus
     from fembridge.errors import UsageError
 
     if args.seed is not None and args.seed < 0:

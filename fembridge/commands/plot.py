@@ -179,8 +179,8 @@ def _draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
 def _stimuli(
     words: list[str], preindent_um: float = 0.0, seed: int | None = None
 ) -> "list[Stimulus]":
-    from decks.stimuli.catalogue import resolve
-    from decks.stimuli.waveform import make_stimulus
+    from decks.stimuli import resolve
+    from decks.waveform import make_stimulus
 
     return [make_stimulus(entry, preindent_um, seed) for entry in resolve(words)]
 

@@ -56,9 +56,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _list(args: argparse.Namespace) -> dict[str, Any]:
-    from decks.stimuli.appendix import MISPRINT_NOTE
-    from decks.stimuli.catalogue import CATALOGUE, resolve
-    from decks.stimuli.catalogue_table import catalogue_lines, entry_lines, to_record
+    from decks.stimuli import (
+        CATALOGUE,
+        MISPRINT_NOTE,
+        catalogue_lines,
+        entry_lines,
+        resolve,
+        to_record,
+    )
 
     entries = resolve(args.ids) if args.ids else CATALOGUE
     if not args.json:
@@ -71,9 +76,8 @@ def _list(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from decks.stimuli.catalogue import resolve
-    from decks.stimuli.entry import Noise
-    from decks.stimuli.waveform import make_stimulus
+    from decks.stimuli import Noise, resolve
+    from decks.waveform import make_stimulus
     from fembridge.errors import UsageError
     from fembridge.exports import export_paths, write_stimulus
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.stimuli.entry import Entry
+from decks.stimuli import Entry
 from fembridge.errors import ParameterError
 from fembridge.fitting.problem import group_of
 from fembridge.typing import FloatArray

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.entry import DT_MS, Diharmonic, Entry, Noise, Sine, number_text
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Sine, number_text, resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, UsageError
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.driving_stress import driving_stress

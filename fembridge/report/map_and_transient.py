@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import CATALOGUE, resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import CATALOGUE, resolve
+from decks.waveform import make_stimulus
 from fembridge.build import Model, inputs_of, model_of
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from decks.stimuli.entry import MAX_AMPLITUDE_UM
+from decks.stimuli import MAX_AMPLITUDE_UM
 from fembridge.errors import StimulusError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray

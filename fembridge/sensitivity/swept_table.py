@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError
 from fembridge.sensitivity.swept import ALL, QUANTITIES, RATE, STRESS, Output, SweptFingers
 from fembridge.table_rows import Row, decoded, header_of, read_content, rows_of

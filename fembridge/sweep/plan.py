@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import product
 
 from decks.probe import Probe
-from decks.stimuli.entry import Entry
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import Entry
+from decks.waveform import make_stimulus
 from fembridge.errors import FembridgeError, UsageError
 from fembridge.response.indentation import depth_for
 from fembridge.sweep.study import Asked, Study

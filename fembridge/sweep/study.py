@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from decks.analysis import ELEMENTS, Contact
 from decks.probe import Probe
-from decks.stimuli.entry import MAX_AMPLITUDE_UM, Entry
+from decks.stimuli import MAX_AMPLITUDE_UM, Entry
 from fembridge.errors import FembridgeError, UsageError
 from fembridge.response.driving_stress import reading_energy
 from fembridge.response.solve import LADDER

@@ -31,8 +31,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from decks.probe import Probe
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.entry import Entry
+from decks.stimuli import Entry, resolve
 from fembridge.errors import FembridgeError, UsageError
 from fembridge.sweep.study import Study, check_points
 from fembridge.sweep.study_fingers import CONTACT_KEYS, fingers_of

@@ -11,8 +11,8 @@ from pathlib import Path
 from decks.finger import Finger
 from decks.finger_file import finger_table
 from decks.probe import Probe
-from decks.stimuli.entry import Entry
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import Entry
+from decks.waveform import make_stimulus
 from fembridge import __version__
 from fembridge.build import stimulus_inputs
 from fembridge.stimulus import Stimulus

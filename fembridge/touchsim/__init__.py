@@ -7,7 +7,7 @@ the ``README.md`` beside it.
 from dataclasses import dataclass
 from pathlib import Path
 
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.errors import UsageError
 from fembridge.table_rows import read_rows
 from fembridge.tables import AFFERENTS, Rate

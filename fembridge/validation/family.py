@@ -8,8 +8,7 @@ mean square of a noise.
 from dataclasses import dataclass
 from itertools import groupby
 
-from decks.stimuli.catalogue import CATALOGUE, set_name
-from decks.stimuli.entry import Diharmonic, Entry, Noise, Sine, number_text
+from decks.stimuli import CATALOGUE, Diharmonic, Entry, Noise, Sine, number_text, set_name
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.entry import number_text
+from decks.stimuli import number_text, resolve
 from fembridge.plots.palette import (
     AFFERENT_COLOURS,
     FAINT,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from decks.finger import Finger
 from decks.probe import Probe
-from decks.stimuli.catalogue import CATALOGUE
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import CATALOGUE
+from decks.waveform import make_stimulus
 from fembridge.build import Model, model_of
 from fembridge.deflection.convergence import ConvergenceRow, convergence
 from fembridge.deflection.profile import Deflection

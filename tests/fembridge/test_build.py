@@ -10,8 +10,8 @@ from decks.analysis import Contact
 from decks.dialects import DeckOptions
 from decks.presets import PRESETS
 from decks.probe import Probe
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge import build
 from fembridge.build import Model, build_run_folder, model_of
 from fembridge.errors import DeckError, OutputError

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fembridge
-from decks.stimuli.catalogue import CATALOGUE
+from decks.stimuli import CATALOGUE
 from fembridge.errors import TableError, UsageError
 from fembridge.observed import ObservedRates, read_observed
 from fembridge.tables import AFFERENTS, Rate, read_rates, write_rates

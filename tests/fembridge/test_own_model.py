@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from decks.own_model.request import Request
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.cli import main
 from fembridge.errors import DeckError
 from fembridge.own_model import build_own_folder, read_base_deck

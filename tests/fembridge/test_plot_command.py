@@ -11,7 +11,7 @@ import pytest
 
 import fembridge
 from decks.presets import QUICK, mesh_of
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.cli import main
 from fembridge.response.map_file import write_map
 from fembridge.response.response_map import ResponseMap

@@ -14,8 +14,8 @@ from decks.material import Material
 from decks.meshing.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import OutputError, UsageError
 from fembridge.plots.layer_palette import LAYER_COLOURS, line_colour
 from fembridge.plots.mesh import afferent_nodes, boundaries, draw_mesh, mesh_figure, probe_outline

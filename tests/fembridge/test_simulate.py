@@ -10,8 +10,8 @@ from numpy.testing import assert_array_equal
 from decks.analysis import Contact
 from decks.presets import PRESETS
 from decks.probe import Probe
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge import simulate as module
 from fembridge.build import model_of
 from fembridge.errors import MissingError, ResponseError, UsageError

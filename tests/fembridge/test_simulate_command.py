@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.cli import main
 from fembridge.machine import CCX_VARIABLE, SOLVER_INSTALL_LINE
 from fembridge.response.map_file import read_map

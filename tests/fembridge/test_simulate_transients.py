@@ -10,8 +10,8 @@ from decks.analysis import Contact
 from decks.dialects import JOB
 from decks.material import PronyTerm
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge import simulate as module
 from fembridge import transients as transients_module
 from fembridge.build import model_of

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import OutputError, ParameterError, TraceError
 from fembridge.simulation import Simulation, encode_all
 from fembridge.tables import Rate, SpikeTrain, read_rates, read_spikes

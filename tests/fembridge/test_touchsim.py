@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fembridge
-from decks.stimuli.catalogue import CATALOGUE
+from decks.stimuli import CATALOGUE
 from fembridge import touchsim
 from fembridge.errors import TableError, UsageError
 from fembridge.observed import read_observed

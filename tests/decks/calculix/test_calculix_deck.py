@@ -16,8 +16,8 @@ from decks.finger import LAYERS
 from decks.keyword_deck import LONGEST_NUMBER
 from decks.material import Material
 from decks.presets import QUICK, mesh_of
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
 
 SKIN = mesh_of(QUICK)

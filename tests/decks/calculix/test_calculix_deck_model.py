@@ -10,8 +10,8 @@ from decks.calculix import calculix_deck
 from decks.finger import LAYERS, SITES
 from decks.keyword_deck import LONGEST_NUMBER
 from decks.meshing.mesh import Mesh
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 

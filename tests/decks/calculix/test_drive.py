@@ -10,8 +10,8 @@ from decks.analysis import analyse
 from decks.calculix import calculix_deck
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder

@@ -13,8 +13,8 @@ from decks.dialects import DIALECTS, DeckOptions
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
 from fembridge.results import read
 from fembridge.results.printed.dat import read_total_force

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.marc.deck import marc_deck
 from decks.material import TABLE_1
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 (PRESSED,) = (make_stimulus(entry, 500.0) for entry in resolve("sine_20_250"))

@@ -15,8 +15,8 @@ from decks.marc_grammar.material import isotropic
 from decks.marc_grammar.mesh import read_sets
 from decks.marc_grammar.post import post
 from decks.presets import PAPER, mesh_of
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 PRESSURE_TYPES = (80, 118)

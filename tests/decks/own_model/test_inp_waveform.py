@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from decks.motion import Motion, motion_of
 from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 
 DT_S = 5e-4
 MOTION = Motion(np.arange(5) * DT_S, np.array([0.0, 0.1, -0.2, 0.1, 0.0]), DT_S, 0)

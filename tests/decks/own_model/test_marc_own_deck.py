@@ -11,8 +11,8 @@ from decks.motion import motion_of
 from decks.own_model.marc_dat import rebase_marc
 from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 (SINE,) = (make_stimulus(entry) for entry in resolve("sine_20_250"))

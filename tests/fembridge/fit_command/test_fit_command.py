@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.testing import assert_allclose
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.fitting.search_bar import SearchBar
 from fembridge.response.map_file import read_map
 from fembridge.response.stored import FOLDER

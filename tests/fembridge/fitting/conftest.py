@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.observed import read_observed
 from fembridge.response.map_file import read_map
 from fembridge.response.stored import FOLDER

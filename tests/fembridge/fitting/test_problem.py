@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from decks.stimuli.catalogue import CATALOGUE, resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import CATALOGUE, resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import ParameterError
 from fembridge.fitting.judged_rates import JudgedRates
 from fembridge.fitting.problem import fit_problem, group_of

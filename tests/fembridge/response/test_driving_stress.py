@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from decks.material import TABLE_1
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
 from fembridge.response.driving_stress import driving_stress, poisson_at
 from fembridge.response.map_file import read_map

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
 from fembridge.response.map_file import read_map
 from fembridge.response.solve import solve_response

@@ -173,8 +173,8 @@ def test_a_map_is_written_whole_or_not_at_all(path, made_map):
 @pytest.mark.parametrize("name", ["quick", "paper"])
 def test_a_shipped_map_is_whole_and_deep_enough_for_the_catalogue(name):
     """250 um is the deepest sinusoid; noise has peaks beyond its RMS."""
-    from decks.stimuli.catalogue import resolve
-    from decks.stimuli.waveform import make_stimulus
+    from decks.stimuli import resolve
+    from decks.waveform import make_stimulus
 
     response = read_map(FOLDER / f"{name}.toml")
 

@@ -6,8 +6,8 @@ import pytest
 
 from decks.material import PronyTerm
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.build import model_of
 from fembridge.response.path_dependence import why_no_map
 

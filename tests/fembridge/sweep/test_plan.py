@@ -12,7 +12,7 @@ from decks.analysis import Contact
 from decks.material import PronyTerm
 from decks.presets import PRESETS
 from decks.probe import Probe
-from decks.stimuli.catalogue import CATALOGUE, resolve
+from decks.stimuli import CATALOGUE, resolve
 from fembridge.errors import FembridgeError
 from fembridge.response.solve import LADDER
 from fembridge.sweep import task as task_module

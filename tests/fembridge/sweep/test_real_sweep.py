@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.stimulus import Stimulus
 from fembridge.sweep import Study, Variant, run_sweep
 from fembridge.sweep import task as task_module

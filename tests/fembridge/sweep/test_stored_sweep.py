@@ -6,8 +6,8 @@ import shutil
 import pytest
 
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import resolve
-from decks.stimuli.waveform import make_stimulus
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.build import model_of
 from fembridge.errors import UsageError
 from fembridge.simulate import simulate

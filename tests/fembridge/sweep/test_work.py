@@ -6,7 +6,7 @@ import pickle
 import pytest
 
 from decks.presets import PRESETS
-from decks.stimuli.catalogue import resolve
+from decks.stimuli import resolve
 from fembridge.sweep import Study, Variant, lease, run_sweep
 from fembridge.sweep import work as module
 from fembridge.sweep.answers import is_finished

@@ -1,6 +1,6 @@
 """The families: every stimulus of the catalogue once, in the panels of the paper."""
 
-from decks.stimuli.catalogue import CATALOGUE
+from decks.stimuli import CATALOGUE
 from fembridge.validation.family import FAMILIES
 
 

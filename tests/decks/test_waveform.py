@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
-from decks.stimuli.catalogue import CATALOGUE, resolve
-from decks.stimuli.entry import Diharmonic, Noise, Sine
-from decks.stimuli.waveform import MARGIN_SAMPLES, band_noise, butterworth_power, make_stimulus
+from decks.stimuli import CATALOGUE, Diharmonic, Noise, Sine, resolve
+from decks.waveform import MARGIN_SAMPLES, band_noise, butterworth_power, make_stimulus
 from fembridge.errors import StimulusError
 
 NOISES = [entry for entry in CATALOGUE if isinstance(entry, Noise)]

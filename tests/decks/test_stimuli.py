@@ -11,10 +11,17 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import decks
-from decks.stimuli.appendix import MISPRINTS_UM, SINE_AMPLITUDES_UM
-from decks.stimuli.catalogue import CATALOGUE, resolve
-from decks.stimuli.catalogue_table import catalogue_lines, entry_lines
-from decks.stimuli.entry import Diharmonic, Noise, Sine
+from decks.stimuli import (
+    CATALOGUE,
+    MISPRINTS_UM,
+    SINE_AMPLITUDES_UM,
+    Diharmonic,
+    Noise,
+    Sine,
+    catalogue_lines,
+    entry_lines,
+    resolve,
+)
 from fembridge.errors import StimulusError
 
 # The stimulus column of the TouchSim rates computed for this project: transcribed

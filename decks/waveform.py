@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from decks.stimuli.entry import (
+from decks.stimuli import (
     DECIMALS,
     DT_MS,
     DURATION_MS,
