@@ -15,7 +15,7 @@ import numpy as np
 from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError
 from fembridge.sensitivity.swept import ALL, QUANTITIES, RATE, STRESS, Output, SweptFingers
-from fembridge.table_rows import Row, decoded, header_of, read_content, rows_of
+from fembridge.tables import TextTable, read_table
 
 RESULT_COLUMNS = ("stimulus", "afferent", RATE, STRESS, "status", "cause")
 
@@ -23,6 +23,9 @@ _OUTPUT = re.compile(rf"([A-Z][A-Z0-9_]*):({'|'.join(QUANTITIES)}):(\S+)")
 
 Point = tuple[str, ...]
 """The cells of a row that tell its finger from others."""
+
+Asked = tuple[str, str]
+"""Stimulus and afferent."""
 
 
 def read_swept(path: Path) -> SweptFingers:
@@ -37,12 +40,11 @@ def read_swept(path: Path) -> SweptFingers:
     UsageError
         Nothing to compare.
     """
-    text = decoded(read_content(path), path)
-    header = header_of(text, path, RESULT_COLUMNS)
-    if "stimulus" in header:
-        return _from_results(path, text, header)
-    if any(_OUTPUT.fullmatch(name) for name in header):
-        return _from_summary(path, text, header)
+    table = read_table(path)
+    if "stimulus" in table.header:
+        return _from_results(path)
+    if any(_OUTPUT.fullmatch(name) for name in table.header):
+        return _from_summary(table)
     raise TableError(
         "neither results.csv of a sweep, with a column stimulus, nor a summary of "
         "one, with columns as SA:rate_ips:all",
@@ -73,23 +75,32 @@ def group_of(stimulus: str) -> str:
     return stimulus.rpartition("_")[0]
 
 
-def _from_results(path: Path, text: str, header: Sequence[str]) -> SweptFingers:
+def _from_results(path: Path) -> SweptFingers:
     """Gather the rows of each finger, its parameters before the column stimulus."""
-    telling = header[: header.index("stimulus")]
-    answers: dict[Point, dict[tuple[str, str], Row]] = {}
+    table = read_table(path, RESULT_COLUMNS)
+    telling = table.header[: table.header.index("stimulus")]
+    points: list[Point] = list(zip(*map(table.column, telling), strict=True))
+    if not telling:
+        points = [()] * table.size
+    failed = table.choices("status", ("done", "failed")) == "failed"
     causes: dict[Point, str] = {}
-    for row in rows_of(text, path, (*telling, *RESULT_COLUMNS)):
-        point = tuple(row.cells[name] for name in telling)
-        mine = answers.setdefault(point, {})
-        if row.choice("status", ("done", "failed")) == "failed":
-            causes.setdefault(point, row.cells["cause"])
-            continue
-        if mine.setdefault((row.text("stimulus"), row.text("afferent")), row) != row:
-            raise row.error("this stimulus and afferent stand there twice")
+    for row in np.flatnonzero(failed).tolist():
+        causes.setdefault(points[row], table.column("cause")[row])
+    done = table.where(~failed)
+    numbers = zip(*(done.numbers(quantity, least=0) for quantity in QUANTITIES), strict=True)
+    answers: dict[Point, dict[Asked, tuple[float, ...]]] = {point: {} for point in points}
+    names = zip(done.words("stimulus"), done.words("afferent"), numbers, strict=True)
+    for row, (index, (stimulus, afferent, values)) in enumerate(
+        zip(np.flatnonzero(~failed).tolist(), names, strict=True)
+    ):
+        mine = answers[points[index]]
+        if (stimulus, afferent) in mine:
+            raise done.error(row, f"duplicate: {stimulus}, {afferent} of the same finger")
+        mine[stimulus, afferent] = values
     whole = [point for point in answers if point not in causes]
-    names, value = _parameters(path, telling, whole)
+    swept, value = _parameters(path, telling, whole)
     outputs, answer = _means(path, [answers[point] for point in whole])
-    return SweptFingers(names, value, outputs, answer, tuple(causes.values()))
+    return SweptFingers(swept, value, outputs, answer, tuple(causes.values()))
 
 
 def _parameters(
@@ -115,7 +126,7 @@ def _parameters(
 
 
 def _means(
-    path: Path, fingers: Sequence[Mapping[tuple[str, str], Row]]
+    path: Path, fingers: Sequence[Mapping[Asked, tuple[float, ...]]]
 ) -> tuple[tuple[Output, ...], np.ndarray]:
     """Give outputs and their means ``(finger, output)`` over groups of stimuli."""
     if not fingers:
@@ -136,10 +147,8 @@ def _means(
                     if name == afferent and group in (ALL, groups[stimulus])
                 ]
     numbers = {
-        quantity: np.array(
-            [[rows[key].number(quantity, least=0) for key in asked] for rows in fingers]
-        )
-        for quantity in QUANTITIES
+        quantity: np.array([[rows[key][column] for key in asked] for rows in fingers])
+        for column, quantity in enumerate(QUANTITIES)
     }
     columns = [
         numbers[output.quantity][:, places].mean(axis=1) for output, places in members.items()
@@ -147,21 +156,20 @@ def _means(
     return tuple(members), np.stack(columns, axis=1)
 
 
-def _from_summary(path: Path, text: str, header: Sequence[str]) -> SweptFingers:
-    found = {name: _OUTPUT.fullmatch(name) for name in header}
+def _from_summary(table: TextTable) -> SweptFingers:
+    found = {name: _OUTPUT.fullmatch(name) for name in table.header}
     outputs = {
         name: Output(match[1], match[2], match[3])
         for name, match in found.items()
         if match is not None
     }
     names = [name for name, match in found.items() if match is None]
-    rows = list(rows_of(text, path, header))
     return SweptFingers(
-        tuple(names), _numbers(rows, names), tuple(outputs.values()), _numbers(rows, outputs)
+        tuple(names), _numbers(table, names), tuple(outputs.values()), _numbers(table, outputs)
     )
 
 
-def _numbers(rows: Sequence[Row], names: Iterable[str]) -> np.ndarray:
+def _numbers(table: TextTable, names: Iterable[str]) -> np.ndarray:
     """Give the numbers of columns ``(row, column)``."""
-    columns = [[row.number(name) for row in rows] for name in names]
-    return np.array(columns).reshape(len(columns), len(rows)).T
+    columns = [table.numbers(name) for name in names]
+    return np.array(columns).reshape(len(columns), table.size).T

@@ -14,11 +14,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fembridge.errors import FembridgeError
+from fembridge.errors import FembridgeError, TableError
 from fembridge.simulation import SPIKES_FILE, Simulation
 from fembridge.store import filling, read_sealed, sha256_of, write_sealed, write_text
 from fembridge.sweep.task import FORMAT, Item
-from fembridge.table_rows import read_rows
 from fembridge.tables import write_spikes
 from neural import spikes_inside
 
@@ -119,14 +118,19 @@ def read_answers(place: Path) -> dict[tuple[str, str], Answer]:
     TableError
         The table is not there or not whole.
     """
-    found = [
-        Answer(
-            row.text("stimulus"),
-            row.text("afferent"),
-            row.number("rate_ips", least=0),
-            row.whole("spikes", least=0),
-            row.number("peak_stress_pa", least=0),
-        )
-        for row in read_rows(place / ANSWERS_FILE, COLUMNS)
-    ]
+    path = place / ANSWERS_FILE
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            found = [
+                Answer(
+                    row["stimulus"],
+                    row["afferent"],
+                    float(row["rate_ips"]),
+                    int(row["spikes"]),
+                    float(row["peak_stress_pa"]),
+                )
+                for row in csv.DictReader(file)
+            ]
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise TableError(f"not the answers of an item: {error!r}", path) from error
     return {(each.stimulus, each.afferent): each for each in found}

@@ -1,16 +1,17 @@
 """The rates of TouchSim under the 82 stimuli: the model to set one's own beside.
 
-``rates.csv`` in this folder; what made it, and what is not known of that, is told in
-the ``README.md`` beside it.
+``rates.csv`` in this folder; what made it, and what is not known of that, is in the
+``README.md`` beside it.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from decks.stimuli import resolve
 from fembridge.errors import UsageError
-from fembridge.table_rows import read_rows
-from fembridge.tables import AFFERENTS, Rate
+from fembridge.tables import AFFERENTS, Rate, read_table
 
 TABLE = Path(__file__).parent / "rates.csv"
 
@@ -30,7 +31,7 @@ class TouchsimRate(Rate):
 
 
 def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[TouchsimRate]:
-    """Give TouchSim's rates under all 82 stimuli, in the order of the catalogue.
+    """TouchSim's rates under all 82 stimuli, in the order of the catalogue.
 
     Parameters
     ----------
@@ -50,29 +51,23 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
     ------
     UsageError
         Nothing was computed for that depth.
-    TableError
-        The stored table is altered.
     """
-    depths_um: set[float] = set()
-    rates = []
-    for row in read_rows(TABLE, _COLUMNS):
-        stimulus = row.text("stimulus")
-        depth_um = row.number("preindent_um", least=0)
-        depths_um.add(depth_um)
-        [entry] = resolve(stimulus)
-        start_ms, end_ms = entry.window_ms
-        wanted_ms = WHOLE_SECOND_MS if whole_second else end_ms - start_ms
-        if depth_um != preindent_um or row.number("window_ms") != wanted_ms:
-            continue
-        rates.append(
-            TouchsimRate(
-                stimulus,
-                row.choice("afferent", AFFERENTS),
-                row.number("rate_ips", least=0),
-                row.number("rate_sd_ips", least=0),
-            )
-        )
-    if not rates:
-        there = " or ".join(f"{depth_um:g}" for depth_um in sorted(depths_um))
+    table = read_table(TABLE, _COLUMNS)
+    depth_um = table.numbers("preindent_um")
+    if preindent_um not in depth_um:
+        there = " or ".join(f"{depth:g}" for depth in np.unique(depth_um))
         raise UsageError(f"preindent_um is {preindent_um:g}, TouchSim's is {there}")
-    return rates
+    stimuli = table.words("stimulus")
+    windows_ms = {id_: np.ptp(resolve(id_)[0].window_ms) for id_ in dict.fromkeys(stimuli)}
+    wanted_ms = np.array([WHOLE_SECOND_MS if whole_second else windows_ms[id_] for id_ in stimuli])
+    table = table.where((depth_um == preindent_um) & (table.numbers("window_ms") == wanted_ms))
+    return [
+        TouchsimRate(*row)
+        for row in zip(
+            table.words("stimulus").tolist(),
+            table.choices("afferent", AFFERENTS).tolist(),
+            table.numbers("rate_ips").tolist(),
+            table.numbers("rate_sd_ips").tolist(),
+            strict=True,
+        )
+    ]

@@ -7,8 +7,7 @@ import pytest
 
 import fembridge
 from decks.stimuli import CATALOGUE
-from fembridge import touchsim
-from fembridge.errors import TableError, UsageError
+from fembridge.errors import UsageError
 from fembridge.observed import read_observed
 from fembridge.tables import AFFERENTS, read_rates, write_rates
 from fembridge.touchsim import MODELS, touchsim_rates
@@ -55,10 +54,8 @@ def test_no_spread_among_n_models_is_wider_than_one_of_them_alone_firing(depth_u
 
 
 def test_a_depth_that_was_not_computed_is_told():
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match=r"250.*0 or 500"):
         touchsim_rates(250)
-
-    assert str(caught.value) == "preindent_um is 250, TouchSim's is 0 or 500"
 
 
 def test_the_rates_are_rates_that_a_table_takes(tmp_path):
@@ -69,15 +66,6 @@ def test_the_rates_are_rates_that_a_table_takes(tmp_path):
 
     assert [rate.rate_ips for rate in read_rates(path)] == [rate.rate_ips for rate in rates]
     assert read_observed(path).families == ("sine", "diharm", "noise")
-
-
-def test_a_table_that_was_altered_is_refused(tmp_path, monkeypatch):
-    altered = tmp_path / "rates.csv"
-    altered.write_text(touchsim.TABLE.read_text().replace(",SA,", ",SA1,"))
-    monkeypatch.setattr(touchsim, "TABLE", altered)
-
-    with pytest.raises(TableError, match="'SA1', expected one of SA, RA, PC"):
-        touchsim_rates()
 
 
 @pytest.mark.skipif(

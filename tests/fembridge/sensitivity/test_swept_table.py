@@ -105,7 +105,7 @@ def test_nothing_to_compare_is_told(results, rows, problem):
     [
         (
             [row(1.0, "sine_20_250", 1, 1), row(1.0, "sine_20_250", 2, 1)],
-            "csv:3: this stimulus and afferent stand there twice",
+            "csv:3: duplicate: sine_20_250, SA",
         ),
         (
             [row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_50_250", 2, 1)],
