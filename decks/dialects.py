@@ -159,7 +159,7 @@ DIALECTS = {
             result_kinds=("both", "binary", "text"),
             probes=("rigid", "meshed"),
             contact=("friction",),
-            target="decks.marc.files:marc_files",
+            target="decks.marc.write:marc_files",
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
             f"fembridge ingest {JOB}{REWRITTEN}.t16; docs/marc.md tells more",
         ),

@@ -109,7 +109,7 @@ def write_marc_table(stimulus: Stimulus, path: Path) -> None:
     point a sample. A boundary condition multiplies its own value by the table,
     so that value is 1, or -1 where the deck's axis points out of the skin.
     """
-    from decks.marc.motion import time_table
+    from decks.marc.write import time_table
 
     lines = [
         f"$ {stimulus.id}: time in s, displacement of the probe in mm, positive into",

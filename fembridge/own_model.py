@@ -40,9 +40,9 @@ class BaseDeck:
         DeckError
             Something is missing or ambiguous; told with file and line.
         """
-        from decks.marc_grammar.describe import beside
+        from decks.marc.contents import beside
         from decks.own_model.inp import rebase_inp
-        from decks.own_model.marc_dat import rebase_marc
+        from decks.own_model.marc import rebase_marc
 
         resolver = beside(self.path)
         try:

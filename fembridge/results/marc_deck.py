@@ -13,7 +13,7 @@ def is_marc_deck(path: Path) -> bool:
     """Whether the file opens as a Marc deck does; False where it cannot be read."""
     if path.suffix.lower() != SUFFIX:
         return False
-    from decks.marc_grammar.reader import looks_like_marc
+    from decks.marc.grammar import looks_like_marc
 
     try:
         with path.open("rb") as file:
@@ -30,7 +30,7 @@ def describe(path: Path) -> Table:
     ResultError
         It cannot be read as a deck.
     """
-    from decks.marc_grammar.describe import describe_marc_deck
+    from decks.marc.contents import describe_marc_deck
 
     try:
         held: Table = describe_marc_deck(path)

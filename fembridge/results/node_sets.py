@@ -101,14 +101,12 @@ def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
 
 
 def _set_of_marc_deck(deck: Path, name: str) -> list[int]:
-    from decks.marc_grammar.mesh import read_sets
-    from decks.marc_grammar.reader import read_marc_deck
+    from decks.marc.contents import read_marc_deck
 
     try:
-        options = read_marc_deck(_bytes(deck), deck).find("define")
         sets = {
             one.name.strip().casefold(): one
-            for one in read_sets(options).values()
+            for one in read_marc_deck(_bytes(deck), deck).sets().values()
             if one.kind.startswith("node")
         }
     except DeckError as error:
@@ -121,7 +119,7 @@ def _set_of_marc_deck(deck: Path, name: str) -> list[int]:
 
 
 def _is_marc(deck: Path) -> bool:
-    from decks.marc_grammar.reader import looks_like_marc
+    from decks.marc.grammar import looks_like_marc
 
     try:
         return looks_like_marc(_bytes(deck))

@@ -28,8 +28,8 @@ def deck_materials(path: Path, element_ids: IntArray) -> tuple[IntArray, list[st
     tuple
         Empty names where there is no such deck, or it does not tell all materials.
     """
-    from decks.marc_grammar.material import isotropic
-    from decks.marc_grammar.reader import looks_like_marc, read_marc_deck
+    from decks.marc.contents import read_marc_deck
+    from decks.marc.grammar import looks_like_marc
 
     nothing = np.zeros(element_ids.size, dtype=np.int64), list[str]()
     beside = path.with_suffix(".dat")
@@ -40,7 +40,7 @@ def deck_materials(path: Path, element_ids: IntArray) -> tuple[IntArray, list[st
         if not looks_like_marc(text):
             return nothing
         deck = read_marc_deck(text, beside)
-        known = isotropic(deck)
+        known = deck.materials()
     except (OSError, DeckError):
         return nothing
     number_of: dict[int, int] = {}

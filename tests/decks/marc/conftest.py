@@ -1,4 +1,4 @@
-"""Decks cut into options by a plain reader that shares no code with their writer."""
+"""Our decks cut by a plain reader that shares no code with the grammar; small own decks."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact, analyse
-from decks.marc.deck import marc_deck
+from decks.marc.write import marc_deck
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.stimulus import Stimulus
@@ -185,3 +185,166 @@ def sample():
 def columns():
     """Give the functions that read whole numbers and reals by column."""
     return integers, reals
+
+
+@dataclass(frozen=True)
+class MarcText:
+    """A deck of two elements; its parts can be replaced by name."""
+
+    layout: str = "extended"
+    version: int = 15
+    drive: str = "body"  # or "disp"
+    factor: float = -1.0
+    stepping: str = "auto load"
+    step_name: str = "press"
+    post: tuple = (301,)
+    post_head: dict = field(default_factory=dict)
+    end: str = "\n"
+
+    def ints(self, *values):
+        width = {"extended": 10, "fixed": 5, "free": 0}[self.layout]
+        if width:
+            return "".join(f"{value:{width}d}" for value in values)
+        return ", ".join(map(str, values)) + ","
+
+    def reals(self, *values):
+        if self.layout == "free":
+            return ", ".join(map(repr, values)) + ","
+        if self.layout == "fixed":
+            return "".join(f"{value:10.4f}" for value in values)
+        return "".join(self.mentat(value) for value in values)
+
+    def head(self, word, *values):
+        if self.layout == "free":
+            return ",".join([word, *map(str, values)])
+        width = 20 if self.layout == "extended" else 10
+        rest = [str(v) if isinstance(v, str) else self.ints(v) for v in values]
+        return word.ljust(width) + "".join(rest)
+
+    def define(self, name):
+        if self.layout == "free":
+            return f"define, node, set, {name}"
+        width = 20 if self.layout == "extended" else 10
+        return "".join(w.ljust(width) for w in ("define", "node", "set")) + name
+
+    def named(self, *values, name):
+        joined = self.ints(*values)
+        return f"{joined} {name}" if self.layout == "free" else joined + name
+
+    @staticmethod
+    def mentat(value):
+        mantissa, exponent = f"{value:.15e}".split("e")
+        return f"{mantissa}{int(exponent):+d}".rjust(20)
+
+    def parameters(self):
+        workspace = (0,) if self.layout == "free" else (0, 0)
+        yield "title"
+        if self.layout == "extended":
+            yield "extended"
+        yield self.head("sizing", *workspace, 2, 6, 0)
+        yield self.head("elements", 11)
+        yield self.head("version", self.version, 2, 0, 0)
+        yield self.head("table", 0, 0, 2, 1, 1, 0, 0, 1)
+        yield "end"
+
+    def mesh(self):
+        yield "connectivity"
+        yield self.ints(0, 0, 1, 0, 1, 1, 0, 1, 0)
+        yield self.ints(1, 11, 1, 2, 5, 4)
+        yield self.ints(2, 11, 2, 3, 6, 5)
+        yield "coordinates"
+        yield self.ints(3, 6, 0, 1)
+        for node in range(1, 7):
+            x, y = float((node - 1) % 3), -float((node - 1) // 3)
+            number = self.ints(node)
+            yield (number + (" " if self.layout == "free" else "") + self.reals(x, y, 0.0))
+        yield self.define("held_nodes")
+        yield "4 to 6"
+
+    def table(self, name="wave", number=1, points=((0.0, 0.0), (1.0, 1.0))):
+        yield self.head("table", name)
+        yield self.ints(number, 1, 0, 0, 2)
+        yield self.ints(1, len(points), 2, 0, 0, 2, 0, 0, 2, 0, 0, 2)
+        for point in points:
+            yield self.reals(*point)
+
+    def fixed(self, name, value, table, where="held_nodes"):
+        yield self.named(1, 0, 0, 0, 1, 0, name=name)
+        yield self.reals(0.0, value)
+        yield self.ints(0, table)
+        yield self.ints(1, 2)
+        yield self.ints(2)
+        yield where
+
+    def conditions(self):
+        yield "fixed disp"
+        yield ""
+        yield from self.fixed("held", 0.0, 0)
+        if self.drive == "disp":
+            yield from self.fixed("indent", self.factor, 1)
+
+    def contact(self):
+        if self.drive != "body":
+            return
+        yield self.head("contact", 5, 0, 0)
+        yield self.ints(1, 0, 9, 6, 0, 9999, 3, *[0] * 9)
+        yield self.ints(*[0] * 7, 1, *[0] * 8)
+        yield self.reals(*[0.0] * 5, 0.95, 0.0, 0.05)
+        yield self.reals(1.0, 0.0)
+        yield "$....contact body 1: probe"
+        yield self.named(1, 0, 0, 0, 1, -1, 0, -1, name="probe")
+        yield self.ints(2, 0, 0, 0, 1, 1, 1, 1)
+        yield self.reals(*[0.0] * 6, 1.0)
+        yield self.reals(*[0.0] * 4)
+        yield self.reals(0.0, self.factor, *[0.0] * 6)
+        yield self.ints(0, 1, *[0] * 6)
+        yield self.ints(0, 0, 0, 0)
+
+    def output(self):
+        head = [len(self.post), 16, 17, 0, 0, 19, 20, 0, 1, *[0] * 7]
+        for place, value in self.post_head.items():
+            head[place - 1] = value
+        yield "post"
+        yield self.ints(*head)
+        for code in self.post:
+            yield self.ints(code, 0)
+
+    def case(self, name=None, increments=10, most=99999, stepping=None):
+        stepping = stepping or self.stepping
+        yield self.head("loadcase", name or self.step_name)
+        active = ["held", "indent"] if self.drive == "disp" else ["held"]
+        yield self.ints(len(active))
+        yield from active
+        yield "control"
+        yield self.ints(most, 10, 0, 0, 0, 1)
+        yield self.reals(0.1)
+        if stepping == "auto load":
+            yield "auto load"
+            yield self.ints(increments, 0, 10, 0, 0)
+            yield "time step"
+            yield self.reals(0.1)
+        elif stepping == "auto step":
+            yield "auto step"
+            adaptive = self.reals(0.01, 1.0, 0.1, 10.0, 0.001, 0.5)
+            yield adaptive + self.ints(99999, 5, 1, 0)
+            yield self.ints(0, 10, 0, 0)
+        elif stepping != "none":
+            yield stepping
+            yield self.reals(0.1, 1.0)
+        yield "continue"
+
+    def text(self, **parts):
+        """Join the parts; one given by name (a list of lines) replaces its own."""
+        order = ("parameters", "mesh", "table", "conditions", "contact", "output")
+        lines = []
+        for part in order:
+            lines += parts.get(part) or getattr(self, part)()
+        lines.append("end option")
+        lines += parts.get("cases") or self.case()
+        return (self.end.join(map(str, lines)) + self.end).encode("latin-1")
+
+
+@pytest.fixture(scope="session")
+def marc_text():
+    """The class, to be made with what a test wants."""
+    return MarcText

@@ -8,11 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from decks.dialects import DeckOptions
-from decks.marc.element_types import MARC_TYPES
-from decks.marc.files import marc_files
-from decks.marc.layout import PROBES
-from decks.marc.motion import WAVEFORM_NAME
+from decks.dialects import DIALECTS, PROBES, DeckOptions
+from decks.marc.write import WAVEFORM, marc_files
 
 DOCS = Path(__file__).parents[3] / "docs"
 PAGE = (DOCS / "marc.md").read_text(encoding="utf-8")
@@ -54,10 +51,10 @@ def test_what_the_page_says_of_the_deck_is_in_it(make_model):
     for name in ("afferent_sa", "afferent_ra", "afferent_pc", "skin_apex", "held_nodes"):
         assert f"`{name}`" in PAGE
         assert re.search(rf"^define +node +set +{name}$", deck, flags=re.MULTILINE)
-    assert f"`{WAVEFORM_NAME}`" in PAGE
+    assert f"`{WAVEFORM}`" in PAGE
     assert all(f"`{name}`" in PAGE or f" {name}`" in PAGE for name in PROBES)
-    for kind in MARC_TYPES.values():
-        assert f"{kind.number}`" in PAGE
+    for number in DIALECTS["marc"].elements.values():
+        assert f"{number}`" in PAGE
     for written in re.findall(r"`(job[_a-z0-9]*\.dat)`", PAGE):
         assert written in files or written in files["job.proc"]
 

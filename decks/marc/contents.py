@@ -1,0 +1,953 @@
+"""What a Marc deck holds: mesh, sets, materials, tables, conditions, contact, load cases.
+
+`read_marc_deck` reads mesh and tables at once, since their counts show whether the deck
+is whole; the methods of `MarcDeck` read the rest when they are asked. Numbers are in the
+deck's own units. `describe_marc_deck` is all of it in words and counts.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from decks.marc.grammar import (
+    CONDITIONS,
+    Include,
+    Layout,
+    Line,
+    Member,
+    Option,
+    Resolver,
+    Section,
+    blocks,
+    cut,
+    integers_line,
+    keyword_line,
+    read_list,
+    read_options,
+)
+from fembridge.errors import DeckError
+from fembridge.typing import FloatArray, IntArray, Table
+
+# Nodes of an element by type, those of pressure included: the types of the decks
+# tried, and those that third parties list from the element library, Volume B.
+NODES = {
+    **dict.fromkeys((9, 31, 52, 98), 2),
+    **dict.fromkeys((2, 6, 138, 158, 201), 3),
+    **dict.fromkeys((3, 10, 11, 18, 75, 114, 115, 116, 134, 135, 139, 140), 4),
+    **dict.fromkeys((80, 82, 83, 118, 119, 157), 5),
+    **dict.fromkeys((124, 125, 126, 128, 129, 136, 137, 200), 6),
+    **dict.fromkeys((7, 22, 26, 27, 28, 30, 32, 33, 43, 53, 54, 55), 8),
+    **dict.fromkeys((58, 59, 63, 66, 117, 123, 149), 8),
+    **dict.fromkeys((84, 120), 9),
+    **dict.fromkeys((34, 47, 60, 127, 130, 133), 10),
+    **dict.fromkeys((202, 203), 15),
+    **dict.fromkeys((21, 23, 35, 44, 57, 61, 150), 20),
+}
+_NODES_A_LINE = 14
+_MOST_COORDINATES = 6
+
+# What makes nodes and elements that are on no line of their own.
+_GENERATORS = (
+    *("conn fill", "conn gener", "node circle", "node fill", "node generation"),
+    *("ufconn", "ufxord"),
+)
+_MENTAT = re.compile(r"\$\.+\s*MARC input file produced by (.*?)\s*\Z", re.IGNORECASE)
+
+# Tables: type of variable, and the fifth number of the first line.
+TIME = 1
+POINTS, FORMULA = 2, 3
+
+# Conditions and contact.
+FIXED_DISPLACEMENT = "fixed disp"
+TRANSLATIONS = 3
+"""The first numbers of a body's motion, and degrees of freedom of a node: x, y and z."""
+DEFORMABLE, RIGID, SYMMETRY = 1, 2, 3
+POSITION, VELOCITY = -1, 0
+"""How a rigid body is controlled; above 0 it is by a load."""
+COULOMB_BILINEAR = 6
+_BEFORE_BODIES = 4  # lines: two of integers, two of reals
+_BODY_LINES = 7
+_BEFORE_PAIRS = 5  # lines of an interaction before its reals and their tables
+
+# Increments. What else can make them does not say how long they take.
+FIXED, ADAPTIVE = "auto load", "auto step"
+_OTHER_STEPPING = (
+    *("auto creep", "auto increment", "auto therm", "auto time", "buckle", "creep increment"),
+    *("dynamic change", "harmonic", "modal increment", "modal shape", "steady state", "transient"),
+)
+_AUTO_STEP = "rrrrrriiii"
+
+# The first line of `post`, fields from 0, and codes of element quantities.
+POST_COUNT, POST_KIND, POST_EVERY, POST_NODAL = 0, 3, 8, 12
+STRESS, VON_MISES = 311, 17
+POST_KINDS = {"binary": 0, "text": 1, "both": 2}
+"""Field 4 of `post`: 0 was seen, 1 is documented by a reader of such decks; 2 for both is
+inferred from Mentat's three choices."""
+
+_LISTED_IN_MATERIAL = 11  # the last input version, of those seen, with lists of elements there
+_MATERIAL_TABLES = 8
+
+
+# ---- Values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elements:
+    """Elements of one type in one ``connectivity``: `number` ``(E,)``, `node` ``(E, k)``.
+
+    `geometry`, `material` and `body` are 0 where the deck does not say them there.
+    """
+
+    kind: int
+    number: IntArray
+    node: IntArray
+    geometry: int
+    material: int
+    body: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """Nodes, `number` ``(N,)``, and where they lie, `position` ``(N, d)``.
+
+    Pressure nodes of mixed elements have no coordinates. `line` is where the option
+    starts, None without.
+    """
+
+    number: IntArray
+    position: FloatArray
+    line: Line | None
+
+    def of(self, node: int) -> FloatArray | None:
+        """Where a node lies ``(d,)``; None when it has no place."""
+        rows = np.flatnonzero(self.number == node)
+        if not rows.size:
+            return None
+        place: FloatArray = self.position[rows[-1]]  # the last one counts
+        return place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedSet:
+    """A set: `kind` is the deck's word, such as ``node``, ``element``, ``edgemt``.
+
+    `member` ``(M,)`` are numbers; of edges and faces ``(M, 2)`` element and side.
+    """
+
+    name: str
+    kind: str
+    member: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarcTable:
+    """A table: `points` ``(P, 2)`` of one variable of type `variable`, None for others.
+
+    `rows` are its lines without comments: two of numbers, then the points.
+    """
+
+    name: str
+    number: int
+    variable: int
+    points: FloatArray | None
+    line: Line
+    rows: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Isotropic:
+    """A material: eight `values`, the first Young's modulus and Poisson's ratio.
+
+    `tables` multiply them. `elements` are those that the option lists, none where the
+    mesh says them.
+    """
+
+    number: int
+    name: str
+    values: tuple[float, ...]
+    tables: tuple[int, ...]
+    elements: tuple[int, ...]
+    line: Line
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A boundary or initial condition: `values`, each times a table, 0 for none.
+
+    `directions` are degrees of freedom from 1, of fixed displacements alone. `where` is
+    the set it acts on; `line` holds the values.
+    """
+
+    family: str
+    name: str
+    values: tuple[float, ...]
+    tables: tuple[int, ...]
+    directions: tuple[int, ...]
+    where: str
+    line: Line
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A contact body; `motion` (8), on `line`, is multiplied by `tables` (8).
+
+    Positions are relative to where the body was drawn: inferred from one deck whose
+    author says what it does.
+    """
+
+    name: str
+    kind: int
+    control: int
+    motion: tuple[float, ...]
+    tables: tuple[int, ...]
+    line: Line
+
+
+@dataclass(frozen=True, slots=True)
+class Interaction:
+    """How two bodies touch, as far as tables of its numbers go."""
+
+    name: str
+    tables: tuple[int, ...]
+    line: Line
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCase:
+    """A load case; `number` from 1, `name` as ``loadcase`` or ``title`` says it.
+
+    `stepping` is the option that makes increments, None where there are none;
+    `increments` is their count where it is fixed, `period` their time together, None
+    where the deck does not say.
+    """
+
+    number: int
+    name: str
+    active: tuple[str, ...]
+    stepping: Option | None
+    time_step: Option | None
+    increments: int | None
+    period: float | None
+    line: Line
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """The post file asked for; `head` are the numbers of the first line, `line`.
+
+    `codes` are element quantities, on `code_lines`.
+    """
+
+    codes: tuple[int, ...]
+    nodal: tuple[int, ...]
+    head: tuple[int, ...]
+    line: Line
+    code_lines: tuple[Line, ...]
+
+    @property
+    def every(self) -> int:
+        """Every how many increments."""
+        return max(self.head[POST_EVERY], 1)
+
+
+# ---- The deck
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarcDeck:
+    """All of a deck: every line is in one of `options`, in order.
+
+    The methods raise DeckError, with the line, where an option is cut short, is in a
+    shape that no real deck has, or holds less than it announces.
+    """
+
+    path: Path | None
+    options: tuple[Option, ...]
+    includes: tuple[Include, ...]
+    elements: tuple[Elements, ...] = field(init=False)
+    coordinates: Coordinates = field(init=False)
+    tables: tuple[MarcTable, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        model = Section.MODEL
+        elements = tuple(_elements(self.find("connectivity", model)))
+        object.__setattr__(self, "elements", elements)
+        object.__setattr__(self, "coordinates", _coordinates(self.find("coordinates", model)))
+        tables = tuple(map(_table, self.find("table", model)))
+        object.__setattr__(self, "tables", tables)
+        self._check_sizes()
+
+    def find(
+        self, keyword: str, section: Section | None = None, case: int | None = None
+    ) -> tuple[Option, ...]:
+        """The options of that keyword, of one section, of one load case."""
+        return tuple(
+            option
+            for option in self.options
+            if option.keyword == keyword
+            and section in (None, option.section)
+            and case in (None, option.case)
+        )
+
+    @property
+    def version(self) -> int | None:
+        """The input version: 11 for Mentat 2014, 15 from 2020."""
+        for option in self.find("version", Section.PARAMETER):
+            return (option.numbers or [0])[0]
+        return None
+
+    @property
+    def mentat(self) -> str | None:
+        """The program that wrote the deck, as the deck says."""
+        for option in self.options:
+            if option.section is not Section.PARAMETER:
+                break
+            for line in option.lines:
+                found = _MENTAT.match(line.text)
+                if found is not None:
+                    return found[1]
+        return None
+
+    @property
+    def sizes(self) -> tuple[int, int] | None:
+        """Elements and nodes, pressure nodes too, that the deck says it has."""
+        for option in self.find("sizing", Section.PARAMETER):
+            numbers = option.numbers
+            start = 1 if option.head.free else 2  # a workspace comes before
+            if len(numbers) >= start + 2:
+                return numbers[start], numbers[start + 1]
+        return None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know about the deck."""
+        remarks = [
+            f"{each.line.place}: includes {each.name}, which was not read"
+            for each in self.includes
+            if not each.followed
+        ]
+        sizes, found = self.sizes, sum(len(each.number) for each in self.elements)
+        if sizes is not None and found != sizes[0]:
+            remarks.append(f"{found} elements, while `sizing` has room for {sizes[0]}")
+        return tuple(remarks)
+
+    def sets(self) -> dict[str, NamedSet]:
+        """Sets by name, all sections."""
+        return _sets(self.find("define"))
+
+    def materials(self) -> list[Isotropic]:
+        """The isotropic materials."""
+        listed = (self.version or 0) <= _LISTED_IN_MATERIAL
+        driven = bool(self.find("table", Section.PARAMETER))
+        options = self.find("isotropic", Section.MODEL)
+        return [each for option in options for each in _materials(option, listed, driven)]
+
+    def conditions(self) -> list[Condition]:
+        """All conditions of the model definition."""
+        options = [each for each in self.options if each.keyword in CONDITIONS]
+        options = [each for each in options if each.section is Section.MODEL]
+        return [each for option in options for each in _conditions(option)]
+
+    def bodies(self) -> list[Body]:
+        """The contact bodies, none of a deck without contact."""
+        found = self.find("contact", Section.MODEL)
+        return _bodies(found[0]) if found else []
+
+    def interactions(self) -> list[Interaction]:
+        """All contact interactions."""
+        return [_interaction(option) for option in self.find("con intera", Section.MODEL)]
+
+    def load_cases(self) -> list[LoadCase]:
+        """All load cases."""
+        last = max((option.case for option in self.options), default=0)
+        return [_load_case(self.options, number) for number in range(1, last + 1)]
+
+    def post(self) -> Post | None:
+        """The last ``post`` of the model definition; None of a deck without."""
+        found = self.find("post", Section.MODEL)
+        return _post(found[-1]) if found else None
+
+    def _check_sizes(self) -> None:
+        """Compare counts: Mentat says how many there are, others how much room is."""
+        generated = any(option.keyword in _GENERATORS for option in self.options)
+        sizes = self.sizes
+        if sizes is None or generated or not all(each.followed for each in self.includes):
+            return
+        found = sum(len(each.number) for each in self.elements)
+        if found > sizes[0] or (found < sizes[0] and self.mentat is not None):
+            places = [each.head.place for each in self.find("connectivity", Section.MODEL)]
+            where = f" ({', '.join(places)})" if places else ""
+            raise self.find("sizing", Section.PARAMETER)[0].head.refuse(
+                f"`sizing` has {sizes[0]} elements, but the deck holds {found}{where}"
+            )
+
+
+def read_marc_deck(
+    data: bytes, path: Path | None = None, resolver: Resolver | None = None
+) -> MarcDeck:
+    """Read a Marc deck.
+
+    Parameters
+    ----------
+    data
+        Its bytes.
+    path
+        Its file, for messages.
+    resolver
+        Gives the bytes of an included file by the name in the deck, None where it has
+        none. Without it, included files are noted and not followed.
+
+    Raises
+    ------
+    DeckError
+        No Marc deck, cut short, or its counts do not agree; names the line.
+    """
+    options, includes = read_options(data, path, resolver)
+    return MarcDeck(path, tuple(options), tuple(includes))
+
+
+def beside(path: Path) -> Resolver:
+    """What reads included files: by their names, from the folder of `path`."""
+
+    def resolve(name: str) -> bytes | None:
+        try:
+            return (path.parent / name).read_bytes()
+        except (OSError, ValueError):
+            return None
+
+    return resolve
+
+
+def describe_marc_deck(path: Path) -> Table:
+    """What the deck at `path` holds; included files are looked for beside it.
+
+    What cannot be read of it is in ``remarks``, with its line.
+
+    Raises
+    ------
+    DeckError
+        No Marc deck, cut short, or not readable as a file.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DeckError(f"{path}: {error.strerror or error}") from error
+    deck = read_marc_deck(data, path, beside(path))
+    remarks = list(deck.remarks)
+
+    def read(view: Callable[[], Any], otherwise: Any) -> Any:  # noqa: ANN401 - a JSON value
+        try:
+            return view()
+        except DeckError as error:
+            remarks.append(f"not read: {error}")
+            return otherwise
+
+    kinds: Counter[int] = Counter()
+    for each in deck.elements:
+        kinds[each.kind] += len(each.number)
+    held: Table = {
+        "format": "marc-deck",
+        "bytes": len(data),
+        "lines": sum(len(option.lines) for option in deck.options),
+        "version": deck.version,
+        "written_by": deck.mentat,
+        "elements": {str(kind): count for kind, count in sorted(kinds.items())},
+        "nodes": len(deck.coordinates.number),
+        "sets": read(
+            lambda: {
+                name: {"kind": each.kind, "members": len(each.member)}
+                for name, each in deck.sets().items()
+            },
+            {},
+        ),
+        "tables": [_described_table(each) for each in deck.tables],
+        "conditions": read(
+            lambda: [
+                {"family": each.family, "name": each.name, "on": each.where}
+                for each in deck.conditions()
+            ],
+            [],
+        ),
+        "contact_bodies": read(
+            lambda: [
+                {"name": each.name, "kind": _BODY_KINDS.get(each.kind, str(each.kind))}
+                for each in deck.bodies()
+            ],
+            [],
+        ),
+        "load_cases": read(
+            lambda: [
+                {
+                    "name": each.name,
+                    "stepping": each.stepping and each.stepping.keyword,
+                    "increments": each.increments,
+                    "period": each.period,
+                }
+                for each in deck.load_cases()
+            ],
+            [],
+        ),
+        "post": read(lambda: _described_post(deck.post()), None),
+        "sections": dict(Counter(o.keyword for o in deck.options if o.keyword)),
+    }
+    held["remarks"] = remarks
+    return held
+
+
+_BODY_KINDS = {DEFORMABLE: "deformable", RIGID: "rigid", SYMMETRY: "symmetry"}
+
+
+def _described_table(table: MarcTable) -> Table:
+    held: Table = {"name": table.name, "number": table.number, "line": table.line.number}
+    if table.points is not None and len(table.points):
+        first, last = table.points[0].tolist(), table.points[-1].tolist()
+        held |= {"points": len(table.points), "first": first, "last": last}
+    return held
+
+
+def _described_post(post: Post | None) -> Table | None:
+    if post is None:
+        return None
+    return {
+        "codes": list(post.codes),
+        "nodal_codes": list(post.nodal),
+        "formatted": post.head[POST_KIND] == POST_KINDS["text"],
+        "every": post.every,
+    }
+
+
+# ---- Mesh and sets
+
+
+def _elements(options: Sequence[Option]) -> Iterator[Elements]:
+    """All ``connectivity`` options, one value a type in each.
+
+        connectivity
+                 0         0         1         0         1         1         0         1
+                 1       118       220       221      2589      2590      2591
+
+    The first line's fifth, sixth and eighth field name geometry, material and contact
+    body of all elements below, from input version 12 on. An element is its number, its
+    type and its nodes: 14 of them on the first line, 14 on each further one.
+    """
+    seen: dict[int, Line] = {}
+    for option in options:
+        # A line with letters mentions a file that was not read.
+        rows = [line for line in option.data if not (line.blank or line.lettered)]
+        head = rows[0].integers() + [0] * 9 if rows else []
+        found: dict[int, tuple[list[int], list[list[int]]]] = {}
+        row = 1
+        while row < len(rows):
+            line = rows[row]
+            values = line.integers()
+            row += 1
+            if len(values) < 3:
+                raise line.refuse("expected an element: number, type, nodes")
+            number, kind = values[:2]
+            if number in seen:
+                raise line.refuse(f"element {number} again, first on {seen[number].place}")
+            seen[number] = line
+            count = NODES.get(kind, 0)
+            while row < len(rows) and _goes_on(values, count, rows[row]):
+                values += rows[row].integers()
+                row += 1
+            numbers, nodes = found.setdefault(kind, ([], []))
+            expected = len(nodes[0]) if nodes else count or len(values) - 2
+            if len(values) - 2 != expected:
+                raise line.refuse(
+                    f"element {number} of type {kind} has {len(values) - 2} nodes, "
+                    f"expected {expected}"
+                )
+            numbers.append(number)
+            nodes.append(values[2:])
+        for kind, (numbers, nodes) in found.items():
+            number_, node_ = np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64)
+            yield Elements(kind, number_, node_, head[4], head[5], head[7])
+
+
+def _goes_on(values: list[int], count: int, line: Line) -> bool:
+    """Whether the element goes on, on `line`; a type not known does if it may."""
+    if count:
+        return len(values) - 2 < count and (len(values) - 2) % _NODES_A_LINE == 0
+    if (len(values) - 2) % _NODES_A_LINE:
+        return False
+    ahead = line.integers()
+    return len(ahead) < 2 or ahead[1] != values[1]
+
+
+def _coordinates(options: Sequence[Option]) -> Coordinates:
+    """All ``coordinates`` options: how many reals a node has and how many nodes, nodes."""
+    numbers: list[int] = []
+    places: list[list[float]] = []
+    for option in options:
+        data = option.data
+        rows = [line for line in data if not (line.blank or line.lettered)]
+        if not rows:
+            continue
+        head = [*rows[0].integers(), 0, 0]
+        width, count = head[0] or 3, head[1]
+        if not 1 <= width <= _MOST_COORDINATES:
+            raise rows[0].refuse(f"{width} coordinates a node, expected 1 to {_MOST_COORDINATES}")
+        for line in rows[1:]:
+            number, place = line.node(width)
+            numbers.append(number)
+            places.append(place)
+        if count and len(rows) - 1 != count and not any(line.lettered for line in data):
+            raise rows[0].refuse(f"{count} nodes announced, but {len(rows) - 1} lines of them")
+    widest = max(map(len, places), default=3)
+    places = [each + [0.0] * (widest - len(each)) for each in places]
+    return Coordinates(
+        np.array(numbers, dtype=np.int64),
+        np.array(places).reshape(len(places), widest),
+        options[0].head if options else None,
+    )
+
+
+def _sets(options: Sequence[Option]) -> dict[str, NamedSet]:
+    """All ``define`` options; a set may name sets before it."""
+    found: dict[str, NamedSet] = {}
+    members: dict[bool, dict[str, list[Member]]] = {False: {}, True: {}}
+    for option in options:
+        kind, name = _kind_and_name(option)
+        paired = kind.startswith(("edge", "face"))
+        listed = read_list(option.data, paired=paired, earlier=members[paired])
+        members[not paired].pop(name, None)
+        members[paired][name] = listed
+        shape = (len(listed), 2) if paired else (len(listed),)
+        found[name] = NamedSet(name, kind, np.array(listed, dtype=np.int64).reshape(shape))
+    return found
+
+
+def _kind_and_name(option: Option) -> tuple[str, str]:
+    """The words of ``define KIND set NAME``."""
+    text, width = option.head.text, option.head.layout.real
+    if option.head.free:
+        words = [each.strip() for each in text.split(",")]
+        name = ",".join(words[3:]).strip(",").strip()
+    else:
+        words = [text[at : at + width].strip() for at in range(0, 3 * width, width)]
+        name = text[3 * width :].strip()
+        if not name:
+            words = text.split(maxsplit=3)
+            name = words[3].strip() if len(words) > 3 else ""
+    kind = words[1].lower() if len(words) > 1 else ""
+    if not kind or not name:
+        raise option.head.refuse("expected `define`, what, `set` and a name")
+    return kind, name
+
+
+# ---- Materials and tables
+
+
+def _materials(option: Option, listed: bool, driven: bool) -> list[Isotropic]:
+    """Isotropic materials; up to input version 11 the list of its elements follows.
+
+            1von mises           isotropic                   10         0         0
+    E, Poisson's ratio, density, thermal expansion, yield stress, three more
+            0         0 ...                      table of each of the eight
+    """
+    rows = option.data
+    starts = [row for row, line in enumerate(rows) if _starts_material(line)]
+    if not starts and not all(line.blank for line in rows):
+        raise option.head.refuse("`isotropic` without a line that names a material")
+    before_list = 3 if driven else 2  # decks without tables have none here
+    materials = []
+    for block in blocks(rows, starts):
+        if len(block) < before_list:
+            raise block[0].refuse("a material without its values and their tables")
+        number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
+        values = block[1].reals()
+        if len(values) < 2:
+            raise block[1].refuse("expected Young's modulus, Poisson's ratio, ...")
+        members = [each for each in block[before_list:] if not each.blank] if listed else []
+        tables = block[2].integers() if driven else [0] * _MATERIAL_TABLES
+        elements = tuple(each for each in read_list(members) if isinstance(each, int))
+        materials.append(Isotropic(number, name, tuple(values), tuple(tables), elements, block[0]))
+    return materials
+
+
+def _starts_material(line: Line) -> bool:
+    number, criterion = cut(line.text, line.layout, "iw")
+    return number.isdigit() and criterion[:1].isalpha()
+
+
+def _table(option: Option) -> MarcTable:
+    """A value against one or more variables.
+
+        table               waveform
+                 1         1         0         0         2
+                 1       501         2         0         0         2 ...
+         0.000000000000000+0 0.000000000000000+0
+
+    The first line holds number, count of variables, and in its fifth field 2 where points
+    follow, 3 for a formula. Of each variable follow its type, its points, and whether
+    values beyond them are extrapolated.
+    """
+    rows = option.filled
+    if len(rows) < 2:
+        raise option.head.refuse(f"table {option.name!r} has no lines of numbers")
+    number, count, _, _, kind = _at_least(rows[0], 2, "a table's number, count of variables", 5)
+    variable, points = 0, None
+    if kind != FORMULA and count >= 1:
+        variable, expected = _at_least(rows[1], 2, "a variable's type, count of points", 2)
+        # A line with letters mentions a file that was not read.
+        if count == 1 and kind == POINTS and not any(line.lettered for line in rows):
+            if len(rows) - 2 != expected:
+                raise option.head.refuse(
+                    f"table {option.name!r} has {len(rows) - 2} lines of points, "
+                    f"while {rows[1].place} says {expected}"
+                )
+            pairs = [line.fields("rr") for line in rows[2:]]
+            points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
+    return MarcTable(option.name, number, variable, points, option.head, tuple(rows))
+
+
+def _at_least(line: Line, needed: int, what: str, count: int) -> list[int]:
+    """The first `count` integers of a line that has the `needed` first ones."""
+    values = line.integers()
+    if len(values) < needed:
+        raise line.refuse(f"{len(values)} fields, expected {needed}: {what}")
+    return (values + [0] * count)[:count]
+
+
+# ---- Conditions and contact
+
+
+def _conditions(option: Option) -> Iterator[Condition]:
+    """Conditions of one option, all in one shape.
+
+        fixed disp
+
+                 1         0         0         0         1         0indent
+         0.000000000000000+0-1.000000000000000+0      values
+                 0         1                          table of each value, 0 for none
+                 1         2                          degree of freedom of each value
+                 2                                    kind of list: 2 is a set of nodes
+        indent_nodes
+
+    Other conditions lack the degrees of freedom or have other numbers there.
+    """
+    rows = option.filled
+    starts = [row for row, line in enumerate(rows) if _starts_condition(line)]
+    if rows and (not starts or starts[0] > 1):
+        raise option.head.refuse(
+            f"`{option.keyword}` is not in the table-driven style, expected a line of "
+            "six integers and a name"
+        )
+    displacement = option.keyword == FIXED_DISPLACEMENT
+    needed = 6 if displacement else 5
+    for block in blocks(rows, starts):
+        if len(block) < needed:
+            raise block[-1].refuse(
+                f"`{option.keyword}` has {len(block)} lines from {block[0].place} on, "
+                f"expected at least {needed}"
+            )
+        name = block[0].fields("iiiiiit")[6]
+        values, tables = block[1].reals(), block[2].integers()
+        if len(tables) > len(values):
+            raise block[2].refuse(f"{len(tables)} tables for {len(values)} values")
+        tables += [0] * (len(values) - len(tables))
+        directions: list[int] = []
+        if displacement:
+            directions = block[3].integers()
+            if len(directions) != len(values):
+                raise block[3].refuse(
+                    f"{len(directions)} degrees of freedom for {len(values)} values"
+                )
+            where = block[5]
+        else:
+            # Kinds of loads differ in what comes between; a name is always last.
+            where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
+        yield Condition(
+            *(option.keyword, name, tuple(values), tuple(tables), tuple(directions)),
+            where.word,
+            block[1],
+        )
+
+
+def _starts_condition(line: Line) -> bool:
+    """Whether numbers and then a name are on the line."""
+    if line.lettered or line.blank:
+        return False
+    *numbers, name = cut(line.text, line.layout, "iiiiiit")
+    return bool(name) and all(each.lstrip("+-").isdigit() for each in numbers)
+
+
+def _bodies(option: Option) -> list[Body]:
+    """The bodies of ``contact``: numbers and a name, what it is, how it moves.
+
+                 3         1         0         0         1        -1         0        -1load
+                 2         0 ...                      1 deformable, 2 rigid, 3 symmetry
+         centre of rotation (3), 0 0 0, 1             seven reals
+         0 0 0 0                                      friction, old style
+         x, y, z, ...                                 eight reals, times their tables
+                 0         1 ...                      tables
+                 0         0         0         0
+
+    The sixth number is its control. A rigid body's curves or surfaces follow.
+    """
+    rows = option.data
+    if len(rows) < _BEFORE_BODIES:
+        raise option.head.refuse(
+            f"`contact` has {len(rows)} lines, expected {_BEFORE_BODIES} and bodies"
+        )
+    starts: list[int] = []
+    for row, line in enumerate(rows[_BEFORE_BODIES:], start=_BEFORE_BODIES):
+        # Their numbers rise from 1, a name is last.
+        *numbers, name = cut(line.text, line.layout, "iiiiiiiit")
+        is_number = name.replace(".", "").replace("+", "").replace("-", "").isdigit()
+        if name and not is_number and numbers[0] == str(len(starts) + 1):
+            starts.append(row)
+    announced = rows[0].first_integer()
+    if len(starts) != announced:
+        raise rows[0].refuse(f"{announced} contact bodies announced, but {len(starts)} found")
+    bodies = []
+    for block in blocks(rows, starts):
+        if len(block) < _BODY_LINES:
+            raise block[-1].refuse(
+                f"a contact body of {len(block)} lines from {block[0].place} on, expected "
+                f"at least {_BODY_LINES}"
+            )
+        _, _, _, _, _, control, _, _, name = block[0].fields("iiiiiiiit")
+        motion, tables = block[4].reals(), block[5].integers()
+        if len(motion) < TRANSLATIONS or len(tables) != len(motion):
+            raise block[4].refuse(
+                f"a body's motion of {len(motion)} numbers and {len(tables)} tables, "
+                f"expected as many of both, and {TRANSLATIONS} at least"
+            )
+        kind = block[1].first_integer()
+        bodies.append(Body(name, kind, control, tuple(motion), tuple(tables), block[4]))
+    return bodies
+
+
+def _interaction(option: Option) -> Interaction:
+    """An interaction: a name, kinds of the bodies, numbers, then reals and their tables."""
+    rows = option.data
+    if len(rows) < _BEFORE_PAIRS + 2:
+        raise option.head.refuse("a contact interaction cut short")
+    tables = [each for row in rows[_BEFORE_PAIRS + 1 :: 2] for each in row.integers()]
+    return Interaction(rows[0].fields("iit")[2], tuple(tables), option.head)
+
+
+# ---- Load cases and output
+
+
+def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
+    """A load case: what acts, in how many increments, for how long.
+
+    loadcase            press
+             2
+    held
+    indent
+    auto load
+           500         0        10         0         0
+    time step
+     5.000000000000000-4
+    continue
+    """
+    options = [option for option in all_options if option.case == number]
+    named = [option for option in options if option.keyword == "loadcase"]
+    titled = [option for option in options if option.keyword == "title"]
+    stepping = (FIXED, ADAPTIVE, *_OTHER_STEPPING)
+    steps = [option for option in options if option.keyword in stepping]
+    if len(steps) > 1:
+        raise steps[1].head.refuse(
+            f"a second way of stepping, `{steps[1].keyword}`, beside "
+            f"`{steps[0].keyword}` on {steps[0].head.place}"
+        )
+    step = steps[0] if steps else None
+    times = [option for option in options if option.keyword == "time step"]
+    increments, period = _increments(step, times[-1] if times else None)
+    return LoadCase(
+        number,
+        (named or titled)[-1].name if named or titled else "",
+        _active(named[-1]) if named else (),
+        step,
+        times[-1] if times else None,
+        increments,
+        period,
+        options[0].head,
+    )
+
+
+def _active(option: Option) -> tuple[str, ...]:
+    """Names of the conditions that act, as many as the first line says."""
+    rows = option.data
+    if not rows:
+        return ()
+    count = rows[0].first_integer()
+    if len(rows) - 1 < count:
+        raise rows[0].refuse(f"{count} conditions announced, but {len(rows) - 1} named")
+    return tuple(line.word for line in rows[1 : 1 + count])
+
+
+def _increments(
+    stepping: Option | None, time_step: Option | None
+) -> tuple[int | None, float | None]:
+    """The count of a load case's increments, and their time together."""
+    if stepping is None:
+        return 0, 0.0
+    if not stepping.data:
+        raise stepping.head.refuse(f"`{stepping.keyword}` without numbers")
+    first = stepping.data[0]
+    if stepping.keyword == ADAPTIVE:
+        return None, first.fields(_AUTO_STEP)[1]
+    if stepping.keyword != FIXED:
+        return None, None
+    count = first.first_integer()
+    if time_step is None:
+        return count, None
+    if not time_step.data:
+        raise time_step.head.refuse("`time step` without a number")
+    return count, count * time_step.data[0].fields("r")[0]
+
+
+def _post(option: Option) -> Post:
+    """The post file asked for.
+
+        post
+                 1        16        17         0         0        19        20         0 ...
+               311         0
+        nodal                        1
+
+    Fields of the first line: 1 element codes; 4 is 0 for binary, 1 for formatted; 9 every
+    n-th increment; 13 nodal codes, where 0 stands for displacement and forces.
+    """
+    rows = [line for line in option.data if not line.blank]
+    if not rows:
+        raise option.head.refuse("`post` without a line of numbers")
+    head = rows[0].integers()
+    head += [0] * (POST_NODAL + 1 - len(head))
+    count = head[POST_COUNT]
+    codes = [line for line in rows[1:] if not line.lettered]
+    if len(codes) < count:
+        raise rows[0].refuse(f"{count} element codes announced, but {len(codes)} lines of them")
+    codes = codes[:count]
+    return Post(
+        tuple(line.fields("i")[0] for line in codes),
+        tuple(line.fields("wi")[1] for line in rows[1:] if line.lettered),
+        tuple(head),
+        rows[0],
+        tuple(codes),
+    )
+
+
+def post_lines(
+    codes: Sequence[int], kind: int, layout: Layout, nodal: Sequence[int] = ()
+) -> list[str]:
+    """``post`` of all layers and every increment; `kind` is one of `POST_KINDS`.
+
+    The numbers after the kinds are units of the files as Mentat writes them.
+    """
+    head = [len(codes), 16, 17, kind, 0, 19, 20, 0, 1, 0, 0, 0, len(nodal), 0, 0, 0]
+    return [
+        "post",
+        integers_line(head, layout),
+        *[integers_line((code, 0), layout) for code in codes],
+        *[keyword_line("nodal", code) for code in nodal],
+    ]

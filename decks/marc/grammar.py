@@ -1,0 +1,818 @@
+"""The grammar of Marc's input decks: lines, numbers, keywords, options.
+
+A deck is parameters up to ``end``, the model definition up to ``end option``, then load
+cases that each end with ``continue``. An option is a keyword, in column 1, and all lines
+up to the next keyword. `read_options` cuts a deck into options without losing a byte;
+the `*_line` functions write the same numbers. Nothing here was checked with Marc: the
+rules come from decks that Mentat 2014 to 2024 wrote and from what third parties state.
+"""
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fembridge.errors import DeckError
+
+# ---- Numbers: fixed columns, extended columns, or between commas
+
+_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d*))?\Z")
+_INTEGER = re.compile(r"[+-]?\d+\Z")
+_PLAIN_INTEGERS = re.compile(r"[ \d+-]*")
+_LONGEST_REAL, _LONGEST_INTEGER = 40, 18  # characters; longer ones are no numbers
+_DECIMALS = 15
+
+
+class Layout(Enum):
+    """Columns of an integer; reals and words take twice as many.
+
+    Extended columns hold after the parameter ``extended``. A line with a comma is free
+    of columns in either layout.
+    """
+
+    FIXED = 5
+    EXTENDED = 10
+
+    def __init__(self, columns: int) -> None:
+        self.integer = columns
+        self.real = 2 * columns
+
+    def columns(self, kind: str) -> int:
+        """Columns of a field: ``i`` integer, ``r`` real, ``w`` word."""
+        return self.integer if kind == "i" else self.real
+
+
+def parse_real(text: str) -> float:
+    """A real as Fortran reads it: ``5.0-1`` lacks the letter of its exponent.
+
+    Where a field ends behind the sign, the exponent is zero (one deck that was run has
+    that).
+
+    Raises
+    ------
+    ValueError
+        It is none, or too large.
+    """
+    found = _REAL.match(text) if len(text) <= _LONGEST_REAL else None
+    if found is None:
+        raise ValueError(text)
+    exponent = (found[2] or found[3] or "").rstrip("+-") or "0"
+    value = float(f"{found[1]}e{exponent}")
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def parse_integer(text: str) -> int:
+    """An integer of at most 18 digits.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    if len(text) > _LONGEST_INTEGER or not _INTEGER.match(text):
+        raise ValueError(text)
+    return int(text)
+
+
+def format_real(value: float) -> str:
+    """A real in 20 columns as Mentat writes it: ``5.000000000000000-4``.
+
+    15 decimals and an exponent of one digit without a letter; a longer exponent takes
+    the place of decimals. Zero has no sign.
+    """
+    value = value or 0.0
+    mantissa, _, exponent = f"{value:.{_DECIMALS}e}".partition("e")
+    digits = len(exponent[1:].lstrip("0")) or 1
+    if digits > 1:
+        mantissa, _, exponent = f"{value:.{_DECIMALS + 1 - digits}e}".partition("e")
+    text = f"{mantissa}{exponent[0]}{exponent[1:].lstrip('0') or '0'}"
+    return text.rjust(Layout.EXTENDED.real)
+
+
+def format_free(value: float) -> str:
+    """A real to stand between commas, with all its digits."""
+    text = repr(value or 0.0).upper()
+    return text if "." in text else text.replace("E", ".0E")
+
+
+def reals_line(
+    values: Iterable[float], layout: Layout = Layout.EXTENDED, *, free: bool = False
+) -> str:
+    """A line of reals; fixed columns hold too few digits, so they become commas."""
+    if free or layout is Layout.FIXED:
+        return _between_commas([format_free(value) for value in values])
+    return "".join(map(format_real, values))
+
+
+def integers_line(
+    values: Iterable[int], layout: Layout = Layout.EXTENDED, *, free: bool = False
+) -> str:
+    """A line of integers."""
+    if free:
+        return _between_commas([str(value) for value in values])
+    return "".join([f"{value:{layout.integer}d}" for value in values])
+
+
+def keyword_line(keyword: str, *fields: str | int) -> str:
+    """The first line of an option, in extended columns: words take 20, integers 10."""
+    rest = [f"{each:10d}" if isinstance(each, int) else f"{each:<20}" for each in fields]
+    return f"{keyword:<20}{''.join(rest)}".rstrip()
+
+
+def _between_commas(texts: list[str]) -> str:
+    return ", ".join(texts) + ("," if len(texts) == 1 else "")
+
+
+def cut(text: str, layout: Layout, kinds: str) -> list[str]:
+    """Cut a line into one text a letter of `kinds`, and the rest where that is ``t``.
+
+    A last ``*`` repeats the letter before it to the end of the line. Fields that the
+    line is too short for are empty texts, but for repeated ones, which end there.
+    """
+    endless = kinds.endswith("*")
+    kinds = kinds.rstrip("*")
+    if "," in text:
+        return _cut_free(text, kinds, endless)
+    texts: list[str] = []
+    place = 0
+    body = text.rstrip()
+    for kind in kinds:
+        end = len(text) if kind == "t" else place + layout.columns(kind)
+        if not (endless and place >= len(body) and len(texts) >= len(kinds) - 1):
+            texts.append(text[place:end].strip())
+        place = end
+    width = layout.columns(kinds[-1])
+    while endless and place < len(body):
+        texts.append(text[place : place + width].strip())
+        place += width
+    return texts
+
+
+def _cut_free(text: str, kinds: str, endless: bool) -> list[str]:
+    items = [item.strip() for item in text.split(",")]
+    if items[-1] == "":
+        items.pop()  # a lone item is followed by a comma
+    if kinds.endswith("t"):
+        count = len(kinds) - 1
+        items += [""] * (count - len(items))
+        items = [*items[:count], ",".join(items[count:])]
+    elif not endless:
+        items = items[: len(kinds)]
+    return items + [""] * (len(kinds) - endless - len(items))
+
+
+def count_integers(text: str, layout: Layout) -> int:
+    """How many fields a line of integers alone has; 0 for any other line."""
+    texts = cut(text, layout, "i*")
+    if not texts or not all(_INTEGER.match(each) for each in texts if each):
+        return 0
+    return len(texts) if any(texts) else 0
+
+
+# ---- Lines
+
+
+class Line(NamedTuple):
+    """A line: `text` without its end, and the bytes `start` to `stop` with it.
+
+    Bytes stand for characters one to one (Latin-1), so that nothing is lost. A line of
+    an included file has the empty span behind the line that includes it, and that
+    file's `path` and `number`; the line that includes it is `followed`.
+    """
+
+    number: int
+    text: str
+    start: int = 0
+    stop: int = 0
+    layout: Layout = Layout.FIXED
+    path: Path | None = None
+    included: bool = False
+    followed: bool = False
+
+    @property
+    def comment(self) -> bool:
+        """Whether it holds no data: a comment, or the mention of a file that was read."""
+        return self.followed or self.text.lstrip().startswith("$")
+
+    @property
+    def blank(self) -> bool:
+        """Whether it is empty; such a line can still mean zeros."""
+        return not self.text.strip()
+
+    @property
+    def lettered(self) -> bool:
+        """Whether it starts in column 1 with a letter, as keywords and names do."""
+        return self.text[:1].isalpha()
+
+    @property
+    def free(self) -> bool:
+        """Whether commas divide its fields."""
+        return "," in self.text
+
+    @property
+    def word(self) -> str:
+        """The only word on it, such as the name of a set."""
+        return self.text.strip().rstrip(",").strip()
+
+    @property
+    def place(self) -> str:
+        """File and number, or its number alone."""
+        return f"line {self.number}" if self.path is None else f"{self.path}:{self.number}"
+
+    def refuse(self, problem: str) -> DeckError:
+        """The error that names this line."""
+        return DeckError(f"{self.place}: {problem}")
+
+    def fields(self, kinds: str) -> list[Any]:
+        """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero.
+
+        Raises
+        ------
+        DeckError
+            A field is not what `kinds` says; names line and field.
+        """
+        texts = cut(self.text, self.layout, kinds)
+        letters = kinds.rstrip("*")
+        letters += letters[-1] * (len(texts) - len(letters))
+        found: list[Any] = []
+        for position, (text, kind) in enumerate(zip(texts, letters, strict=False), start=1):
+            try:
+                if kind == "i":
+                    found.append(parse_integer(text) if text else 0)
+                else:
+                    found.append(text if kind in "wt" else parse_real(text) if text else 0.0)
+            except ValueError:
+                what = "an integer" if kind == "i" else "a real"
+                raise self.refuse(f"field {position} is {text!r}, expected {what}") from None
+        return found
+
+    def integers(self) -> list[int]:
+        """All its fields as integers."""
+        text, width = self.text.rstrip(), self.layout.integer
+        if _PLAIN_INTEGERS.fullmatch(text):  # the usual case, and most of a deck
+            try:
+                return [int(text[at : at + width]) for at in range(0, len(text), width)]
+            except ValueError:
+                pass  # blank fields, or digits out of their columns
+        return self.fields("i*")
+
+    def first_integer(self) -> int:
+        """Its first field, 0 for an empty line."""
+        return (self.integers() or [0])[0]
+
+    def reals(self) -> list[float]:
+        """All its fields as reals."""
+        return self.fields("r*")
+
+    def node(self, width: int) -> tuple[int, list[float]]:
+        """A node's number and its `width` coordinates: ``fields`` of most of a deck."""
+        text, layout = self.text, self.layout
+        place = layout.integer
+        if "," not in text:
+            places = range(place, place + width * layout.real, layout.real)
+            try:
+                return int(text[:place]), [
+                    _short_exponent(text[at : at + layout.real]) for at in places
+                ]
+            except ValueError:
+                pass  # written in another way
+        number, *coordinates = self.fields("i" + "r" * width)
+        return number, coordinates
+
+    def with_integer(self, row: int, value: int) -> str:
+        """Its text with `value` in field `row`, from 0, of a line of integers.
+
+        Raises
+        ------
+        DeckError
+            The value has more digits than the field has columns.
+        """
+        text, written, width = self.text, str(value), self.layout.integer
+        if self.free:
+            items = text.split(",")
+            items += [""] * (row + 1 - len(items))
+            old = items[row]
+            lead = old[: len(old) - len(old.lstrip())]
+            items[row] = lead + written + (old[len(old.rstrip()) :] if old.strip() else "")
+            return ",".join(items)
+        if len(written) > width:
+            raise self.refuse(f"{value} does not fit into field {row + 1}, of {width} columns")
+        padded = text.ljust((row + 1) * width)
+        return padded[: row * width] + written.rjust(width) + padded[(row + 1) * width :]
+
+
+def _short_exponent(text: str) -> float:
+    """``1.500000000000000+1``, the way Mentat writes reals; ValueError for others."""
+    if not (text[-2:-1] in ("+", "-") and text[-3:-2].isdigit() and "." in text):
+        raise ValueError(text)
+    return float(f"{text[:-2]}e{text[-2:]}")
+
+
+# ---- Keywords: what ends the option before
+
+_SIGNIFICANT = 10  # characters of a keyword, in any case
+
+# What a deck starts with; a parameter that is missing here is read all the same.
+_OPENING = ("title", "extended", "sizing", "elements", "version", "alloc", "table")
+
+# Options that this grammar knows the inside of: no line of theirs is a mere name but
+# where a rule below says so.
+_KNOWN = """
+auto load, auto step, con intera, con table, connectivity, contact, contact table,
+continue, control, coordinates, end option, isotropic, mat color, no print, optimize,
+parameters, post, post increment, solver, table, time step, title
+"""
+
+# Conditions: all in one shape.
+_CONDITIONS = """
+dist charges, dist current, dist fluxes, dist loads, dist sources, films, fixed acce,
+fixed disp, fixed potential, fixed pressure, fixed temperature, fixed velo, foundation,
+init stress, initial density, initial disp, initial pc, initial plastic strain,
+initial porosity, initial pressure, initial state, initial temp, initial vel,
+point charge, point current, point flux, point load, point source, point temp,
+press film, thermal loads, weld flux
+"""
+
+# What else real decks hold and Marc's users know. An option that is in none of the lists
+# is still read: as its own where no name can stand, else as part of the one before.
+_OTHERS = """
+acoustic, activate, actuator, adapt global, adaptive, anisotropic, approach, arrhenius,
+attach edge, attach face, attach node, auto creep, auto increment, auto therm, auto time,
+b-h relation, begin sequence, buckle, cad bodies, case combin, cavity, cfast,
+change porosity, change state, channel, circuit, cohesive, composite, conn fill,
+conn gener, constraint, contact node, contact exclude, convert, coord system,
+coupling region, crack data, creep, creep increment, cross-section, cure rate,
+cure shrinkage, cweld, cyclic symmetry, cylindrical, damage, damping, deactivate, define,
+delamination, design objective, design variables, discrete, disp change, dynamic change,
+elem sort, emissivity, end sequence, error estimate, excel, exclude, fail data, flow line,
+fluid drag, fluid solid, foam, forcdt, forcem, forming limit, fourier, fxord, gap data,
+gasket, gent, geometry, global local, grain size, harmonic, hypoelastic, inertia relief,
+insert, j-integral, joule, latent heat, loadcase, lorenzi, magnetostatic, mass, masses,
+mixture, modal increment, modal shape, mooney, motion change, nlelast, no element sort,
+no node sort, no print spring, no summary, nodal thickness, node circle, node fill,
+node generation, node merge, node sort, ogden, orientation, orthotropic, permanent,
+phi-coefficients, piezoelectric, pin code, points, pore, powder, pre state, print choice,
+print contact, print element, print node, print spring, print vmass,
+proportional increment, qvect, radiating cavity, rbe2, rbe3, rebar, recover, release,
+relative density, response spectrum, restart, rezone, rotation axis, rrod, servo link,
+shape memory, shell transformation, shift function, soil, spectrum, spline, springs,
+start number, steady state, strain rate, summary, superelement, suppress, surfaces,
+synchronized, temp change, temperature effects, thermal contact, thermal expansion,
+thickness, time-temp, transformation, transient, tying, tying change, udump, ufconn,
+ufxord, uhtcoef, uhtcon, umotion, usdata, utransform, vcct, velocity, velocity change,
+view factor, viscelexp, viscelfoam, viscelmoon, viscelogden, viscelorth, viscelprop, wear,
+weld fill, weld path, work hard
+"""
+
+
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.replace("\n", " ").split(","))
+
+
+KNOWN = _listed(_KNOWN)
+CONDITIONS = _listed(_CONDITIONS)
+
+
+def significant(text: str) -> str:
+    """What Marc knows a keyword by: ten characters, up to the first comma, in lower case."""
+    return text.partition(",")[0].expandtabs(8)[:_SIGNIFICANT].rstrip().lower()
+
+
+_NAMES = {significant(name): name for name in (*KNOWN, *CONDITIONS, *_listed(_OTHERS))}
+
+
+# ---- Options
+
+
+class Section(Enum):
+    """The part of a deck that an option stands in."""
+
+    PARAMETER = "parameter"
+    MODEL = "model definition"
+    HISTORY = "history"
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """A keyword and what belongs to it, comments too.
+
+    `lines` starts with the keyword's; comments before the first keyword of a deck are an
+    option without one. `case` is the load case, from 1, and 0 before the history.
+    """
+
+    keyword: str
+    lines: tuple[Line, ...]
+    section: Section
+    case: int
+
+    @property
+    def head(self) -> Line:
+        """The keyword's line."""
+        return self.lines[0]
+
+    @property
+    def data(self) -> list[Line]:
+        """Its lines after the keyword's, without comments."""
+        return [line for line in self.lines[1:] if not line.comment]
+
+    @property
+    def filled(self) -> list[Line]:
+        """Its data without the blank lines at their end."""
+        rows = self.data
+        while rows and rows[-1].blank:
+            rows.pop()
+        return rows
+
+    @property
+    def name(self) -> str:
+        """What follows the keyword on its line: the name of a table, a title."""
+        text, width = self.head.text, self.head.layout.real
+        if self.head.free:
+            first, _, rest = text.partition(",")
+            return rest.strip().rstrip(",").strip() or first[width:].strip()
+        return text[width:].strip() or text[_SIGNIFICANT:].strip()
+
+    @property
+    def numbers(self) -> list[int]:
+        """Integers on the keyword's line; other fields there are 0."""
+        text, layout = self.head.text, self.head.layout
+        if self.head.free:
+            texts = cut(text, layout, "w*")[1:]
+        else:
+            texts = cut(text[layout.real :], layout, "i*")
+        return [
+            int(each) if len(each) <= _LONGEST_INTEGER and _INTEGER.match(each) else 0
+            for each in texts
+        ]
+
+
+class Include(NamedTuple):
+    """A file that the deck includes, and whether it was read too."""
+
+    name: str
+    line: Line
+    followed: bool
+
+
+def blocks(rows: Sequence[Line], starts: Sequence[int]) -> list[Sequence[Line]]:
+    """`rows` cut at the rows `starts`; what lies before the first is left out."""
+    stops = [*starts[1:], len(rows)]
+    return [rows[at:stop] for at, stop in zip(starts, stops, strict=False)]
+
+
+# ---- Lists: ``1 to 15 by 2 and 40 except inner``, on lines that end in ``c``
+
+Member = int | tuple[int, int]
+
+_PAIR = re.compile(r"([+-]?\d{1,18}):(\d{1,9})\Z")
+_NUMBER = re.compile(r"[+-]?\d{1,18}\Z")
+_CONTINUED = re.compile(r"(?:^|[\s,\d])c(?:ontinue)?\s*\Z", re.IGNORECASE)
+_JOINING = ("and", "except", "intersect")
+_TO = ("to", "through")
+_MOST = 20_000_000  # members of a list
+
+_Words = deque[tuple[Line, str]]
+
+
+def read_list(
+    lines: Iterable[Line],
+    *,
+    paired: bool = False,
+    earlier: Mapping[str, Sequence[Member]] | None = None,
+) -> list[Member]:
+    """The members of a list: numbers, or pairs ``element:side`` if `paired`.
+
+    `earlier` are sets by name that the list may name. No member comes twice.
+
+    Raises
+    ------
+    DeckError
+        A word that is no part of a list; names its line.
+    """
+    names = {name.lower(): members for name, members in (earlier or {}).items()}
+    words: _Words = deque()
+    for line in lines:
+        parts = line.text.replace(",", " ").split()
+        if parts and _CONTINUED.search(line.text):
+            parts.pop()
+        words += [(line, part) for part in parts]
+    found: dict[Member, None] = {}
+    joining = "and"
+    while words:
+        line, word = words[0]
+        if word.lower() in _JOINING:
+            joining = words.popleft()[1].lower()
+            continue
+        if word.lower() in names:
+            members = names[words.popleft()[1].lower()]
+        else:
+            members = _span(words, paired)
+        if len(found) + len(members) > _MOST:
+            raise line.refuse(f"a list of more than {_MOST} members")
+        if joining == "and":
+            found.update(dict.fromkeys(members))
+        else:
+            other = set(members)
+            found = dict.fromkeys(m for m in found if (m in other) == (joining == "intersect"))
+        joining = "and"
+    return list(found)
+
+
+def _span(words: _Words, paired: bool) -> Sequence[Member]:
+    """``a``, ``a to b`` or ``a to b by n``, taken from the front of `words`."""
+    line, (first, side) = words[0][0], _member(words, paired)
+    if not words or words[0][1].lower() not in _TO:
+        return [(first, side) if paired else first]
+    line, to = words.popleft()
+    if words:
+        line = words[0][0]
+    last, last_side = _member(words, paired, (line, to))
+    step = 1
+    if words and words[0][1].lower() == "by":
+        step = abs(_member(words, False, words.popleft())[0]) or 1
+    if side != last_side:
+        raise line.refuse("a list goes from one side of an element to another")
+    if abs(last - first) // step > _MOST:
+        raise line.refuse(f"a list of more than {_MOST} members")
+    forward = 1 if last >= first else -1
+    span = range(first, last + forward, forward * step)
+    return [(number, side) for number in span] if paired else span
+
+
+def _member(words: _Words, paired: bool, before: tuple[Line, str] | None = None) -> tuple[int, int]:
+    if not words:
+        assert before is not None
+        raise before[0].refuse(f"a list ends in {before[1]!r}")
+    line, word = words.popleft()
+    found = (_PAIR if paired else _NUMBER).match(word)
+    if found is None:
+        what = "element:side" if paired else "a number or the name of a set before"
+        raise line.refuse(f"{word!r} in a list, expected {what}")
+    return (int(found[1]), int(found[2])) if paired else (int(found[0]), 0)
+
+
+# ---- Names: lines that start with a letter as keywords do
+
+# Mentat writes names of sets, geometries and conditions from column 1. Most are no
+# keyword; of one that is (a condition called ``control``), its place decides.
+
+_NODAL = re.compile(r"nodal\b", re.IGNORECASE)
+_FORMULA = "3"
+_MEMBERSHIP_IN_MESH = "2"
+_BEFORE_SET = 4  # lines of a condition before its set, at least
+_CAD_BODY = 6  # numbers before the names of a body
+
+
+def condition_name(line: Line) -> str:
+    """The name behind the six numbers that start a condition, or nothing."""
+    name = cut(line.text, line.layout, "iiiiiit")[6]
+    return name if name[:1].isalpha() else ""
+
+
+def _in_condition(data: Sequence[Line], _line: Line) -> bool:
+    """A set's name: it follows the kind of list of a named condition."""
+    if not data or count_integers(data[-1].text, data[-1].layout) != 1:
+        return False
+    for row, before in enumerate(reversed(data[:-1]), start=2):
+        if before.lettered:
+            return False
+        if condition_name(before):
+            return row >= _BEFORE_SET
+    return False
+
+
+def _in_displacement(data: Sequence[Line], line: Line) -> bool:
+    """A set's name, with degrees of freedom before it too."""
+    before = data[-_BEFORE_SET - 1 : -_BEFORE_SET]
+    return any(map(condition_name, before)) and _in_condition(data, line)
+
+
+def _in_geometry(data: Sequence[Line], _line: Line) -> bool:
+    """A geometry's name: it follows numbers, since input version 12 or so."""
+    if len(data) < 2 or count_integers(data[-1].text, data[-1].layout) < 2:
+        return False
+    return cut(data[0].text, data[0].layout, "iii")[2] == _MEMBERSHIP_IN_MESH
+
+
+def _in_cad_bodies(data: Sequence[Line], _line: Line) -> bool:
+    """The two names after a body's numbers: its own and its file's."""
+    if len(data) < 2:
+        return False
+    if count_integers(data[-1].text, data[-1].layout) == _CAD_BODY:
+        return True
+    return data[-1].lettered and not data[-2].lettered
+
+
+def _in_define(data: Sequence[Line], _line: Line) -> bool:
+    """The first line of a list: every set has one, if only an empty line."""
+    return not data
+
+
+def _in_table(data: Sequence[Line], _line: Line) -> bool:
+    """A formula: the value of a table can be one."""
+    if len(data) < 2 or any(line.lettered for line in data):
+        return False
+    return cut(data[0].text, data[0].layout, "iiiii")[4] == _FORMULA
+
+
+def _in_post(_data: Sequence[Line], line: Line) -> bool:
+    """``nodal``, before the code of a nodal quantity."""
+    return _NODAL.match(line.text) is not None and significant(line.text) not in _NAMES
+
+
+_RULES: dict[str, Callable[[Sequence[Line], Line], bool]] = {
+    **dict.fromkeys(CONDITIONS, _in_condition),
+    "cad bodies": _in_cad_bodies,
+    "define": _in_define,
+    "fixed disp": _in_displacement,
+    "geometry": _in_geometry,
+    "post": _in_post,
+    "table": _in_table,
+}
+
+
+# ---- The deck cut into options
+
+Resolver = Callable[[str], bytes | None]
+"""Gives the bytes of an included file by its name in the deck; None where it has none."""
+
+_INCLUDE = re.compile(r"include(?:\s*,\s*|\s+)(?P<name>\S.*)", re.IGNORECASE)
+_CASE_STARTS = re.compile(r"\$\.*start of loadcase\b", re.IGNORECASE)  # Mentat's comment
+_DEEPEST = 16  # files included by one another
+_LOOK = 4096  # bytes in which a deck's first keyword stands
+_END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
+
+
+def read_options(
+    data: bytes, path: Path | None = None, resolver: Resolver | None = None
+) -> tuple[list[Option], list[Include]]:
+    """The options of a deck, every line in one of them, and the files it includes.
+
+    Raises
+    ------
+    DeckError
+        No Marc deck, or cut short; names the line.
+    """
+    if b"\0" in data:
+        raise _no_deck(path, "zero bytes, expected text")
+    reader = _Reader(resolver)
+    reader.read(data, path)
+    reader.close()
+    options, includes = reader.options, reader.includes
+    keywords = {option.keyword for option in options}
+    if _END not in keywords or not keywords.intersection(_OPENING):
+        raise _no_deck(path, "no parameters such as `sizing` that end with `end`")
+    missing = _missing(options)
+    if missing is not None and all(each.followed for each in includes):
+        last = options[-1]
+        raise last.lines[-1].refuse(
+            f"the deck ends in `{last.keyword}`, which starts on {last.head.place}; "
+            f"expected `{missing}` before the end: the file is cut short"
+        )
+    return options, includes
+
+
+def looks_like_marc(data: bytes) -> bool:
+    """Whether the first line of a file that is no comment opens a Marc deck."""
+    for text in data[:_LOOK].decode("latin-1").split("\n"):
+        if text.strip() and not text.lstrip().startswith("$"):
+            return significant(text.removesuffix("\r")) in _OPENING
+    return False
+
+
+@dataclass(slots=True)
+class _Reader:
+    """The options so far, and the one that is being read: `lines` and its `rows` of data."""
+
+    resolver: Resolver | None
+    options: list[Option] = field(default_factory=list)
+    includes: list[Include] = field(default_factory=list)
+    section: Section = Section.PARAMETER
+    case: int = 0
+    layout: Layout = Layout.FIXED
+    keyword: str = ""
+    lines: list[Line] = field(default_factory=list)
+    rows: list[Line] = field(default_factory=list)
+    conditions: set[str] = field(default_factory=set)
+
+    def read(
+        self, data: bytes, path: Path | None, behind: int | None = None, opened: Sequence[str] = ()
+    ) -> None:
+        """Take the lines of a file, and where an included file can be had, its lines.
+
+        Lines of an included file have the empty span at byte `behind`.
+        """
+        start = 0
+        included = behind is not None
+        for number, text in enumerate(data.decode("latin-1").split("\n"), start=1):
+            stop = min(start + len(text) + 1, len(data))
+            if stop > start:
+                span = (start, stop) if behind is None else (behind, behind)
+                text = text.removesuffix("\r")
+                line = Line(number, text, *span, self.layout, path, included)
+                if _INCLUDE.match(text):
+                    self._include(line, opened)
+                else:
+                    self._take(line)
+            start = stop
+
+    def close(self) -> None:
+        """End the open option."""
+        if not self.lines:
+            return
+        self.options.append(Option(self.keyword, tuple(self.lines), self.section, self.case))
+        if self.keyword in CONDITIONS:
+            self.conditions.update(filter(None, map(condition_name, self.rows)))
+        if self.section is Section.PARAMETER:
+            if self.keyword == _END:
+                self.section = Section.MODEL
+        elif self.keyword == _END_OPTION:
+            self.section, self.case = Section.HISTORY, 1
+        elif self.keyword == _CONTINUE:
+            self.case += 1
+
+    def _include(self, line: Line, opened: Sequence[str]) -> None:
+        found = _INCLUDE.match(line.text)
+        assert found is not None
+        name = found["name"].strip().strip(",").strip().strip("\"'")
+        inner = None if self.resolver is None else self.resolver(name)
+        self.includes.append(Include(name, line, inner is not None))
+        if inner is None:
+            self._take(line, mention=True)
+            return
+        self._take(line._replace(followed=True))
+        if name in opened or len(opened) == _DEEPEST:
+            raise line.refuse(f"{name} includes itself, or is nested too deep")
+        self.read(inner, Path(name), line.stop, (*opened, name))
+
+    def _take(self, line: Line, *, mention: bool = False) -> None:
+        """Add a line: it opens an option or belongs to the open one."""
+        if line.comment:
+            self.lines.append(line)
+        elif not mention and line.lettered and self._opens(line):
+            self.close()
+            word = significant(line.text)
+            self.keyword = word if self.section is Section.PARAMETER else _NAMES.get(word, word)
+            self.lines, self.rows = [line], []
+            if self.section is Section.PARAMETER and word == "extended":
+                self.layout = Layout.EXTENDED
+        else:
+            if not (self.keyword or line.blank or line.lettered):
+                raise line.refuse(
+                    f"no Marc deck: starts with {line.text.strip()[:40]!r}, expected a "
+                    "parameter such as `title`, from column 1"
+                )
+            self.lines.append(line)
+            self.rows.append(line)
+
+    def _opens(self, line: Line) -> bool:
+        """Whether `line`, which starts with a letter, is no name within the open option."""
+        if self.section is Section.PARAMETER and self.keyword != _END:
+            return True
+        rows = self.rows
+        if rows and _CONTINUED.search(rows[-1].text):
+            return False
+        if self.keyword == "loadcase" and line.text.strip().rstrip(", ") in self.conditions:
+            return not _more_to_come(rows)
+        rule = _RULES.get(self.keyword)
+        if rule is not None and rule(rows, line):
+            return False
+        if significant(line.text) in _NAMES:
+            return True
+        # A name can stand in each option but those known, and those nobody knows.
+        return self.keyword in KNOWN
+
+
+def _more_to_come(rows: Sequence[Line]) -> bool:
+    """Whether a load case has more conditions to come, as its first line counts."""
+    if not rows or count_integers(rows[0].text, rows[0].layout) != 1:
+        return False
+    return len(rows) <= parse_integer(cut(rows[0].text, rows[0].layout, "i")[0])
+
+
+def _missing(options: Sequence[Option]) -> str | None:
+    """The keyword that is missing where a deck ends."""
+    last = options[-1]
+    if last.section is Section.PARAMETER:
+        return None if last.keyword == _END and _is_root(options) else _END_OPTION
+    whole = _END_OPTION if last.section is Section.MODEL else _CONTINUE
+    if last.keyword != whole:
+        return whole
+    announced = any(_CASE_STARTS.match(line.text) for line in last.lines)
+    return _CONTINUE if announced else None
+
+
+def _is_root(options: Sequence[Option]) -> bool:
+    """Whether this is the first deck of several domains, which holds no mesh."""
+    return not any(any(each.numbers) for each in options if each.keyword == "sizing")
+
+
+def _no_deck(path: Path | None, found: str) -> DeckError:
+    where = "" if path is None else f"{path}: "
+    return DeckError(f"{where}no Marc deck: {found}")

@@ -1,0 +1,507 @@
+"""An own Marc deck with the waveform in it; all else is kept to the byte.
+
+Changed are: the points of one table; the increments of the load case it drives; the
+output request. The depth is put into the table so that what the table is multiplied by
+becomes the probe's depth in the deck's unit of length; time is taken to be in s, and to
+run on over load cases. Not run in Marc: the deck's grammar was learned from decks that
+Mentat wrote.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from decks.marc.contents import (
+    ADAPTIVE,
+    FIXED,
+    FIXED_DISPLACEMENT,
+    POSITION,
+    POST_COUNT,
+    POST_EVERY,
+    POST_KIND,
+    POST_KINDS,
+    STRESS,
+    TIME,
+    TRANSLATIONS,
+    VON_MISES,
+    LoadCase,
+    MarcDeck,
+    MarcTable,
+    Post,
+    post_lines,
+    read_marc_deck,
+)
+from decks.marc.grammar import (
+    Layout,
+    Line,
+    Resolver,
+    Section,
+    format_free,
+    format_real,
+    integers_line,
+    parse_real,
+    reals_line,
+)
+from decks.motion import Motion
+from decks.own_model.request import Rebased, Request
+from fembridge.errors import DeckError
+
+_WANTED = (VON_MISES, STRESS)
+_MANY_INCREMENTS = 99999  # what Mentat writes as the largest count
+_CUT_BACKS = 10  # how often an increment may be cut, Mentat's default
+_NEWER_VERSION = 14  # of those seen, the first with five numbers in `auto load`
+
+
+def rebase_marc(
+    data: bytes, motion: Motion, request: Request, resolver: Resolver | None = None
+) -> Rebased:
+    """A Marc deck with `motion` in it.
+
+    Parameters
+    ----------
+    data
+        The deck.
+    motion
+        The probe's way into the skin.
+    request
+        Which table and load case, which nodes, and the deck's unit of length.
+    resolver
+        Gives the bytes of an included file by its name, None where it has none.
+
+    Raises
+    ------
+    DeckError
+        What is asked for is missing from the deck or could be several things; the
+        message names the lines.
+    """
+    deck = read_marc_deck(data, resolver=resolver)
+    table, drives = _driving_table(deck, request.amplitude)
+    chosen = _choose_case(deck, request.step, drives)
+    drives = _acting(chosen.case, drives)
+    factor = _one_factor(table, drives)
+    edits = _Edits(data)
+    remarks = [*deck.remarks, f"{table.line.place}: table {table.name!r} is the waveform"]
+    remarks += [f"{use.line.place}: it drives {use.what}, factor {use.value:g}" for use in drives]
+    if factor != 1.0:
+        remarks.append(f"{drives[0].line.place}: the table holds depth divided by {factor:g}")
+    remarks += _set_points(edits, table, motion, chosen, request.length_mm * factor)
+    remarks += _set_increments(edits, deck, chosen, motion)
+    remarks += _set_output(edits, deck, chosen.case.number, request.results)
+    places = {}
+    for name, node in request.afferents.items():
+        place = deck.coordinates.of(node)
+        if place is None or len(place) < 2:
+            raise _no_node(deck, name, node)
+        places[name] = (float(place[0]) * request.length_mm, float(place[1]) * request.length_mm)
+    needs = tuple(dict.fromkeys(each.name for each in deck.includes))
+    return Rebased(edits.changed(), tuple(remarks), places, needs, chosen.start_s)
+
+
+def _no_node(deck: MarcDeck, name: str, node: int) -> DeckError:
+    problem = f"afferent {name}: node {node} has no coordinates"
+    unread = [each.name for each in deck.includes if not each.followed]
+    if unread:
+        problem += f"; included and not read: {', '.join(unread)}"
+    line = deck.coordinates.line
+    return DeckError(problem) if line is None else line.refuse(problem)
+
+
+@dataclass(slots=True)
+class _Edits:
+    """Lines put in the place of lines of `data`, collected and then made at once."""
+
+    data: bytes
+    made: dict[tuple[int, int], bytes] = field(default_factory=dict)
+
+    def replace(self, line: Line, *texts: str) -> None:
+        """Put `texts`, each a line, in the place of `line`; none deletes it."""
+        self.made[line.start, line.stop] = self._lines(line, texts)
+
+    def insert(self, before: Line, *texts: str) -> None:
+        """Put lines before the line `before`."""
+        self.made[before.start, before.start] = self._lines(before, texts)
+
+    def changed(self) -> bytes:
+        """The bytes with all changes made."""
+        parts, place = [], 0
+        for (start, stop), new in sorted(self.made.items()):
+            parts += [self.data[place:start], new]
+            place = stop
+        return b"".join([*parts, self.data[place:]])
+
+    def _lines(self, like: Line, texts: Sequence[str]) -> bytes:
+        """`texts` with the line end that `like` has."""
+        if like.included:
+            raise like.refuse(
+                "would have to change, but is in an included file; only the deck "
+                "itself is changed: put these lines into it"
+            )
+        end = self.data[like.start + len(like.text) : like.stop].decode("latin-1")
+        if not end.endswith("\n"):
+            end = "\r\n" if b"\r\n" in self.data else "\n"
+        return "".join(text + end for text in texts).encode("latin-1")
+
+
+# ---- The table
+
+# A fixed displacement and a rigid body under position control are their value times
+# their table; |value| is the factor that turns the table into a depth. The sign is the
+# user's: it says which way is into the skin.
+
+
+@dataclass(frozen=True, slots=True)
+class _Use:
+    """A place where a table is used: `value` times it is what `what` says.
+
+    `moves` says that this is a displacement; `condition` is the condition's name, empty
+    for what always acts.
+    """
+
+    table: int
+    value: float
+    what: str
+    moves: bool
+    condition: str
+    line: Line
+
+
+_Uses = tuple[_Use, ...]
+
+
+def _uses(deck: MarcDeck) -> Iterator[_Use]:
+    """All uses of tables that the grammar can see."""
+    for each in deck.conditions():
+        displacement = each.family == FIXED_DISPLACEMENT
+        directions = each.directions or (0,) * len(each.values)
+        for value, table, direction in zip(each.values, each.tables, directions, strict=True):
+            if table and (value or not displacement):
+                what = f"`{each.family}` {each.name!r}"
+                if turns := direction > TRANSLATIONS:
+                    what = f"degree of freedom {direction} of {what}"
+                moves = displacement and not turns
+                yield _Use(table, value, what, moves, each.name, each.line)
+    for body in deck.bodies():
+        for row, (value, table) in enumerate(zip(body.motion, body.tables, strict=True)):
+            if table and value:
+                moves = body.control == POSITION and row < TRANSLATIONS
+                what = f"contact body {body.name!r}"
+                if not moves:
+                    manner = "rotation" if row >= TRANSLATIONS else "velocity or load"
+                    what = f"the {manner} of {what}"
+                yield _Use(table, value, what, moves, "", body.line)
+    for kind, others in (
+        ("material", deck.materials()),
+        ("contact interaction", deck.interactions()),
+    ):
+        for other in others:
+            for table in filter(None, other.tables):
+                yield _Use(table, 1.0, f"{kind} {other.name!r}", False, "", other.line)
+
+
+def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
+    """The table that is named, or the only one that moves something, and its uses."""
+    uses = tuple(_uses(deck))
+    if name is None:
+        moving = {use.table for use in uses if use.moves}
+        candidates = [table for table in deck.tables if table.number in moving]
+        if not candidates:
+            raise DeckError(
+                "no table drives a fixed displacement or the position of a contact body; "
+                f"{_listed_tables(deck.tables)}"
+            )
+        if len(candidates) > 1:
+            raise candidates[1].line.refuse(
+                f"{len(candidates)} tables drive a motion; name one: {_names(candidates)}"
+            )
+        table = candidates[0]
+    else:
+        table = _named(deck, name)
+    same = [each for each in deck.tables if each.number == table.number]
+    if len(same) > 1:
+        raise same[1].line.refuse(
+            f"table {same[1].name!r} has number {table.number}, as has "
+            f"{same[0].name!r} on {same[0].line.place}"
+        )
+    mine = tuple(use for use in uses if use.table == table.number)
+    for use in mine:
+        if not use.moves:
+            raise use.line.refuse(
+                f"table {table.name!r} ({table.line.place}) also drives {use.what}, "
+                "which is no displacement: give the motion a table of its own"
+            )
+    if not mine:
+        raise table.line.refuse(
+            f"table {table.name!r} drives no fixed displacement and no contact body"
+        )
+    if table.points is None or not len(table.points):
+        raise table.line.refuse(
+            f"table {table.name!r} is a formula or of several variables, or its points "
+            "are in a file that was not read; expected points of time and value"
+        )
+    if table.variable != TIME:
+        raise table.rows[1].refuse(
+            f"table {table.name!r} is of variable type {table.variable}, expected {TIME}, time"
+        )
+    return table, mine
+
+
+def _named(deck: MarcDeck, name: str) -> MarcTable:
+    wanted = name.strip()
+    found = [table for table in deck.tables if table.name == wanted] or [
+        table for table in deck.tables if table.name.lower() == wanted.lower()
+    ]
+    if not found:
+        raise DeckError(f"no table {name!r}; {_listed_tables(deck.tables)}")
+    if len(found) > 1:
+        raise found[1].line.refuse(
+            f"a second table {name!r}; the first is on {found[0].line.place}"
+        )
+    return found[0]
+
+
+def _one_factor(table: MarcTable, drives: _Uses) -> float:
+    """The factor of all that the table drives, or it is not the same depth for all."""
+    first = drives[0]
+    for use in drives[1:]:
+        if abs(use.value) != abs(first.value):
+            raise use.line.refuse(
+                f"table {table.name!r} drives {use.what} with factor {use.value:g}, "
+                f"but {first.what} ({first.line.place}) with {first.value:g}: which "
+                "is the probe?"
+            )
+    return abs(first.value)
+
+
+def _listed_tables(tables: Sequence[MarcTable]) -> str:
+    return f"the deck has tables {_names(tables)}" if tables else "the deck has no tables"
+
+
+def _names(tables: Sequence[MarcTable]) -> str:
+    return ", ".join(f"{table.name} ({table.line.place})" for table in tables)
+
+
+# ---- The load case
+
+
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    """A load case, when it starts, in s, and what there is before and after."""
+
+    case: LoadCase
+    start_s: float
+    before: tuple[LoadCase, ...]
+    after: tuple[LoadCase, ...]
+
+    @property
+    def words(self) -> str:
+        """Number and name of the load case."""
+        named = f" {self.case.name!r}" if self.case.name else ""
+        return f"load case {self.case.number}{named}"
+
+
+def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
+    """The load case that is wanted, or the only one in which there is motion."""
+    cases = deck.load_cases()
+    possible = [case for case in cases if case.stepping is not None]
+    if wanted is not None:
+        possible = _wanted(cases, possible, wanted)
+    moving = [case for case in possible if _acting(case, drives)]
+    if len(moving) > 1:
+        raise moving[1].line.refuse(
+            f"{len(moving)} load cases have increments and this motion; name one: "
+            f"{_listed_cases(moving)}"
+        )
+    if not possible:
+        raise DeckError(f"no load case has increments; there: {_listed_cases(cases)}")
+    if not moving:
+        raise possible[0].line.refuse(
+            f"{drives[0].what} ({drives[0].line.place}) does not act in {_listed_cases(possible)}"
+        )
+    case = moving[0]
+    before = tuple(each for each in cases if each.number < case.number)
+    start_s = 0.0
+    for each in before:
+        if each.period is None:
+            raise each.line.refuse(
+                f"load case {each.number} {each.name!r} comes before the waveform, but "
+                "`auto load` or `auto step` does not say how long it takes"
+            )
+        start_s += each.period
+    after = tuple(each for each in cases if each.number > case.number and each.stepping)
+    return _Chosen(case, start_s, before, after)
+
+
+def _wanted(cases: Sequence[LoadCase], possible: Sequence[LoadCase], wanted: str) -> list[LoadCase]:
+    named = [each for each in cases if each.name.lower() == wanted.strip().lower()]
+    if not named and wanted.strip().isdecimal():
+        named = [each for each in cases if each.number == int(wanted)]
+    if not named:
+        raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
+    found = [each for each in possible if each in named]
+    if not found:
+        raise named[0].line.refuse(f"load case {wanted!r} has no increments")
+    return found
+
+
+def _acting(case: LoadCase, drives: _Uses) -> _Uses:
+    return tuple(use for use in drives if not use.condition or use.condition in case.active)
+
+
+def _listed_cases(cases: Iterable[LoadCase]) -> str:
+    return ", ".join(f"{case.number} {case.name} ({case.line.place})" for case in cases)
+
+
+# ---- The changes: each gives its remarks
+
+
+def _set_points(
+    edits: _Edits, table: MarcTable, motion: Motion, chosen: _Chosen, unit_mm: float
+) -> list[str]:
+    """Put time and depth into the table, from when the load case starts."""
+    times_s = (motion.time_s + chosen.start_s).tolist()
+    points = list(zip(times_s, (motion.depth_mm / unit_mm).tolist(), strict=True))
+    remarks = []
+    if chosen.start_s > 0:
+        points.insert(0, (0.0, points[0][1]))
+        remarks.append(
+            f"{table.line.place}: the waveform starts at {chosen.start_s:g} s, when "
+            f"{chosen.words} does"
+        )
+    if chosen.after:
+        after = chosen.after[0]
+        remarks.append(
+            f"{after.line.place}: load case {after.number} follows: behind its last "
+            "point the table goes on as its second line says"
+        )
+    _, counts, first, *others = table.rows
+    free = table.rows[-1].free
+    edits.replace(counts, counts.with_integer(1, len(points)))
+    edits.replace(first, *(reals_line(each, first.layout, free=free) for each in points))
+    for line in others:
+        edits.replace(line)
+    return remarks
+
+
+def _set_increments(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Motion) -> list[str]:
+    """Make the load case `motion.increments` of `motion.dt_s`."""
+    option = chosen.case.stepping
+    assert option is not None
+    counted = f"{motion.increments} increments of {motion.dt_s:g} s"
+    first, *others = option.data
+    time_step = ["time step", reals_line([motion.dt_s], first.layout, free=first.free)]
+    if option.keyword == FIXED:
+        edits.replace(first, first.with_integer(0, motion.increments))
+        if chosen.case.time_step is None:
+            edits.replace(option.head, *time_step, option.head.text)
+        remark = f"{option.head.place}: {chosen.words}: {counted}"
+    elif option.keyword == ADAPTIVE:
+        numbers = [motion.increments, 0, _CUT_BACKS]
+        if (deck.version or 0) >= _NEWER_VERSION:
+            numbers += [0, 0]
+        lines = [FIXED, integers_line(numbers, first.layout, free=first.free)]
+        if chosen.case.time_step is None:
+            lines += time_step
+        if option.head.text.isupper():
+            lines = [line.upper() for line in lines]
+        edits.replace(option.head, *lines)
+        for line in (first, *others):
+            edits.replace(line)
+        remark = f"{option.head.place}: {chosen.words}: `{ADAPTIVE}` became `{FIXED}`, {counted}"
+    else:
+        raise option.head.refuse(
+            f"{chosen.words} steps by `{option.keyword}`, which is not changed here; "
+            f"expected `{FIXED}` or `{ADAPTIVE}`"
+        )
+    if chosen.case.time_step is not None:
+        line = chosen.case.time_step.data[0]
+        edits.replace(line, _with_first_real(line, motion.dt_s))
+    return [remark, *_raise_limits(edits, deck, chosen, motion)]
+
+
+def _with_first_real(line: Line, value: float) -> str:
+    """The text of a line of reals with `value` in its first field."""
+    text, layout = line.text, line.layout
+    if line.free:
+        return ",".join([format_free(value), *text.split(",")[1:]])
+    rest = text[layout.real :]
+    if layout is Layout.EXTENDED:
+        return format_real(value) + rest
+    written = f"{value:.4e}".replace("e-0", "-").replace("e+0", "+")
+    if len(written) <= layout.real and parse_real(written) == value:
+        return written.rjust(layout.real) + rest
+    if rest.strip():
+        raise line.refuse(f"{value!r} does not fit into ten columns; put a comma behind the number")
+    return format_free(value) + ","
+
+
+def _raise_limits(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Motion) -> list[str]:
+    """Let ``control`` allow all increments; whether it counts a case or all is open."""
+    needed = motion.increments + sum(each.increments or 0 for each in chosen.before)
+    remarks = []
+    for option in deck.find("control"):
+        if option.case > chosen.case.number or not option.data:
+            continue
+        line = option.data[0]
+        (most,) = line.fields("i")
+        if 0 < most < needed:
+            edits.replace(line, line.with_integer(0, _MANY_INCREMENTS))
+            remarks.append(
+                f"{line.place}: `control` allowed {most} increments, now {_MANY_INCREMENTS}"
+            )
+    return remarks
+
+
+def _set_output(edits: _Edits, deck: MarcDeck, case: int, results: str | None) -> list[str]:
+    """Ask for stress and von Mises stress at every increment of the load case `case`.
+
+    Other quantities stay as they are; so does the kind of results where it is None.
+    """
+    found = deck.post()
+    if found is not None:
+        kind = found.head[POST_KIND] if results is None else POST_KINDS[results]
+        remarks = _changed_post(edits, found, kind)
+    else:
+        end = deck.find("end option", Section.MODEL)[0].head
+        lines = post_lines(_WANTED, POST_KINDS[results or "binary"], end.layout)
+        edits.insert(end, *lines)
+        remarks = [f"{end.place}: `post` put before it, with codes {VON_MISES}, {STRESS}"]
+    options = [
+        option
+        for option in deck.find("post increment", Section.HISTORY)
+        if option.case <= case and option.data
+    ]
+    if options:
+        line = options[-1].data[0]
+        (every,) = line.fields("i")
+        if every not in (0, 1):
+            edits.replace(line, line.with_integer(0, 1))
+            remarks.append(f"{line.place}: `post increment` every increment, not every {every}")
+    return remarks
+
+
+def _changed_post(edits: _Edits, found: Post, kind: int) -> list[str]:
+    line, head = found.line, found.head
+    missing = [code for code in _WANTED if code not in found.codes]
+    changed = line
+    for row, new in (
+        (POST_COUNT, len(found.codes) + len(missing)),
+        (POST_KIND, kind),
+        (POST_EVERY, 1),
+    ):
+        if new != head[row]:
+            changed = changed._replace(text=changed.with_integer(row, new))
+    last = found.code_lines[-1] if found.code_lines else line
+    added = [integers_line((code, 0), line.layout, free=last.free) for code in missing]
+    edits.replace(line, changed.text)
+    if added:
+        edits.replace(last, changed.text if last is line else last.text, *added)
+    remarks = []
+    if missing:
+        remarks.append(f"{line.place}: `post` also asks for codes {', '.join(map(str, missing))}")
+    if head[POST_EVERY] not in (0, 1):
+        remarks.append(f"{line.place}: `post` every increment, not every {found.every}")
+    if head[POST_KIND] != kind:
+        remarks.append(
+            f"{line.place}: field 4 of `post`, the kind of results, is {kind}, "
+            f"was {head[POST_KIND]}"
+        )
+    return remarks

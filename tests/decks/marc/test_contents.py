@@ -1,0 +1,325 @@
+"""What Marc decks hold; counts that do not agree are refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from decks.marc.contents import NODES, POSITION, describe_marc_deck, read_marc_deck
+from decks.marc.grammar import Section
+from fembridge.errors import DeckError
+
+SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
+PATHS = {path.stem: path for path in SAMPLES.glob("*.dat")}
+PFL = read_marc_deck(PATHS["pfl_example_model_0"].read_bytes())
+LINEAR = PATHS["nour_linear"].read_bytes()
+PLASTIC = read_marc_deck(PATHS["nour_plastic"].read_bytes())
+
+
+def deck_of(elements, nodes=1, layout="extended"):
+    """A deck of elements (number, type, nodes) and so many nodes."""
+    width = 10 if layout == "extended" else 5
+
+    def row(values):
+        if layout == "free":
+            return ",".join(map(str, values)) + ","
+        return "".join(f"{value:{width}d}" for value in values)
+
+    lines = ["title", *(["extended"] if layout == "extended" else []), "end"]
+    lines += ["connectivity", row([0, 0, 1, 0, 7, 8, 0, 9])]
+    for number, kind, each in elements:
+        lines.append(row([number, kind, *each[:14]]))
+        lines += [row(each[at : at + 14]) for at in range(14, len(each), 14)]
+    lines += ["coordinates", row([3, nodes, 0, 1])]
+    lines += [f"{node}, 1., 2., 3.," for node in range(1, nodes + 1)]
+    return read_marc_deck("\n".join([*lines, "end option"]).encode())
+
+
+def model(*lines, version=15, table=True):
+    """A deck of these lines, free layout, one number a comma."""
+    head = ["title", f"version,{version}", *(["table,0"] if table else []), "end"]
+    return read_marc_deck("\n".join([*head, *lines, "end option"]).encode())
+
+
+# ---- Real decks
+
+
+def test_a_deck_of_mixed_elements_has_a_pressure_node_each():
+    """Counts are those of its status file: 2461 elements, 5043 nodes with pressure."""
+    (elements,) = PFL.elements
+    assert (elements.kind, elements.node.shape) == (118, (2461, 5))
+    assert (elements.geometry, elements.material, elements.body) == (1, 1, 1)
+    assert len(PFL.coordinates.number) == 2582
+    assert PFL.sizes == (2461, 2582 + 2461)
+    pressure = elements.node[:, 4]
+    assert len(np.unique(pressure)) == 2461
+    assert not np.isin(pressure, PFL.coordinates.number).any()
+    assert np.isin(elements.node[:, :4], PFL.coordinates.number).all()
+    assert_array_equal(PFL.coordinates.of(3), [25.0, 25.0, 0.0])
+    assert PFL.coordinates.of(2591) is None
+
+
+def test_its_elements_turn_counter_clockwise():
+    (elements,) = PFL.elements
+    row = {int(n): r for r, n in enumerate(PFL.coordinates.number)}
+    corner = np.array([[row[int(n)] for n in each[:4]] for each in elements.node])
+    x, y = PFL.coordinates.position[corner, :2].transpose(2, 0, 1)
+    twice = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
+    assert (twice > 0).all()
+
+
+def test_its_sets_have_their_members():
+    sets = PFL.sets()
+    assert_array_equal(sets["apply1_nodes"].member, [1])
+    edges = sets["apply3_edges"]
+    assert (edges.kind, edges.member.shape) == ("edgemt", (42, 2))
+    assert_array_equal(edges.member[[0, -1]], [[1, 0], [43, 0]])
+
+
+def test_a_condition_is_values_tables_directions_and_a_set():
+    found = {each.name: each for each in PFL.conditions()}
+    first, load = found["apply1"], found["apply3"]
+    assert (first.family, first.where) == ("fixed disp", "apply1_nodes")
+    assert (first.values, first.directions) == ((0.0, 0.0), (1, 2))
+    assert (load.family, load.where) == ("dist loads", "apply3_edges")
+    assert (load.values, load.tables) == ((0.025,), (1,))
+
+
+def test_load_cases_name_their_conditions_and_how_long_they_take():
+    (adaptive,) = PFL.load_cases()
+    assert (adaptive.name, adaptive.active) == ("lcase1", ("apply1", "apply2", "apply3"))
+    assert (adaptive.stepping.keyword, adaptive.increments) == ("auto step", None)
+    assert adaptive.period == 1.0
+    (even,) = read_marc_deck(LINEAR).load_cases()
+    assert (even.stepping.keyword, even.increments, even.period) == ("auto load", 1, 1.0)
+
+
+def test_tables_are_points_of_a_variable():
+    force, stress = PLASTIC.tables
+    assert (force.name, force.number, force.variable) == ("force_table", 1, 1)
+    assert_array_equal(force.points, [[0, 0], [1, 1]])
+    assert (stress.number, stress.variable) == (2, 15)
+    assert_array_equal(stress.points, [[0, 6.5e4], [0.5, 1.565e6]])
+
+
+def test_a_material_is_eight_numbers_and_their_tables():
+    (steel,) = PLASTIC.materials()
+    assert (steel.name, steel.values[:2]) == ("steel", (3.0e7, 0.3))
+    assert (steel.values[4], steel.tables[4]) == (1.0, 2)
+
+
+def test_contact_has_bodies_and_interactions():
+    (body,) = PFL.bodies()
+    assert (body.name, body.kind) == ("cbody1", 1)
+    (touching,) = PFL.interactions()
+    assert (touching.name, set(touching.tables)) == ("interact1", {0})
+
+
+def test_output_is_element_codes_and_nodal_codes():
+    found = PFL.post()
+    assert (found.codes, found.nodal, found.every) == ((681,), (1,), 1)
+    assert PLASTIC.post().codes == (431,)
+
+
+# ---- Descriptions
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_a_description_holds_what_the_deck_does(name):
+    held = describe_marc_deck(PATHS[name])
+    deck = read_marc_deck(PATHS[name].read_bytes())
+    assert held["version"] == 15
+    assert held["bytes"] == PATHS[name].stat().st_size
+    assert held["elements"] == {str(each.kind): len(each.number) for each in deck.elements}
+    assert held["nodes"] == len(deck.coordinates.number)
+    assert [each["name"] for each in held["tables"]] == [t.name for t in deck.tables]
+    assert held["remarks"] == []
+
+
+def test_a_description_keeps_going_where_an_option_is_refused(tmp_path):
+    path = tmp_path / "mine.dat"
+    wrong = LINEAR.replace(b"post\n         0", b"post\n         5", 1)
+    assert wrong != LINEAR
+    path.write_bytes(wrong)
+    held = describe_marc_deck(path)
+    line = wrong[: wrong.index(b"post\n")].count(b"\n") + 2
+    assert held["post"] is None
+    assert [f"mine.dat:{line}: 5 " in each for each in held["remarks"]] == [True]
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(DeckError, match=r"gone\.dat: "):
+        describe_marc_deck(tmp_path / "gone.dat")
+
+
+# ---- Elements
+
+
+@given(
+    kind=st.sampled_from(sorted(NODES)),
+    layout=st.sampled_from(("extended", "fixed", "free")),
+    count=st.integers(1, 4),
+)
+def test_elements_of_every_known_type_come_back(kind, layout, count):
+    nodes = [[10 * row + k + 1 for k in range(NODES[kind])] for row in range(count)]
+    rows = [(row + 1, kind, each) for row, each in enumerate(nodes)]
+    (found,) = deck_of(rows, layout=layout).elements
+    assert_array_equal(found.number, np.arange(count) + 1)
+    assert_array_equal(found.node, nodes)
+    assert (found.geometry, found.material, found.body) == (7, 8, 9)
+
+
+@pytest.mark.parametrize("count", [5, 14, 20, 27])
+def test_elements_of_a_type_not_known_keep_all_their_nodes(count):
+    nodes = list(range(1000, 1000 + count))
+    (found,) = deck_of([(1, 999, nodes), (2, 999, nodes)]).elements
+    assert_array_equal(found.node, [nodes, nodes])
+
+
+def test_types_of_one_option_are_apart():
+    found = deck_of([(1, 11, [1, 2, 3, 4]), (2, 6, [1, 2, 3])]).elements
+    assert [each.kind for each in found] == [11, 6]
+
+
+@pytest.mark.parametrize(
+    ("elements", "found"),
+    [
+        ([(1, 11, [1, 2, 3])], "line 6: element 1 of type 11 has 3 nodes"),
+        ([(1, 999, [1, 2, 3, 4]), (2, 999, [1, 2, 3])], "line 7: element 2 of type 999 has 3 "),
+        ([(1, 6, [1, 2, 3]), (1, 6, [1, 2, 3])], "line 7: element 1 .* line 6"),
+    ],
+)
+def test_elements_that_cannot_be_are_refused(elements, found):
+    with pytest.raises(DeckError, match=found):
+        deck_of(elements)
+
+
+# ---- Counts of a mesh
+
+
+@pytest.mark.parametrize("count", [7, 9])
+def test_a_deck_by_mentat_has_as_many_elements_as_it_says(count):
+    said = b"         8        18         0"
+    data = LINEAR.replace(said, f"{count:10d}".encode() + said[10:], 1)
+    with pytest.raises(DeckError, match=f"line 7: `sizing` has {count} elements"):
+        read_marc_deck(data)
+
+
+def test_a_deck_by_hand_may_leave_room_but_not_have_more():
+    hand = LINEAR.replace(b"MARC input file produced by", b"by hand, not by", 1)
+    said = b"         8        18         0"
+    deck = read_marc_deck(hand.replace(said, b"        12" + said[10:], 1))
+    assert deck.remarks == ("8 elements, while `sizing` has room for 12",)
+    with pytest.raises(DeckError, match=r"line 7: .* 8"):
+        read_marc_deck(hand.replace(said, b"         7" + said[10:], 1))
+
+
+def test_a_node_that_was_lost_is_noticed():
+    lines = LINEAR.splitlines(keepends=True)
+    start = lines.index(b"coordinates\n")
+    with pytest.raises(DeckError, match=rf"line {start + 2}: 18 nodes"):
+        read_marc_deck(b"".join(lines[: start + 5] + lines[start + 6 :]))
+
+
+def test_a_line_that_is_no_node_is_named():
+    data = LINEAR.replace(b"coordinates\n         3", b"coordinates\n         9", 1)
+    with pytest.raises(DeckError, match=r"line \d+: 9 coordinates"):
+        read_marc_deck(data)
+
+
+def test_a_set_without_members_is_a_set():
+    text = "define              node                set                 none\n\n"
+    data = LINEAR.replace(b"define", text.encode() + b"define", 1)
+    assert read_marc_deck(data).sets()["none"].member.shape == (0,)
+
+
+# ---- Other versions and layouts
+
+BODY = [
+    "2,0,0,0,1,1,1,1",
+    "0.,0.,0.,0.,0.,0.,1.",
+    "0.,0.,0.,0.",
+    "0.,-3.,0.,0.,0.,0.,0.,0.",
+    "0,1,0,0,0,0,0,0",
+    "0,0,0,0",
+]
+CURVE = ["9,2,2,1", "0.,0.", "1.,0.", "1.,", "1.,", "0.,", "0.,", "1.,", "1.,"]
+CONTACT = ["contact,5", "2,0,9,6", "0,0", "0.,", "0.,"]
+
+
+def test_a_rigid_body_has_a_position_and_its_curve_is_passed_over():
+    deck = model(
+        *CONTACT,
+        *("1,0,0,0,0,0,0,-1,skin", "1,1,0,0", *BODY[1:], "1 to 5"),
+        *("2,1,0,0,1,-1,0,-1,probe", *BODY, *CURVE),
+    )
+    skin, probe = deck.bodies()
+    assert (skin.name, skin.kind) == ("skin", 1)
+    assert (probe.name, probe.kind, probe.control) == ("probe", 2, POSITION)
+    assert (probe.motion[1], probe.tables[1]) == (-3, 1)
+
+
+def test_up_to_version_11_materials_list_their_elements():
+    lines = ["isotropic", "", "1,elastic,,10,0,0,0,skin", "2.,.3", "0,0", "1 to 3"]
+    (skin,) = model(*lines, version=11).materials()
+    assert (skin.name, skin.values[0], skin.elements) == ("skin", 2.0, (1, 2, 3))
+    (plain,) = model(*lines[:4], "7,", version=11, table=False).materials()
+    assert (plain.elements, set(plain.tables)) == ((7,), {0})
+
+
+def test_a_formula_and_a_table_of_two_variables_have_no_points():
+    formula = ["table,f", "1,1,0,0,3", "1,0,2", "v1"]
+    plane = ["table,p", "2,2,0,0,2", "1,2,1,5,2,1", "0.,1.", "0.,1.", "1.,2.,3.,4."]
+    first, second = model(*formula, *plane).tables
+    assert (first.number, first.points) == (1, None)
+    assert (second.number, second.points) == (2, None)
+
+
+def test_a_deck_without_an_option_has_nothing_of_it():
+    deck = model("no print")
+    assert deck.post() is None
+    assert deck.bodies() == deck.conditions() == deck.materials() == deck.load_cases() == []
+    assert (deck.tables, deck.elements, deck.sets()) == ((), (), {})
+    assert deck.coordinates.line is None
+    assert np.size(deck.coordinates.number) == 0
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (["table,t", "1,1,0,0,2", "1,3,2", "0.,0."], "'t' has 1 .* line 7 says 3"),
+        (["table,t"], "'t'"),
+        ([*CONTACT, "1,0,0,0,0,0,0,-1,skin", *BODY], "2 contact bodies .* 1 found"),
+        (["contact,5", "1,0"], "`contact` has 1 lines"),
+        (["con intera,3", "1,0,c"], ""),
+        (["post", "3,16,17", "311,0"], "3 element codes .* 1 "),
+        (["fixed disp", "", "1,0,0,0,1,0,a", "1.,", "0,", "1,"], "`fixed disp` has 4 lines"),
+        (["fixed disp", "1.,", "1,", "3,"], "`fixed disp`"),
+        (
+            ["fixed disp", "", "1,0,0,0,1,0,a", "1.,1.", "0,0", "1,", "2,", "s"],
+            "1 degrees of freedom for 2 values",
+        ),
+        (["isotropic", "", "1,elastic,,10,0,0,0,skin"], ""),
+    ],
+)
+def test_counts_that_do_not_agree_are_refused_with_their_line(lines, found):
+    with pytest.raises(DeckError, match=rf"line \d+: .*{found}"):
+        everything_of(model(*lines))
+
+
+def everything_of(deck):
+    return (
+        *(deck.conditions(), deck.bodies(), deck.interactions(), deck.post(), deck.materials()),
+        *(deck.sets(), deck.load_cases(), deck.find("title", Section.MODEL)),
+    )
+
+
+def test_a_load_case_with_fewer_conditions_than_it_says_is_refused():
+    start = LINEAR.index(b"loadcase", LINEAR.index(b"end option"))
+    history = LINEAR[start:].replace(b"\n         2\n", b"\n        20\n", 1)
+    deck = read_marc_deck(LINEAR[:start] + history)
+    with pytest.raises(DeckError, match=r"line \d+: 20 conditions"):
+        deck.load_cases()

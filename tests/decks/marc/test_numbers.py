@@ -1,0 +1,270 @@
+"""How Marc lays out numbers: columns, commas, reals without a letter; read and written."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decks.marc.grammar import (
+    Layout,
+    Line,
+    count_integers,
+    cut,
+    format_free,
+    format_real,
+    integers_line,
+    keyword_line,
+    parse_integer,
+    parse_real,
+    read_list,
+    reals_line,
+)
+from decks.marc.write import _comment, _node_lines
+from fembridge.errors import DeckError
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+layouts = st.sampled_from(Layout)
+small = st.lists(st.integers(-999, 9999), min_size=1, max_size=16)
+
+
+def line_of(text, layout=Layout.EXTENDED):
+    return Line(7, text, 0, len(text), layout)
+
+
+# ---- Reals
+
+
+def without_letter(value, digits=15):
+    mantissa, exponent = f"{value:.{digits}e}".split("e")
+    return f"{mantissa}{int(exponent):+d}"
+
+
+@given(value=numbers)
+def test_a_real_without_the_letter_of_its_exponent_is_that_real(value):
+    assert parse_real(without_letter(value, 17)) == value
+
+
+@given(value=numbers, letter=st.sampled_from("eEdD"))
+def test_every_letter_of_an_exponent_is_read(value, letter):
+    assert parse_real(repr(value).replace("e", letter)) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("1", 1.0), ("1.", 1.0), (".5", 0.5), ("-.5+1", -5.0), ("2.5-10", 2.5e-10)),
+        ("10.000000000000000+", 10.0),  # the field cuts its exponent off
+    ],
+)
+def test_reals_may_be_short(text, value):
+    assert parse_real(text) == value
+
+
+@pytest.mark.parametrize(
+    "text", ["", "nan", "inf", "1_0", "1.0 2", "e5", "1e999", "1-400+", "0x1", "--1", "1" * 60]
+)
+def test_other_texts_are_no_reals(text):
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        parse_real(text)
+
+
+@pytest.mark.parametrize("text", ["", "1.", "1_0", "a", "1 2", "9" * 60])
+def test_other_texts_are_no_integers(text):
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        parse_integer(text)
+
+
+@given(numbers)
+def test_a_real_is_written_in_twenty_columns_with_fourteen_digits_or_more(number):
+    text = format_real(number)
+    assert len(text) == 20
+    assert not set(text) - set(" -+.0123456789")
+    assert math.isclose(parse_real(text.strip()), number, rel_tol=1e-13, abs_tol=0)
+    assert parse_real(format_free(number)) == number
+
+
+@given(st.floats(1e-9, 9.99e9))
+def test_a_real_of_one_exponent_digit_keeps_sixteen_digits(number):
+    assert math.isclose(parse_real(format_real(number).strip()), number, rel_tol=5.1e-16)
+
+
+# Copied from columns of the samples, but for the last two; the numbers are those of
+# their meaning.
+MENTAT = {
+    0.0: " 0.000000000000000+0",
+    1.0: " 1.000000000000000+0",
+    -0.5: "-5.000000000000000-1",
+    20.0: " 2.000000000000000+1",
+    0.0005: " 5.000000000000000-4",
+    1e30: " 1.00000000000000+30",
+    1e20: " 1.00000000000000+20",
+    8.854187817e-12: " 8.85418781700000-12",
+    6.93889390390723e-18: " 6.93889390390723-18",
+    1.256637061e-6: " 1.256637061000000-6",
+    -1.5e-100: "-1.5000000000000-100",
+}
+
+
+@pytest.mark.parametrize("number", MENTAT)
+def test_reals_are_written_as_mentat_does(number):
+    assert format_real(number) == MENTAT[number]
+    assert format_real(-0.0) == MENTAT[0.0]
+
+
+@pytest.mark.parametrize("name", ["pfl_example_model_0", "nour_plastic"])
+def test_mentats_coordinates_come_out_of_our_writer_but_for_a_last_digit(sample, name):
+    """Mentat rounds the sixteenth digit of a few numbers another way."""
+    deck = sample(name)
+    _, *rows = deck.one("coordinates").rows
+    same = 0
+    for row, (number, (x, y, z)) in zip(rows, deck.nodes().items(), strict=True):
+        assert z == 0
+        (line,) = _node_lines(np.array([[x, y]]), number)
+        same += line == row
+        for start in (10, 30):
+            ours, theirs = line[start : start + 20], row[start : start + 20]
+            assert ours[:17] + ours[18:] == theirs[:17] + theirs[18:]
+    assert same > 0.85 * len(rows)
+
+
+# ---- Fields of a line
+
+
+@given(layout=layouts, values=small, free=st.booleans())
+def test_integers_are_in_columns_or_between_commas(layout, values, free):
+    assert line_of(integers_line(values, layout, free=free), layout).integers() == values
+
+
+@given(layout=layouts, values=st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=8))
+def test_reals_that_touch_are_separated_by_their_columns(layout, values):
+    rtol = 1e-13 if layout is Layout.EXTENDED else 0
+    found = line_of(reals_line(values, layout), layout).reals()
+    np.testing.assert_allclose(found, values, rtol=rtol, atol=0)
+
+
+@given(number=st.integers(1, 10**9), place=st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3))
+def test_the_short_way_to_read_a_node_is_the_long_way(number, place):
+    line = line_of(f"{number:10d}" + reals_line(place))
+    first, *rest = line.fields("irrr")
+    assert line.node(3) == (first, rest)
+
+
+def test_blank_fields_are_zero():
+    text = " " * 10 + f"{5:10d}" + " " * 10 + f"{7:10d}"
+    assert line_of(text).integers() == [0, 5, 0, 7]
+    assert line_of("2,1,,,2").integers() == [2, 1, 0, 0, 2]
+    assert line_of(f"{3:10d}").node(2) == (3, [0.0, 0.0])
+
+
+def test_the_rest_of_a_line_is_a_name_commas_and_all():
+    text = f"{1:10d}{0:10d}probe tip"
+    assert cut(text, Layout.EXTENDED, "iit") == ["1", "0", "probe tip"]
+    assert cut("1, 0, probe, tip", Layout.EXTENDED, "iit") == ["1", "0", "probe,tip"]
+
+
+def test_a_field_that_is_no_number_is_named_with_line_and_place():
+    with pytest.raises(DeckError, match="line 7: field 2 is 'x'"):
+        line_of(f"{1:10d}{'x':>10}").integers()
+    with pytest.raises(DeckError, match="line 7: field 1 is 'a'"):
+        line_of("a,").reals()
+
+
+def test_lines_of_integers_alone_are_counted():
+    assert count_integers(f"{1:10d}{2:10d}", Layout.EXTENDED) == 2
+    assert count_integers("1,", Layout.FIXED) == 1
+    assert count_integers(f"{1:10d} 1.000", Layout.EXTENDED) == 0
+    assert count_integers("   ", Layout.EXTENDED) == 0
+
+
+@given(layout=layouts, values=small, free=st.booleans(), data=st.data())
+def test_one_integer_of_a_line_is_replaced_and_no_other(layout, values, free, data):
+    row = data.draw(st.integers(0, len(values) - 1))
+    text = line_of(integers_line(values, layout, free=free), layout).with_integer(row, 501)
+    assert line_of(text, layout).integers() == [*values[:row], 501, *values[row + 1 :]]
+
+
+def test_an_integer_with_more_digits_than_columns_is_refused():
+    with pytest.raises(DeckError, match=r"line 7: 123456 .* field 1"):
+        line_of(f"{1:5d}", Layout.FIXED).with_integer(0, 123456)
+
+
+def test_keywords_have_twenty_columns_and_their_numbers_ten():
+    assert keyword_line("alloc", 25) == "alloc                       25"
+    assert keyword_line("optimize") == "optimize"
+    assert keyword_line("define", "node", "set", "tip") == (
+        "define              node                set                 tip"
+    )
+
+
+@given(st.text(), st.text())
+def test_any_comment_is_short_printable_ascii_and_loses_no_word(text, more):
+    words = f"{text} {more}"
+    lines = list(_comment(words))
+    for line in lines:
+        assert line.isascii()
+        assert line.isprintable()
+        assert line.startswith("$....")
+        longest = max([len(word) for word in line[5:].split(" ")])
+        assert len(line) <= max(80, 5 + longest)
+    plain = words.encode("unicode_escape").decode("ascii").split()
+    assert " ".join(line[5:] for line in lines).split() == plain
+
+
+# ---- Lists
+
+
+def list_of(*texts, **options):
+    return read_list([Line(n, text) for n, text in enumerate(texts, start=1)], **options)
+
+
+@given(start=st.integers(1, 50), stop=st.integers(1, 50), step=st.integers(1, 9))
+def test_spans_go_up_and_down(start, stop, step):
+    way = 1 if stop >= start else -1
+    expected = list(range(start, stop + way, way * step))
+    assert list_of(f"{start} to {stop} by {step}") == expected
+
+
+@given(members=st.lists(st.integers(1, 99), min_size=1, unique=True))
+def test_a_list_goes_on_behind_a_c(members):
+    rows = [members[at : at + 3] for at in range(0, len(members), 3)]
+    lines = ["".join(f"{each:12d}" for each in row) + "   c" for row in rows]
+    lines[-1] = lines[-1].removesuffix("   c")
+    assert list_of(*lines) == members
+
+
+@given(first=st.sets(st.integers(1, 30)), second=st.sets(st.integers(1, 30)))
+def test_lists_are_joined_as_sets_are(first, second):
+    earlier = {"First": sorted(first), "second": sorted(second)}
+    for word, joined in (
+        ("and", first | second),
+        ("except", first - second),
+        ("intersect", first & second),
+    ):
+        assert set(list_of(f"FIRST {word} second", earlier=earlier)) == joined
+
+
+def test_a_duplicate_member_is_there_once():
+    assert list_of("3 1 to 4 3") == [3, 1, 2, 4]
+
+
+def test_sides_of_elements_are_pairs():
+    assert list_of("1:0 to 3:0 7:2", paired=True) == [(1, 0), (2, 0), (3, 0), (7, 2)]
+
+
+@pytest.mark.parametrize(
+    ("text", "paired", "found"),
+    [
+        ("1 to", False, "'to'"),
+        ("1 to 5 by", False, "'by'"),
+        ("1 tp 3", False, "'tp'"),
+        ("1:0", False, "'1:0'"),
+        ("1 to 999999999", False, "20000000"),
+        ("1:0 to 3:1", True, "side"),
+    ],
+)
+def test_what_is_no_list_is_refused_with_its_line(text, paired, found):
+    with pytest.raises(DeckError, match=f"line 2: .*{found}"):
+        list_of("", text, paired=paired)

@@ -1,0 +1,438 @@
+"""An own Marc deck gets the waveform and keeps every other byte; what it leaves open is refused."""
+
+import difflib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.analysis import analyse
+from decks.marc.contents import POST_KIND, POST_KINDS, read_marc_deck
+from decks.marc.write import marc_deck
+from decks.motion import Motion, motion_of
+from decks.own_model.marc import rebase_marc
+from decks.own_model.request import Request
+from decks.presets import QUICK, mesh_of
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
+from fembridge.errors import DeckError
+
+MOTION = Motion(np.arange(4) * 5e-4, np.array([0.0, 0.125, -0.0625, 0.3]), 5e-4, 0)
+LAYOUTS = ("extended", "fixed", "free")
+
+decks = st.fixed_dictionaries(
+    {
+        "layout": st.sampled_from(LAYOUTS),
+        "version": st.sampled_from((11, 14, 15)),
+        "drive": st.sampled_from(("body", "disp")),
+        "factor": st.sampled_from((-1.0, 1.0, -3.0, 0.5)),
+        "stepping": st.sampled_from(("auto load", "auto step")),
+        "post": st.sampled_from(((), (301,), (17,), (311, 17), (7, 311))),
+        "post_head": st.dictionaries(st.sampled_from((4, 9)), st.integers(0, 1)),
+        "end": st.sampled_from(("\n", "\r\n")),
+    }
+)
+samples = st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=9)
+
+
+def motion_through(depths, dt_s=5e-4):
+    return Motion(np.arange(len(depths)) * dt_s, np.array(depths), dt_s, 0)
+
+
+def table_of(data, name="wave"):
+    (table,) = (each for each in read_marc_deck(data).tables if each.name == name)
+    return table
+
+
+@given(parts=decks, depths=samples, length_mm=st.sampled_from((1.0, 1000.0)))
+def test_depth_times_factor_is_the_motion_in_the_unit_of_the_deck(
+    marc_text, parts, depths, length_mm
+):
+    data = marc_text(**parts).text()
+    rebased = rebase_marc(data, motion_through(depths), Request(length_mm=length_mm))
+    points = table_of(rebased.deck).points
+    assert_array_equal(points[:, 0], np.arange(len(depths)) * 5e-4)
+    depth = points[:, 1] * abs(parts["factor"]) * length_mm
+    assert_allclose(depth, depths, rtol=1e-13, atol=1e-30)
+
+
+@given(parts=decks, depths=samples)
+def test_the_load_case_has_an_increment_a_sample(marc_text, parts, depths):
+    motion = motion_through(depths)
+    rebased = rebase_marc(marc_text(**parts).text(), motion, Request())
+    (case,) = read_marc_deck(rebased.deck).load_cases()
+    assert case.stepping.keyword == "auto load"
+    assert case.increments == len(depths) - 1
+    assert_allclose(case.period, motion.time_s[-1], rtol=1e-12)
+
+
+@given(parts=decks, results=st.sampled_from([None, "binary", "text", "both"]))
+def test_stress_is_asked_for_at_every_increment(marc_text, parts, results):
+    data = marc_text(**parts).text()
+    before = read_marc_deck(data).post()
+    wanted = read_marc_deck(rebase_marc(data, MOTION, Request(results=results)).deck).post()
+    assert wanted.codes[: len(parts["post"])] == parts["post"]
+    assert sorted(wanted.codes) == sorted({*parts["post"], 17, 311})
+    kinds = {None: before.head[POST_KIND], **POST_KINDS}
+    assert (wanted.every, wanted.head[POST_KIND]) == (1, kinds[results])
+
+
+@given(parts=decks, depths=samples)
+def test_putting_the_same_in_again_changes_nothing(marc_text, parts, depths):
+    once = rebase_marc(marc_text(**parts).text(), motion_through(depths), Request()).deck
+    assert rebase_marc(once, motion_through(depths), Request()).deck == once
+
+
+@given(parts=decks, depths=samples)
+def test_lines_outside_table_steps_and_post_are_kept_in_order(marc_text, parts, depths):
+    data = marc_text(**parts).text()
+    deck = read_marc_deck(data)
+    changed = {
+        line.number
+        for option in deck.options
+        if option.keyword in ("table", "auto load", "auto step", "time step", "post")
+        for line in option.lines
+        if option.section.value != "parameter"
+    }
+    old = data.splitlines(keepends=True)
+    new = rebase_marc(data, motion_through(depths), Request()).deck.splitlines(keepends=True)
+    kept = [line for row, line in enumerate(old, 1) if row not in changed]
+    rest = iter(new)
+    assert all(line in rest for line in kept)  # a subsequence, in order
+    assert {line[-2:] == b"\r\n" for line in new} == {parts["end"] == "\r\n"}
+
+
+def test_only_numbers_that_must_change_do(marc_text):
+    data = marc_text(post=(311, 17)).text()
+    new = rebase_marc(data, MOTION, Request()).deck
+    lines = [
+        each
+        for each in difflib.ndiff(data.decode().splitlines(), new.decode().splitlines())
+        if each[0] in "+-"
+    ]
+    removed = [each[2:].split()[0] for each in lines if each[0] == "-"]
+    # the count of points, the second point, the increments and their time
+    assert removed == ["1", "1.000000000000000+0", "10", "1.000000000000000-1"]
+    added = [each[2:] for each in lines if each[0] == "+"]
+    assert added[0][:20] == "         1         4"
+    assert added[-2:] == [
+        "         3         0        10         0         0",
+        " 5.000000000000000-4",
+    ]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_layout_of_the_deck_is_kept_and_digits_are_not_lost(marc_text, layout):
+    data = marc_text(layout=layout).text()
+    table = table_of(rebase_marc(data, motion_through([0.0, 1 / 3]), Request()).deck)
+    commas = ["," in line.text for line in table.rows]
+    assert commas[:2] == [layout == "free"] * 2
+    assert commas[2:] == [layout != "extended"] * 2
+    assert_allclose(table.points[1], [5e-4, 1 / 3], rtol=1e-15)
+
+
+def test_comments_between_points_stay(marc_text):
+    deck = marc_text()
+    head, first, *rest = list(deck.table())[:1], *list(deck.table())[1:]
+    lines = [*head, "$ mine", first, "$ and this", *rest]
+    new = rebase_marc(deck.text(table=lines), MOTION, Request()).deck
+    assert new.count(b"$ mine\n") == new.count(b"$ and this\n") == 1
+
+
+def test_a_waveform_starts_when_its_load_case_does(marc_text):
+    """Time of tables runs on: 20 increments of 0.1 come before."""
+    deck = marc_text()
+    cases = [*deck.case("rest", 20), *deck.case("press")]
+    new = rebase_marc(deck.text(cases=cases), MOTION, Request(step="press"))
+    points = table_of(new.deck).points
+    assert_allclose(points[0], [0.0, 0.0])
+    assert_allclose(points[1:, 0], 2.0 + MOTION.time_s, rtol=1e-15)
+    rest, press = read_marc_deck(new.deck).load_cases()
+    assert (rest.increments, press.increments) == (20, 3)
+    assert new.before_s == pytest.approx(2.0)
+
+
+def test_a_load_case_is_named_by_number_too(marc_text):
+    deck = marc_text()
+    data = deck.text(cases=[*deck.case("rest"), *deck.case("press")])
+    by_number = rebase_marc(data, MOTION, Request(step="2"))
+    assert by_number == rebase_marc(data, MOTION, Request(step="PRESS"))
+
+
+def test_a_load_case_without_increments_is_never_meant(marc_text):
+    deck = marc_text()
+    cases = [*deck.case("press", stepping="none"), *deck.case("press")]
+    new = rebase_marc(deck.text(cases=cases), MOTION, Request())
+    assert [c.increments for c in read_marc_deck(new.deck).load_cases()] == [0, 3]
+
+
+def test_control_is_raised_only_where_it_is_too_small(marc_text):
+    deck = marc_text()
+    small = deck.text(cases=list(deck.case(most=2)))
+    assert b"     99999        10" in rebase_marc(small, MOTION, Request()).deck
+    enough = deck.text(cases=list(deck.case(most=3)))
+    assert b"         3        10" in rebase_marc(enough, MOTION, Request()).deck
+
+
+def test_a_time_step_is_added_where_only_the_count_was(marc_text):
+    deck = marc_text()
+    cases = [line for line in deck.case() if line.strip() != "time step"]
+    cases.pop(-2)  # its number
+    new = rebase_marc(deck.text(cases=cases), MOTION, Request()).deck
+    (case,) = read_marc_deck(new).load_cases()
+    assert (case.increments, case.period) == (3, pytest.approx(1.5e-3))
+
+
+def test_an_output_interval_of_the_history_becomes_one(marc_text):
+    deck = marc_text()
+    cases = list(deck.case())
+    cases[-1:] = ["post increment", deck.ints(2, 0), "continue"]
+    new = rebase_marc(deck.text(cases=cases), MOTION, Request()).deck
+    assert b"post increment\n" + deck.ints(1, 0).encode() + b"\n" in new
+
+
+def test_a_deck_without_a_post_option_gets_one(marc_text):
+    data = marc_text().text(output=["no print"])
+    wanted = read_marc_deck(rebase_marc(data, MOTION, Request()).deck).post()
+    assert wanted.codes == (17, 311)
+
+
+def test_the_place_of_an_afferent_is_in_mm(marc_text):
+    data = marc_text().text()
+    request = Request(afferents={"SA": 6, "PC": 2}, length_mm=1000.0)
+    places = rebase_marc(data, MOTION, request).place_mm
+    assert places == {"SA": (2000.0, -1000.0), "PC": (1000.0, 0.0)}
+
+
+def test_remarks_name_the_lines_of_what_was_chosen(marc_text):
+    new = rebase_marc(marc_text(factor=-3.0).text(), MOTION, Request())
+    deck = read_marc_deck(marc_text(factor=-3.0).text())
+    line = table_of(marc_text().text()).line.number
+    (body,) = deck.find("contact")
+    assert any(remark.startswith(f"line {line}: table 'wave'") for remark in new.remarks)
+    assert "factor -3" in " ".join(new.remarks)
+    assert any(f"line {body.head.number + 10}:" in remark for remark in new.remarks)
+
+
+@given(data=st.data())
+def test_a_mutated_deck_is_refused_or_taken(marc_text, data):
+    text = bytearray(marc_text(**data.draw(decks)).text())
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(text) - 1))
+        new = data.draw(st.sampled_from((b"", b"9", b"-", b"x", b" ", b"\n", b",")))
+        text[place : place + data.draw(st.integers(0, 3))] = new
+    try:
+        rebased = rebase_marc(bytes(text), MOTION, Request(afferents={"SA": 1}))
+    except DeckError:
+        return
+    read_marc_deck(rebased.deck)
+
+
+# ---- Our own deck, taken as a user's
+
+(NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
+(SINE,) = (make_stimulus(entry) for entry in resolve("sine_20_250"))
+ANALYSIS = analyse(QUICK, mesh_of(QUICK), NOISE)
+
+
+@pytest.fixture(scope="module", params=["rigid", "meshed"])
+def ours(request):
+    """Our own deck, taken as a user's, and its kind of probe."""
+    return marc_deck(ANALYSIS, probe=request.param).encode("ascii"), request.param
+
+
+def data_of(deck):
+    """Its lines but for comments, which may name the stimulus."""
+    return [line for line in deck.splitlines() if not line.startswith(b"$")]
+
+
+def test_its_own_waveform_changes_no_byte_and_another_makes_the_deck_of_that(ours):
+    deck, probe = ours
+    assert rebase_marc(deck, motion_of(NOISE), Request()).deck == deck
+    motion = motion_of(SINE)
+    rebased = rebase_marc(deck, motion, Request()).deck
+    written = marc_deck(replace(ANALYSIS, motion=motion), probe=probe).encode("ascii")
+    assert data_of(rebased) == data_of(written)
+    assert rebased != deck
+
+
+def test_the_afferents_are_where_the_mesh_has_them(ours):
+    deck, _ = ours
+    nodes = ANALYSIS.afferent
+    request = Request(afferents={name.upper(): node for name, node in nodes.items()})
+    places = rebase_marc(deck, motion_of(NOISE), request).place_mm
+    for name, node in nodes.items():
+        place_mm = ANALYSIS.mesh.node_mm[node - 1]
+        assert_allclose(places[name.upper()], place_mm, rtol=1e-14, atol=1e-15)
+
+
+# ---- Refusals
+
+
+def refused(data, found, request=None, resolver=None):
+    with pytest.raises(DeckError, match=found) as caught:
+        rebase_marc(data, MOTION, request or Request(), resolver)
+    return str(caught.value)
+
+
+def line_of(data, text, which=0):
+    found = [n for n, line in enumerate(data.decode().splitlines(), 1) if text in line]
+    return f"line {found[which]}"
+
+
+def test_a_table_that_is_not_there_is_named_with_those_that_are(marc_text):
+    data = marc_text().text()
+    said = refused(data, "'other'", Request(amplitude="other"))
+    assert f"wave ({line_of(data, 'table  ', 1)})" in said
+
+
+def test_two_tables_that_drive_motions_are_refused_unless_one_is_named(marc_text):
+    deck = marc_text(drive="disp")
+    lines = [*deck.conditions(), *deck.fixed("twist", 2.0, 2)]
+    tables = [*deck.table(), *deck.table("second", 2)]
+    cases = [line.replace("         2", "         3") for line in deck.case()]
+    cases.insert(4, "twist")
+    data = deck.text(table=tables, conditions=lines, cases=cases)
+    said = refused(data, r"2 tables .*wave \(line")
+    assert said.startswith(line_of(data, "second"))
+    new = rebase_marc(data, MOTION, Request(amplitude="SECOND"))
+    points = {each.name: each.points for each in read_marc_deck(new.deck).tables}
+    assert len(points["wave"]) == 2
+    assert points["second"][-1, 1] == pytest.approx(MOTION.depth_mm[-1] / 2)  # factor 2
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "asked", "text"),
+    [
+        ("wave", 2, "wave", "wave"),  # a duplicate name
+        ("twin", 1, "twin", "twin"),  # a duplicate number
+        ("idle", 2, "idle", "idle"),  # drives nothing
+    ],
+)
+def test_a_second_table_that_cannot_be_meant_is_refused(marc_text, name, number, asked, text):
+    deck = marc_text()
+    data = deck.text(table=[*deck.table(), *deck.table(name, number)])
+    said = refused(data, f"'{name}'", Request(amplitude=asked))
+    assert said.startswith(line_of(data, text, -1 if name != "wave" else 1))
+
+
+def test_no_table_that_drives_a_motion_is_refused(marc_text):
+    data = marc_text(factor=0.0).text()
+    assert f"wave ({line_of(data, 'table  ', 1)})" in refused(data, "no table")
+
+
+def test_different_factors_are_refused_with_both_lines_and_either_sign_is_one(marc_text):
+    deck = marc_text(drive="disp", factor=-2.0)
+    lines = [*deck.conditions(), *deck.fixed("held", 3.0, 1)]
+    said = refused(deck.text(conditions=lines), "factor 3")
+    assert "'indent'" in said and said.count("line ") == 2
+    lines = [*deck.conditions(), *deck.fixed("held", 2.0, 1)]
+    new = rebase_marc(deck.text(conditions=lines), MOTION, Request())
+    assert any("factor -2" in remark for remark in new.remarks)
+
+
+def test_a_velocity_is_no_displacement(marc_text):
+    deck = marc_text()
+    lines = list(deck.contact())
+    row = next(row for row, line in enumerate(lines) if line.endswith("probe") and row > 5)
+    lines[row] = deck.named(1, 0, 0, 0, 1, 0, 0, -1, name="probe")
+    said = refused(deck.text(contact=lines), "velocity .* 'probe'", Request(amplitude="wave"))
+    assert said.startswith("line ")
+
+
+def test_a_rotation_is_no_displacement(marc_text):
+    deck = marc_text(drive="disp")
+    turn = [
+        *(deck.named(1, 0, 0, 0, 1, 0, name="turn"), deck.reals(0.0, 1.0)),
+        *(deck.ints(0, 1), deck.ints(2, 4), deck.ints(2), "held_nodes"),
+    ]
+    data = deck.text(conditions=[*deck.conditions(), *turn])
+    assert refused(data, "degree of freedom 4 of `fixed disp` 'turn'").startswith("line ")
+
+
+def test_a_table_that_a_load_shares_is_refused(marc_text):
+    deck = marc_text()
+    load = [
+        *("point load", "", deck.named(1, 0, 0, 0, 0, 0, name="push"), deck.reals(0.0, 5.0)),
+        *(deck.ints(0, 1), deck.ints(2), "held_nodes"),
+    ]
+    data = deck.text(conditions=[*deck.conditions(), *load])
+    refused(data, "`point load` 'push'")
+
+
+@pytest.mark.parametrize(
+    ("row", "numbers", "found"),
+    [(1, (1, 1, 0, 0, 3), "'wave'"), (2, (12, 2, 2, 0, 0, 2), "type 12")],
+)
+def test_a_table_of_another_kind_is_refused(marc_text, row, numbers, found):
+    deck = marc_text()
+    lines = list(deck.table())
+    lines[row] = deck.ints(*numbers)
+    if row == 1:
+        lines[3:] = ["v1"]
+    assert refused(deck.text(table=lines), found).startswith("line ")
+
+
+def test_load_cases_that_could_be_several_or_are_not_there_are_refused(marc_text):
+    deck = marc_text()
+    data = deck.text(cases=[*deck.case("rest"), *deck.case("press")])
+    said = refused(data, "2 load cases")
+    assert "1 rest" in said and "2 press" in said
+    assert "1 rest" in refused(data, "'lift'", Request(step="lift"))
+
+
+def test_a_condition_that_does_not_act_is_refused(marc_text):
+    deck = marc_text(drive="disp")
+    cases = [line for line in deck.case() if line != "indent"]
+    cases[1] = deck.ints(1)
+    assert "'indent'" in refused(deck.text(cases=cases), "1 press")
+
+
+def test_other_ways_of_stepping_are_refused_with_their_line(marc_text):
+    data = marc_text(stepping="dynamic change").text()
+    assert refused(data, "`dynamic change`").startswith(line_of(data, "dynamic change"))
+    deck = marc_text()
+    cases = [*deck.case("rest", stepping="dynamic change"), *deck.case("press")]
+    refused(deck.text(cases=cases), "load case 1 'rest'", Request(step="press"))
+    cases = list(deck.case())
+    cases[-1:] = [*list(deck.case(stepping="auto step"))[-4:]]
+    refused(deck.text(cases=cases), "`auto step`")
+
+
+def test_a_node_without_coordinates_is_refused(marc_text):
+    data = marc_text().text()
+    said = refused(data, "SA: node 7", Request(afferents={"SA": 7}))
+    assert said.startswith(line_of(data, "coordinates"))
+
+
+def test_included_files_are_named_and_can_be_read(marc_text):
+    deck = marc_text()
+    mesh = list(deck.mesh())
+    split = mesh.index("coordinates")
+    inner = "\n".join(mesh[split:]).encode() + b"\n"
+    data = deck.text(mesh=[*mesh[:split], "include nodes.inc"])
+    request = Request(afferents={"SA": 2})
+    refused(data, r"nodes\.inc", request)
+    assert rebase_marc(data, MOTION, Request()).needs == ("nodes.inc",)
+    followed = rebase_marc(data, MOTION, request, {"nodes.inc": inner}.get)
+    assert followed.place_mm == {"SA": (1.0, 0.0)}
+    assert b"include nodes.inc\n" in followed.deck
+    assert inner not in followed.deck
+
+
+@pytest.mark.parametrize(("kept", "line"), [(3, 1), (0, 3)])
+def test_a_table_or_its_points_in_an_included_file_are_refused(marc_text, kept, line):
+    deck = marc_text()
+    lines = list(deck.table())
+    data = deck.text(table=[*lines[:kept], "include wave.inc"])
+    inner = "\n".join([*lines[kept:], ""]).encode()
+    refused(data, "wave" if kept else "no table")
+    refused(data, rf"wave\.inc:{line}: ", resolver={"wave.inc": inner}.get)
+
+
+@pytest.mark.parametrize("data", [b"*NODE\n1, 0., 0.\n", b""])
+def test_what_is_no_marc_deck_is_refused(data):
+    refused(data, "Marc")

@@ -1,0 +1,523 @@
+"""Our deck by a plain reader: options and fields against real decks, the model against itself."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.analysis import Contact
+from decks.dialects import DIALECTS
+from decks.marc.write import marc_deck
+from decks.material import TABLE_1
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
+from fembridge.errors import DeckError
+
+TYPES = {name: int(number) for name, number in DIALECTS["marc"].elements.items()}
+(NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
+(PRESSED,) = (make_stimulus(entry, 500.0) for entry in resolve("sine_20_250"))
+PRESSURE_TYPES = (80, 118)
+PFL, NOUR = "pfl_example_model_0", "nour_plastic"
+
+
+def test_the_deck_is_ascii_with_lf_and_no_line_wider_than_mentats(built):
+    _, _, deck = built
+    assert deck.text.isascii()
+    assert deck.text.endswith("\n")
+    assert not set("\r\t") & set(deck.text)
+    assert max(map(len, deck.text.splitlines())) <= 180
+    assert not [line for line in deck.text.splitlines() if line != line.rstrip()]
+
+
+@pytest.mark.parametrize("name", [PFL, NOUR])
+def test_options_stand_in_the_order_of_a_real_deck(built, sample, name):
+    _, _, deck = built
+    ours, theirs = (
+        [keyword for k, keyword in enumerate(words) if keyword not in words[:k]]
+        for words in (deck.keywords, sample(name).keywords)
+    )
+    common = set(ours) & set(theirs)
+    assert {"connectivity", "isotropic" if name == NOUR else "contact", "post"} < common
+    assert [word for word in ours if word in common] == [word for word in theirs if word in common]
+
+
+def test_the_history_has_the_order_of_a_real_one(built, sample):
+    def after_end_option(deck):
+        words = deck.keywords[deck.keywords.index("end option") + 1 :]
+        return [word for word in words if word not in ("auto step", "auto load")]
+
+    _, _, deck = built
+    ours = after_end_option(deck)
+    assert ours[-2:] == ["time step", "continue"]
+    ours.remove("time step")  # Mentat has it within its `auto step`
+    assert ours == after_end_option(sample(PFL))
+
+
+PARAMETERS = ("title", "extended", "alloc", "table", "processor", "all points")
+
+
+@pytest.mark.parametrize("keyword", [*PARAMETERS, "large stra", "no echo", "version"])
+def test_parameters_are_those_of_a_real_deck(built, sample, keyword):
+    _, _, deck = built
+    ours, theirs = deck.all(keyword)[0], sample(PFL).all(keyword)[0]
+    assert ours.line == theirs.line
+    assert ours.rows == theirs.rows
+
+
+def widths(option, count):
+    """Length of each line, without the name that some end in."""
+    names = {"con intera": {0: 20}, "con table": {0: 30}, "contact": {4: 80}}
+    cuts = names.get(option.keyword, {})
+    rows = [row[: cuts.get(k)] for k, row in enumerate(option.rows[:count])]
+    return [len(row) for row in rows]
+
+
+# Lines of an option that do not depend on how much there is of something.
+FIXED_LINES = {"contact": 11, "con intera": 23, "con table": 7, "contact table": 2}
+
+
+@pytest.mark.parametrize("keyword", FIXED_LINES)
+def test_contact_has_as_many_fields_a_line_as_a_real_deck(built, sample, keyword):
+    _, _, deck = built
+    ours, theirs = deck.all(keyword)[0], sample(PFL).all(keyword)[0]
+    count = FIXED_LINES[keyword]
+    assert len(widths(ours, count)) == count
+    assert widths(ours, count) == widths(theirs, count)
+
+
+def test_geometry_and_table_have_as_many_fields_as_in_a_real_deck(built, sample):
+    _, _, deck = built
+    real = sample(PFL)
+    ours, theirs = deck.one("geometry"), real.one("geometry")
+    assert ours.rows[:2] == theirs.rows[:2]  # plane strain
+    assert ours.widths[3:] == theirs.widths[3:] == [140, 0]
+    ours, theirs = deck.one("table", "waveform"), real.all("table")[1]
+    assert ours.rows[0] == theirs.rows[0]
+    assert ours.widths[1:3] == theirs.widths[1:3] == [160, 40]
+
+
+def test_fixed_nodes_are_written_as_in_a_real_deck(built, sample):
+    _, _, deck = built
+    ours, theirs = deck.one("fixed disp").rows, sample(PFL).one("fixed disp").rows
+    assert ours[1][:60] == theirs[1][:60]
+    assert ours[2:6] == theirs[2:6]
+    assert (ours[1][60:], ours[6]) == ("held", "held_nodes")
+    assert (theirs[1][60:], theirs[6]) == ("apply1", "apply1_nodes")
+
+
+def test_materials_have_the_fields_of_a_real_one(built, sample):
+    _, _, deck = built
+    theirs = sample(NOUR).one("isotropic")
+    for ours in deck.all("isotropic"):
+        assert ours.line == theirs.line
+        assert ours.rows[0] == theirs.rows[0]
+        assert ours.rows[1][10:90].split() == ["elastic", "10", "0", "0", "0"]
+        assert ours.rows[1][50:90] == theirs.rows[1][50:90]
+        assert ours.widths[2:] == theirs.widths[2:]
+        assert ours.rows[3] == "         0" * 8
+        assert ours.rows[4:] == theirs.rows[4:]
+
+
+def test_what_no_one_chose_is_mentats(built, sample):
+    _, _, deck = built
+    real = sample(PFL)
+    for ours, theirs in zip(deck.all("parameters"), real.all("parameters"), strict=True):
+        assert ours.rows == theirs.rows
+    assert deck.one("contact").rows[1:4] == real.one("contact").rows[1:4]
+    ours, theirs = deck.one("con intera"), real.one("con intera")
+    assert ours.line == theirs.line
+    changed = [k for k in range(len(theirs.rows)) if ours.rows[k] != theirs.rows[k]]
+    assert set(changed) <= {0, 2, 5}  # name, type of the second body, friction
+    ours, theirs = deck.one("con table"), real.one("con table")
+    assert ours.rows[2:] == theirs.rows[2:]
+    assert deck.one("optimize").line == real.one("optimize").line
+    assert deck.one("solver").rows == sample(NOUR).one("solver").rows
+
+
+def test_sizes_count_a_pressure_node_an_element(built, columns):
+    model, _, deck = built
+    integers, _ = columns
+    zero, elements, nodes, last = integers(deck.one("sizing").line[30:])
+    assert (zero, last) == (0, 0)
+    assert elements == len(deck.elements())
+    pressures = elements if model.element in ("CPE4H", "CPE4RH") else 0
+    assert nodes == len(deck.nodes()) + pressures
+    highest = max(node for _, *nodes_ in deck.elements().values() for node in nodes_)
+    assert highest == nodes
+
+
+def test_the_real_deck_counts_its_nodes_in_the_same_way(sample, columns):
+    integers, _ = columns
+    deck = sample(PFL)
+    _, elements, nodes, _ = integers(deck.one("sizing").line[30:])
+    assert (elements, nodes - len(deck.nodes())) == (2461, 2461)
+
+
+def test_the_papers_mesh_less_its_pressures_would_be_its_corners(make_model, columns):
+    """36 346 nodes of 17 815 elements leave 18 531: as many more as here, of 18 000."""
+    model = make_model()
+    integers, _ = columns
+    text = marc_deck(model)
+    (line,) = [row for row in text.splitlines() if row.startswith("sizing")]
+    _, elements, nodes, _ = integers(line[30:])
+    assert nodes - elements == len(model.mesh.node_mm)
+
+
+def test_each_type_of_element_is_declared_once(built):
+    model, _, deck = built
+    declared = [int(option.word) for option in deck.all("elements")]
+    used = {kind for kind, *_ in deck.elements().values()}
+    assert sorted(declared) == sorted(used)
+    assert TYPES[model.element] == declared[0]
+
+
+def test_small_strain_is_asked_for_by_leaving_the_large_one_out(make_model, read_deck):
+    deck = read_deck(marc_deck(make_model(large_strain=False)))
+    assert "large stra" not in deck.keywords
+
+
+def test_a_neo_hookean_skin_is_refused(make_model):
+    with pytest.raises(DeckError, match="stratum_corneum is neo-hookean"):
+        marc_deck(make_model(law="neo-hookean"))
+
+
+# ---- Mesh
+
+
+def test_every_node_has_its_number_and_its_place(built):
+    model, probe, deck = built
+    node_mm = model.node_mm
+    if probe == "meshed":
+        node_mm = np.concatenate([node_mm, model.probe_node_mm])
+    nodes = deck.nodes()
+    assert list(nodes) == list(range(1, len(node_mm) + 1))
+    assert_allclose(np.array([*nodes.values()])[:, :2], node_mm, rtol=1e-15, atol=0)
+    assert not np.array([*nodes.values()])[:, 2].any()
+
+
+def test_every_element_has_its_type_and_nodes_and_a_pressure_of_its_own(built):
+    model, probe, deck = built
+    sections = [*model.layers, *([model.probe] if probe == "meshed" else [])]
+    elements = deck.elements()
+    assert len(elements) == sum(len(section.number) for section in sections)
+    pressures = []
+    for section in sections:
+        for number, wanted in zip(section.number.tolist(), section.node.tolist(), strict=True):
+            kind, *nodes = elements[number]
+            if kind in PRESSURE_TYPES:
+                pressures.append(nodes.pop())
+            assert nodes == wanted
+    count = len(deck.nodes())
+    assert sorted(pressures) == list(range(count + 1, count + 1 + len(pressures)))
+
+
+def test_corners_run_counter_clockwise_and_mid_sides_lie_between_them(built):
+    _, _, deck = built
+    nodes = deck.nodes()
+    for kind, *members in deck.elements().values():
+        corner = np.array([nodes[number][:2] for number in members[:4]])
+        across, up = corner[2] - corner[0], corner[3] - corner[1]
+        assert across[0] * up[1] - across[1] * up[0] > 0
+        if kind in (27, 54):
+            middle = np.array([nodes[number][:2] for number in members[4:]])
+            between = 0.5 * (corner + np.roll(corner, -1, axis=0))
+            assert_allclose(middle, between, atol=1e-12)
+
+
+def test_one_block_a_layer_names_its_material_and_body(built, columns):
+    model, probe, deck = built
+    integers, _ = columns
+    blocks = deck.all("connectivity")
+    names = [layer.name for layer in model.layers]
+    bodies = [1] * len(names)
+    if probe == "meshed":
+        names, bodies = [*names, "probe_body"], [*bodies, 2]
+    assert len(blocks) == len(names)
+    for k, (block, name, body) in enumerate(zip(blocks, names, bodies, strict=True)):
+        assert integers(block.rows[0]) == [0, 0, 1, 0, 1, k + 1, 0, body, 0]
+        members = [integers(row)[0] for row in block.rows[1:]]
+        assert deck.members("element", name) == members
+        assert deck.all("isotropic")[k].rows[1][90:] == name
+
+
+def test_a_meshed_probe_has_the_fingers_type_or_one_of_four_nodes(make_model, read_deck):
+    for element, kind in (("CPE4H", 80), ("CPE4", 11), ("CPE4RH", 118), ("CPE8", 11)):
+        model = make_model(element)
+        deck = read_deck(marc_deck(model, probe="meshed"))
+        elements = deck.elements()
+        kinds = {elements[number][0] for number in model.probe.number.tolist()}
+        assert kinds == {kind}
+
+
+def test_a_rigid_probe_has_no_node_and_no_element(make_model, read_deck):
+    model = make_model()
+    deck = read_deck(marc_deck(model))
+    assert max(deck.elements()) == len(model.mesh.quad)
+    assert not [option for option in deck.all("define") if "probe" in option.word]
+    assert len(deck.nodes()) == len(model.mesh.node_mm)
+
+
+# ---- Sets, materials, geometry
+
+
+def test_sets_hold_fixed_nodes_the_afferents_and_the_apex(built):
+    model, probe, deck = built
+    assert deck.members("node", "held_nodes") == model.fixed.tolist()
+    assert deck.members("node", "skin_apex") == [model.apex]
+    for name, number in model.afferent.items():
+        assert deck.members("node", f"afferent_{name.lower()}") == [number]
+        words = f"$....{name}: {model.sites[name]}"
+        assert words in deck.text.splitlines()
+    if probe == "meshed":
+        first = model.first_probe_node
+        wanted = list(range(first, first + len(model.probe_node_mm)))
+        assert deck.members("node", "probe_nodes") == wanted
+
+
+def test_materials_are_those_of_table_1(built, columns):
+    model, _, deck = built
+    integers, reals = columns
+    found = {}
+    for option in deck.all("isotropic"):
+        young, poisson, *rest = reals(option.rows[2])
+        assert not any(rest)
+        assert not any(integers(option.rows[3]))
+        found[option.rows[1][90:]] = (young, poisson)
+    for layer in model.layers:
+        wanted = TABLE_1[layer.name]
+        assert found[layer.name] == (wanted.young_mpa, wanted.poisson)
+    assert set(found) - {"probe_body"} == set(TABLE_1)
+
+
+def test_plain_four_node_elements_alone_have_constant_dilatation(built, columns):
+    model, _, deck = built
+    _, reals = columns
+    _, kind, name, row, blank = deck.one("geometry").rows
+    assert kind[:20] == "         1         2"  # plane strain
+    assert (name, blank) == ("plane_strain", "")
+    plain_quad = float(model.element == "CPE4")
+    assert reals(row) == [1.0, plain_quad, 0, 0, 0, 0, 0]
+
+
+# ---- Motion
+
+
+def table_of(deck, columns):
+    integers, reals = columns
+    head, variable, *rows = deck.one("table", "waveform").rows
+    assert integers(head) == [1, 1, 0, 0, 2]
+    assert integers(variable) == [1, len(rows), 2, *[0, 0, 2] * 3, 0, 0, 0, 0]
+    return np.array([reals(row) for row in rows]).T
+
+
+def test_the_table_is_the_stimulus_to_its_last_digit(make_model, read_deck, columns):
+    deck = read_deck(marc_deck(make_model(stimulus=NOISE)))
+    time_s, depth_mm = table_of(deck, columns)
+    assert len(time_s) == 501
+    assert_array_equal(np.round(time_s, 7), np.round(NOISE.times_ms * 1e-3, 7))
+    assert_allclose(depth_mm * 1e3, NOISE.displacement_um, rtol=1e-15, atol=1e-15)
+
+
+@pytest.mark.parametrize(("stimulus", "count"), [(NOISE, 500), (PRESSED, 520)])
+def test_there_is_one_fixed_increment_a_sample_and_none_is_cut_back(
+    stimulus, count, make_model, read_deck, columns
+):
+    integers, reals = columns
+    deck = read_deck(marc_deck(make_model(stimulus=stimulus)))
+    assert integers(deck.one("auto load").rows[0]) == [count, 0, 0, 0, 0]
+    ((dt_s,),) = [reals(row) for row in deck.one("time step").rows]
+    assert dt_s == 0.0005
+    assert "auto step" not in deck.keywords
+    time_s, _ = table_of(deck, columns)
+    assert_allclose(time_s[-1], count * dt_s, rtol=1e-15)
+    assert integers(deck.one("control").rows[0])[0] >= count
+
+
+def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_deck, columns):
+    deck = read_deck(marc_deck(make_model(stimulus=PRESSED)))
+    _, depth_mm = table_of(deck, columns)
+    assert depth_mm[0] == 0.0
+    assert_allclose(np.diff(depth_mm[:21]), 0.025, rtol=1e-9)
+    assert_allclose(depth_mm[20:] * 1e3, PRESSED.displacement_um, atol=1e-12)
+    assert "$....up to 0.01 s: the ramp to the pre-indentation" in deck.text
+
+
+def test_fixed_nodes_do_not_move_and_a_meshed_probe_moves_by_the_table(built, columns):
+    _, probe, deck = built
+    integers, reals = columns
+    blank, *rows = deck.one("fixed disp").rows
+    assert blank == ""
+    conditions = [rows[k : k + 6] for k in range(0, len(rows), 6)]
+    found = {
+        head[60:]: (reals(value), integers(table), integers(dof), kind.strip(), nodes)
+        for head, value, table, dof, kind, nodes in conditions
+    }
+    wanted = {"held": ([0.0, 0.0], [0, 0], [1, 2], "2", "held_nodes")}
+    if probe == "meshed":
+        wanted["probe_motion"] = ([0.0, -1.0], [0, 1], [1, 2], "2", "probe_nodes")
+    assert found == wanted
+    for name in ("job1", "press"):
+        count, *active = deck.one("loadcase", name).rows
+        assert int(count) == len(active)
+        assert active == list(wanted)
+
+
+def test_convergence_is_of_force_and_displacement(built, columns):
+    _, _, deck = built
+    integers, reals = columns
+    counts, force, displacement = deck.one("control").rows
+    assert deck.one("control").word == "structural"
+    _, recycles, least, criterion, _, newton, *_ = integers(counts)
+    assert (recycles, least, criterion, newton) == (40, 0, 5, 1)
+    assert reals(force) == reals(displacement) == [1e-3, 0, 0, 0, 0, 0, -1.0, 0]
+
+
+# ---- Output
+
+
+@pytest.mark.parametrize(("results", "number"), [("binary", 0), ("text", 1), ("both", 2)])
+def test_stress_and_von_mises_are_posted_every_increment(
+    make_model, read_deck, columns, results, number
+):
+    integers, _ = columns
+    deck = read_deck(marc_deck(make_model(), results=results))
+    head, *codes = [integers(row) for row in deck.one("post").rows]
+    assert codes == [[311, 0], [17, 0]]
+    nodal = [int(option.word) for option in deck.all("nodal")]
+    assert nodal == [1, 5, 35, 38]
+    assert all(len(option.line) == 30 for option in deck.all("nodal"))
+    assert head == [2, 16, 17, number, 0, 19, 20, 0, 1, 0, 0, 0, 4, 0, 0, 0]
+
+
+# ---- Contact
+
+
+def edges_of(elements, kinds):
+    """Edges that one element alone has, as sets of corner nodes."""
+    count = Counter()
+    for kind, *members in elements.values():
+        if kind in kinds:
+            count.update(frozenset((members[k], members[(k + 1) % 4])) for k in range(4))
+    return [edge for edge, owners in count.items() if owners == 1]
+
+
+def test_the_real_deck_has_as_many_boundary_nodes_as_its_outline_has(sample, columns):
+    integers, _ = columns
+    deck = sample("pfl_example_model_0")
+    outline = frozenset().union(*edges_of(deck.elements(), {118}))
+    assert integers(deck.one("contact").rows[0])[2] == len(outline) == 242
+
+
+def test_boundary_nodes_are_those_of_the_outline_mid_sides_included(built, columns):
+    model, _, deck = built
+    integers, _ = columns
+    finger = dict(list(deck.elements().items())[: len(model.mesh.quad)])
+    kind = TYPES[model.element]
+    edges = edges_of(finger, {kind})
+    count = len(frozenset().union(*edges))
+    count += len(edges) if kind in (27, 54) else 0
+    first = integers(deck.one("contact").rows[0])
+    assert first[2] == count
+    assert first[13] == (-1 if kind in (27, 54) else 0)
+
+
+def bodies_of(deck):
+    """Data lines of each contact body, by name."""
+    rows = deck.one("contact").rows[4:]
+    starts = [k for k, row in enumerate(rows) if row[80:].isidentifier() and len(row[:80]) == 80]
+    ends = [*starts[1:], len(rows)]
+    return {rows[start][80:]: rows[start:end] for start, end in zip(starts, ends, strict=True)}
+
+
+def test_the_finger_is_the_first_body_and_deformable(built, columns):
+    _, _, deck = built
+    integers, reals = columns
+    bodies = bodies_of(deck)
+    assert list(bodies) == ["finger", "probe"]
+    assert integers(deck.one("contact").rows[0])[0] == 2
+    head, kind, *rest = bodies["finger"]
+    assert integers(head[:80]) == [1, 0, 0, 0, 0, 0, 0, -1]
+    assert integers(kind)[:4] == [1, 1, 0, 0]
+    assert [len(row) for row in rest] == [140, 80, 160, 80, 40, 0]
+    assert not any(reals(rest[2]) + integers(rest[3]))
+
+
+def test_a_rigid_probe_is_moved_by_the_table_in_position_control(built, columns):
+    _, probe, deck = built
+    integers, reals = columns
+    if probe == "meshed":
+        head, kind, *rest = bodies_of(deck)["probe"]
+        assert integers(head[:80]) == [2, 0, 0, 0, 0, 0, 0, -1]
+        assert integers(kind)[:4] == [1, 1, 0, 0]
+        assert rest[-1] == ""
+        return
+    head, kind, _, _, motion, tables, growth, *curves = bodies_of(deck)["probe"]
+    assert integers(head[:80]) == [2, len(curves) // 9, 0, 0, 1, -1, 0, -1]
+    assert integers(kind)[:4] == [2, 0, 0, 0]
+    assert reals(motion) == [0.0, -1.0, 0, 0, 0, 0, 0, 0]
+    assert integers(tables) == [0, 1, 0, 0, 0, 0, 0, 0]
+    assert integers(growth) == [0, 0, 0, 0]
+    assert integers(deck.all("table", "waveform")[0].rows[0])[0] == 1
+
+
+def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_deck, columns):
+    model = make_model()
+    integers, reals = columns
+    curves = bodies_of(read_deck(marc_deck(model)))["probe"][7:]
+    side = []
+    for k in range(0, len(curves), 9):
+        assert integers(curves[k]) == [9, 2, 2, 1]
+        side.append([reals(curves[k + 1]), reals(curves[k + 2])])
+        weights_and_knots = [reals(row) for row in curves[k + 3 : k + 9]]
+        assert weights_and_knots == [[1.0], [1.0], [0.0], [0.0], [1.0], [1.0]]
+    side = np.array(side)
+    assert_array_equal(side[1:, 0], side[:-1, 1])  # each goes on where one ended
+    assert_allclose(side[:, 0], model.lower_side_mm[:-1], rtol=1e-15)
+    assert_allclose(side[-1, 1], model.lower_side_mm[-1], rtol=1e-15)
+
+
+def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(built, columns):
+    model, probe, deck = built
+    _, reals = columns
+    if probe == "meshed":
+        return
+    curves = bodies_of(deck)["probe"][7:]
+    inside = model.probe_node_mm.mean(axis=0)
+    skin = model.node_mm[model.contact_node - 1]
+    for k in range(0, len(curves), 9):
+        start, end = np.array([reals(curves[k + 1]), reals(curves[k + 2])])
+        along = end - start
+
+        def left(points, start=start, along=along):
+            way = points - start
+            return along[0] * way[..., 1] - along[1] * way[..., 0]
+
+        assert left(inside) > 0
+        under = skin[(skin[:, 0] >= start[0]) & (skin[:, 0] <= end[0])]
+        assert (left(under) <= 1e-9).all()
+
+
+@pytest.mark.parametrize("probe", ["rigid", "meshed"])
+def test_friction_is_bilinear_coulombs_by_the_interaction(make_model, read_deck, columns, probe):
+    integers, reals = columns
+    for friction, first in ((0.4, [6, 1]), (0.0, [0, 0])):
+        model = make_model(contact=Contact(friction=friction))
+        deck = read_deck(marc_deck(model, probe=probe))
+        assert integers(deck.one("contact").rows[0])[3:5] == first
+        touch = deck.one("con intera").rows
+        assert touch[0] == "         1         0touch"
+        second = [1, 1, 0, 0] if probe == "meshed" else [2, 0, 0, 0]
+        assert [integers(row) for row in touch[1:3]] == [[1, 1, 0, 0], second]
+        assert reals(touch[5])[:4] == [0.0, 0.0, friction, 0.0]
+
+
+def test_the_only_pair_is_finger_and_probe_by_that_interaction(built, columns):
+    _, _, deck = built
+    integers, _ = columns
+    rows = deck.one("con table").rows
+    assert rows[0] == "         1         1         0contact_pairs"
+    assert integers(rows[1]) == [1, 2, 1, 0, 0]
+    for option in deck.all("contact table"):
+        assert [integers(row) for row in option.rows] == [[0, 4], [1]]
+    assert len(deck.all("contact table")) == 2
