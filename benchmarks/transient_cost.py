@@ -24,7 +24,7 @@ from decks.presets import PRESETS
 from fembridge.build import Model, build_run_folder, model_of
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
-from fembridge.solvers.calculix import attempt_calculix
+from fembridge.solver.ccx import SolverSettings, run_ccx
 from fembridge.stimulus import Stimulus
 from fembridge.store import write_text
 from fembridge.typing import FloatArray
@@ -104,7 +104,7 @@ def build(folder: Path, model: Model, way: Way, increments: int) -> RunFolder:
 def solve(run: RunFolder, threads: int) -> Solved:
     """Run the solver: it ends before the next begins, so its time is the children's."""
     before_s = _children_s()
-    outcome = attempt_calculix(run.folder, threads=threads)
+    outcome = run_ccx(run, SolverSettings(threads=threads))
     cpu_s = _children_s() - before_s
     stress_pa = None
     if outcome.accepted:

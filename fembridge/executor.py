@@ -24,7 +24,7 @@ from typing import IO, Any
 
 import fembridge
 from fembridge.errors import MissingError, UsageError
-from fembridge.solvers.process import GRACE_S, signals_as_exits
+from fembridge.solver.ccx import GRACE_S, signals_as_exits
 
 ATTEMPTS = 2
 """A task whose process died is begun once more: the next death is its own doing."""

@@ -1,50 +1,96 @@
-"""What a simulation gives: stress, spikes and rates of each stimulus, and files."""
+"""From stimuli to spikes: stress, spikes and rates of each stimulus, and their files.
+
+``map``        one indentation is solved (or a stored one taken); every stimulus is
+               an interpolation in it.
+``transient``  the indentation shows which contact model is to be trusted; then the
+               solver follows each whole waveform.
+``auto``       the map, unless stress depends on more than the probe's depth: see
+               `fembridge.response.solve.why_no_map`.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import TraceError
+from decks.analysis import Contact
+from fembridge import __version__
+from fembridge.build import Model, stimulus_inputs
+from fembridge.errors import MissingError, ResponseError, TraceError, UsageError
+from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.response.response_map import ResponseMap, reading_energy, stored_response
+from fembridge.response.solve import (
+    LADDER,
+    FrictionSlipError,
+    Log,
+    accept_contact,
+    why_no_map,
+)
+from fembridge.response.transients import RESPONSE_FOLDER, solve_transients
+from fembridge.solver.ccx import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
-from neural import Parameters, encode_afferents, mean_rate_ips
+from neural import PUBLISHED, Parameters, encode_afferents, mean_rate_ips, parameters_to_table
 
 if TYPE_CHECKING:
+    import matplotlib.figure
     import pandas
 
+METHODS = ("map", "transient")
+AUTO = "auto"
 RATES_FILE = "rates.csv"
 SPIKES_FILE = "spikes.csv"
 TRACES_FILE = "traces.npz"
 RECORD_FILE = "simulation.toml"
+RASTER_FILE = "raster.png"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
     """One entry a stimulus: its stress `traces`, one an afferent; its spikes, rates.
 
-    `trains` and `rates` run over stimuli, then afferents; a population has a train a
-    cell, its `repeat` from 1, the most sensitive first, and its rate is their mean.
-    `origin` tells how the stress was computed.
+    `trains` and `mean_rates` run over stimuli, then afferents; a population has a
+    train a cell, its `repeat` from 1, the most sensitive first, and its rate is their
+    mean. `rates` and `spikes` are the same as tables. `origin` is how the stress was
+    computed.
     """
 
     stimuli: tuple[Stimulus, ...]
     traces: tuple[tuple[StressTrace, ...], ...]
     trains: tuple[SpikeTrain, ...]
-    rates: tuple[Rate, ...]
+    mean_rates: tuple[Rate, ...]
     origin: Mapping[str, object] = field(default_factory=dict)
 
-    def write(self, folder: Path) -> None:
+    @property
+    def rates(self) -> "pandas.DataFrame":
+        """Firing rates: ``stimulus``, ``afferent``, ``rate_ips``, a row a rate."""
+        import pandas
+
+        rows = [(rate.stimulus, rate.afferent, rate.rate_ips) for rate in self.mean_rates]
+        return pandas.DataFrame(rows, columns=["stimulus", "afferent", "rate_ips"])
+
+    @property
+    def spikes(self) -> "pandas.DataFrame":
+        """Spikes: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``, a row a spike."""
+        return spikes_frame(self.trains)
+
+    def plot(self) -> "matplotlib.figure.Figure":
+        """Raster of the spikes: a panel a class, a row a stimulus, as a Matplotlib figure."""
+        from fembridge.plots.raster import raster_figure
+
+        return raster_figure(self.trains, **self._raster())
+
+    def write(self, folder: Path | str, *, plot: bool = False) -> None:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.
 
         The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
-        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All four
-        are replaced, or, after an error, none.
+        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All four,
+        and with `plot` ``raster.png``, are replaced, or, after an error, none.
 
         Raises
         ------
@@ -53,23 +99,30 @@ class Simulation:
         """
         import tomli_w
 
-        with filling(folder, last=RECORD_FILE) as draft:
+        stimuli = {stimulus.id: stimulus_inputs(stimulus) for stimulus in self.stimuli}
+        for table in stimuli.values():
+            del table["id"]
+        with filling(Path(folder), last=RECORD_FILE) as draft:
             self._write_traces(draft / TRACES_FILE)
             write_spikes(draft / SPIKES_FILE, self.trains)
-            write_rates(draft / RATES_FILE, self.rates)
-            write_text(draft / RECORD_FILE, tomli_w.dumps(self._record()))
+            write_rates(draft / RATES_FILE, self.mean_rates)
+            write_text(draft / RECORD_FILE, tomli_w.dumps({**self.origin, "stimuli": stimuli}))
+            if plot:
+                from fembridge.plots.raster import draw_raster
 
-    def rates_frame(self) -> "pandas.DataFrame":
-        """Give the rates with columns ``stimulus``, ``afferent``, ``rate_ips``."""
-        import pandas
+                draw_raster(self.trains, draft / RASTER_FILE, **self._raster())
 
-        return pandas.DataFrame(
-            [(r.stimulus, r.afferent, r.rate_ips) for r in self.rates],
-            columns=["stimulus", "afferent", "rate_ips"],
-        )
+    def _raster(self) -> dict[str, Any]:
+        """What a raster shows beside the spikes."""
+        windows = {stimulus.window_ms for stimulus in self.stimuli}
+        return {
+            "stimuli": [stimulus.id for stimulus in self.stimuli],
+            "afferents": [str(trace.afferent) for trace in self.traces[0]],
+            "window_ms": windows.pop() if len(windows) == 1 else None,
+            "waveform": self.stimuli[0] if len(self.stimuli) == 1 else None,
+        }
 
     def _write_traces(self, path: Path) -> None:
-        displacement_um = [stimulus.displacement_um for stimulus in self.stimuli]
         stress_pa = [[trace.stress_pa for trace in row] for row in self.traces]
         with replacing(path) as draft, draft.open("wb") as file:
             np.savez(
@@ -77,20 +130,112 @@ class Simulation:
                 stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
                 afferent=np.array([trace.afferent for trace in self.traces[0]]),
                 dt_ms=np.array(self.stimuli[0].dt_ms),
-                displacement_um=np.array(displacement_um),
+                displacement_um=np.array([one.displacement_um for one in self.stimuli]),
                 von_mises_pa=np.moveaxis(np.array(stress_pa), 1, -1),
             )
 
-    def _record(self) -> Table:
-        stimuli = {
-            stimulus.id: {
-                "window_ms": list(stimulus.window_ms),
-                "preindent_um": stimulus.preindent_um,
-                **{k: v for k, v in stimulus.origin.items() if v is not None},
-            }
-            for stimulus in self.stimuli
-        }
-        return {**self.origin, "stimuli": stimuli}
+
+def simulate(
+    stimuli: Sequence[Stimulus],
+    model: Model,
+    folder: Path,
+    *,
+    method: str = AUTO,
+    stored: bool = False,
+    parameters: Parameters = PUBLISHED,
+    parameters_name: str = "",
+    ladder: Sequence[Contact] = LADDER,
+    response: ResponseMap | None = None,
+    settings: SolverSettings = DEFAULTS,
+    log: Log = lambda line: None,
+) -> Simulation:
+    """Compute stress and spikes; what a solver makes is kept below `folder`.
+
+    Parameters
+    ----------
+    method
+        One of `METHODS`, or "auto": a map where there can be one.
+    parameters
+        Of all classes; by default those of the paper. A set such as
+        ``neural.parameter_set("fitted")``, which the command takes, also has the
+        pre-indentation that `stimuli` should have.
+    parameters_name
+        What the record calls them.
+    stored
+        Take the stored response of a reference finger even where a solver is.
+    ladder
+        The contact models to try, in this order.
+    response
+        What was accepted for `model` with its contact before: taken, not solved.
+    log
+        Called with a line about where the stress comes from.
+
+    Raises
+    ------
+    MissingError
+        No solver, and no stored response that would do; the message names the
+        line that installs one.
+    SolverError, ResponseError
+        The solver failed, or no contact model is to be trusted.
+    """
+    if method not in (AUTO, *METHODS):
+        raise UsageError(f"method {method!r}, expected {AUTO}, {' or '.join(METHODS)}")
+    if not stimuli:
+        raise UsageError("no stimulus to simulate")
+    reason = why_no_map(model, stimuli)
+    if stored and (reason or method == "transient"):
+        raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
+    method = _possible(method, reason, parameters, log)
+    deepest = max(stimuli, key=lambda stimulus: stimulus.deepest_um)
+    closure_percent: float | None = None
+    origin: Table = {"source": "CalculiX"}
+    if response is not None:
+        origin = {"source": "response given"}
+    elif stored or find_ccx() is None:
+        if method == "transient":
+            raise MissingError(
+                f"{reason or '--method transient'}: that takes a solver, and there is "
+                f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}"
+            )
+        response = _stored(model, deepest, stored, log)
+        origin = {"source": "stored response"}
+    else:
+        place = folder / RESPONSE_FOLDER
+        try:
+            model, response = accept_contact(
+                model, place, deepest.deepest_um, settings, log, ladder
+            )
+        except FrictionSlipError as slip:
+            reason = "; ".join(why for why in (reason, str(slip)) if why)
+            method = _possible(method, reason, parameters, log)
+            model = replace(model, contact=ladder[slip.rung - 1])
+            closure_percent = slip.closure_percent
+    if response is None or method == "transient":
+        slips = closure_percent is not None
+        traces, contacts = solve_transients(
+            stimuli, model, folder, settings, log, ladder, slips=slips
+        )
+        origin = {**origin, "contacts": contacts}
+    else:
+        method = "map"
+        traces = [response.traces(stimulus, parameters) for stimulus in stimuli]
+    if response is not None:
+        closure_percent = response.closure_percent
+        origin = {**origin, "response": dict(response.origin)}
+    return encode_all(
+        stimuli,
+        traces,
+        parameters,
+        {
+            "fembridge": __version__,
+            "method": method,
+            **origin,
+            **({"no_map": reason} if reason else {}),
+            "closure_percent": closure_percent,
+            **({"parameter_set": parameters_name} if parameters_name else {}),
+            "parameters": parameters_to_table(parameters),
+        },
+    )
 
 
 def encode_all(
@@ -108,8 +253,8 @@ def encode_all(
     ParameterError
         A time step that the parameters were not made for.
     """
-    afferents = _shared_afferents(stimuli, traces, parameters)
-    _check_times(stimuli, traces)
+    afferents = [str(trace.afferent) for trace in traces[0]]
+    _check_alike(stimuli, traces, afferents, parameters)
     stress_pa = {
         afferent: np.stack([row[column].stress_pa for row in traces], -1)
         for column, afferent in enumerate(afferents)
@@ -126,13 +271,13 @@ def encode_all(
         stimuli=tuple(stimuli),
         traces=tuple(tuple(row) for row in traces),
         trains=tuple(trains),
-        rates=tuple(rates),
+        mean_rates=tuple(rates),
         origin=origin,
     )
 
 
 def trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> list[SpikeTrain]:
-    """Give a train a cell; `repeat` counts them from 1, and is 0 for a single one."""
+    """A train a cell; `repeat` counts them from 1, and is 0 for a single one."""
     first = 1 if len(cells_ms) > 1 else 0
     return [
         SpikeTrain(stimulus, afferent, times_ms, repeat)
@@ -140,31 +285,79 @@ def trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> l
     ]
 
 
-def _shared_afferents(
-    stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTrace]], parameters: Parameters
-) -> list[str]:
-    """Give the classes that every row of traces has, in that order."""
-    if not stimuli or len(traces) != len(stimuli):
-        raise TraceError(
-            f"{len(traces)} rows of traces for {len(stimuli)} stimuli, expected one "
-            "row for each of one or more"
+def spikes_frame(trains: Sequence[SpikeTrain]) -> "pandas.DataFrame":
+    """Table of `trains`: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``."""
+    import pandas
+
+    counts = [train.times_ms.size for train in trains]
+    times_ms = [train.times_ms for train in trains]
+    return pandas.DataFrame(
+        {
+            "stimulus": np.repeat(np.array([one.stimulus for one in trains], object), counts),
+            "afferent": np.repeat(np.array([one.afferent for one in trains], object), counts),
+            "repeat": np.repeat(np.array([one.repeat for one in trains], np.int64), counts),
+            "spike_time_ms": np.concatenate([np.zeros(0), *times_ms]),
+        }
+    )
+
+
+def _possible(method: str, reason: str | None, parameters: Parameters, log: Log) -> str:
+    """The method that is possible: there is no map where there is a `reason`."""
+    if method == "map" and reason is not None:
+        raise UsageError(f"no response map: {reason}; take --method transient")
+    if method == AUTO and reason is not None:
+        log(f"{reason}; so there is no response map: each waveform is solved")
+        method = "transient"
+    if method == "transient" and (other := reading_energy(parameters)):
+        way_out = "take other parameters" if reason else "take --method map"
+        raise UsageError(
+            f"drive {parameters[other].drive!r} of {other} reads strain energy, "
+            f"--method transient gives von Mises stress alone: {way_out}"
         )
-    first = [trace.afferent for trace in traces[0]]
-    for stimulus, row in zip(stimuli, traces, strict=True):
-        found = [trace.afferent for trace in row]
-        if found != first or not first or not set(first) <= set(parameters):
-            raise TraceError(
-                f"{stimulus.id}: traces of {_listed(found)}, expected of "
-                f"{_listed(first if found != first else list(parameters))}"
+    return method
+
+
+def _stored(model: Model, deepest: Stimulus, asked_for: bool, log: Log) -> ResponseMap:
+    try:
+        response = stored_response(model.finger, model.probe, model.element)
+        if deepest.deepest_um > response.deepest_um:
+            raise ResponseError(
+                f"{deepest.id} goes {deepest.deepest_um:.9g} um deep, the stored "
+                f"response of finger {model.finger.name!r} reaches "
+                f"{response.deepest_um:g} um"
             )
-    return [str(afferent) for afferent in first]
+    except ResponseError as error:
+        if asked_for:
+            raise
+        install = f"install the solver: {SOLVER_INSTALL_LINE}"
+        raise MissingError(f"no ccx on the PATH, and {error}; {install}") from error
+    if asked_for:
+        log(f"stored response of finger {model.finger.name!r}")
+    else:
+        log(
+            f"no ccx on the PATH: stored response of finger {model.finger.name!r}; "
+            f"to solve it here: {SOLVER_INSTALL_LINE}"
+        )
+    return response
 
 
-def _check_times(stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTrace]]) -> None:
-    """Hold every trace against the time axis of the first stimulus."""
+def _check_alike(
+    stimuli: Sequence[Stimulus],
+    traces: Sequence[Sequence[StressTrace]],
+    afferents: Sequence[str],
+    parameters: Parameters,
+) -> None:
+    """Refuse traces of other afferents or another time axis than the first stimulus's."""
+    unknown = set(afferents) - set(parameters)
     count, dt_ms = stimuli[0].displacement_um.size, stimuli[0].dt_ms
     near_ms = STEP_TOLERANCE * dt_ms
     for stimulus, row in zip(stimuli, traces, strict=True):
+        found = [str(trace.afferent) for trace in row]
+        if found != afferents or unknown:
+            raise TraceError(
+                f"{stimulus.id}: traces of {', '.join(found)}, expected of "
+                f"{', '.join(parameters if unknown else afferents)}"
+            )
         axes = [(trace.stress_pa.size, trace.dt_ms, trace.start_ms) for trace in row]
         axes.append((stimulus.displacement_um.size, stimulus.dt_ms, 0.0))
         for size, step_ms, start_ms in axes:
@@ -174,7 +367,3 @@ def _check_times(stimuli: Sequence[Stimulus], traces: Sequence[Sequence[StressTr
                     f"{start_ms:g} ms, expected one time axis for all, {count} "
                     f"samples every {dt_ms:g} ms from 0 ms"
                 )
-
-
-def _listed(afferents: Sequence[str | None]) -> str:
-    return ", ".join(afferent or "no class" for afferent in afferents) or "nothing"

@@ -101,28 +101,24 @@ def table_text(deflections: "Sequence[Deflection]") -> str:
 
 
 def _stored(name: str | None) -> "list[Deflection]":
-    from fembridge.deflection.stored import stored_deflection, stored_deflections
+    from fembridge.deflection.profile import stored_deflection, stored_deflections
 
     return list(stored_deflections()) if name is None else [stored_deflection(name)]
 
 
 def _solved(args: argparse.Namespace, output: "Path") -> "list[Deflection]":
-    from fembridge.deflection.press import DEPTH_MM, press_of
-    from fembridge.deflection.solve import solve_deflection
-    from fembridge.deflection.stored import stored_deflections
+    from fembridge.deflection.press import DEPTH_MM, press_of, solve_deflection
+    from fembridge.deflection.profile import stored_deflections
     from fembridge.progress import SolverBars
-    from fembridge.solvers.watchdog import Limits
+    from fembridge.solver.ccx import SolverSettings
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
     press = press_of(_finger(args.finger or "quick"), depth_mm)
     with SolverBars() as bars:
-        solved = solve_deflection(
-            output / "run",
-            press,
-            threads=args.threads,
-            limits=Limits(time_limit_s=args.time_limit),
-            on_progress=bars,
+        settings = SolverSettings(
+            threads=args.threads, time_limit_s=args.time_limit, on_progress=bars
         )
+        solved = solve_deflection(output / "run", press, settings)
     for stored in stored_deflections():
         if stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]:
             _compare(solved, stored)
@@ -147,13 +143,13 @@ def _compare(solved: "Deflection", stored: "Deflection") -> None:
 def _rows(shown: "Sequence[Deflection]") -> list[dict[str, Any]]:
     from dataclasses import asdict
 
-    from fembridge.deflection.convergence import convergence
+    from fembridge.deflection.profile import convergence
 
     return [asdict(row) for row in convergence(shown)] if len(shown) > 1 else []
 
 
 def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> None:
-    from fembridge.deflection.convergence import COMPARED_MM
+    from fembridge.deflection.profile import COMPARED_MM
 
     lines = [
         (f"deflection at {x_mm:g} mm", [float(mesh.at(x_mm)) for mesh in shown], "mm")

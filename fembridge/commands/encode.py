@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _refuse_energy(chosen: "ParameterSet", afferents: Collection[str]) -> None:
     from fembridge.errors import UsageError
-    from fembridge.response.driving_stress import reading_energy
+    from fembridge.response.response_map import reading_energy
 
     read = {name: chosen.parameters[name] for name in afferents}
     if (other := reading_energy(read)) is not None:

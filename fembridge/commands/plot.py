@@ -99,14 +99,14 @@ def _response(args: argparse.Namespace) -> "ResponseMap":
     from fembridge.errors import UsageError
 
     if args.file is not None:
-        from fembridge.response.map_file import read_map
+        from fembridge.response.response_map import read_map
 
         if args.finger is not None:
             raise UsageError(f"{args.file} and --finger {args.finger}: expected one")
         return read_map(args.file)
     from decks.finger_file import read_finger
     from decks.probe import Probe
-    from fembridge.response.stored import stored_response
+    from fembridge.response.response_map import stored_response
 
     return stored_response(read_finger(args.finger or "quick"), Probe(), "CPE4")
 

@@ -12,7 +12,7 @@ import argparse
 import sys
 from typing import Any
 
-from fembridge.solvers.watchdog import ITERATION_LIMIT, STALL_LIMIT_S
+from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S
 
 EXAMPLE = "fembridge run --jobs 2 runs/*"
 
@@ -63,19 +63,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.progress import SolverBars
-    from fembridge.solvers.batch import run_folders
-    from fembridge.solvers.watchdog import Limits
+    from fembridge.solver.batch import run_folders
+    from fembridge.solver.ccx import SolverSettings
 
-    limits = Limits(args.time_limit, args.stall_limit, args.iteration_limit)
     with SolverBars() as bars:
-        outcomes = run_folders(
-            map(Path, args.folders),
-            jobs=args.jobs,
+        settings = SolverSettings(
             threads=args.threads,
-            limits=limits,
-            force=args.force,
+            jobs=args.jobs,
+            time_limit_s=args.time_limit,
+            stall_limit_s=args.stall_limit,
+            iteration_limit=args.iteration_limit,
             on_progress=bars,
         )
+        outcomes = run_folders(map(Path, args.folders), settings, force=args.force)
     for outcome in outcomes:
         if not outcome.accepted:
             print("fembridge:", " ".join(str(outcome.to_error()).split()), file=sys.stderr)

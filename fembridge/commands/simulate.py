@@ -22,14 +22,12 @@ from fembridge.commands.model_options import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from fembridge.simulation import Simulation
     from neural import ParameterSet
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
 
-RASTER_FILE = "raster.png"
 # Rows that a table on the screen shows before it is cut.
 _SHOWN = 30
 
@@ -80,11 +78,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.progress import SolverBars
-    from fembridge.simulate import simulate
-    from fembridge.simulation import RATES_FILE, RECORD_FILE, SPIKES_FILE, TRACES_FILE
-    from fembridge.solvers.settings import SolverSettings
-    from fembridge.solvers.watchdog import Limits
-    from fembridge.store import filling
+    from fembridge.simulation import RASTER_FILE, RATES_FILE, SPIKES_FILE, TRACES_FILE, simulate
+    from fembridge.solver.ccx import SolverSettings
     from neural import parameter_set_or_file
 
     output = Path(args.output)
@@ -99,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         settings = SolverSettings(
             threads=args.threads,
             jobs=args.jobs,
-            limits=Limits(time_limit_s=args.time_limit),
+            time_limit_s=args.time_limit,
             on_progress=bars,
         )
         simulation = simulate(
@@ -111,13 +106,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             parameters=chosen.parameters,
             parameters_name=chosen.name,
             settings=settings,
-            tell=tell,
+            log=tell,
         )
     _tell_preindent(chosen, args.preindent_um, tell)
-    with filling(output, last=RECORD_FILE) as draft:
-        simulation.write(draft)
-        if not args.no_plot:
-            _draw(simulation, draft / RASTER_FILE)
+    simulation.write(output, plot=not args.no_plot)
     if args.no_plot and (output / RASTER_FILE).is_file():
         (output / RASTER_FILE).unlink()  # of other spikes than those beside it
     if not args.json:
@@ -131,7 +123,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "notes": lines,
         "rates": [
             {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
-            for r in simulation.rates
+            for r in simulation.mean_rates
         ],
     }
 
@@ -153,23 +145,9 @@ def _tell_preindent(
         )
 
 
-def _draw(simulation: "Simulation", path: "Path") -> None:
-    from fembridge.plots.raster import draw_raster
-
-    windows = {stimulus.window_ms for stimulus in simulation.stimuli}
-    draw_raster(
-        simulation.trains,
-        path,
-        stimuli=[stimulus.id for stimulus in simulation.stimuli],
-        afferents=[str(trace.afferent) for trace in simulation.traces[0]],
-        window_ms=windows.pop() if len(windows) == 1 else None,
-        waveform=simulation.stimuli[0] if len(simulation.stimuli) == 1 else None,
-    )
-
-
 def _print_rates(simulation: "Simulation") -> None:
-    afferents = list(dict.fromkeys(rate.afferent for rate in simulation.rates))
-    by_key = {(r.stimulus, r.afferent): r.rate_ips for r in simulation.rates}
+    afferents = list(dict.fromkeys(rate.afferent for rate in simulation.mean_rates))
+    by_key = {(r.stimulus, r.afferent): r.rate_ips for r in simulation.mean_rates}
     ids = [stimulus.id for stimulus in simulation.stimuli]
     width = max(len("stimulus"), *map(len, ids[:_SHOWN]))
     header = "".join(f"{name:>8}" for name in afferents)

@@ -1,4 +1,1 @@
-"""How far the skin around a thin probe goes down: the paper's first check, Fig. 2c.
-
-`stored_deflections` gives what was solved once, `solve_deflection` solves again.
-"""
+"""How far the skin around a thin probe goes down: the paper's first check, Fig. 2c."""

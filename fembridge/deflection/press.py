@@ -1,4 +1,4 @@
-"""What is solved: the paper's 50 µm probe, pressed into a mesh fine enough for it.
+"""The paper's 50 um probe, pressed into a mesh fine enough for it, solved and judged.
 
 The skin's elements under the probe have to be much smaller than it, or it slips
 between their nodes and the run ends well with the skin untouched. So a mesh is cut
@@ -6,18 +6,26 @@ in three around the first touch, twice: 0.042 mm become 0.005 mm on ``quick``.
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from decks.analysis import Analysis, Contact, analyse
+from decks.dialects import JOB
 from decks.finger import Finger, Resolution
 from decks.meshing.mesh import Mesh
 from decks.meshing.refinement import refined
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
-from fembridge.build import Model, inputs_of
-from fembridge.errors import UsageError
+from fembridge.build import Model, build_analysis_folder, inputs_of
+from fembridge.deflection.profile import PROFILE_FILE, Deflection, write_profile
+from fembridge.errors import OutputError, ResponseError, UsageError
+from fembridge.response.acceptance import PROBE_SET, check_times
+from fembridge.results.frd import read_displacement
+from fembridge.results.printed.dat import read_total_force
+from fembridge.run_folder import RunFolder
+from fembridge.solver.ccx import DEFAULTS, SolverSettings, finished_outcome, solve_once
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray, IntArray, Table
 
@@ -65,6 +73,17 @@ _DIGITS = 3
 _LEAST_MM, _MOST_MM = 0.05, 2.0
 _UM_PER_MM = 1000.0
 
+# The skin under the probe follows it, less what the penalty springs give.
+FOLLOWED = (0.95, 1.01)
+# Both sides of a symmetric finger go down alike, to this share of the depth.
+_UNLIKE_SHARE = 0.01
+# No step down makes the force smaller by more than this share of the last one.
+_FORCE_DIP_SHARE = 0.02
+# Further out the pad turns into the finger's side; the first node there is kept.
+REACH_MM = 6.0
+_MM_PER_UM = 1.0e-3
+_MM_DIGITS, _N_DIGITS = 6, 8
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Press:
@@ -85,12 +104,12 @@ class Press:
             )
         if self.probe.x_mm != 0:
             raise UsageError(
-                f"deflection: the probe stands at x = {self.probe.x_mm:g} mm, expected "
+                f"deflection: the probe is at x = {self.probe.x_mm:g} mm, expected "
                 "0, where the mesh is fine"
             )
 
     def stimulus(self) -> Stimulus:
-        """Give the probe's way: down to `depth_mm` in steps that grow."""
+        """The probe's way: down to `depth_mm` in steps that grow."""
         share = np.arange(STEPS + 1) / STEPS
         depth_um: FloatArray = self.depth_mm * _UM_PER_MM * share**_GROWTH
         return Stimulus(
@@ -102,7 +121,7 @@ class Press:
         )
 
     def analysis(self) -> Analysis:
-        """Put it together; the pad's whole surface is watched."""
+        """The deck's content; the pad's whole surface is watched."""
         return analyse(
             self.finger,
             self.mesh,
@@ -114,7 +133,7 @@ class Press:
         )
 
     def inputs(self) -> Table:
-        """Tell what the run is made from."""
+        """What the run is made from."""
         model = Model(self.finger, self.mesh, self.probe, self.contact)
         return {
             "law": self.law,
@@ -125,7 +144,7 @@ class Press:
 
 
 def press_of(finger: Finger, depth_mm: float = DEPTH_MM) -> Press:
-    """Find or make the mesh of `finger` and refine it under the probe.
+    """The mesh of `finger`, refined under the probe.
 
     Raises
     ------
@@ -154,3 +173,122 @@ def digest(mesh: Mesh) -> str:
     arrays = (mesh.node_mm, mesh.quad, mesh.layer)
     parts = [np.ascontiguousarray(a).astype(f"<{a.dtype.kind}8") for a in arrays]
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+
+
+def solve_deflection(folder: Path, press: Press, settings: SolverSettings = DEFAULTS) -> Deflection:
+    """Solve `press` in `folder` and write ``deflection.toml`` there.
+
+    A run that was solved there before, with the same deck, is read again as long as
+    its files are whole.
+
+    Raises
+    ------
+    SolverError
+        The run did not reach its depth.
+    ResponseError
+        It did, but the probe did not push the skin down: see `measured_deflection`.
+    OutputError
+        `folder` cannot be written.
+    """
+    stimulus = press.stimulus()
+    run = build_analysis_folder(folder, press.analysis(), stimulus, press.inputs())
+    if finished_outcome(run) is None:
+        _remove(folder / PROFILE_FILE)  # of a run that is not there any more
+    outcome, found = solve_once(run, settings, lambda run: measured_deflection(run, press))
+    if found is None:
+        raise outcome.to_error()
+    made = {"version": outcome.version or "", "iterations": outcome.iterations}
+    deflection = replace(found, origin={**made, **found.origin})
+    write_profile(folder / PROFILE_FILE, deflection)
+    return deflection
+
+
+def measured_deflection(run: RunFolder, press: Press) -> Deflection:
+    """Read the run that was built of `press`, and accept it, or say why not.
+
+    Raises
+    ------
+    ResultError
+        The run is not there or not whole.
+    ResponseError
+        The probe slipped through the skin, or the sides went down unlike.
+    """
+    stimulus = press.stimulus()
+    times_ms, depth_mm = stimulus.times_ms, stimulus.displacement_um * _MM_PER_UM
+    mesh = press.mesh
+    node = surface_of(mesh)
+    found_ms, moved_mm = read_displacement(run.results, (node + 1).tolist())
+    force_ms, force_n = read_total_force(run.folder / f"{JOB}.dat", PROBE_SET)
+    check_times(found_ms, times_ms[1:], run.results)
+    check_times(force_ms, times_ms[1:], run.folder / f"{JOB}.dat")
+    # `RF` is the force that pushes the probe down; the section is 1 mm thick.
+    force_n_per_mm = np.concatenate([[0.0], -force_n[:, 1]])
+    x_mm, down_mm = mesh.node_mm[node, 0], -moved_mm[-1, :, 1]
+    apex_mm = float(down_mm[node == run.apex_node - 1][0])
+    problem = why_not(float(depth_mm[-1]), apex_mm, force_n_per_mm)
+    if problem is not None:
+        raise ResponseError(f"{run.folder}: {problem}")
+    distance_mm, deflection_mm, unlike_mm = both_sides(x_mm, down_mm)
+    if unlike_mm > _UNLIKE_SHARE * depth_mm[-1]:
+        raise ResponseError(
+            f"{run.folder}: left and right differ by {unlike_mm:.3g} mm, expected at "
+            f"most {_UNLIKE_SHARE * depth_mm[-1]:.3g} mm"
+        )
+    pad = slice(int(np.searchsorted(distance_mm, REACH_MM)) + 1)
+    return Deflection(
+        name=press.finger.name,
+        elements=len(mesh.quad),
+        distance_mm=distance_mm[pad],
+        deflection_mm=np.round(deflection_mm[pad], _MM_DIGITS) + 0.0,
+        depth_mm=float(depth_mm[-1]),
+        loading_mm=depth_mm,
+        loading_n_per_mm=np.round(force_n_per_mm, _N_DIGITS) + 0.0,
+        origin={
+            "solver": run.solver,
+            "deck_sha256": run.deck_sha256,
+            "sides_differ_mm": round(unlike_mm, _MM_DIGITS),
+            **run.inputs,
+        },
+    )
+
+
+def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str | None:
+    """Why a run is not one in which the probe pushed the skin; None if it is.
+
+    Parameters
+    ----------
+    depth_mm, apex_mm
+        How far the probe went down, and the skin's point under it.
+    force_n_per_mm
+        Force of the skin on the probe ``(K,)``, from first touch to `depth_mm`.
+    """
+    last = float(force_n_per_mm[-1])
+    least, most = (share * depth_mm for share in FOLLOWED)
+    if not (last > 0 and np.isfinite(force_n_per_mm).all()):
+        return f"the probe did not push: the force at {depth_mm:g} mm is {last:.3g} N/mm"
+    if not least <= apex_mm <= most:
+        return (
+            f"the skin under the probe moved {apex_mm:.4g} mm, expected {least:.4g} to "
+            f"{most:.4g} mm: the probe slipped between its nodes"
+        )
+    dip = float(-np.diff(force_n_per_mm).min())
+    if dip > _FORCE_DIP_SHARE * last:
+        return (
+            f"the force fell by {dip:.3g} N/mm on the way to {last:.3g} N/mm, expected it to grow"
+        )
+    return None
+
+
+def both_sides(x_mm: FloatArray, down_mm: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Fold a profile at ``x = 0``: distance, mean of both sides, largest difference."""
+    right = x_mm >= 0
+    left_mm = np.interp(x_mm[right], -x_mm[::-1], down_mm[::-1])
+    unlike_mm = float(np.abs(down_mm[right] - left_mm).max())
+    return x_mm[right], 0.5 * (down_mm[right] + left_mm), unlike_mm
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be replaced: {error.strerror}", path) from error

@@ -12,7 +12,6 @@ from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Sine, number_text, re
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, UsageError
 from fembridge.observed import FAMILIES, ObservedRates
-from fembridge.response.driving_stress import driving_stress
 from fembridge.response.response_map import ResponseMap
 from neural.drive_model import Drive
 from neural.fit_problem import FitProblem
@@ -87,7 +86,7 @@ def fit_problem(
     column = classes.index(drive.afferent)
     models = {drive.afferent: drive}
     stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]
-    traces = [driving_stress(response, each, models)[column] for each in stimuli]
+    traces = [response.traces(each, models)[column] for each in stimuli]
     names, rate_ips = observed.of(drive.afferent)
     by_name = dict(zip(names, rate_ips.tolist(), strict=True))
     return FitProblem(

@@ -7,9 +7,7 @@ from pathlib import Path
 from decks.finger_file import read_finger
 from decks.probe import Probe
 from fembridge.errors import ResponseError
-from fembridge.response.map_file import MAP_FILE, read_map
-from fembridge.response.response_map import ResponseMap
-from fembridge.response.stored import FOLDER, stored_response
+from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.typing import Table
 
 # Where ``fembridge simulate`` keeps what it solved, below its output folder.

@@ -1,6 +1,6 @@
 """What a finest mesh is worth: observed order, limit, and the grid convergence index.
 
-The limit and the order are `fembridge.deflection.convergence.richardson`'s. The
+The limit and the order are `fembridge.deflection.profile.richardson`'s. The
 index is Roache's (J. Fluids Eng. 116:405, 1994) for three meshes: 1.25 times the
 estimated error of the finest, in percent of its value.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fembridge.deflection.convergence import richardson
+from fembridge.deflection.profile import richardson
 from fembridge.typing import FloatArray
 
 SAFETY = 1.25

@@ -14,7 +14,7 @@ from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed.dat import read_total_force
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import read_run_folder
-from fembridge.solvers.workplace import LOG_FILE
+from fembridge.solver.ccx import LOG_FILE
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
 

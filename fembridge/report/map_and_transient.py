@@ -20,8 +20,7 @@ from fembridge.build import Model, inputs_of, model_of
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, panels
-from fembridge.response.indentation import indentation
-from fembridge.response.measured import measured_response
+from fembridge.response.acceptance import indentation, recorded_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import CONTACT_CAUSES, LADDER
 from fembridge.results import read
@@ -215,7 +214,7 @@ def _mapped(runs: Runs, name: str, model: Model) -> tuple[ResponseMap, Attempt]:
     attempt = runs.attempt(
         f"map/{name}", model.analysis(stimulus), stimulus, inputs_of(model, stimulus)
     ).accepted()
-    return measured_response(attempt.folder), attempt
+    return recorded_response(attempt.folder), attempt
 
 
 def _shortened(word: str, preindent_um: float, count: int) -> Stimulus:

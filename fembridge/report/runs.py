@@ -16,10 +16,8 @@ from decks.dialects import JOB
 from fembridge.build import build_analysis_folder
 from fembridge.errors import ResponseError
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
-from fembridge.solvers.calculix import attempt_calculix
-from fembridge.solvers.outcome import Failure, Outcome
-from fembridge.solvers.record import finished_outcome
-from fembridge.solvers.watchdog import Limits, OnProgress
+from fembridge.solver.ccx import OnProgress, SolverSettings, finished_outcome, run_ccx
+from fembridge.solver.verdict import Failure, Outcome
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, write_text
 from fembridge.typing import Table
@@ -119,12 +117,10 @@ class Runs:
         cpu_s = None if outcome is None else _kept_cpu_s(run)
         if outcome is None or cpu_s is None:
             before_s = _children_s()
-            outcome = attempt_calculix(
-                run.folder,
-                threads=THREADS,
-                limits=Limits(time_limit_s=TIME_LIMIT_S),
-                on_progress=self._on_progress,
+            settings = SolverSettings(
+                threads=THREADS, time_limit_s=TIME_LIMIT_S, on_progress=self._on_progress
             )
+            outcome = run_ccx(run, settings)
             cpu_s = _children_s() - before_s
             if outcome.accepted:
                 text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'

@@ -16,8 +16,7 @@ from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
 from fembridge.plots.style import save_figure
 from fembridge.report.runs import THREADS, Cost, Runs
 from fembridge.report.study import AT_MOST, Check, Finding
-from fembridge.solvers.process import signals_as_exits
-from fembridge.solvers.watchdog import OnProgress
+from fembridge.solver.ccx import OnProgress, signals_as_exits
 from fembridge.store import make_folder, read_sealed, sha256_of, write_sealed, write_text
 from fembridge.typing import Table
 

@@ -1,33 +1,79 @@
-"""Is a contact model to be trusted? It pushes, and unloading finds loading's stress.
+"""The indentation that a response map is made of, and whether its contact is sound.
 
-Two traps, both measured with ccx 2.20. Surface-to-surface contact remembers: on
-the way back the stress at a depth came out 17 to 20 % low. And a thin probe slips
+The probe goes down in steps and comes back: unloading has to find loading's stress.
+Two traps, both measured with ccx 2.20. Surface-to-surface contact is path-dependent:
+on the way back the stress at a depth came out 17 to 20 % low. And a thin probe slips
 between the skin's nodes: the run ends well, the skin untouched.
 """
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from decks.dialects import JOB
+from decks.stimuli import MAX_AMPLITUDE_UM
+from fembridge.errors import ResponseError, ResultError, StimulusError
+from fembridge.response.response_map import IN_PLANE, ResponseMap
+from fembridge.results.frd import read_stress_and_displacement
+from fembridge.results.printed.dat import read_total_force
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import von_mises_pa
+from fembridge.run_folder import RunFolder, read_run_folder, read_waveform
+from fembridge.stimulus import Stimulus
+from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray
 
 CLOSURE_PERCENT = 0.5
+DEFAULT_DEPTH_UM = 400.0
+"""Deep enough for every stimulus of the catalogue: 250 um and the noise's peaks."""
+STEPS = 30
+"""Steps grow with depth: a small vibration sees as many of them as a large one."""
+PROBE_SET = "PROBE"
+
+_GROWTH = 1.7
+_UNLOAD_EVERY = 3
+# Node-to-surface contact takes any step down; up from deeper than the default, ccx
+# 2.20 lost all contact for a whole increment in steps of 28 um, never in 16 um.
+_DEEP_UNLOAD_STEP_UM = 12.0
+_DT_MS = 0.5
+_DIGITS = 3
+# Shallower, the first steps would round to the same depth.
+_LEAST_UM = 1.0
+
 # Shallower than this share of the deepest, a step is not compared: the first
 # touch of a few nodes is no measure of a contact model.
 _COMPARED_SHARE = 0.05
 _MATCH_UM = 1.0e-6
 # The skin under the probe follows it, less what the penalty springs give.
 _FOLLOWED_SHARE = 0.5
+_UM_PER_MM = 1000.0
+# Solvers print times with six digits.
+_TIME_TOLERANCE = 1.0e-5
+# Of the largest stress; recorded runs showed 1e-14.
+_NO_SHEAR = 1.0e-6
+
+
+class HysteresisError(ResponseError):
+    """Unloading differs from loading by `closure_percent`, too much for a map."""
+
+    def __init__(self, problem: str, closure_percent: float) -> None:
+        super().__init__(problem, closure_percent)  # these rebuild it after pickling
+        self.problem, self.closure_percent = problem, closure_percent
+
+    def __str__(self) -> str:
+        return self.problem
 
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """What a load–unload run showed; `problem` is None where it is accepted.
+    """What a load-unload run showed; `problem` is None where it is accepted.
 
     `closure_percent` is the largest difference between unloading and loading at
     the same depth, in percent of the loading stress there, over all afferents; NaN
-    where nothing could be compared. It `remembers` where the problem is that unloading
+    where nothing could be compared. With `hysteresis` the problem is that unloading
     differs from loading, and no other.
     """
 
@@ -35,7 +81,48 @@ class Acceptance:
     force_n_per_mm: float
     followed_share: float
     problem: str | None
-    remembers: bool = False
+    hysteresis: bool = False
+
+
+def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
+    """Load to `depth_um` in 30 steps, unload over every third of their depths.
+
+    Time has no meaning here; a step is one increment of the solver. Deeper than
+    the default, the way back is divided into small steps.
+
+    Raises
+    ------
+    StimulusError
+        A depth that is not within 1 um to 10 mm.
+    """
+    if not _LEAST_UM <= depth_um <= MAX_AMPLITUDE_UM:
+        raise StimulusError(
+            f"indentation: depth_um is {depth_um:g}, expected {_LEAST_UM:g} to {MAX_AMPLITUDE_UM:g}"
+        )
+    share = np.arange(STEPS + 1) / STEPS
+    load_um = np.round(depth_um * share**_GROWTH, _DIGITS)
+    unload_um = load_um[STEPS - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
+    if depth_um > DEFAULT_DEPTH_UM:
+        parts = []
+        for start_um, end_um in pairwise([float(load_um[-1]), *unload_um.tolist()]):
+            steps = int(np.ceil((start_um - end_um) / _DEEP_UNLOAD_STEP_UM))
+            parts.append(np.round(np.linspace(start_um, end_um, steps + 1)[1:], _DIGITS))
+        unload_um = np.concatenate(parts)
+    samples_um = np.concatenate([load_um, unload_um])
+    return Stimulus(
+        id=f"indentation_{depth_um:g}",
+        displacement_um=samples_um,
+        dt_ms=_DT_MS,
+        window_ms=(0.0, (samples_um.size - 1) * _DT_MS),
+        origin={"family": "indentation", "depth_um": float(depth_um)},
+    )
+
+
+def depth_for(needed_um: float) -> float:
+    """Depth of the indentation that answers stimuli down to `needed_um`."""
+    if needed_um <= DEFAULT_DEPTH_UM:
+        return DEFAULT_DEPTH_UM
+    return float(np.ceil(needed_um / 100.0) * 100.0)
 
 
 def judge(
@@ -57,7 +144,7 @@ def judge(
     force = float(force_n_per_mm[deepest])
     followed = moved_um / deepest_um if deepest_um > 0 else 0.0
     closure = _closure_percent(depth_um, stress_pa, deepest)
-    problem, remembers = None, False
+    problem, hysteresis = None, False
     if not (force > 0 and followed >= _FOLLOWED_SHARE):
         problem = (
             f"the probe did not push: at {deepest_um:g} um the skin moved "
@@ -70,12 +157,82 @@ def judge(
     elif math.isnan(closure):
         problem = "the run does not come back over depths that it loaded to"
     elif not closure <= CLOSURE_PERCENT:
-        remembers = True
+        hysteresis = True
         problem = (
             f"unloading differs from loading by {closure:.3g} % at the same depth, "
             f"expected at most {CLOSURE_PERCENT} %"
         )
-    return Acceptance(closure, force, followed, problem, remembers)
+    return Acceptance(closure, force, followed, problem, hysteresis)
+
+
+def recorded_response(folder: Path) -> ResponseMap:
+    """The response of the run in `folder`, whose waveform is read as well."""
+    return measured_response(read_run_folder(folder), *read_waveform(folder))
+
+
+def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray) -> ResponseMap:
+    """Read the results of an indentation and accept it, or say why not.
+
+    Parameters
+    ----------
+    times_ms, depth_um
+        Its waveform, ``(T,)`` each, the rest state first.
+
+    Raises
+    ------
+    ResultError
+        The results are not there, not whole, or at other times than the waveform:
+        those of a run with a ramp to a pre-indentation, for example.
+    HysteresisError, ResponseError
+        The contact model is not to be trusted: see `judge`.
+    """
+    folder = run.folder
+    if not run.afferents:
+        raise ResultError("run.toml names no afferent, expected one or more", folder)
+    nodes = [place.node for place in run.afferents]
+    options = ReadOptions(branches=run.branches, on_axis=run.on_axis)
+    found = read_stress_and_displacement(run.results, nodes, [run.apex_node], options)
+    check_times(found.times_ms, times_ms[1:], run.results)
+    force_times_ms, force_n = read_total_force(folder / f"{JOB}.dat", PROBE_SET)
+    check_times(force_times_ms, times_ms[1:], folder / f"{JOB}.dat")
+    tensor_pa = _from_rest(_in_plane(found.tensor_pa, run.results))
+    apex_um = _from_rest(-_UM_PER_MM * found.displacement_mm[:, 0, 1])
+    # `RF` is the force that pushes the probe down; the section is 1 mm thick.
+    force_n_per_mm = _from_rest(-force_n[:, 1])
+    accepted = judge(depth_um, von_mises_pa(tensor_pa), force_n_per_mm, apex_um)
+    if accepted.hysteresis:
+        raise HysteresisError(f"{folder}: {accepted.problem}", accepted.closure_percent)
+    if accepted.problem is not None:
+        raise ResponseError(f"{folder}: {accepted.problem}")
+    loading = slice(0, int(depth_um.argmax()) + 1)
+    return ResponseMap(
+        depth_um=depth_um[loading],
+        tensor_pa=tensor_pa[loading],
+        force_n_per_mm=force_n_per_mm[loading],
+        places=run.afferents,
+        closure_percent=round(accepted.closure_percent, 6),
+        origin={"solver": run.solver, "deck_sha256": run.deck_sha256, **run.inputs},
+    )
+
+
+def check_times(found_ms: FloatArray, expected_ms: FloatArray, path: Path) -> None:
+    """Refuse results at other times than their waveform.
+
+    Raises
+    ------
+    ResultError
+        Another number of increments, or one at another time.
+    """
+    if found_ms.size != expected_ms.size:
+        raise ResultError(f"{found_ms.size} increments, expected {expected_ms.size}", path)
+    off = np.abs(found_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]
+    if off.any():
+        row = int(off.argmax())
+        raise ResultError(
+            f"increment {row + 1} is at {found_ms[row] / MS_PER_S:g} s, expected "
+            f"{expected_ms[row] / MS_PER_S:g} s",
+            path,
+        )
 
 
 def _closure_percent(depth_um: FloatArray, stress_pa: FloatArray, deepest: int) -> float:
@@ -88,3 +245,21 @@ def _closure_percent(depth_um: FloatArray, stress_pa: FloatArray, deepest: int) 
             with np.errstate(divide="ignore", invalid="ignore"):
                 worst.append(np.max(np.abs(stress_pa[row] / loading - 1)))
     return 100 * float(np.max(worst)) if worst else math.nan
+
+
+def _in_plane(tensor_pa: FloatArray, path: Path) -> FloatArray:
+    """Without the out-of-plane shears: in plane strain they are rounding noise."""
+    shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
+    if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
+        raise ResultError(
+            f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain", path
+        )
+    tensor_pa = tensor_pa.copy()
+    tensor_pa[..., IN_PLANE:] = 0.0
+    return tensor_pa
+
+
+def _from_rest(values: FloatArray) -> FloatArray:
+    """With the stress-free state, which no solver writes, in front."""
+    rest: FloatArray = np.concatenate([np.zeros_like(values[:1]), values])
+    return rest

@@ -1,23 +1,44 @@
-"""The response map: stress at each afferent against depth of the probe."""
+"""The response map: stress at each afferent against depth of the probe; its file.
+
+A map is TOML: small, readable, and sealed by a checksum. Those of the reference
+fingers are stored in ``maps``, for machines without a solver: each is what the
+recorded run ``fixtures/response_NAME`` of the repository gave, and
+``python fixtures/record.py`` makes both again.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from decks.finger import Finger
+from decks.finger_file import finger_table
+from decks.probe import Probe
 from fembridge.errors import ResponseError
-from fembridge.results.stress import TENSOR, von_mises_pa
+from fembridge.results.stress import TENSOR, energy_stress_pa, von_mises_pa
 from fembridge.run_folder import AfferentNode
 from fembridge.stimulus import Stimulus
+from fembridge.store import read_sealed, write_sealed
 from fembridge.trace import StressTrace
-from fembridge.typing import FloatArray
+from fembridge.typing import FloatArray, Table
+from neural.drive_model import Drive
+from neural.drive_table import drive_of
+from neural.parameters import AfferentParameters
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
 
-# Components of a tensor that plane strain has: xx, yy, zz, xy.
+FORMAT = 1
+MAP_FILE = "response.toml"
+FOLDER = Path(__file__).parent / "maps"
+ENERGY = "energy"
 IN_PLANE = 4
+"""Components of a tensor that plane strain has: xx, yy, zz, xy."""
+
+Models: TypeAlias = Mapping[str, Drive] | Mapping[str, AfferentParameters]
+"""By class of afferents: rows of the table of drives, or parameters."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +48,8 @@ class ResponseMap:
     Depths ascend from 0, where stress is 0; a probe that is lifted off leaves the
     skin at rest. Plane strain: the shears yz and zx are 0 throughout.
     `force_n_per_mm` ``(K,)`` is the force of the skin on the probe.
-    `closure_percent` is what the load–unload run showed, NaN where none was
-    compared; `origin` tells what the map was made from.
+    `closure_percent` is what the load-unload run showed, NaN where none was
+    compared; `origin` is what the map was made from.
 
     Raises
     ------
@@ -52,49 +73,59 @@ class ResponseMap:
                 raise ResponseError(f"response map: {name} is not finite everywhere")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        if self.closure_percent < 0:
-            raise ResponseError(
-                f"response map: closure_percent is {self.closure_percent}, expected 0 or more"
-            )
-        count = self.depth_um.size
+        depth_um, count = self.depth_um, self.depth_um.size
         expected = (count, len(self.places), len(TENSOR))
         if self.tensor_pa.shape != expected or self.force_n_per_mm.shape != (count,):
             raise ResponseError(
                 f"response map: tensors {self.tensor_pa.shape} and forces "
                 f"{self.force_n_per_mm.shape}, expected {expected} and ({count},)"
             )
-        if not self.places:
-            raise ResponseError("response map: no afferent, expected one or more")
-        if self.depth_um.ndim != 1:
-            raise ResponseError(f"response map: depths {self.depth_um.shape}, expected (K,)")
-        if count < 3 or self.depth_um[0] != 0 or not (np.diff(self.depth_um) > 0).all():
+        if not self.places or self.closure_percent < 0:
+            raise ResponseError(
+                f"response map: {len(self.places)} afferents, closure_percent "
+                f"{self.closure_percent}, expected one or more, and 0 or more"
+            )
+        if depth_um.ndim != 1 or count < 3 or depth_um[0] or not (np.diff(depth_um) > 0).all():
             raise ResponseError("response map: expected three or more depths, ascending from 0")
-        if self.tensor_pa[0].any():
-            raise ResponseError("response map: expected no stress at depth 0")
-        if self.tensor_pa[..., IN_PLANE:].any():
-            raise ResponseError("response map: expected no out-of-plane shear")
+        if self.tensor_pa[0].any() or self.tensor_pa[..., IN_PLANE:].any():
+            raise ResponseError(
+                "response map: expected no stress at depth 0 and no out-of-plane shear"
+            )
 
     @property
     def deepest_um(self) -> float:
         """How deep a stimulus may go."""
         return float(self.depth_um[-1])
 
-    def traces(self, stimulus: Stimulus) -> list[StressTrace]:
-        """Von Mises stress at each afferent while the probe follows `stimulus`.
+    def traces(self, stimulus: Stimulus, models: Models | None = None) -> list[StressTrace]:
+        """Stress that drives each afferent while the probe follows `stimulus`.
 
         The tensor's components are interpolated (PCHIP: no overshoot between two
         depths), then von Mises stress is taken, so that it fits the tensor.
 
+        Parameters
+        ----------
+        models
+            Drives or parameters by class. Where the `quantity` of a drive is
+            ``energy``, its afferent reads the uniaxial stress of equal strain energy;
+            all others read von Mises stress.
+
         Raises
         ------
         ResponseError
-            The stimulus goes deeper than the map.
+            The stimulus goes deeper than the map, or its origin has not the material
+            that an energy takes.
         """
-        stress_pa = von_mises_pa(self.tensors(stimulus.displacement_um, stimulus.id))
-        return [
-            StressTrace(column, stimulus.dt_ms, place.node, place.afferent)
-            for place, column in zip(self.places, stress_pa.T, strict=True)
-        ]
+        tensor_pa = self.tensors(stimulus.displacement_um, stimulus.id)
+        traces = []
+        for column, place in enumerate(self.places):
+            model = None if models is None else models.get(place.afferent)
+            if model is not None and _reads_energy(model):
+                stress_pa = energy_stress_pa(tensor_pa[:, column], self.poisson_at(place))
+            else:
+                stress_pa = von_mises_pa(tensor_pa[:, column])
+            traces.append(StressTrace(stress_pa, stimulus.dt_ms, place.node, place.afferent))
+        return traces
 
     def tensors(self, displacement_um: FloatArray, name: str = "probe") -> FloatArray:
         """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)``.
@@ -112,14 +143,125 @@ class ResponseMap:
                 f"{name} goes {deepest_um:.9g} um deep, the response map reaches "
                 f"{self.deepest_um:g} um"
             )
-        tensor_pa: FloatArray = self._interpolator()(np.maximum(displacement_um, 0.0))
-        return tensor_pa
-
-    def _interpolator(self) -> "PchipInterpolator":
-        """Make it when a first stimulus asks: SciPy is slow to import."""
         if self._curve is None:
-            from scipy.interpolate import PchipInterpolator
+            from scipy.interpolate import PchipInterpolator  # slow to import
 
             curve = PchipInterpolator(self.depth_um, self.tensor_pa, axis=0)
             object.__setattr__(self, "_curve", curve)
-        return self._curve
+        tensor_pa: FloatArray = self._curve(np.maximum(displacement_um, 0.0))  # type: ignore[misc]
+        return tensor_pa
+
+    def poisson_at(self, place: AfferentNode) -> float:
+        """Poisson's ratio of the layer in which an afferent lies.
+
+        Raises
+        ------
+        ResponseError
+            The map's origin does not have it.
+        """
+        found: object = self.origin
+        for key in ("finger", "materials", place.layer, "poisson"):
+            found = found.get(key) if isinstance(found, Mapping) else None
+        if isinstance(found, bool) or not isinstance(found, int | float):
+            raise ResponseError(
+                f"the response has no Poisson's ratio of {place.layer}, in which "
+                f"{place.afferent} lies: no energy can be taken of its stress"
+            )
+        return float(found)
+
+
+def reading_energy(models: Models) -> str | None:
+    """The first class whose model reads energy; None: von Mises stress will do."""
+    return next((name for name, model in models.items() if _reads_energy(model)), None)
+
+
+def write_map(path: Path, response: ResponseMap) -> None:
+    """Write `response`; the same map gives the same bytes."""
+    table: Table = {
+        "format": FORMAT,
+        "closure_percent": response.closure_percent,
+        "depth_um": response.depth_um.tolist(),
+        "force_n_per_mm": response.force_n_per_mm.tolist(),
+        "origin": dict(response.origin),
+        "afferents": {
+            place.afferent: {
+                **place.to_table(),
+                **{
+                    f"{name}_pa": response.tensor_pa[:, column, k].tolist()
+                    for k, name in enumerate(TENSOR[:IN_PLANE])
+                },
+            }
+            for column, place in enumerate(response.places)
+        },
+    }
+    write_sealed(path, table)
+
+
+def read_map(path: Path) -> ResponseMap:
+    """Read a map that `write_map` wrote.
+
+    Raises
+    ------
+    ResponseError
+        The file is absent, not a map, or was altered after it was written.
+    """
+    table = read_sealed(path, "response map", FORMAT)
+    try:
+        afferents = table["afferents"]
+        stored_pa = np.array(  # (afferent, component, K)
+            [[place[f"{name}_pa"] for name in TENSOR[:IN_PLANE]] for place in afferents.values()],
+            dtype=np.float64,
+        )
+        tensor_pa = np.zeros((stored_pa.shape[-1], len(afferents), len(TENSOR)))
+        tensor_pa[..., :IN_PLANE] = np.moveaxis(stored_pa, -1, 0)
+        return ResponseMap(
+            depth_um=np.array(table["depth_um"]),
+            tensor_pa=tensor_pa,
+            force_n_per_mm=np.array(table["force_n_per_mm"]),
+            places=tuple(AfferentNode.from_table(name, place) for name, place in afferents.items()),
+            closure_percent=float(table["closure_percent"]),
+            origin=table["origin"],
+        )
+    except KeyError as error:
+        raise ResponseError(f"{path}: not a response map: no {error}") from error
+    except (TypeError, ValueError, AttributeError, ResponseError) as error:
+        raise ResponseError(f"{path}: not a response map: {error}") from error
+
+
+def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
+    """The stored response of exactly this finger, probe and element.
+
+    Raises
+    ------
+    ResponseError
+        None is stored for them: it takes a solver.
+    """
+    path = FOLDER / f"{finger.name}.toml"
+    if not path.is_file():
+        names = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+        raise ResponseError(f"no response is stored for finger {finger.name!r}, only for {names}")
+    response = read_map(path)
+    made_of = {"finger": finger_table(finger), "probe": asdict(probe), "element": element}
+    for part, wanted in made_of.items():
+        stored = response.origin.get(part)
+        if stored != wanted:
+            raise ResponseError(
+                f"no response is stored for this {part}: the one of finger "
+                f"{finger.name!r} has {_difference(stored, wanted)}"
+            )
+    return response
+
+
+def _reads_energy(model: Drive | AfferentParameters) -> bool:
+    drive = drive_of(model) if isinstance(model, AfferentParameters) else model
+    return drive.quantity == ENERGY
+
+
+def _difference(stored: object, wanted: object, name: str = "") -> str:
+    """The first entry that differs: what is stored, and what was asked for."""
+    if isinstance(stored, Mapping) and isinstance(wanted, Mapping):
+        for key in [*stored, *wanted]:
+            if stored.get(key) != wanted.get(key):
+                inner = f"{name}.{key}" if name else str(key)
+                return _difference(stored.get(key), wanted.get(key), inner)
+    return f"{name} {stored!r}, asked for is {wanted!r}".strip()

@@ -4,36 +4,36 @@ The ladder is tried from the top. Node-to-surface with friction came back to its
 loading curve in every run to 400 um and takes two iterations an increment; what
 follows is for meshes and depths on which it does not converge, in the order of
 what it changes: softer stick springs, then no friction (0.3 % of stress at most),
-softer springs (2 %), and last surface-to-surface contact, which remembers. A rung
-that runs but does not come back is not taken: see `acceptance`. Where it comes back
-without friction, it is not the contact that remembers but the skin that slips: see
-`path_dependence`.
+softer springs (2 %), and last surface-to-surface contact, which is path-dependent. A
+rung that runs but does not come back is not taken: see `acceptance`.
+
+A map is one indentation, read at the depth of each sample, so time and place must not
+matter: no layer relaxes, no mass is accelerated, the probe does not slide. That is
+known before anything is solved. Friction is not: skin that slips under the probe on
+its way in does not slip back on the same way out. Where the indentation comes back
+without friction, it is not the contact that is path-dependent but the skin that slips.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from decks.analysis import Contact
 from fembridge.build import Model, build_run_folder
-from fembridge.errors import ResponseError, ResultError
-from fembridge.response.indentation import DEFAULT_DEPTH_UM, indentation
-from fembridge.response.map_file import MAP_FILE, write_map
-from fembridge.response.measured import measured_response
-from fembridge.response.path_dependence import (
-    FrictionSlipError,
-    RemembersError,
-    slip_words,
-    why_no_map,
+from fembridge.errors import ResponseError
+from fembridge.response.acceptance import (
+    CLOSURE_PERCENT,
+    DEFAULT_DEPTH_UM,
+    HysteresisError,
+    depth_for,
+    indentation,
+    measured_response,
 )
-from fembridge.response.response_map import ResponseMap
+from fembridge.response.response_map import MAP_FILE, ResponseMap, write_map
 from fembridge.run_folder import RunFolder
-from fembridge.solvers.calculix import attempt_calculix
-from fembridge.solvers.outcome import Cause, Outcome
-from fembridge.solvers.record import finished_outcome
-from fembridge.solvers.watchdog import Limits, OnProgress
+from fembridge.solver.ccx import DEFAULTS, SolverSettings, solve_once
+from fembridge.solver.verdict import Cause, Outcome
+from fembridge.stimulus import Stimulus
 from fembridge.store import make_folder
 
 LADDER = (
@@ -50,6 +50,22 @@ LADDER = (
 CONTACT_CAUSES = frozenset(
     {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN}
 )
+
+Log = Callable[[str], None]
+"""Called with each line about what goes on."""
+
+
+class FrictionSlipError(HysteresisError):
+    """Friction is what unloading differs by: without it the same contact comes back.
+
+    The contact model is sound, the one of number `rung` on the ladder, from 1; the
+    stress of a waveform takes the whole way of the probe, a transient.
+    """
+
+    def __init__(self, problem: str, closure_percent: float, rung: int) -> None:
+        super().__init__(problem, closure_percent)
+        self.args = (problem, closure_percent, rung)  # these rebuild it after pickling
+        self.rung = rung
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,16 +88,34 @@ class Solved:
     outcome: Outcome
 
 
+def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
+    """Why stress is no function of depth alone; None: nothing is known.
+
+    Friction is not judged here: see `solve_response`.
+    """
+    relaxing = [layer for layer, one in model.finger.materials.items() if one.prony]
+    if relaxing:
+        verb = "relaxes" if len(relaxing) == 1 else "relax"
+        return f"{', '.join(relaxing)} {verb}: stress depends on time, not on depth alone"
+    if model.inertia:
+        return "inertia counts: stress depends on acceleration, not on depth alone"
+    sliding = [stimulus.id for stimulus in stimuli if stimulus.aside_um is not None]
+    if sliding:
+        return (
+            f"{sliding[0]}: the probe slides across the skin: stress depends on its "
+            "place, not on depth alone"
+        )
+    return None
+
+
 def solve_response(
     folder: Path,
     model: Model,
+    settings: SolverSettings = DEFAULTS,
     *,
     depth_um: float = DEFAULT_DEPTH_UM,
     ladder: Sequence[Contact] = LADDER,
-    threads: int | None = None,
-    limits: Limits | None = None,
-    on_progress: OnProgress | None = None,
-    tell: Callable[[str], None] | None = None,
+    log: Log = lambda line: None,
 ) -> Solved:
     """Solve the response of `model` in `folder`, one run folder a rung.
 
@@ -106,47 +140,77 @@ def solve_response(
     model = replace(model, support="prescribed")
     stimulus = indentation(depth_um)
     make_folder(folder)
-    climb = partial(_climb, threads=threads, limits=limits, on_progress=on_progress)
     rungs: list[Rung] = []
     for number, contact in enumerate(ladder, start=1):
         place = folder / f"contact_{number}"
         run = build_run_folder(place, replace(model, contact=contact), stimulus)
-        outcome, found = climb(run)
+        outcome, found = _climb(run, stimulus, settings)
         if isinstance(found, ResponseMap):
             write_map(folder / MAP_FILE, found)
             return Solved(found, (*rungs, Rung(contact, None)), outcome)
-        if isinstance(found, RemembersError) and contact.friction > 0:
+        if isinstance(found, HysteresisError) and contact.friction > 0:
             smooth = replace(model, contact=replace(contact, friction=0.0))
-            place = folder / f"frictionless_{number}"
-            _, without = climb(build_run_folder(place, smooth, stimulus))
+            run = build_run_folder(folder / f"frictionless_{number}", smooth, stimulus)
+            _, without = _climb(run, stimulus, settings)
             if isinstance(without, ResponseMap):
-                words = slip_words(contact, found.closure_percent, without.closure_percent)
-                raise FrictionSlipError(words, found.closure_percent, number)
-        rungs.append(Rung(contact, str(found).removeprefix(f"{run.folder}: ")))
-        if tell is not None:
-            tell(f"left {rungs[-1]}")
+                raise FrictionSlipError(
+                    f"skin slips under the probe: with {contact}, unloading differs from "
+                    f"loading by {found.closure_percent:.3g} % at the same depth, without "
+                    f"friction by {without.closure_percent:.2g} %, expected at most "
+                    f"{CLOSURE_PERCENT} %: stress depends on the probe's way, not on depth "
+                    "alone",
+                    found.closure_percent,
+                    number,
+                )
+        rungs.append(Rung(contact, str(found).removeprefix(f"{place}: ")))
+        log(f"left {rungs[-1]}")
     listed = "; ".join(str(rung) for rung in rungs)
     raise ResponseError(f"{folder}: no contact model was accepted: {listed}")
 
 
+def accept_contact(
+    model: Model,
+    folder: Path,
+    needed_um: float,
+    settings: SolverSettings,
+    log: Log,
+    ladder: Sequence[Contact],
+) -> tuple[Model, ResponseMap]:
+    """The model with the contact that its indentation accepted, and its response.
+
+    Of a model whose stress depends on time it is the response that it has at once.
+    Errors are those of `solve_response`.
+    """
+    solved = solve_response(
+        folder,
+        model.at_once(),
+        settings.shared_by(1),
+        depth_um=depth_for(needed_um),
+        ladder=ladder,
+        log=log,
+    )
+    contact, outcome = solved.rungs[-1].contact, solved.outcome
+    how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
+    log(
+        f"response of finger {model.finger.name!r} {how}: "
+        f"{outcome.increments} increments, contact {contact}, unloading within "
+        f"{solved.response.closure_percent:.2g} % of loading"
+    )
+    return replace(model, contact=contact), solved.response
+
+
 def _climb(
-    run: RunFolder, *, threads: int | None, limits: Limits | None, on_progress: OnProgress | None
+    run: RunFolder, stimulus: Stimulus, settings: SolverSettings
 ) -> tuple[Outcome, ResponseMap | ResponseError]:
-    """Give the response that was accepted, or why the rung is left."""
-    finished = finished_outcome(run)
-    if finished is not None:
-        with suppress(ResultError):  # not all of its files are whole: solve it again
-            return finished, _judged(run.folder)
-    outcome = attempt_calculix(run.folder, threads=threads, limits=limits, on_progress=on_progress)
-    if outcome.failure is None:
-        return outcome, _judged(run.folder)
-    if outcome.failure.cause not in CONTACT_CAUSES:
+    """The response that was accepted, or why the rung is left."""
+
+    def judged(run: RunFolder) -> ResponseMap | ResponseError:
+        try:
+            return measured_response(run, stimulus.times_ms, stimulus.displacement_um)
+        except ResponseError as error:
+            return error
+
+    outcome, found = solve_once(run, settings, judged)
+    if outcome.failure is not None and outcome.failure.cause not in CONTACT_CAUSES:
         raise outcome.to_error()
-    return outcome, ResponseError(str(outcome.failure))
-
-
-def _judged(folder: Path) -> ResponseMap | ResponseError:
-    try:
-        return measured_response(folder)
-    except ResponseError as error:
-        return error
+    return outcome, found or ResponseError(str(outcome.failure))

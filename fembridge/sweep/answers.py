@@ -64,7 +64,7 @@ def answers_of(simulation: Simulation) -> list[Answer]:
             counts[rate.stimulus, rate.afferent],
             peaks[rate.stimulus, rate.afferent],
         )
-        for rate in simulation.rates
+        for rate in simulation.mean_rates
     ]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fembridge.progress import LONGEST_NAME, words_of
 from fembridge.progress import _start as start_bars
-from fembridge.solvers.watchdog import Progress
+from fembridge.solver.ccx import Progress
 from fembridge.sweep.crew import Begun, Ended, Event, PutOff
 from fembridge.sweep.task import Item, Task
 from fembridge.sweep.work import Finding

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
-from fembridge.solvers.watchdog import Progress
+from fembridge.solver.ccx import Progress
 from fembridge.sweep.task import Task
 from fembridge.sweep.work import Finding
 

@@ -12,7 +12,7 @@ from collections import deque
 from pathlib import Path
 
 import fembridge
-from fembridge.solvers.process import GRACE_S
+from fembridge.solver.ccx import GRACE_S
 from fembridge.sweep.crew import Begun, Ended, Event, PutOff
 from fembridge.sweep.task import Item, Task
 from fembridge.sweep.work import Finding

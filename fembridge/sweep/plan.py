@@ -8,7 +8,7 @@ from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus
 from fembridge.errors import FembridgeError, UsageError
-from fembridge.response.indentation import depth_for
+from fembridge.response.acceptance import depth_for
 from fembridge.sweep.study import Asked, Study
 from fembridge.sweep.task import Item, Response
 from fembridge.sweep.variant import Value, Variant

@@ -13,9 +13,9 @@ from decks.analysis import ELEMENTS, Contact
 from decks.probe import Probe
 from decks.stimuli import MAX_AMPLITUDE_UM, Entry
 from fembridge.errors import FembridgeError, UsageError
-from fembridge.response.driving_stress import reading_energy
+from fembridge.response.response_map import reading_energy
 from fembridge.response.solve import LADDER
-from fembridge.simulate import METHODS
+from fembridge.simulation import METHODS
 from fembridge.sweep.variant import Value, Variant
 from neural import ParameterSet, parameter_set
 

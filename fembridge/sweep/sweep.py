@@ -18,8 +18,7 @@ import numpy as np
 
 from fembridge import __version__
 from fembridge.errors import OutputError, UsageError
-from fembridge.solvers.process import signals_as_exits
-from fembridge.solvers.settings import SolverSettings
+from fembridge.solver.ccx import SolverSettings, signals_as_exits
 from fembridge.store import make_folder, write_text
 from fembridge.sweep.answers import is_finished
 from fembridge.sweep.board import Board
@@ -113,9 +112,9 @@ def run_sweep(
     settings = SolverSettings(threads=threads, jobs=jobs)
     if executor == "local":
         solver = STORED if study.stored else solver_version()
-        each = settings.threads_each(jobs)
+        each = settings.shared_by(jobs).threads
         return _run(study, folder, solver, shows, lambda: LocalCrew(folder, jobs, each))
-    each = threads or (1 if scheduler else settings.threads_each(jobs))
+    each = threads or (1 if scheduler else settings.shared_by(jobs).threads)
     crew = DaskCrew(folder, scheduler, jobs, each)
     try:
         solver = STORED if study.stored else crew.solver()

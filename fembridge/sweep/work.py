@@ -17,15 +17,11 @@ from decks.meshing.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import mesh_of
 from fembridge.build import Model
 from fembridge.errors import FembridgeError, FingerError, MissingError, OutputError, ResponseError
-from fembridge.response.accepted import Tell
-from fembridge.response.map_file import MAP_FILE, read_map
-from fembridge.response.response_map import ResponseMap
+from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
+from fembridge.response.solve import Log as Tell
 from fembridge.response.solve import solve_response
-from fembridge.response.stored import stored_response
-from fembridge.simulate import simulate
-from fembridge.simulation import Simulation
-from fembridge.solvers.settings import SolverSettings
-from fembridge.solvers.watchdog import OnProgress
+from fembridge.simulation import Simulation, simulate
+from fembridge.solver.ccx import OnProgress, SolverSettings
 from fembridge.store import write_text
 from fembridge.sweep.answers import is_finished, write_item
 from fembridge.sweep.lease import BusyError, leased
@@ -124,12 +120,10 @@ def _do_response(
         solve_response(
             place,
             model.at_once(),
+            settings.shared_by(1),
             depth_um=task.depth_um,
             ladder=ladder_of(task.asked),
-            threads=settings.threads_each(1),
-            limits=settings.limits,
-            on_progress=settings.on_progress,
-            tell=tell,
+            log=tell,
         )
     return False
 
@@ -186,7 +180,7 @@ def _simulate(
             ladder=ladder_of(task.asked),
             response=response,
             settings=settings,
-            tell=tell,
+            log=tell,
         )
 
     if item.method == "map":

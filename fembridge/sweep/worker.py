@@ -14,8 +14,7 @@ import threading
 from pathlib import Path
 from typing import IO, TypeAlias
 
-from fembridge.solvers.process import signals_as_exits
-from fembridge.solvers.watchdog import Progress
+from fembridge.solver.ccx import Progress, signals_as_exits
 from fembridge.sweep.task import Task
 from fembridge.sweep.work import Finding, work
 

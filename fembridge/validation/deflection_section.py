@@ -83,7 +83,7 @@ def _table(study: Study, lines: CommandLines) -> str:
 
 
 def _named(quantity: str) -> tuple[str, str]:
-    """Give unit and words for a row of `fembridge.deflection.convergence`."""
+    """Give unit and words for a row of `fembridge.deflection.profile`."""
     if quantity.startswith("deflection_mm"):
         return "mm", quantity.replace("deflection_mm", "deflection")
     return "N/mm", "force on the probe"

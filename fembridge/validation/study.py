@@ -9,15 +9,11 @@ from decks.probe import Probe
 from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
 from fembridge.build import Model, model_of
-from fembridge.deflection.convergence import ConvergenceRow, convergence
-from fembridge.deflection.profile import Deflection
-from fembridge.deflection.stored import stored_deflections
+from fembridge.deflection.profile import ConvergenceRow, Deflection, convergence, stored_deflections
 from fembridge.errors import UsageError
 from fembridge.observed import ObservedRates
-from fembridge.response.response_map import ResponseMap
-from fembridge.response.stored import stored_response
-from fembridge.simulate import simulate
-from fembridge.simulation import Simulation
+from fembridge.response.response_map import ResponseMap, stored_response
+from fembridge.simulation import Simulation, simulate
 from fembridge.tables import Rate
 from fembridge.touchsim import touchsim_rates
 from fembridge.validation.agreement_cell import AgreementCell, agreement_cells, references_of
@@ -98,7 +94,7 @@ def validate(
     sources: dict[str, Sequence[Rate]] = {}
     if observed is not None:
         sources[OBSERVED] = observed.rates()
-    sources |= {name: one.rates for name, one in simulations.items()}
+    sources |= {name: one.mean_rates for name, one in simulations.items()}
     sources[TOUCHSIM] = touchsim_rates()
     compared = compare_rates(STIMULI, sources)
     deflections = stored_deflections()

@@ -36,7 +36,7 @@ print(" Job finished", flush=True)
 
 
 def _of_the_solver_tests():
-    path = Path(__file__).parents[1] / "fembridge" / "solvers" / "conftest.py"
+    path = Path(__file__).parents[1] / "fembridge" / "solver" / "conftest.py"
     spec = importlib.util.spec_from_file_location("_solver_fixtures", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

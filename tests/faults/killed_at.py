@@ -109,10 +109,11 @@ class Results:
         RunFolder(self.folder, "calculix", 1, 0.5, 0.0, (), sha256_of(path)).write()
 
     def act(self):
-        from fembridge.solvers import calculix
+        from fembridge.run_folder import read_run_folder
+        from fembridge.solver import ccx
 
-        calculix.start = self.solve
-        outcome = calculix.attempt_calculix(self.folder)
+        ccx.start = self.solve
+        outcome = ccx.run_ccx(read_run_folder(self.folder))
         assert outcome.accepted, outcome
 
     def solve(self, program, words, folder, log, threads):
@@ -128,7 +129,7 @@ class Results:
 
     def check(self):
         from fembridge.run_folder import read_run_folder
-        from fembridge.solvers.record import finished_outcome
+        from fembridge.solver.ccx import finished_outcome
 
         run = read_run_folder(self.folder)
         frd = self.folder / "job.frd"

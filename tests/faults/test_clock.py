@@ -7,10 +7,10 @@ import time
 import pytest
 
 from fembridge.cli import main
-from fembridge.solvers.batch import run_folders
-from fembridge.solvers.calculix import attempt_calculix
-from fembridge.solvers.outcome import Cause
-from fembridge.solvers.watchdog import Limits
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.batch import run_folders
+from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.verdict import Cause
 
 PATIENCE_S = 60.0
 YEAR_S = 365 * 86400
@@ -62,7 +62,7 @@ def test_another_deck_is_solved_again_whatever_its_date(fake_ccx, make_run, when
 def test_a_clock_that_moves_during_a_run_changes_neither_its_cost_nor_its_end(
     fake_ccx, make_run, moved_clock
 ):
-    outcome = attempt_calculix(make_run("normal"), limits=Limits(time_limit_s=300))
+    outcome = run_ccx(read_run_folder(make_run("normal")), SolverSettings(time_limit_s=300))
 
     assert outcome.accepted
     assert 0 <= outcome.wall_s < 300
@@ -73,8 +73,8 @@ def test_a_clock_that_moves_does_not_put_off_a_limit(fake_ccx, make_run, moved_c
     late = threading.Timer(PATIENCE_S, halt.set)
     late.start()
     try:
-        limits = Limits(stall_limit_s=0.3)
-        outcome = attempt_calculix(make_run("hang"), limits=limits, halt=halt)
+        settings = SolverSettings(stall_limit_s=0.3)
+        outcome = run_ccx(read_run_folder(make_run("hang")), settings, halt)
     finally:
         late.cancel()
 

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 
 from fembridge.errors import FembridgeError
-from fembridge.response.measured import measured_response
+from fembridge.response.acceptance import recorded_response
 from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.solvers.batch import run_folders
-from fembridge.solvers.outcome import Cause
-from fembridge.solvers.solver_log import SolverLog
-from fembridge.solvers.verdict import judge
+from fembridge.solver.batch import run_folders
+from fembridge.solver.verdict import Cause, SolverLog, judge
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
 PLACES = 40
-ALL_IS_WELL = SolverLog((), (), (" Job finished",), version="2.20", finished=True)
+ALL_IS_WELL = SolverLog((), (), (" Job finished",), version="2.20")
 
 
 def places_to_cut(size):
@@ -57,7 +55,7 @@ def test_a_result_file_that_ends_in_zeros_is_not_accepted(solved):
 
 
 def test_forces_cut_anywhere_are_refused_or_were_not_needed(solved):
-    whole = measured_response(solved)
+    whole = recorded_response(solved)
     dat = solved / "job.dat"
     content = dat.read_bytes()
     refused = 0
@@ -65,7 +63,7 @@ def test_forces_cut_anywhere_are_refused_or_were_not_needed(solved):
     for size in places_to_cut(len(content.rstrip())):
         dat.write_bytes(content[:size])
         try:
-            found = measured_response(solved)
+            found = recorded_response(solved)
         except FembridgeError:
             refused += 1
         else:

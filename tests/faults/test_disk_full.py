@@ -10,7 +10,7 @@ import pytest
 from fembridge.cli import main
 
 WORDS = ["simulate", "--stored", "--no-plot", "-o"]
-SOLVERS = Path(__file__).parents[1] / "fembridge" / "solvers"
+SOLVERS = Path(__file__).parents[1] / "fembridge" / "solver"
 
 FILL = """
 import contextlib, io, json, os, pathlib, shutil, sys

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from fembridge.response import stored
+from fembridge.response import response_map
 
 FINGERS = {
     "huge count": "[resolution]\ndermis_rows = 1000000000",
@@ -91,13 +91,13 @@ def test_a_hostile_stimulus_names_no_folder(here, tmp_path, files_below, refused
 @pytest.mark.parametrize("number", ["depth_um", "closure_percent", "young_mpa"])
 def test_a_stored_map_that_was_edited_answers_nothing(here, monkeypatch, refused, number):
     maps = here / "maps"
-    shutil.copytree(stored.FOLDER, maps)
+    shutil.copytree(response_map.FOLDER, maps)
     path = maps / "quick.toml"
     head, key, tail = path.read_text(encoding="utf-8").partition(f"{number} = ")
     place = next(k for k, letter in enumerate(tail) if letter in "123456789")
     edited = str(int(tail[place]) % 9 + 1)
     path.write_text(head + key + tail[:place] + edited + tail[place + 1 :], "utf-8")
-    monkeypatch.setattr(stored, "FOLDER", maps)
+    monkeypatch.setattr(response_map, "FOLDER", maps)
 
     refused("simulate", "--stored", "--stimulus", "sine_20_250", "-o", "out")
 

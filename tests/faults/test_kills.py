@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fembridge.solvers.calculix import attempt_calculix
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import run_ccx
 
 KILLED_AT = Path(__file__).with_name("killed_at.py")
 
@@ -47,7 +48,7 @@ def test_both_killed_leave_a_folder_that_runs_again(
     assert not (folder / "job.frd").exists()
     make_run("normal")
 
-    assert attempt_calculix(folder).accepted
+    assert run_ccx(read_run_folder(folder)).accepted
     assert not {"failed", "solving", ".solver.lock"} & set(names_in(folder))
 
 

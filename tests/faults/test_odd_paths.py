@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 
 from fembridge.cli import main
-from fembridge.solvers.calculix import attempt_calculix
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import run_ccx
 
-SOLVERS = Path(__file__).parents[1] / "fembridge" / "solvers"
+SOLVERS = Path(__file__).parents[1] / "fembridge" / "solver"
 NAMES = {
     "blanks": "my finger  model",
     "umlauts": "Fingerkuppe größer als µ-Maß",
@@ -53,7 +54,7 @@ def test_calculix_itself_works_in_an_odd_folder(make_run, name):
     real = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(real)
 
-    assert attempt_calculix(make_run(deck=real.patch(), name=NAMES[name])).accepted
+    assert run_ccx(read_run_folder(make_run(deck=real.patch(), name=NAMES[name]))).accepted
 
 
 def test_a_solver_in_an_odd_folder_is_started(fake_ccx, make_run, monkeypatch):
@@ -61,7 +62,7 @@ def test_a_solver_in_an_odd_folder_is_started(fake_ccx, make_run, monkeypatch):
     odd.mkdir()
     monkeypatch.setenv("FEMBRIDGE_CCX", str(fake_ccx.rename(odd / "my ccx")))
 
-    assert attempt_calculix(make_run("normal")).accepted
+    assert run_ccx(read_run_folder(make_run("normal"))).accepted
 
 
 def test_a_name_that_is_too_long_for_the_system_is_told(tmp_path, refused):

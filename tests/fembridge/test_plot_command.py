@@ -13,8 +13,7 @@ import fembridge
 from decks.presets import QUICK, mesh_of
 from decks.stimuli import resolve
 from fembridge.cli import main
-from fembridge.response.map_file import write_map
-from fembridge.response.response_map import ResponseMap
+from fembridge.response.response_map import ResponseMap, write_map
 from fembridge.run_folder import AfferentNode
 from fembridge.tables import SpikeTrain, write_spikes, write_traces
 from fembridge.trace import StressTrace
@@ -136,12 +135,12 @@ def test_without_a_file_the_stored_response_of_a_finger_is_drawn(here, capsys, m
     asked = []
 
     def stored(finger, probe, element):
-        from fembridge.response.map_file import read_map
+        from fembridge.response.response_map import read_map
 
         asked.append((finger.name, probe.diameter_mm, element))
         return read_map(here / "response.toml")
 
-    monkeypatch.setattr("fembridge.response.stored.stored_response", stored)
+    monkeypatch.setattr("fembridge.response.response_map.stored_response", stored)
     assert main(["plot", "response"]) == 0
     assert main(["plot", "response", "--finger", "paper"]) == 0
     assert asked == [("quick", 1.0, "CPE4"), ("paper", 1.0, "CPE4")]

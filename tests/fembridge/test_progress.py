@@ -8,7 +8,7 @@ import pytest
 
 from fembridge.fitting.search_bar import SearchBar
 from fembridge.progress import Bars, SolverBars, words_of
-from fembridge.solvers.watchdog import Progress
+from fembridge.solver.ccx import Progress
 from neural.search import Progress as SearchProgress
 
 

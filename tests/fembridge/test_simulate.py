@@ -1,6 +1,7 @@
 """The whole pipeline as a function: where its stress comes from, and who is told."""
 
 import dataclasses
+import os
 import shutil
 from pathlib import Path
 
@@ -12,18 +13,18 @@ from decks.presets import PRESETS
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge import simulate as module
+from fembridge import simulation as module
 from fembridge.build import model_of
 from fembridge.errors import MissingError, ResponseError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
-from fembridge.response import accepted, solve
-from fembridge.response.map_file import read_map
+from fembridge.response import solve
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.response.solve import Rung, Solved
-from fembridge.response.stored import FOLDER
-from fembridge.simulate import simulate
-from fembridge.solvers import settings
-from fembridge.solvers.outcome import Outcome
-from fembridge.solvers.settings import SolverSettings
+from fembridge.simulation import simulate
+from fembridge.solver import ccx
+from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.verdict import Outcome
+from fembridge.store import sha256_of
 from neural import PUBLISHED
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
@@ -44,11 +45,11 @@ def no_ccx(monkeypatch):
 
 
 @pytest.fixture
-def ccx(monkeypatch):
+def played(monkeypatch):
     """A solver is there, and solves the response with the second contact tried."""
     calls = []
 
-    def solved(folder, model, **options):
+    def solved(folder, model, settings, **options):
         calls.append((folder, model, options))
         frictionless = Contact(friction=0.0)
         rungs = (Rung(Contact(), "diverged"), Rung(frictionless, None))
@@ -56,14 +57,14 @@ def ccx(monkeypatch):
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(accepted, "solve_response", solved)
+    monkeypatch.setattr(solve, "solve_response", solved)
     return calls
 
 
 def test_without_a_solver_the_stored_response_answers_and_it_is_told(tmp_path, model, no_ccx):
     told, stimuli = [], stimuli_of("noise_25_250")
 
-    found = simulate(stimuli, model, tmp_path / "out", tell=told.append)
+    found = simulate(stimuli, model, tmp_path / "out", log=told.append)
 
     assert told == [
         "no ccx on the PATH: stored response of finger 'quick'; "
@@ -77,20 +78,20 @@ def test_without_a_solver_the_stored_response_answers_and_it_is_told(tmp_path, m
     assert not (tmp_path / "out").exists()
 
 
-def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, ccx):
+def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, played):
     told = []
-    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, stored=True, tell=told.append)
+    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, stored=True, log=told.append)
     assert told == ["stored response of finger 'quick'"]
     assert found.origin["source"] == "stored response"
-    assert ccx == []
+    assert played == []
 
 
-def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, ccx):
+def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, played):
     told = []
 
-    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, log=told.append)
 
-    [(folder, solved_model, options)] = ccx
+    [(folder, solved_model, options)] = played
     assert folder == tmp_path / "response"
     assert solved_model is model
     assert options["depth_um"] == 400.0
@@ -102,11 +103,11 @@ def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, 
     ]
 
 
-def test_the_indentation_goes_as_deep_as_the_deepest_stimulus(tmp_path, model, ccx):
+def test_the_indentation_goes_as_deep_as_the_deepest_stimulus(tmp_path, model, played):
     stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=210.0)
     with pytest.raises(ResponseError, match="goes 460 um deep, the response map"):
         simulate(stimuli, model, tmp_path)  # the play's map is shallower than asked
-    assert ccx[0][2]["depth_um"] == 500.0
+    assert played[0][2]["depth_um"] == 500.0
 
 
 def test_the_record_tells_all_that_the_result_depends_on(tmp_path, model, no_ccx):
@@ -124,8 +125,8 @@ def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
         simulate(stimuli_of("sine_20_250"), model, tmp_path, parameters=chosen)
         for chosen in (PUBLISHED, stronger)
     )
-    assert strong.rates[0].rate_ips > plain.rates[0].rate_ips
-    assert strong.rates[1:] == plain.rates[1:]
+    assert strong.mean_rates[0].rate_ips > plain.mean_rates[0].rate_ips
+    assert strong.mean_rates[1:] == plain.mean_rates[1:]
 
 
 @pytest.mark.parametrize(
@@ -143,7 +144,7 @@ def test_what_is_not_stored_takes_a_solver(tmp_path, model, no_ccx, change, told
     assert str(caught.value).endswith(SOLVER_INSTALL_LINE)
 
 
-def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, ccx):
+def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, played):
     other = dataclasses.replace(model, element="CPE8R")
     with pytest.raises(ResponseError, match="for this element") as caught:
         simulate(stimuli_of("sine_20_250"), other, tmp_path, stored=True)
@@ -207,30 +208,29 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     monkeypatch, threads, asked, runs, expected
 ):
     """OMP_NUM_THREADS is the user's word about the machine: None leaves it alone."""
-    monkeypatch.setattr(settings, "_cores", lambda: 8)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(8)), raising=False)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     if asked is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", asked)
-    assert SolverSettings(threads=threads).threads_each(runs) == expected
+    assert SolverSettings(threads=threads).shared_by(runs).threads == expected
 
 
 def test_results_that_are_there_answer_without_another_solve(tmp_path, model, monkeypatch):
-    """The real ladder, over the recorded run: told as read again."""
-    told = []
+    """The real ladder, over the recorded run, whose record has the second read it again."""
+    lines = []
 
-    def attempt(folder, **options):
+    def play(run, settings, halt=None):
         for name in ("job.frd", "job.dat"):
-            shutil.copy(RECORDED / name, folder)
-        return Outcome(folder, wall_s=9.6, increments=39)
+            shutil.copy(RECORDED / name, run.folder)
+        outcome = Outcome(run.folder, exit_code=0, wall_s=9.6, increments=39)
+        ccx._write_record(run, outcome, sha256_of(run.deck))
+        return outcome
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(solve, "attempt_calculix", attempt)
-    simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
-    monkeypatch.setattr(
-        solve, "finished_outcome", lambda run: Outcome(run.folder, skipped=True, increments=39)
-    )
-    monkeypatch.setattr(solve, "attempt_calculix", None)
-    simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+    monkeypatch.setattr(ccx, "run_ccx", play)
+    simulate(stimuli_of("sine_20_250"), model, tmp_path, log=lines.append)
+    monkeypatch.setattr(ccx, "run_ccx", None)
+    simulate(stimuli_of("sine_20_250"), model, tmp_path, log=lines.append)
 
-    assert "solved in 10 s: 39 increments" in told[0]
-    assert "read again: 39 increments" in told[1]
+    assert "solved in 10 s: 39 increments" in lines[0]
+    assert "read again: 39 increments" in lines[1]

@@ -11,8 +11,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
 from fembridge.machine import CCX_VARIABLE, SOLVER_INSTALL_LINE
-from fembridge.response.map_file import read_map
-from fembridge.response.stored import FOLDER
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import read_rates, read_spikes
 from neural import PUBLISHED, encode, parameter_set
 from neural.parameters import quantiles

@@ -12,19 +12,17 @@ from decks.material import PronyTerm
 from decks.presets import PRESETS
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge import simulate as module
-from fembridge import transients as transients_module
+from fembridge import simulation as module
 from fembridge.build import model_of
 from fembridge.errors import SolverError, UsageError
-from fembridge.response import accepted
-from fembridge.response.map_file import read_map
-from fembridge.response.path_dependence import FrictionSlipError
-from fembridge.response.solve import LADDER, Rung, Solved
-from fembridge.response.stored import FOLDER
+from fembridge.response import solve
+from fembridge.response import transients as transients_module
+from fembridge.response.response_map import FOLDER, read_map
+from fembridge.response.solve import LADDER, FrictionSlipError, Rung, Solved
 from fembridge.run_folder import read_run_folder
-from fembridge.simulate import simulate
-from fembridge.solvers.outcome import Cause, Failure, Outcome
-from fembridge.solvers.settings import SolverSettings
+from fembridge.simulation import simulate
+from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.trace import StressTrace
 
 
@@ -42,7 +40,7 @@ def ccx(monkeypatch):
     """A solver is there, and solves the response with the second contact tried."""
     calls = []
 
-    def solved(folder, model, **options):
+    def solved(folder, model, settings, **options):
         calls.append((folder, model, options))
         frictionless = Contact(friction=0.0)
         rungs = (Rung(Contact(), "diverged"), Rung(frictionless, None))
@@ -50,7 +48,7 @@ def ccx(monkeypatch):
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(accepted, "solve_response", solved)
+    monkeypatch.setattr(solve, "solve_response", solved)
     return calls
 
 
@@ -59,8 +57,9 @@ def transients(monkeypatch, ccx):
     """Solver and reader of whole transients, played; calls are kept."""
     calls = []
 
-    def run_folders(places, **options):
-        calls.append((list(places), options))
+    def run_folders(runs, settings):
+        places = [run.folder for run in runs]
+        calls.append((places, settings))
         return [Outcome(place, wall_s=20.0, increments=500) for place in places]
 
     def read(place):
@@ -82,16 +81,16 @@ def test_a_transient_uses_the_contact_that_the_indentation_accepted(tmp_path, mo
         tmp_path,
         method="transient",
         settings=SolverSettings(threads=2, jobs=2),
-        tell=told.append,
+        log=told.append,
     )
 
-    [(places, options)] = transients
+    [(places, settings)] = transients
     assert [place.name for place in places] == ["sine_20_12.5", "sine_20_250"]
     assert {place.parent for place in places} == {tmp_path / "runs"}
     for place in places:
         assert read_run_folder(place).inputs["contact"]["friction"] == 0.0
         assert (place / f"{JOB}.inp").is_file()
-    assert (options["jobs"], options["threads"]) == (2, 2)
+    assert (settings.jobs, settings.threads) == (2, 2)
     assert told[-1].startswith("2 transients solved in 40 s, contact node-to-surface")
     assert told[-1].endswith("no friction")
     assert found.origin["method"] == "transient"
@@ -101,8 +100,8 @@ def test_a_transient_uses_the_contact_that_the_indentation_accepted(tmp_path, mo
 def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, monkeypatch):
     calls = []
 
-    def failing(places, **options):
-        calls.append(list(places))
+    def failing(runs, settings):
+        calls.append([run.folder for run in runs])
         failure = Failure(Cause.DISK_FULL, "increment 30")
         return [Outcome(calls[0][0]), Outcome(calls[0][1], failure)]
 
@@ -116,20 +115,20 @@ def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, monkeypat
 def accepting(monkeypatch, transients):
     """A solver whose indentation is accepted with whatever contact comes first."""
 
-    def solved(folder, model, *, ladder, **options):
+    def solved(folder, model, settings, *, ladder, **options):
         outcome = Outcome(folder, wall_s=12.3, increments=39)
         rungs = (Rung(ladder[0], None),)
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
-    monkeypatch.setattr(accepted, "solve_response", solved)
+    monkeypatch.setattr(solve, "solve_response", solved)
 
 
 def diverging(times, seen):
     """Play a solver on which the last run diverges the first `times` times."""
 
-    def run_folders(places, **options):
-        seen.append([place.name for place in places])
-        outcomes = [Outcome(place, wall_s=20.0) for place in places]
+    def run_folders(runs, settings):
+        seen.append([run.folder.name for run in runs])
+        outcomes = [Outcome(run.folder, wall_s=20.0) for run in runs]
         if len(seen) <= times:
             failure = Failure(Cause.DIVERGED, "increment 30")
             outcomes[-1] = Outcome(outcomes[-1].folder, failure)
@@ -149,7 +148,7 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
         model,
         tmp_path,
         method="transient",
-        tell=told.append,
+        log=told.append,
     )
 
     assert seen == [["sine_20_12.5", "sine_20_250"], ["sine_20_250"]]
@@ -197,7 +196,7 @@ def test_where_there_is_no_map_each_waveform_is_solved_and_the_reason_told(
     told = []
     model, waves = change(model, stimuli_of("sine_20_12.5,sine_20_250"))
 
-    found = simulate(waves, model, tmp_path, tell=told.append)
+    found = simulate(waves, model, tmp_path, log=told.append)
 
     [(places, _)] = transients
     assert len(places) == 2
@@ -215,7 +214,7 @@ def test_a_map_that_was_asked_for_and_cannot_be_is_refused(tmp_path, model, ccx)
     assert ccx == []
 
 
-def slipping(folder, model, *, ladder, **options):
+def slipping(folder, model, settings, *, ladder, **options):
     raise FrictionSlipError("skin slips under the probe", 1.5, 1)
 
 
@@ -223,9 +222,9 @@ def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
     tmp_path, model, transients, monkeypatch
 ):
     told = []
-    monkeypatch.setattr(accepted, "solve_response", slipping)
+    monkeypatch.setattr(solve, "solve_response", slipping)
 
-    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, tell=told.append)
+    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, log=told.append)
 
     [([place], _)] = transients
     contact = read_run_folder(place).inputs["contact"]
@@ -236,7 +235,7 @@ def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
 
 
 def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(tmp_path, model, ccx, monkeypatch):
-    monkeypatch.setattr(accepted, "solve_response", slipping)
+    monkeypatch.setattr(solve, "solve_response", slipping)
     with pytest.raises(UsageError, match="no response map: skin slips under the probe"):
         simulate(stimuli_of("sine_20_250"), model, tmp_path, method="map")
 
@@ -244,7 +243,7 @@ def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(tmp_path, model
 def test_after_a_slip_the_next_contact_is_taken_though_it_slips_as_well(
     tmp_path, model, transients, monkeypatch
 ):
-    monkeypatch.setattr(accepted, "solve_response", slipping)
+    monkeypatch.setattr(solve, "solve_response", slipping)
     seen = []
     monkeypatch.setattr(transients_module, "run_folders", diverging(1, seen))
 
@@ -258,7 +257,7 @@ def test_after_a_slip_the_next_contact_is_taken_though_it_slips_as_well(
 def test_where_skin_slips_no_contact_without_friction_is_tried(
     tmp_path, model, transients, monkeypatch
 ):
-    monkeypatch.setattr(accepted, "solve_response", slipping)
+    monkeypatch.setattr(solve, "solve_response", slipping)
     seen = []
     monkeypatch.setattr(transients_module, "run_folders", diverging(99, seen))
 

@@ -4,6 +4,7 @@ import dataclasses
 import tomllib
 
 import numpy as np
+import pandas
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -50,7 +51,7 @@ def test_spikes_are_those_of_each_trace_alone(simulation):
 
 
 def test_rates_count_the_spikes_of_the_stimulus_s_own_window(simulation):
-    for train, rate in zip(simulation.trains, simulation.rates, strict=True):
+    for train, rate in zip(simulation.trains, simulation.mean_rates, strict=True):
         inside = (train.times_ms > 5.0) & (train.times_ms <= 250.0)
         assert (rate.stimulus, rate.afferent) == (train.stimulus, train.afferent)
         assert rate.rate_ips == pytest.approx(inside.sum() / 0.245, rel=1e-12)
@@ -62,7 +63,7 @@ def test_windows_may_differ_from_stimulus_to_stimulus():
 
     found = encode_all(stimuli, traces_of(stimuli), PUBLISHED, {})
 
-    last, train = found.rates[-1], found.trains[-1]
+    last, train = found.mean_rates[-1], found.trains[-1]
     inside = (train.times_ms > 100.0) & (train.times_ms <= 200.0)
     assert last.rate_ips == pytest.approx(inside.sum() / 0.1, rel=1e-12)
     assert inside.any()
@@ -73,7 +74,7 @@ def test_the_files_hold_the_simulation(tmp_path, simulation):
 
     folder = tmp_path / "out"
     assert sorted(path.name for path in folder.iterdir()) == FILES
-    assert read_rates(folder / "rates.csv") == list(simulation.rates)
+    assert read_rates(folder / "rates.csv") == list(simulation.mean_rates)
     spiking = [train for train in simulation.trains if train.times_ms.size]
     for read, train in zip(read_spikes(folder / "spikes.csv"), spiking, strict=True):
         assert (read.stimulus, read.afferent) == (train.stimulus, train.afferent)
@@ -115,7 +116,7 @@ def test_a_result_that_cannot_be_written_leaves_the_earlier_one(tmp_path, simula
     (tmp_path / blocked).unlink()
     (tmp_path / blocked).mkdir()
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
-    other = dataclasses.replace(simulation, trains=(), rates=(), origin={"method": "x"})
+    other = dataclasses.replace(simulation, trains=(), mean_rates=(), origin={"method": "x"})
 
     with pytest.raises(OutputError, match=f"{blocked}: a folder stands where a file"):
         other.write(tmp_path)
@@ -138,28 +139,19 @@ def without(row, column):
 
 
 @pytest.mark.parametrize(
-    ("traces", "message"),
+    ("traces", "found"),
     [
-        ([], "0 rows of traces for 2 stimuli"),
-        (traces_of()[:1], "1 rows of traces for 2 stimuli"),
-        ([[], []], "sine_20_250: traces of nothing, expected of SA, RA, PC"),
-        (without(1, 0), "noise_25_250_20: traces of RA, PC, expected of SA, RA, PC"),
-        ([traces_of()[0], traces_of()[1][::-1]], "traces of PC, RA, SA, expected of SA"),
-        (traces_of(afferents=("SA", None)), "traces of SA, no class, expected of SA, RA"),
-        (traces_of(afferents=("SA", "XY")), "traces of SA, XY, expected of SA, RA, PC"),
-        (other_clock(dt_ms=1.0), "501 samples every 1 ms from 0 ms, expected one time"),
+        (without(1, 0), "noise_25_250_20: traces of RA, PC,"),
+        ([traces_of()[0], traces_of()[1][::-1]], "PC, RA, SA,"),
+        (traces_of(afferents=("SA", "XY")), "SA, XY,"),
+        (other_clock(dt_ms=1.0), "501 samples every 1 ms from 0 ms"),
         (other_clock(start_ms=0.5), "501 samples every 0.5 ms from 0.5 ms"),
         (other_clock(stress_pa=np.zeros(500)), "500 samples every 0.5 ms from 0 ms"),
     ],
 )
-def test_traces_that_do_not_fit_the_stimuli_are_refused(traces, message):
-    with pytest.raises(TraceError, match=message):
+def test_traces_that_do_not_fit_the_stimuli_are_refused(traces, found):
+    with pytest.raises(TraceError, match=found):
         encode_all(STIMULI, traces, PUBLISHED, {})
-
-
-def test_nothing_to_encode_is_refused():
-    with pytest.raises(TraceError, match="0 rows of traces for 0 stimuli"):
-        encode_all([], [], PUBLISHED, {})
 
 
 def test_a_clock_with_the_rounding_of_a_solver_is_the_same_clock(simulation):
@@ -181,16 +173,13 @@ def test_a_simulation_may_be_put_together_by_hand(tmp_path):
         stimuli=STIMULI[:1],
         traces=(tuple(traces_of()[0]),),
         trains=(SpikeTrain("sine_20_250", "SA", np.array([14.5])),),
-        rates=(Rate("sine_20_250", "SA", 4.0),),
+        mean_rates=(Rate("sine_20_250", "SA", 4.0),),
     )
     by_hand.write(tmp_path)
     assert read_rates(tmp_path / "rates.csv") == [Rate("sine_20_250", "SA", 4.0)]
 
 
-def test_rates_as_pandas_has_them_are_those_of_the_table(simulation):
-    frame = simulation.rates_frame()
-
-    assert list(frame.columns) == ["stimulus", "afferent", "rate_ips"]
-    assert list(frame.itertuples(index=False, name=None)) == [
-        (rate.stimulus, rate.afferent, rate.rate_ips) for rate in simulation.rates
-    ]
+def test_rates_and_spikes_as_tables_are_those_of_the_files(tmp_path, simulation):
+    simulation.write(tmp_path)
+    for frame, name in ((simulation.rates, "rates.csv"), (simulation.spikes, "spikes.csv")):
+        pandas.testing.assert_frame_equal(frame, pandas.read_csv(tmp_path / name))

@@ -15,7 +15,7 @@ from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder
-from fembridge.solvers.calculix import run_calculix
+from fembridge.solver.ccx import SolverSettings, run_ccx
 
 SKIN = mesh_of(QUICK)
 
@@ -91,7 +91,7 @@ def test_the_spring_changes_the_iterations_and_not_the_stress(tmp_path):
     for support in ("prescribed", "spring"):
         model = replace(model_of(QUICK), support=support)
         run = build_run_folder(tmp_path / support, model, wave)
-        outcome = run_calculix(run.folder, threads=1)
+        outcome = run_ccx(run, SolverSettings(threads=1))
         traces[support] = np.array([one.stress_pa for one in read(run.folder)])
         iterations[support] = outcome.iterations
         assert read_run_folder(run.folder).inputs.get("drive", "prescribed") == support

@@ -19,7 +19,7 @@ from fembridge.build import build_run_folder, model_of
 from fembridge.results import read
 from fembridge.results.printed.dat import read_total_force
 from fembridge.run_folder import read_run_folder
-from fembridge.solvers.calculix import run_calculix
+from fembridge.solver.ccx import SolverSettings, run_ccx
 
 SKIN = mesh_of(QUICK)
 RELAXING = replace(
@@ -177,7 +177,7 @@ def test_half_of_a_section_has_the_stress_of_the_whole(word, held_um, tmp_path):
     for section in ("whole", "half"):
         model = replace(model_of(QUICK), section=section)
         folder = build_run_folder(tmp_path / section, model, wave).folder
-        run_calculix(folder, threads=1)
+        run_ccx(read_run_folder(folder), SolverSettings(threads=1))
         traces[section] = np.array([one.stress_pa for one in read(folder)])
         force_n[section] = read_total_force(folder / "job.dat", "PROBE")[1][:, 1]
         assert bool(read_run_folder(folder).on_axis) == (section == "half")

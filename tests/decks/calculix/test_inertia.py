@@ -12,7 +12,8 @@ from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.build import build_run_folder, model_of
 from fembridge.results import read
-from fembridge.solvers.calculix import run_calculix
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import SolverSettings, run_ccx
 from fembridge.stimulus import Stimulus
 
 SKIN = mesh_of(QUICK)
@@ -93,7 +94,7 @@ def test_skin_that_weighs_next_to_nothing_answers_as_without_inertia(tmp_path):
     stress_pa = {}
     for name, model in models.items():
         build_run_folder(tmp_path / name, model, wave)
-        run_calculix(tmp_path / name, threads=1)
+        run_ccx(read_run_folder(tmp_path / name), SolverSettings(threads=1))
         stress_pa[name] = np.array([one.stress_pa for one in read(tmp_path / name)])
     peak_pa = stress_pa["static"].max(axis=1, keepdims=True)
     assert_allclose(stress_pa["dynamic"] / peak_pa, stress_pa["static"] / peak_pa, atol=5e-3)

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fembridge.deflection.convergence import COMPARED_MM, convergence, richardson
-from fembridge.deflection.profile import Deflection
+from fembridge.deflection.profile import COMPARED_MM, Deflection, convergence, richardson
 from fembridge.errors import ResponseError
 
 DISTANCE_MM = np.linspace(0.0, 6.0, 61)

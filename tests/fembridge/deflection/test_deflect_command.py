@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.commands import deflect
-from fembridge.deflection.stored import stored_deflections
+from fembridge.deflection.profile import stored_deflections
 from fembridge.errors import FingerError, ResponseError, UsageError
 
 PNG = b"\x89PNG\r\n\x1a\n"

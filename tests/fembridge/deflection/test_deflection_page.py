@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fembridge.deflection.convergence import richardson
-from fembridge.deflection.stored import stored_deflections
+from fembridge.deflection.profile import richardson, stored_deflections
 
 PAGE = (Path(__file__).parents[3] / "docs" / "deflection.md").read_text("utf-8")
 MESHES = stored_deflections()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge.deflection.stored import stored_deflections
+from fembridge.deflection.profile import stored_deflections
 from fembridge.errors import UsageError
 from fembridge.plots.deflection import MOST_MESHES, deflection_figure, draw_deflections
 

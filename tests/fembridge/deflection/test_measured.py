@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fembridge.deflection.measured import both_sides, why_not
+from fembridge.deflection.press import both_sides, why_not
 
 FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
 

@@ -9,12 +9,14 @@ from numpy.testing import assert_allclose
 
 from decks.finger_file import finger_table
 from decks.presets import PAPER, QUICK
-from fembridge.deflection import stored
-from fembridge.deflection.convergence import convergence
-from fembridge.deflection.measured import why_not
-from fembridge.deflection.press import FINGERS, PROBE, press_of
-from fembridge.deflection.profile import PAPER_STEP_MM
-from fembridge.deflection.stored import stored_deflection, stored_deflections
+from fembridge.deflection import profile
+from fembridge.deflection.press import FINGERS, PROBE, press_of, why_not
+from fembridge.deflection.profile import (
+    PAPER_STEP_MM,
+    convergence,
+    stored_deflection,
+    stored_deflections,
+)
 from fembridge.errors import ResponseError
 
 STORED = {deflection.name: deflection for deflection in stored_deflections()}
@@ -105,6 +107,6 @@ def test_a_mesh_that_is_not_stored_is_named_with_those_that_are():
 
 
 def test_a_folder_without_profiles_is_an_error(tmp_path, monkeypatch):
-    monkeypatch.setattr(stored, "FOLDER", tmp_path)
+    monkeypatch.setattr(profile, "FOLDER", tmp_path)
     with pytest.raises(ResponseError, match="no profile is stored there"):
         stored_deflections()

@@ -9,7 +9,7 @@ import pytest
 from fembridge.cli import main
 from fembridge.commands import fit
 from fembridge.errors import ResponseError, TableError, UsageError
-from fembridge.response.stored import FOLDER
+from fembridge.response.response_map import FOLDER
 from fembridge.tables import Rate, write_rates
 from neural import DRIVES
 from neural.choice import RULES

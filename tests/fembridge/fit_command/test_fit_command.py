@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.fitting.search_bar import SearchBar
-from fembridge.response.map_file import read_map
-from fembridge.response.stored import FOLDER
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import read_rates
 from neural import DRIVES, PUBLISHED, encode_cells, rate_ips, read_parameter_set
 

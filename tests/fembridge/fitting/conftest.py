@@ -6,8 +6,7 @@ import pytest
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.observed import read_observed
-from fembridge.response.map_file import read_map
-from fembridge.response.stored import FOLDER
+from fembridge.response.response_map import FOLDER, read_map
 from neural import PUBLISHED, RisingRaParameters, encode_cells, rate_ips
 
 SINES = (

@@ -13,11 +13,11 @@ import pytest
 from decks.presets import PRESETS
 from fembridge.build import model_of
 from fembridge.response import solve
-from fembridge.response.path_dependence import RemembersError
 from fembridge.response.response_map import ResponseMap
+from fembridge.response.solve import HysteresisError
 from fembridge.run_folder import AfferentNode, read_run_folder
-from fembridge.solvers.outcome import Cause, Failure, Outcome
-from fembridge.solvers.record import write_record
+from fembridge.solver import ccx
+from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.store import sha256_of
 
 DEPTH_UM = np.array([0.0, 2.0, 7.0, 20.0, 55.0, 110.0, 190.0, 300.0])
@@ -66,21 +66,22 @@ def model():
 
 
 class Player:
-    """Stands for `attempt_calculix`: one play a rung, by the rung's number."""
+    """Stands for `run_ccx`: one play a rung, by the rung's number."""
 
     def __init__(self):
         self.plays = {}
         self.rungs = []
         self.smooth = []
-        self.options = []
+        self.settings = []
 
-    def __call__(self, folder, **options):
+    def __call__(self, run, settings=None, halt=None):
+        folder = run.folder
         if folder.name.startswith("frictionless_"):
             self.smooth.append(folder)
             return self.solve(folder)
         number = int(folder.name.removeprefix("contact_"))
         self.rungs.append(number)
-        self.options.append(options)
+        self.settings.append(settings)
         play = self.plays.get(number, "solve")
         if isinstance(play, Cause):
             return Outcome(folder, Failure(play, "increment 3"))
@@ -91,14 +92,14 @@ class Player:
         for name in ("job.frd", "job.dat"):
             shutil.copy(RECORDED / name, folder)
         outcome = Outcome(folder, version="2.20", exit_code=0, increments=39)
-        write_record(run, outcome, sha256_of(run.deck))
+        ccx._write_record(run, outcome, sha256_of(run.deck))
         return outcome
 
 
 @pytest.fixture
 def player(monkeypatch):
     player = Player()
-    monkeypatch.setattr(solve, "attempt_calculix", player)
+    monkeypatch.setattr(ccx, "run_ccx", player)
     return player
 
 
@@ -111,11 +112,12 @@ def remembering(monkeypatch):
     numbers = set()
     measured = solve.measured_response
 
-    def judge(folder):
+    def judge(run, *waveform):
+        folder = run.folder
         kind, _, number = folder.name.partition("_")
         if int(number) in numbers or kind in numbers:
-            raise RemembersError(f"{folder}: unloading differs from loading by 17 %", 17.0)
-        return measured(folder)
+            raise HysteresisError(f"{folder}: unloading differs from loading by 17 %", 17.0)
+        return measured(run, *waveform)
 
     monkeypatch.setattr(solve, "measured_response", judge)
     return numbers

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fembridge.response.acceptance import CLOSURE_PERCENT, judge
-from fembridge.response.indentation import indentation
+from fembridge.response.acceptance import CLOSURE_PERCENT, indentation, judge
 
 DEPTH_UM = indentation().displacement_um
 DEEPEST = int(DEPTH_UM.argmax())
@@ -136,7 +135,7 @@ def test_a_probe_that_never_moved_did_not_push():
     assert run(np.zeros(5)).problem.startswith("the probe did not push: at 0 um")
 
 
-def test_a_probe_that_never_pushed_does_not_remember():
+def test_a_probe_that_never_pushed_shows_no_hysteresis():
     depth_um = np.array([0.0, 100.0, 200.0, 100.0])
     stress_pa = np.array([[0.0], [1.0], [2.0], [1.5]])
     nothing = np.zeros_like(depth_um)
@@ -145,6 +144,6 @@ def test_a_probe_that_never_pushed_does_not_remember():
     pushed = judge(depth_um, stress_pa, depth_um, depth_um)
 
     assert "did not push" in lost.problem
-    assert not lost.remembers
+    assert not lost.hysteresis
     assert "unloading differs" in pushed.problem
-    assert pushed.remembers
+    assert pushed.hysteresis

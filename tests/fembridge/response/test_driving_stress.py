@@ -10,9 +10,7 @@ from decks.material import TABLE_1
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
-from fembridge.response.driving_stress import driving_stress, poisson_at
-from fembridge.response.map_file import read_map
-from fembridge.response.stored import FOLDER
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.results.stress import energy_stress_pa
 from neural import PUBLISHED, drive_named
 
@@ -25,7 +23,7 @@ def test_models_that_read_von_mises_stress_get_the_traces_of_the_response():
     expected = RESPONSE.traces(STIMULUS)
     rising = {name: drive_named("rising", name) for name in ("SA", "RA")}
     for models in ({}, rising, PUBLISHED):
-        found = driving_stress(RESPONSE, STIMULUS, models)
+        found = RESPONSE.traces(STIMULUS, models)
         assert [t.afferent for t in found] == [t.afferent for t in expected]
         for one, other in zip(found, expected, strict=True):
             assert_array_equal(one.stress_pa, other.stress_pa)
@@ -35,9 +33,9 @@ def test_models_that_read_von_mises_stress_get_the_traces_of_the_response():
 def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
     tensor_pa = RESPONSE.tensors(STIMULUS.displacement_um)
     ratios = {"SA": 0.30, "RA": 0.30, "PC": 0.40}
-    for column, trace in enumerate(driving_stress(RESPONSE, STIMULUS, ENERGY)):
+    for column, trace in enumerate(RESPONSE.traces(STIMULUS, ENERGY)):
         ratio = ratios[trace.afferent]
-        assert poisson_at(RESPONSE, RESPONSE.places[column]) == ratio
+        assert RESPONSE.poisson_at(RESPONSE.places[column]) == ratio
         assert TABLE_1[RESPONSE.places[column].layer].poisson == ratio
         expected = energy_stress_pa(tensor_pa[:, column], ratio)
         assert_array_equal(trace.stress_pa, expected)
@@ -46,17 +44,17 @@ def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
 
 def test_parameters_of_an_energy_drive_read_what_their_drive_reads():
     parameters = {name: replace(one, drive="energy") for name, one in PUBLISHED.items()}
-    by_parameters = driving_stress(RESPONSE, STIMULUS, parameters)
-    by_drive = driving_stress(RESPONSE, STIMULUS, ENERGY)
+    by_parameters = RESPONSE.traces(STIMULUS, parameters)
+    by_drive = RESPONSE.traces(STIMULUS, ENERGY)
     for one, other in zip(by_parameters, by_drive, strict=True):
         assert_array_equal(one.stress_pa, other.stress_pa)
 
 
 def test_each_class_reads_its_own():
     mixed = {"SA": ENERGY["SA"], "RA": PUBLISHED["RA"]}
-    energy = driving_stress(RESPONSE, STIMULUS, ENERGY)
+    energy = RESPONSE.traces(STIMULUS, ENERGY)
     plain = RESPONSE.traces(STIMULUS)
-    found = driving_stress(RESPONSE, STIMULUS, mixed)
+    found = RESPONSE.traces(STIMULUS, mixed)
     for one, other in zip(found, (energy[0], plain[1], plain[2]), strict=True):
         assert_array_equal(one.stress_pa, other.stress_pa)
     assert not np.array_equal(energy[0].stress_pa, plain[0].stress_pa)
@@ -68,5 +66,5 @@ def test_each_class_reads_its_own():
 def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(origin):
     bare = replace(RESPONSE, origin=origin)
     with pytest.raises(ResponseError, match="Poisson's ratio of epidermis, in which SA"):
-        driving_stress(bare, STIMULUS, ENERGY)
-    assert len(driving_stress(bare, STIMULUS, PUBLISHED)) == 3
+        bare.traces(STIMULUS, ENERGY)
+    assert len(bare.traces(STIMULUS, PUBLISHED)) == 3

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import StimulusError
-from fembridge.response.indentation import DEFAULT_DEPTH_UM, STEPS, depth_for, indentation
+from fembridge.response.acceptance import DEFAULT_DEPTH_UM, STEPS, depth_for, indentation
 
 depths = st.floats(1.0, 2000.0)
 

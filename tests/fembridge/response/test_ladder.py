@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from fembridge.errors import OutputError, ResponseError, SolverError, StimulusError
-from fembridge.response.map_file import MAP_FILE, read_map
+from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
 from fembridge.response.solve import LADDER, solve_response
-from fembridge.response.stored import FOLDER
-from fembridge.solvers.outcome import Cause
+from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.verdict import Cause
 
 
 def test_the_first_rung_that_is_accepted_is_taken(tmp_path, model, player):
     told = []
 
-    solved = solve_response(tmp_path, model, tell=told.append)
+    solved = solve_response(tmp_path, model, log=told.append)
 
     assert player.rungs == [1]
     assert [str(rung) for rung in solved.rungs] == [
@@ -46,7 +46,7 @@ def test_a_rung_that_does_not_converge_is_left_and_told(tmp_path, model, player,
     player.plays[1] = cause
     told = []
 
-    solved = solve_response(tmp_path, model, tell=told.append)
+    solved = solve_response(tmp_path, model, log=told.append)
 
     assert player.rungs == [1, 2]
     assert told == [f"left {LADDER[0]}: {cause.value}: increment 3"]
@@ -60,7 +60,7 @@ def test_a_rung_that_remembers_is_left_and_told(tmp_path, model, player, remembe
     remembering.add(1)
     told = []
 
-    solve_response(tmp_path, model, tell=told.append)
+    solve_response(tmp_path, model, log=told.append)
 
     assert player.rungs == [1, 2]
     assert told == [f"left {LADDER[0]}: unloading differs from loading by 17 %"]
@@ -101,7 +101,7 @@ def test_when_all_rungs_fail_each_is_listed_with_its_reason(tmp_path, model, pla
     told = []
 
     with pytest.raises(ResponseError) as caught:
-        solve_response(tmp_path, model, tell=told.append)
+        solve_response(tmp_path, model, log=told.append)
 
     message = str(caught.value)
     assert message.startswith(f"{tmp_path}: no contact model was accepted: ")
@@ -158,11 +158,11 @@ def test_a_finished_run_of_another_finger_is_solved_again(tmp_path, model, playe
 
 
 def test_the_solver_is_run_as_asked(tmp_path, model, player):
-    limits, on_progress = object(), object()
+    settings = SolverSettings(threads=3, time_limit_s=99.0)
 
-    solve_response(tmp_path, model, threads=3, limits=limits, on_progress=on_progress)
+    solve_response(tmp_path, model, settings)
 
-    assert player.options == [{"threads": 3, "limits": limits, "on_progress": on_progress}]
+    assert player.settings == [settings]
 
 
 def test_a_shorter_ladder_may_be_climbed(tmp_path, model, player):

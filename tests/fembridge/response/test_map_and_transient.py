@@ -10,12 +10,11 @@ from decks.presets import PRESETS
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
-from fembridge.response.map_file import read_map
+from fembridge.response.response_map import FOLDER, read_map, stored_response
 from fembridge.response.solve import solve_response
-from fembridge.response.stored import FOLDER, stored_response
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.solvers.calculix import run_calculix
+from fembridge.solver.ccx import run_ccx
 from fembridge.stimulus import Stimulus
 from neural import PUBLISHED, encode
 
@@ -68,7 +67,7 @@ def test_map_and_transient_agree_on_noise_solved_here(tmp_path):
     solved = solve_response(tmp_path / "response", model)
     folder = tmp_path / "transient"
     build_run_folder(folder, model, stimulus)
-    run_calculix(folder)
+    run_ccx(read_run_folder(folder))
 
     assert_same_neurons(solved.response.traces(stimulus), read(folder))
     stored = stored_response(model.finger, model.probe, model.element)

@@ -8,8 +8,7 @@ import pytest
 import tomli_w
 
 from fembridge.errors import OutputError, ResponseError
-from fembridge.response.map_file import MAP_FILE, read_map, write_map
-from fembridge.response.stored import FOLDER
+from fembridge.response.response_map import FOLDER, MAP_FILE, read_map, write_map
 
 
 @pytest.fixture

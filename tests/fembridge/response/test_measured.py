@@ -11,9 +11,8 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ResponseError, ResultError
-from fembridge.response.map_file import read_map, write_map
-from fembridge.response.measured import measured_response
-from fembridge.response.stored import FOLDER
+from fembridge.response.acceptance import recorded_response
+from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.trace import PA_PER_MPA
@@ -48,7 +47,7 @@ def test_a_recording_is_what_its_checksums_say(folder):
 
 @pytest.mark.parametrize("name", ["response_quick", "response_paper"])
 def test_the_shipped_map_is_the_recorded_run(name, tmp_path):
-    measured = measured_response(FIXTURES / name)
+    measured = recorded_response(FIXTURES / name)
     shipped = FOLDER / f"{name.removeprefix('response_')}.toml"
 
     read = read_map(shipped)
@@ -61,7 +60,7 @@ def test_the_shipped_map_is_the_recorded_run(name, tmp_path):
 
 
 def test_the_recorded_finger_pushes_back_harder_the_deeper():
-    response = measured_response(FIXTURES / "response_quick")
+    response = recorded_response(FIXTURES / "response_quick")
     assert (np.diff(response.force_n_per_mm) > 0).all()
     assert response.deepest_um == 400.0
 
@@ -92,20 +91,20 @@ def test_a_run_whose_unloading_was_tampered_with_is_refused(folder, percent, ref
 
     if refused:
         with pytest.raises(ResponseError) as caught:
-            measured_response(folder)
+            recorded_response(folder)
         assert f"{folder}: unloading differs from loading by 2." in str(caught.value)
     else:
-        assert 0.05 < measured_response(folder).closure_percent < 0.15
+        assert 0.05 < recorded_response(folder).closure_percent < 0.15
 
 
 def test_stress_at_the_deepest_point_is_met_once_and_goes_into_the_map(folder):
     """No unloading passes there: the map shows the change, in that entry alone."""
     read, deepest = results_of(folder)
-    before = measured_response(folder)
+    before = recorded_response(folder)
 
     scale(folder / "job.frd", read.tensor_pa[deepest, 0, 0] / PA_PER_MPA, 1.03)
 
-    changed = np.argwhere(before.tensor_pa != measured_response(folder).tensor_pa)
+    changed = np.argwhere(before.tensor_pa != recorded_response(folder).tensor_pa)
     assert changed.tolist() == [[deepest + 1, 0, 0]]
 
 
@@ -113,14 +112,14 @@ def test_out_of_plane_shear_that_is_no_rounding_noise_is_refused(folder):
     read, deepest = results_of(folder)
     scale(folder / "job.frd", read.tensor_pa[deepest, 0, 4] / PA_PER_MPA, 1e12)
     with pytest.raises(ResultError, match=r"out-of-plane shear of .* Pa, expected none"):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def test_a_probe_that_the_skin_did_not_follow_is_refused(folder):
     read, deepest = results_of(folder)
     scale(folder / "job.frd", read.displacement_mm[deepest, 0, 1], 0.4)
     with pytest.raises(ResponseError, match="the probe did not push: at 400 um the"):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def rewrite_run(folder, **changes):
@@ -132,7 +131,7 @@ def rewrite_run(folder, **changes):
 def test_a_missing_file_is_told(folder, name):
     (folder / name).unlink()
     with pytest.raises(ResultError):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 @pytest.mark.parametrize("name", ["job.frd", "job.dat", "stimulus.csv"])
@@ -141,7 +140,7 @@ def test_a_file_that_was_cut_is_refused(folder, name, share):
     content = (folder / name).read_bytes()
     (folder / name).write_bytes(content[: int(share * len(content))])
     with pytest.raises(ResultError):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def test_a_waveform_of_other_times_is_refused(folder):
@@ -153,33 +152,33 @@ def test_a_waveform_of_other_times_is_refused(folder):
     (folder / "stimulus.csv").write_text("\n".join(moved) + "\n")
 
     with pytest.raises(ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def test_a_waveform_of_another_length_is_refused(folder):
     with (folder / "stimulus.csv").open("a") as file:
         file.write("99.5,0.0\n")
     with pytest.raises(ResultError, match="39 increments, expected 40"):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def test_a_run_without_afferents_is_refused(folder):
     rewrite_run(folder, afferents={})
     with pytest.raises(ResultError, match="names no afferent"):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def test_a_run_without_an_apex_is_refused(folder):
     """0 stands for unknown: then nothing shows that the probe pushed."""
     rewrite_run(folder, apex_node=0)
     with pytest.raises(ResultError, match="node 0"):
-        measured_response(folder)
+        recorded_response(folder)
 
 
 def test_a_vibration_that_comes_back_answers_as_well():
     """What is asked for is a way in and a way out over the same depths."""
-    vibrated = measured_response(FIXTURES / "transient_sine")
-    mapped = measured_response(FIXTURES / "response_quick")
+    vibrated = recorded_response(FIXTURES / "transient_sine")
+    mapped = recorded_response(FIXTURES / "response_quick")
 
     assert vibrated.deepest_um == pytest.approx(250.0)
     assert 0 < vibrated.closure_percent < 0.1

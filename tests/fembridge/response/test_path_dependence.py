@@ -9,7 +9,7 @@ from decks.presets import PRESETS
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import model_of
-from fembridge.response.path_dependence import why_no_map
+from fembridge.response.solve import why_no_map
 
 
 @pytest.fixture(scope="module")

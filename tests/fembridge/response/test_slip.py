@@ -8,11 +8,10 @@ import pytest
 from decks.material import PronyTerm
 from fembridge.errors import ResponseError
 from fembridge.response import solve
-from fembridge.response.map_file import MAP_FILE
-from fembridge.response.path_dependence import FrictionSlipError, RemembersError
-from fembridge.response.solve import solve_response
+from fembridge.response.response_map import MAP_FILE
+from fembridge.response.solve import FrictionSlipError, HysteresisError, solve_response
 from fembridge.run_folder import read_run_folder
-from fembridge.solvers.outcome import Cause
+from fembridge.solver.verdict import Cause
 
 
 def test_what_comes_back_without_friction_alone_is_skin_that_slips(
@@ -20,10 +19,10 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
 ):
     measured = solve.measured_response
 
-    def judge(folder):
-        if folder.name == "contact_2":
-            raise RemembersError(f"{folder}: unloading differs by 1.5 %", 1.5)
-        return measured(folder)
+    def judge(run, *waveform):
+        if run.folder.name == "contact_2":
+            raise HysteresisError(f"{run.folder}: unloading differs by 1.5 %", 1.5)
+        return measured(run, *waveform)
 
     monkeypatch.setattr(solve, "measured_response", judge)
     player.plays[1] = Cause.DIVERGED

@@ -8,8 +8,8 @@ from decks.finger_file import finger_from
 from decks.presets import PRESETS, QUICK
 from decks.probe import Probe
 from fembridge.errors import ResponseError
-from fembridge.response import stored
-from fembridge.response.stored import stored_response
+from fembridge.response import response_map
+from fembridge.response.response_map import stored_response
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -57,8 +57,8 @@ def test_a_finger_of_another_name_is_told_which_are_stored():
 
 
 def test_a_stored_map_that_was_edited_is_refused(tmp_path, monkeypatch):
-    text = (stored.FOLDER / "quick.toml").read_text(encoding="utf-8")
+    text = (response_map.FOLDER / "quick.toml").read_text(encoding="utf-8")
     (tmp_path / "quick.toml").write_text(text.replace("400.0", "500.0"), "utf-8")
-    monkeypatch.setattr(stored, "FOLDER", tmp_path)
+    monkeypatch.setattr(response_map, "FOLDER", tmp_path)
     with pytest.raises(ResponseError, match="edited or cut"):
         stored_response(QUICK, Probe(), "CPE4")

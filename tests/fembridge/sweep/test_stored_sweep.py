@@ -10,7 +10,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import model_of
 from fembridge.errors import UsageError
-from fembridge.simulate import simulate
+from fembridge.simulation import simulate
 from fembridge.sweep import Study, Variant, run_sweep
 from fembridge.sweep import sweep as module
 from fembridge.sweep.answers import is_finished, read_answers
@@ -50,7 +50,7 @@ def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
             parameters=chosen.parameters,
         )
         windows = {each.id: each.window_ms for each in expected.stimuli}
-        for rate in expected.rates:
+        for rate in expected.mean_rates:
             row = rows[depth_um, rate.stimulus, rate.afferent]
             assert float(row["rate_ips"]) == rate.rate_ips
             inside = [

@@ -179,7 +179,7 @@ def test_rates_are_those_that_came_in_and_those_that_were_computed(report, study
     assert len(found) == len(rows)
     expected = {("TouchSim", one.stimulus, one.afferent): one.rate_ips for one in touchsim_rates()}
     for name, simulation in study.simulations.items():
-        expected |= {(name, r.stimulus, r.afferent): r.rate_ips for r in simulation.rates}
+        expected |= {(name, r.stimulus, r.afferent): r.rate_ips for r in simulation.mean_rates}
     expected |= {("observed", r.stimulus, r.afferent): r.rate_ips for r in study.observed.rates()}
     assert found == expected
 

@@ -5,8 +5,9 @@ import threading
 import pytest
 
 from fembridge.errors import UsageError
-from fembridge.solvers.batch import run_folders
-from fembridge.solvers.outcome import Cause
+from fembridge.solver.batch import run_folders
+from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.verdict import Cause
 
 
 def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path):
@@ -16,7 +17,7 @@ def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path)
     odd = make_run("normal", "odd", solver="abacus")
     absent = tmp_path / "absent"
 
-    outcomes = run_folders([bad, absent, good, marc, odd], jobs=2)
+    outcomes = run_folders([bad, absent, good, marc, odd], SolverSettings(jobs=2))
 
     assert [outcome.folder for outcome in outcomes] == [bad, absent, good, marc, odd]
     causes = [outcome.failure and outcome.failure.cause for outcome in outcomes]
@@ -29,7 +30,7 @@ def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path)
 
 def test_a_folder_named_twice_is_run_once(fake_ccx, make_run, tmp_path):
     folder = make_run("normal")
-    assert len(run_folders([folder, tmp_path / "bin" / ".." / "run"], jobs=2)) == 1
+    assert len(run_folders([folder, tmp_path / "bin" / ".." / "run"], SolverSettings(jobs=2))) == 1
 
 
 def test_results_of_the_same_deck_are_not_made_again(fake_ccx, make_run):
@@ -83,7 +84,7 @@ def test_jobs_run_at_the_same_time(fake_ccx, make_run):
 
     folders = [make_run("hang", "a"), make_run("hang", "b")]
     with pytest.raises(ZeroDivisionError):
-        run_folders(folders, jobs=2, on_progress=meet)
+        run_folders(folders, SolverSettings(jobs=2, on_progress=meet))
     assert met
 
 
@@ -97,7 +98,7 @@ def test_one_that_breaks_ends_the_others(fake_ccx, make_run, pid_of, is_alive):
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        run_folders(folders, jobs=2, on_progress=fail)
+        run_folders(folders, SolverSettings(jobs=2, on_progress=fail))
 
     assert not is_alive(pids[0])
     assert not (folders[2] / "failed").exists()
@@ -106,7 +107,7 @@ def test_one_that_breaks_ends_the_others(fake_ccx, make_run, pid_of, is_alive):
 @pytest.mark.parametrize("numbers", [{"jobs": 0}, {"threads": 0}, {"jobs": -1}])
 def test_less_than_one_is_misuse(numbers):
     with pytest.raises(UsageError, match="expected 1 or more"):
-        run_folders([], **numbers)
+        SolverSettings(**numbers)
 
 
 def test_no_folder_is_no_outcome():

@@ -4,8 +4,8 @@ import pytest
 
 from fembridge.errors import OutputError, UsageError
 from fembridge.run_folder import read_run_folder
-from fembridge.solvers.outcome import Cause
-from fembridge.solvers.watchdog import Limits, Watchdog
+from fembridge.solver.ccx import SolverSettings, Watchdog
+from fembridge.solver.verdict import Cause
 
 STA = "SUMMARY OF JOB INFORMATION\n STEP\n"
 CVG = "SUMMARY OF C0NVERGENCE INFORMATION\n\n\n\n"
@@ -28,7 +28,7 @@ def watch(make_run, tmp_path):
     work.mkdir()
 
     def make(**limits):
-        return work, Watchdog(work, run, Limits(**limits))
+        return work, Watchdog(work, run, SolverSettings(**limits))
 
     return make
 
@@ -117,4 +117,4 @@ def test_no_limit_is_no_complaint(watch):
 @pytest.mark.parametrize("limit", [0, -1, float("nan")])
 def test_a_limit_that_is_not_positive_is_misuse(name, limit):
     with pytest.raises(UsageError, match=name):
-        Limits(**{name: limit})
+        SolverSettings(**{name: limit})

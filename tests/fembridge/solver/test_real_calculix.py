@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from fembridge.machine import find_ccx
-from fembridge.solvers.calculix import attempt_calculix, run_calculix
-from fembridge.solvers.outcome import Cause
-from fembridge.solvers.watchdog import Limits
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.verdict import Cause
 
 pytestmark = [
     pytest.mark.solver,
@@ -84,9 +84,14 @@ MANY = {"end_s": 1000.0}
 RUN = """
 import sys
 from pathlib import Path
-from fembridge.solvers.calculix import run_calculix
-run_calculix(Path(sys.argv[1]))
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import run_ccx
+run_ccx(read_run_folder(Path(sys.argv[1])))
 """
+
+
+def solve(folder, halt=None, **settings):
+    return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
 
 
 def patch(**parts):
@@ -96,7 +101,7 @@ def patch(**parts):
 def test_a_good_deck_is_accepted(make_run):
     folder = make_run(deck=patch())
 
-    outcome = run_calculix(folder, threads=1)
+    outcome = solve(folder, threads=1)
 
     assert (outcome.increments, outcome.exit_code) == (4, 0)
     assert outcome.version
@@ -116,14 +121,14 @@ def test_a_good_deck_is_accepted(make_run):
 def test_a_deck_finds_the_files_it_includes(make_run):
     folder = make_run(deck=patch(load="*INCLUDE, INPUT=load.inc"))
     (folder / "load.inc").write_text(STRETCH + "\n")
-    assert attempt_calculix(folder).accepted
+    assert solve(folder).accepted
 
 
 @pytest.mark.parametrize("part", ENDINGS)
 def test_a_fault_in_the_deck_has_its_cause(make_run, part):
     text, cause, words = ENDINGS[part]
 
-    outcome = attempt_calculix(make_run(deck=patch(**{part: text})))
+    outcome = solve(make_run(deck=patch(**{part: text})))
 
     assert outcome.failure.cause is cause
     assert words in str(outcome.failure)
@@ -132,12 +137,12 @@ def test_a_fault_in_the_deck_has_its_cause(make_run, part):
 @pytest.mark.parametrize("fault", OTHER_ENDINGS)
 def test_a_fault_that_calculix_does_not_refuse_is_found(make_run, fault):
     parts, cause = OTHER_ENDINGS[fault]
-    assert attempt_calculix(make_run(deck=patch(**parts))).failure.cause is cause
+    assert solve(make_run(deck=patch(**parts))).failure.cause is cause
 
 
 def test_a_card_that_was_dropped_is_told_with_its_line(make_run):
     deck = patch(request="*EL OUTPUT\nS")
-    outcome = attempt_calculix(make_run(deck=deck))
+    outcome = solve(make_run(deck=deck))
     assert deck.splitlines()[outcome.failure.deck_line - 1] == "*EL OUTPUT"
 
 
@@ -151,7 +156,7 @@ def test_a_file_that_cannot_grow_is_a_full_disk(make_run, tmp_path, monkeypatch,
     monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
     folder = make_run(deck=patch(end_s=0.05), increments=100)
 
-    outcome = attempt_calculix(folder)
+    outcome = solve(folder)
 
     assert outcome.failure.cause is Cause.DISK_FULL
     assert outcome.exit_code == (0 if signal_is == "ignored" else -signal.SIGXFSZ)
@@ -161,7 +166,7 @@ def test_a_file_that_cannot_grow_is_a_full_disk(make_run, tmp_path, monkeypatch,
 def test_a_long_run_is_stopped_by_its_limit(make_run):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
 
-    outcome = attempt_calculix(folder, limits=Limits(time_limit_s=0.5))
+    outcome = solve(folder, time_limit_s=0.5)
 
     assert outcome.failure.cause is Cause.TIME_LIMIT
     assert not (folder / "job.frd").exists()

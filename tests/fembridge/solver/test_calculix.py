@@ -5,10 +5,10 @@ import threading
 
 import pytest
 
-from fembridge.errors import ResultError, SolverError
-from fembridge.solvers.calculix import attempt_calculix, run_calculix
-from fembridge.solvers.outcome import Cause
-from fembridge.solvers.watchdog import Limits
+from fembridge.errors import ResultError
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.verdict import Cause
 from fembridge.store import sha256_of
 
 ENDINGS = {
@@ -35,6 +35,10 @@ ENDINGS = {
 }
 
 
+def solve(folder, halt=None, **settings):
+    return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
+
+
 def files_of(folder):
     return {path.name for path in folder.iterdir()}
 
@@ -42,7 +46,7 @@ def files_of(folder):
 def test_an_accepted_run_leaves_its_results_and_their_record(fake_ccx, make_run):
     folder = make_run("normal")
 
-    outcome = run_calculix(folder)
+    outcome = solve(folder)
 
     assert outcome.accepted
     assert (outcome.increments, outcome.iterations) == (4, 8)
@@ -64,7 +68,7 @@ def test_a_run_that_is_not_good_has_one_cause(fake_ccx, make_run, play):
     folder = make_run(play)
     cause, words = ENDINGS[play]
 
-    outcome = attempt_calculix(folder)
+    outcome = solve(folder)
 
     assert outcome.failure.cause is cause
     assert words in str(outcome.failure)
@@ -79,23 +83,23 @@ def test_every_cause_is_told_by_a_sentence_of_its_own():
 
 
 def test_a_warning_that_drops_nothing_is_no_failure(fake_ccx, make_run):
-    assert attempt_calculix(make_run("harmless")).accepted
+    assert solve(make_run("harmless")).accepted
 
 
 def test_a_refused_card_is_told_with_its_line_in_the_deck(fake_ccx, make_run):
-    assert attempt_calculix(make_run("bad_deck")).failure.deck_line == 3
-    outcome = attempt_calculix(make_run("dropped"))
+    assert solve(make_run("bad_deck")).failure.deck_line == 3
+    outcome = solve(make_run("dropped"))
     assert outcome.failure.deck_line == 4
     assert "(job.inp:4)" in str(outcome.failure)
 
 
 def test_a_failed_run_leaves_earlier_results_as_they_were(fake_ccx, make_run):
     folder = make_run("normal")
-    run_calculix(folder)
+    solve(folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     make_run("cut")
 
-    outcome = attempt_calculix(folder)
+    outcome = solve(folder)
 
     assert not outcome.accepted
     for name in ("job.frd", "job.sta", "job.cvg", "solver.log", "solver.toml"):
@@ -104,13 +108,13 @@ def test_a_failed_run_leaves_earlier_results_as_they_were(fake_ccx, make_run):
 
 def test_a_good_run_clears_away_what_earlier_ones_left(fake_ccx, make_run):
     folder = make_run("cut")
-    attempt_calculix(folder)
+    solve(folder)
     (folder / "job.dat").write_text("of a run long ago\n")
     (folder / "solving").mkdir()
     (folder / "solving" / "job.frd").write_text("of a run that was killed\n")
     make_run("normal")
 
-    run_calculix(folder)
+    solve(folder)
 
     assert not {"failed", "solving", "job.dat"} & files_of(folder)
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
@@ -121,32 +125,32 @@ def test_files_that_are_not_the_solvers_stay(fake_ccx, make_run):
     (folder / "notes.txt").write_text("mine\n")
     (folder / "stimulus.csv").write_text("time_ms,displacement_um\n")
 
-    run_calculix(folder)
+    solve(folder)
 
     assert {"notes.txt", "stimulus.csv"} <= files_of(folder)
 
 
-def test_a_failure_is_raised_as_an_error_that_names_folder_and_cause(fake_ccx, make_run):
+def test_a_failure_as_an_error_names_folder_and_cause(fake_ccx, make_run):
     folder = make_run("diverged")
 
-    with pytest.raises(SolverError, match="an increment did not converge") as caught:
-        run_calculix(folder)
+    error = solve(folder).to_error()
 
-    assert caught.value.path == folder
-    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    assert error.path == folder
+    assert Cause.DIVERGED.value in str(error)
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
 def test_a_solver_that_says_a_lot_does_not_block(fake_ccx, make_run):
     folder = make_run("loud")
 
-    assert attempt_calculix(folder).accepted
+    assert solve(folder).accepted
     assert (folder / "solver.log").stat().st_size > 3_000_000
 
 
 def test_the_time_limit_stops_the_solver(fake_ccx, make_run, is_at_work):
     folder = make_run("hang")
 
-    outcome = attempt_calculix(folder, limits=Limits(time_limit_s=0.3))
+    outcome = solve(folder, time_limit_s=0.3)
 
     assert outcome.failure.cause is Cause.TIME_LIMIT
     assert not is_at_work(folder)
@@ -155,7 +159,7 @@ def test_the_time_limit_stops_the_solver(fake_ccx, make_run, is_at_work):
 def test_a_solver_whose_files_do_not_grow_is_stopped(fake_ccx, make_run, is_at_work):
     folder = make_run("hang")
 
-    outcome = attempt_calculix(folder, limits=Limits(stall_limit_s=0.3))
+    outcome = solve(folder, stall_limit_s=0.3)
 
     assert outcome.failure.cause is Cause.STALLED
     assert not is_at_work(folder)
@@ -164,7 +168,7 @@ def test_a_solver_whose_files_do_not_grow_is_stopped(fake_ccx, make_run, is_at_w
 def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
     folder = make_run("endless")
 
-    outcome = attempt_calculix(folder, limits=Limits(iteration_limit=50))
+    outcome = solve(folder, iteration_limit=50)
 
     assert outcome.failure.cause is Cause.ENDLESS_ITERATION
     assert "limit 50, after 1 of 4 increments" in str(outcome.failure)
@@ -179,7 +183,7 @@ def test_progress_is_told_while_the_solver_works(fake_ccx, make_run):
         if progress.increment == 1:
             halt.set()
 
-    attempt_calculix(folder, on_progress=note, halt=halt)
+    solve(folder, on_progress=note, halt=halt)
 
     assert (told[-1].increment, told[-1].increments) == (1, 4)
     assert told[-1].fraction == 0.25
@@ -190,7 +194,7 @@ def test_progress_is_told_while_the_solver_works(fake_ccx, make_run):
 def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, play):
     told = []
 
-    outcome = attempt_calculix(make_run(play), on_progress=told.append)
+    outcome = solve(make_run(play), on_progress=told.append)
 
     assert [progress.ended for progress in told] == [False] * (len(told) - 1) + [True]
     assert told[-1].increment == outcome.increments
@@ -204,7 +208,7 @@ def test_an_error_in_who_is_told_stops_the_solver(fake_ccx, make_run, is_alive):
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        attempt_calculix(folder, on_progress=fail)
+        solve(folder, on_progress=fail)
 
     assert "interrupted" in (folder / "failed" / "cause.txt").read_text()
     assert not is_alive(int((folder / "failed" / "job.pid").read_text()))
@@ -214,12 +218,12 @@ def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypa
     monkeypatch.setenv("NUMBER_OF_CPUS", "7")
     folder = make_run("environment")
 
-    run_calculix(folder, threads=3)
+    solve(folder, threads=3)
     log = (folder / "solver.log").read_text()
     assert "threads 3" in log
     assert "override None" in log
 
-    run_calculix(folder)
+    solve(folder)
     log = (folder / "solver.log").read_text()
     assert "threads None" in log
     assert "override 7" in log
@@ -227,11 +231,11 @@ def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypa
 
 def test_a_deck_that_was_changed_after_it_was_built_is_run_and_told(fake_ccx, make_run):
     folder = make_run("normal")
-    assert run_calculix(folder).as_built
+    assert solve(folder).as_built
     with (folder / "job.inp").open("a") as deck:
         deck.write("** changed\n")
 
-    assert not run_calculix(folder).as_built
+    assert not solve(folder).as_built
 
 
 def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatch, tmp_path):
@@ -239,7 +243,7 @@ def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatc
     monkeypatch.setenv("PATH", str(tmp_path))
     folder = make_run("normal")
 
-    outcome = attempt_calculix(folder)
+    outcome = solve(folder)
 
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert "apt-get install -y calculix-ccx" in str(outcome.failure)
@@ -249,7 +253,7 @@ def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatc
 def test_a_solver_named_by_hand_that_is_none_is_told(make_run, monkeypatch):
     monkeypatch.setenv("FEMBRIDGE_CCX", "no-such-program")
 
-    outcome = attempt_calculix(make_run("normal"))
+    outcome = solve(make_run("normal"))
 
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert "no-such-program" in str(outcome.failure)
@@ -258,7 +262,7 @@ def test_a_solver_named_by_hand_that_is_none_is_told(make_run, monkeypatch):
 def test_a_solver_that_the_system_cannot_run_is_told(fake_ccx, make_run):
     fake_ccx.write_text("#!/no/such/interpreter\n")
 
-    outcome = attempt_calculix(make_run("normal"))
+    outcome = solve(make_run("normal"))
 
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert f"{fake_ccx} cannot be run" in str(outcome.failure)
@@ -268,7 +272,7 @@ def test_a_folder_without_deck_is_told(fake_ccx, make_run):
     folder = make_run("normal")
     (folder / "job.inp").unlink()
 
-    outcome = attempt_calculix(folder)
+    outcome = solve(folder)
 
     assert outcome.failure.cause is Cause.BAD_FOLDER
     assert "no job.inp" in str(outcome.failure)
@@ -276,4 +280,4 @@ def test_a_folder_without_deck_is_told(fake_ccx, make_run):
 
 def test_a_folder_without_run_toml_is_refused(fake_ccx, tmp_path):
     with pytest.raises(ResultError, match="not a run folder"):
-        run_calculix(tmp_path)
+        solve(tmp_path)

@@ -9,22 +9,27 @@ import time
 
 import pytest
 
-from fembridge.solvers.calculix import attempt_calculix
-from fembridge.solvers.outcome import Cause
-from fembridge.solvers.process import signals_as_exits, start, stop
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import SolverSettings, run_ccx, signals_as_exits, start, stop
+from fembridge.solver.verdict import Cause
 
 RUN = """
 import sys, threading
 from pathlib import Path
-from fembridge.solvers.calculix import run_calculix
-folder = Path(sys.argv[1])
+from fembridge.run_folder import read_run_folder
+from fembridge.solver.ccx import run_ccx
+run = read_run_folder(Path(sys.argv[1]))
 if sys.argv[2] == "thread":
-    thread = threading.Thread(target=run_calculix, args=(folder,))
+    thread = threading.Thread(target=run_ccx, args=(run,))
     thread.start()
     thread.join()
 else:
-    run_calculix(folder)
+    run_ccx(run)
 """
+
+
+def solve(folder, halt=None, **settings):
+    return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
 
 
 @pytest.fixture
@@ -66,7 +71,7 @@ def test_a_folder_whose_run_was_killed_can_be_run_again(parent, make_run, pid_of
     child.wait()
     make_run("normal")
 
-    assert attempt_calculix(folder).accepted
+    assert solve(folder).accepted
     assert not (folder / "solving").exists()
 
 
@@ -98,10 +103,10 @@ def test_a_second_run_in_a_folder_is_refused(parent, make_run, pid_of, is_alive,
     solver = pid_of(folder)
     assert is_at_work(folder)
 
-    outcome = attempt_calculix(folder)
+    outcome = solve(folder)
 
     assert outcome.failure.cause is Cause.BUSY
-    assert f"process {child.pid} holds it" in str(outcome.failure)
+    assert f"process {child.pid} " in str(outcome.failure)
     assert is_alive(solver)
 
 
@@ -109,7 +114,7 @@ def test_another_thread_can_halt_a_run(fake_ccx, make_run, pid_of, is_alive):
     folder = make_run("hang")
     halt = threading.Event()
     found = []
-    thread = threading.Thread(target=lambda: found.append(attempt_calculix(folder, halt=halt)))
+    thread = threading.Thread(target=lambda: found.append(solve(folder, halt=halt)))
     thread.start()
     solver = pid_of(folder)
     halt.set()

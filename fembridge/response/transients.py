@@ -1,0 +1,83 @@
+"""Each waveform solved for itself, with the first contact model that carries it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from decks.analysis import Contact
+from fembridge.build import Model, build_run_folder
+from fembridge.errors import ResponseError
+from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, accept_contact
+from fembridge.results import read
+from fembridge.run_folder import RunFolder
+from fembridge.solver.batch import run_folders
+from fembridge.solver.ccx import SolverSettings
+from fembridge.stimulus import Stimulus
+from fembridge.trace import StressTrace
+from fembridge.typing import Table
+
+RESPONSE_FOLDER = "response"
+RUNS_FOLDER = "runs"
+
+
+def solve_transients(
+    stimuli: Sequence[Stimulus],
+    model: Model,
+    folder: Path,
+    settings: SolverSettings,
+    log: Log,
+    ladder: Sequence[Contact],
+    *,
+    slips: bool = False,
+) -> tuple[list[list[StressTrace]], Table]:
+    """Traces of each waveform, and by stimulus the contact that it was solved with.
+
+    `model` has a contact that was accepted; a waveform that does not converge gets the
+    next one of the ladder, after an indentation accepted that. What skin that slips
+    under friction makes of an indentation speaks against a map, not against the
+    contact. Where skin is known to slip (`slips`) or the probe slides, contacts of
+    another friction are no choice.
+
+    Raises
+    ------
+    SolverError, ResponseError
+        A run ended for another reason than its contact, or no contact carried it.
+    """
+    deepest_um = max(stimulus.deepest_um for stimulus in stimuli)
+    waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}
+    places, failure = dict(waiting), None
+    solved: dict[Path, RunFolder] = {}
+    slips = slips or any(stimulus.aside_um is not None for stimulus in stimuli)
+    below = ladder[ladder.index(model.contact) + 1 :] if model.contact in ladder else ()
+    for number, contact in enumerate((model.contact, *below), start=1):
+        if slips and contact.friction != model.contact.friction:
+            continue
+        if contact != model.contact:
+            again = folder / f"{RESPONSE_FOLDER}_{number}"
+            try:
+                model, _ = accept_contact(model, again, deepest_um, settings, log, (contact,))
+            except FrictionSlipError:
+                slips = True
+                model = replace(model, contact=contact)
+            except ResponseError as error:
+                log(f"left {contact}: {error}")
+                continue
+        runs = [build_run_folder(place, model, each) for place, each in waiting.items()]
+        outcomes = run_folders(runs, settings.shared_by(min(settings.jobs, len(runs))))
+        for run, outcome in zip(runs, outcomes, strict=True):
+            if outcome.failure is None:
+                solved[run.folder] = run
+                del waiting[run.folder]
+                continue
+            failure = outcome.to_error()
+            if outcome.failure.cause not in CONTACT_CAUSES:
+                raise failure
+            log(f"left {contact} for {run.folder.name}: {outcome.failure}")
+        count = sum(outcome.accepted for outcome in outcomes)
+        if count:
+            wall_s = sum(outcome.wall_s for outcome in outcomes)
+            log(f"{count} transients solved in {wall_s:.0f} s, contact {contact}")
+        if not waiting:
+            contacts = {each.id: solved[place].inputs["contact"] for place, each in places.items()}
+            return [read(place) for place in places], contacts
+    raise failure or ResponseError(f"{folder}: no contact model was accepted")

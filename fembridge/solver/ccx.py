@@ -1,0 +1,552 @@
+"""CalculiX as a process: started, watched while it runs, stopped, and put on record.
+
+``ccx -i solving/job`` is started in the run folder itself, so that an ``*INCLUDE``
+in the deck finds its file where its author expects it.
+
+``solving/``     while it runs: a copy of the deck, and all files of the solver
+``failed/``      after a run that was not accepted: the same, with ``cause.txt``
+``solver.toml``  of an accepted run: which deck the results answer, and their cost
+
+An accepted run's files move up beside the deck, the record last; it is removed before
+anything is replaced. So ``job.frd`` is always the whole result of a good run, whatever
+became of later ones, and where the record's checksums agree it is of this deck.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import FrameType
+from typing import TypeVar
+
+from decks.dialects import JOB
+from fembridge.errors import LockedError, MissingError, OutputError, ResultError, UsageError
+from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.results.printed.cvg import CvgRow, read_cvg
+from fembridge.results.printed.sta import StaRow, read_sta
+from fembridge.run_folder import SOLVER_FILE, RunFolder
+from fembridge.solver import guard
+from fembridge.solver.verdict import Cause, Failure, Outcome, judge, read_solver_log
+from fembridge.store import folder_lock, make_folder, sha256_of, write_text
+from fembridge.typing import Table
+
+STALL_LIMIT_S = 600.0
+"""No file has grown for so long; an iteration of the finest finger takes 1 s."""
+ITERATION_LIMIT = 200
+"""Of one attempt at an increment; 3 to 15 are usual, 50 were seen to end well.
+
+``SURFACE TO SURFACE`` contact with ``DIRECT`` increments has no limit of its own.
+"""
+GRACE_S = 3.0
+"""From the request to end until it is no longer a request."""
+FIRST_LOOK_S = 0.05
+SLOWEST_LOOK_S = 1.0
+"""Looks get rarer as a run gets longer: each reads the growing files again."""
+
+THREAD_VARIABLE = "OMP_NUM_THREADS"
+THREAD_OVERRIDES = (
+    "CCX_NPROC_EQUATION_SOLVER",
+    "CCX_NPROC_RESULTS",
+    "CCX_NPROC_STIFFNESS",
+    "NUMBER_OF_CPUS",
+)
+
+WORK_FOLDER = "solving"
+FAILED_FOLDER = "failed"
+CAUSE_FILE = "cause.txt"
+LOG_FILE = "solver.log"
+LOCK_FILE = ".solver.lock"
+FIXED_NAMES = ("spooles.out", "ResultsForLastIterations.frd")
+"""Files that CalculiX writes where it was started, not beside its deck."""
+OLD_RESULTS = (".frd", ".dat", ".sta", ".cvg", ".12d", ".cel")
+"""What belongs to one run: none of it may stay beside the results of another."""
+RECORD_FORMAT = 1
+
+_Read = TypeVar("_Read")
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the run of `folder` is.
+
+    `increment` of `increments` have converged, up to `time_ms` of `end_ms`;
+    `iterations` were made in all, `iterations_here` in the attempt under way.
+    `ended` marks the last report of a run, good or not.
+    """
+
+    folder: Path
+    increment: int
+    increments: int
+    time_ms: float
+    end_ms: float
+    iterations: int
+    iterations_here: int
+    elapsed_s: float
+    ended: bool = False
+
+    @property
+    def fraction(self) -> float:
+        """The part of the solver's time that is done, 0 to 1."""
+        return min(1.0, max(0.0, self.time_ms / self.end_ms)) if self.end_ms else 0.0
+
+    @property
+    def left_s(self) -> float | None:
+        """How long the rest takes at the pace so far; None before an increment."""
+        done = self.fraction
+        return self.elapsed_s * (1.0 - done) / done if done > 0 else None
+
+
+OnProgress = Callable[[Progress], None]
+"""Called with the progress of a run, from the thread that runs it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SolverSettings:
+    """How the solver is run: threads of each run, runs at once, when to give up.
+
+    `threads` None leaves the solver's threads to the environment. A run ends after
+    `time_limit_s` in all, `stall_limit_s` without a file that grows, or when one
+    attempt at an increment takes more than `iteration_limit` iterations; None is never.
+    `on_progress` is called at the latest every second, and when a run ends.
+
+    Raises
+    ------
+    UsageError
+        `threads` or `jobs` below 1, a limit that is not more than 0.
+    """
+
+    threads: int | None = None
+    jobs: int = 1
+    time_limit_s: float | None = None
+    stall_limit_s: float | None = STALL_LIMIT_S
+    iteration_limit: int | None = ITERATION_LIMIT
+    on_progress: OnProgress | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("threads", "jobs"):
+            number = getattr(self, name)
+            if number is not None and number < 1:
+                raise UsageError(f"{name} is {number}, expected 1 or more")
+        for name in ("time_limit_s", "stall_limit_s", "iteration_limit"):
+            limit = getattr(self, name)
+            if limit is not None and not limit > 0:
+                raise UsageError(f"{name} is {limit}, expected more than 0")
+
+    def shared_by(self, runs: int) -> "SolverSettings":
+        """These settings for `runs` at once, which share the cores where nothing else is set."""
+        if self.threads is not None or os.environ.get(THREAD_VARIABLE):
+            return self
+        if hasattr(os, "sched_getaffinity"):
+            cores = len(os.sched_getaffinity(0))
+        else:
+            cores = os.cpu_count() or 1
+        return replace(self, threads=max(1, cores // runs))
+
+
+DEFAULTS = SolverSettings()
+
+
+def run_ccx(
+    run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
+) -> Outcome:
+    """Solve `run`, so that its results are beside its deck.
+
+    A run that is not accepted is an outcome, not an exception; what the solver left of
+    it is in ``failed/``, and results of an earlier run are untouched. When another
+    thread sets `halt`, the solver is stopped and the outcome is ``INTERRUPTED``.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written.
+    """
+    if not run.deck.is_file():
+        failure = Failure(Cause.BAD_FOLDER, f"no {run.deck.name}", "build the deck again")
+        return Outcome(run.folder, failure)
+    try:
+        program = find_ccx()
+    except MissingError as error:
+        return Outcome(run.folder, Failure(Cause.NO_SOLVER, str(error)))
+    if program is None:
+        install = f"install it: {SOLVER_INSTALL_LINE}"
+        return Outcome(run.folder, Failure(Cause.NO_SOLVER, "no ccx on the PATH", install))
+    try:
+        with signals_as_exits(), folder_lock(run.folder, LOCK_FILE, wait=False):
+            return _run(program, run, settings, halt)
+    except LockedError as error:
+        return Outcome(run.folder, Failure(Cause.BUSY, error.problem, "wait for it, or end it"))
+
+
+def solve_once(
+    run: RunFolder, settings: SolverSettings, read: Callable[[RunFolder], _Read]
+) -> tuple[Outcome, _Read | None]:
+    """Outcome of `run`, and what `read` finds in its results; None where it failed.
+
+    Results of the same deck that are there already are read again as long as all
+    their files are whole.
+    """
+    finished = finished_outcome(run)
+    if finished is not None:
+        with contextlib.suppress(ResultError):  # a file is cut: solve it again
+            return finished, read(run)
+    outcome = run_ccx(run, settings)
+    return outcome, read(run) if outcome.accepted else None
+
+
+def finished_outcome(run: RunFolder) -> Outcome | None:
+    """The outcome on record, if the results are whole and of the deck there; else None."""
+    try:
+        table = tomllib.loads((run.folder / SOLVER_FILE).read_text(encoding="utf-8"))
+        deck_sha256 = sha256_of(run.deck)
+        printed = table.get("printed_sha256")  # not in records of earlier versions
+        if (
+            table["format"] != RECORD_FORMAT
+            or deck_sha256 != table["deck_sha256"]
+            or sha256_of(run.results) != table["results_sha256"]
+            or (printed is not None and sha256_of(run.folder / f"{JOB}.dat") != printed)
+        ):
+            return None
+        return Outcome(
+            folder=run.folder,
+            skipped=True,
+            version=str(table["version"]) or None,
+            exit_code=int(table["exit_code"]),
+            wall_s=float(table["wall_s"]),
+            increments=int(table["increments"]),
+            iterations=int(table["iterations"]),
+            threads=table.get("threads"),
+            as_built=deck_sha256 == run.deck_sha256,
+        )
+    except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
+        return None
+
+
+class Watchdog:
+    """Watches the files that the solver of `run` writes in the folder `work`.
+
+    CalculiX flushes its ``.sta`` and ``.cvg`` line by line; both are read again when
+    they have grown. The caller brings the time: seconds since the start.
+    """
+
+    def __init__(self, work: Path, run: RunFolder, settings: SolverSettings) -> None:
+        self._work, self._run, self._settings = work, run, settings
+        self._sizes: dict[str, int] = {}
+        self._grown_at_s = 0.0
+        self._sta: list[StaRow] = []
+        self._cvg: list[CvgRow] = []
+
+    def look(self, elapsed_s: float) -> Progress:
+        """Look at the files: how far the run is.
+
+        Raises
+        ------
+        OutputError
+            Somebody has removed the folder.
+        """
+        before, self._sizes = self._sizes, _sizes(self._work)
+        changed = {name for name, _ in before.items() ^ self._sizes.items()}
+        if changed:
+            self._grown_at_s = elapsed_s
+        # A line that cannot be read changes nothing here; the verdict will report it.
+        if f"{JOB}.sta" in changed:
+            with contextlib.suppress(ResultError):
+                self._sta = read_sta(self._work / f"{JOB}.sta")
+        if f"{JOB}.cvg" in changed:
+            with contextlib.suppress(ResultError):
+                self._cvg = read_cvg(self._work / f"{JOB}.cvg")
+        good = [row for row in self._sta if not row.failed]
+        attempts = [(row.step, row.increment, row.attempt) for row in self._cvg]
+        here = next((n for n, one in enumerate(reversed(attempts)) if one != attempts[-1]), None)
+        return Progress(
+            folder=self._run.folder,
+            increment=len(good),
+            increments=self._run.increments_in_all,
+            time_ms=good[-1].total_time_ms if good else 0.0,
+            end_ms=self._run.end_ms,
+            iterations=len(attempts),
+            iterations_here=len(attempts) if here is None else here,
+            elapsed_s=elapsed_s,
+        )
+
+    def complaint(self, progress: Progress) -> Failure | None:
+        """The reason to stop the run, if what `look` has seen is one."""
+        settings, elapsed_s = self._settings, progress.elapsed_s
+        place = (
+            f"after {progress.increment} of {progress.increments} increments, "
+            f"{progress.time_ms:g} of {progress.end_ms:g} ms"
+        )
+        most = settings.iteration_limit
+        if most is not None and progress.iterations_here > most:
+            return Failure(
+                Cause.ENDLESS_ITERATION,
+                f"{progress.iterations_here} iterations, limit {most}, {place}",
+                "change the contact's stiffness or type, or make increments smaller",
+            )
+        if settings.time_limit_s is not None and elapsed_s > settings.time_limit_s:
+            return Failure(Cause.TIME_LIMIT, f"{settings.time_limit_s:g} s were over {place}")
+        still_s = elapsed_s - self._grown_at_s
+        if settings.stall_limit_s is not None and still_s > settings.stall_limit_s:
+            return Failure(Cause.STALLED, f"no file has grown for {still_s:.0f} s {place}")
+        return None
+
+
+def start(
+    program: Path, words: Sequence[str], folder: Path, log: Path, threads: int | None = None
+) -> subprocess.Popen[bytes]:
+    """Start `program` in `folder`, with all its output going to the file `log`.
+
+    It leads a session of its own, so that Ctrl-C in a terminal reaches us alone and
+    we decide; all that it starts is in its group and ends with it. `guard` has the
+    system kill it when we are killed. That wish is bound to the *thread* that starts
+    it, so this thread has to stay until the solver has ended.
+    """
+    command = [str(program), *words]
+    if sys.executable:  # absent where Python is inside another program
+        command = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid()), *command]
+    environment = dict(os.environ)
+    if threads is not None:
+        environment = {k: v for k, v in environment.items() if k not in THREAD_OVERRIDES}
+        environment[THREAD_VARIABLE] = str(threads)
+    with log.open("wb") as out:
+        return subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        )
+
+
+def stop(process: subprocess.Popen[bytes], grace_s: float = GRACE_S) -> None:
+    """End `process` and all it started: asked first, killed after `grace_s`.
+
+    A second Ctrl-C during the grace kills at once. The process is not reaped
+    before the last signal is sent, so its number cannot be another's by then.
+    """
+    if process.returncode is not None:
+        return
+    still_running = os.WEXITED | os.WNOHANG | os.WNOWAIT
+    try:
+        _signal_group(process.pid, signal.SIGTERM)
+        until_s = time.monotonic() + grace_s
+        while time.monotonic() < until_s:
+            if os.waitid(os.P_PID, process.pid, still_running) is not None:
+                break
+            time.sleep(0.02)
+    finally:
+        _signal_group(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+@contextlib.contextmanager
+def signals_as_exits() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP unwind the main thread, as Ctrl-C does.
+
+    Left alone they end Python on the spot. Handlers that someone has set, and
+    those of ``nohup``, are respected; other threads have none to set.
+    """
+    ours = []
+    if threading.current_thread() is threading.main_thread():
+        numbers = (signal.SIGTERM, signal.SIGHUP)
+        ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, _exit_by_signal)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _exit_by_signal(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
+def _signal_group(leader: int, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(leader, number)
+
+
+def _run(
+    program: Path, run: RunFolder, settings: SolverSettings, halt: threading.Event | None
+) -> Outcome:
+    """Run, judge, and put the files where they belong; the folder is locked for it."""
+    work = run.folder / WORK_FOLDER
+    deck_sha256 = _prepare(run, work)
+    watchdog = Watchdog(work, run, settings)
+    begin_s = time.monotonic()
+    words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
+    process = start(program, words, run.folder, work / LOG_FILE, settings.threads)
+    try:
+        failure = _watch(process, watchdog, begin_s, settings.on_progress, halt)
+    except BaseException as error:
+        stop(process)
+        with contextlib.suppress(OSError, OutputError):
+            _collect(run, work)
+            _keep_evidence(run, work, Failure(Cause.INTERRUPTED, type(error).__name__))
+        raise
+    wall_s = time.monotonic() - begin_s
+    _collect(run, work)
+    log = read_solver_log(work / LOG_FILE)
+    failure = failure or judge(work, run, process.returncode, log)
+    progress = watchdog.look(wall_s)
+    outcome = Outcome(
+        folder=run.folder,
+        failure=failure,
+        version=log.version,
+        exit_code=process.returncode,
+        wall_s=wall_s,
+        increments=progress.increment,
+        iterations=progress.iterations,
+        threads=settings.threads,
+        as_built=deck_sha256 == run.deck_sha256,
+    )
+    if failure is not None:
+        _keep_evidence(run, work, failure)
+    else:
+        _publish(run, work)
+        _write_record(run, outcome, deck_sha256)
+    return outcome
+
+
+def _watch(
+    process: subprocess.Popen[bytes],
+    watchdog: Watchdog,
+    begin_s: float,
+    on_progress: OnProgress | None,
+    halt: threading.Event | None,
+) -> Failure | None:
+    """Wait for the end; stop the solver when the watchdog or `halt` says so."""
+    pause_s = FIRST_LOOK_S
+    while True:
+        try:
+            process.wait(timeout=pause_s)
+        except subprocess.TimeoutExpired:
+            pause_s = min(1.2 * pause_s, SLOWEST_LOOK_S)
+        progress = watchdog.look(time.monotonic() - begin_s)
+        failure = None
+        ended = process.returncode is not None
+        if not ended:
+            if on_progress is not None:
+                on_progress(progress)
+            failure = watchdog.complaint(progress)
+            if failure is None and halt is not None and halt.is_set():
+                done = f"after {progress.increment} of {progress.increments} increments"
+                failure = Failure(Cause.INTERRUPTED, done)
+            if failure is not None:
+                stop(process)
+        if ended or failure is not None:
+            if on_progress is not None:
+                on_progress(replace(progress, ended=True))
+            return failure
+
+
+def _prepare(run: RunFolder, work: Path) -> str:
+    """Make `work` anew with a copy of the deck; the deck's SHA-256."""
+    for name in (WORK_FOLDER, FAILED_FOLDER):
+        _remove(run.folder / name)
+    make_folder(work)
+    try:
+        shutil.copyfile(run.deck, work / f"{JOB}.inp")
+    except OSError as error:
+        raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
+    return sha256_of(work / f"{JOB}.inp")
+
+
+def _collect(run: RunFolder, work: Path) -> None:
+    """Bring in what the solver wrote outside of `work`."""
+    for name in FIXED_NAMES:
+        with contextlib.suppress(FileNotFoundError):
+            (run.folder / name).replace(work / name)
+
+
+def _publish(run: RunFolder, work: Path) -> None:
+    """Move the results of an accepted run beside the deck, ``.frd`` last.
+
+    Empty files are left out: a ``.dat`` that nobody asked for, say.
+    """
+    record = run.folder / SOLVER_FILE
+    try:
+        record.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be replaced: {error.strerror}", record) from error
+    found = (path for path in work.iterdir() if path.is_file())
+    new = [p for p in found if p.stat().st_size and p.name != f"{JOB}.inp"]
+    new.sort(key=lambda path: path.suffix == ".frd")
+    names = {path.name for path in new}
+    try:
+        for suffix in OLD_RESULTS:
+            if f"{JOB}{suffix}" not in names:
+                (run.folder / f"{JOB}{suffix}").unlink(missing_ok=True)
+        for path in new:
+            path.replace(run.folder / path.name)
+    except OSError as error:
+        problem = f"the results in {work} cannot be moved here: {error.strerror}"
+        raise OutputError(problem, run.folder) from error
+    _remove(work)
+
+
+def _keep_evidence(run: RunFolder, work: Path, failure: Failure) -> None:
+    """Keep the files of a run that failed, and why, under ``failed/``."""
+    with contextlib.suppress(OutputError):  # on a full disk the cause is printed
+        write_text(work / CAUSE_FILE, f"{failure}\n")
+    try:
+        work.replace(run.folder / FAILED_FOLDER)
+    except OSError as error:
+        raise OutputError(f"cannot become {FAILED_FOLDER}/: {error.strerror}", work) from error
+
+
+def _write_record(run: RunFolder, outcome: Outcome, deck_sha256: str) -> None:
+    import tomli_w
+
+    table: Table = {
+        "format": RECORD_FORMAT,
+        "solver": run.solver,
+        "version": outcome.version or "",
+        "exit_code": outcome.exit_code,
+        "wall_s": round(outcome.wall_s, 3),
+        "increments": outcome.increments,
+        "iterations": outcome.iterations,
+        "deck_sha256": deck_sha256,
+        "results_sha256": sha256_of(run.results),
+    }
+    printed = run.folder / f"{JOB}.dat"  # forces, where the deck asks for them
+    if printed.is_file():
+        table["printed_sha256"] = sha256_of(printed)
+    if outcome.threads is not None:
+        table["threads"] = outcome.threads
+    write_text(run.folder / SOLVER_FILE, tomli_w.dumps(table))
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder of ours; a file or a link in its place is not ours."""
+    try:
+        shutil.rmtree(folder)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise OutputError(
+            f"cannot be removed to make room for a run: {error.strerror or error}", folder
+        ) from error
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    sizes = {}
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                with contextlib.suppress(FileNotFoundError):  # a scratch file of the solver
+                    sizes[entry.name] = entry.stat().st_size
+    except OSError as error:
+        raise OutputError(f"gone during the run: {error.strerror}", folder) from error
+    return sizes
