@@ -19,7 +19,7 @@ import numpy as np
 from decks.checks import not_negative, positive
 from decks.finger import LAYERS, Finger
 from decks.material import Material
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.motion import Motion, motion_of
 from decks.probe import Probe, ProbeMesh, check_on_pad, mesh_probe, touched_node
 from fembridge.errors import DeckError

@@ -1,25 +1,18 @@
-"""Checks that a finger, a probe and a contact share: one number of a value each."""
+"""Checks that a finger, a probe and a contact share: numbers of a value by their names."""
 
 import math
 
 from fembridge.errors import FembridgeError, FingerError
 
-# Above this an integer is no size of anything, and 10**400 is no float at all.
-_LARGEST = 10**15
-
 _Kind = type[FembridgeError]
 
 
 def finite(value: object, name: str, error: _Kind = FingerError) -> float:
-    """Give the number that `value` has under `name`; not a boolean, not NaN."""
-    number = getattr(value, name)
-    if isinstance(number, bool) or not isinstance(number, int | float):
-        raise error(f"{name} must be a number, got {number!r}")
-    if isinstance(number, int) and abs(number) > _LARGEST:
-        raise error(f"{name} must be at most 1e15, got a larger whole number")
+    """The number that `value` has under `name`."""
+    number: float = getattr(value, name)
     if not math.isfinite(number):
         raise error(f"{name} must be finite, got {number}")
-    return float(number)
+    return number
 
 
 def positive(value: object, *names: str, error: _Kind = FingerError) -> None:
@@ -36,9 +29,7 @@ def not_negative(value: object, *names: str, error: _Kind = FingerError) -> None
             raise error(f"{name} must be >= 0, got {number:g}")
 
 
-def between(
-    value: object, name: str, least: float, most: float, error: _Kind = FingerError
-) -> None:
+def between(value: object, name: str, least: float, most: float) -> None:
     """Refuse a number outside `least` to `most`; both belong to the range."""
-    if not least <= (number := finite(value, name, error)) <= most:
-        raise error(f"{name} must be {least:g} to {most:g}, got {number:g}")
+    if not least <= (number := finite(value, name)) <= most:
+        raise FingerError(f"{name} must be {least:g} to {most:g}, got {number:g}")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from decks.finger import Finger, Resolution
-from decks.meshing.mesh import Mesh, read_mesh
+from decks.mesh import Mesh, read_mesh
 
 QUICK = Finger("quick")
 
@@ -37,12 +37,12 @@ def mesh_of(finger: Finger) -> Mesh:
     Raises
     ------
     MissingError, FingerError
-        The finger needs a mesh of its own; see `decks.meshing.mesher.mesh_finger`.
+        The finger needs a mesh of its own; see `decks.mesher.mesh_finger`.
     """
     for preset in PRESETS.values():
         if _shape(finger) == _shape(preset):
             return read_mesh(stored_mesh(preset.name))
-    from decks.meshing.mesher import mesh_finger
+    from decks.mesher import mesh_finger
 
     return mesh_finger(finger)
 
@@ -58,8 +58,8 @@ def _shape(finger: Finger) -> Finger:
 
 
 def _store() -> None:
-    from decks.meshing.mesh import write_mesh
-    from decks.meshing.mesher import mesh_finger
+    from decks.mesh import write_mesh
+    from decks.mesher import mesh_finger
 
     for name, finger in PRESETS.items():
         mesh = mesh_finger(finger)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decks.checks import between, finite, not_negative
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray, IntArray
 

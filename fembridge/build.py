@@ -9,7 +9,7 @@ from decks.analysis import Analysis, Contact, analyse
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.finger_file import finger_table
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.presets import mesh_of
 from decks.probe import Probe
 from fembridge.exports import write_csv

@@ -14,10 +14,10 @@ import numpy as np
 from decks.analysis import Analysis, Contact, analyse
 from decks.dialects import JOB
 from decks.finger import Finger, Resolution
-from decks.meshing.mesh import Mesh
-from decks.meshing.refinement import refined
+from decks.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
+from decks.refinement import refined
 from fembridge.build import Model, build_analysis_folder, inputs_of
 from fembridge.deflection.profile import PROFILE_FILE, Deflection, write_profile
 from fembridge.errors import OutputError, ResponseError, UsageError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.finger import LAYERS, Finger
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.probe import Probe, mesh_probe
 from fembridge.plots.layer_palette import LAYER_COLOURS, PROBE_COLOUR, line_colour
 from fembridge.plots.mesh_annotations import draw_bar, draw_legend, name_afferents

@@ -30,7 +30,7 @@ from decks.calculix import calculix_deck
 from decks.dialects import JOB
 from decks.finger import AfferentSite, Bone, Finger, Outline
 from decks.material import Material
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.motion import motion_of
 from decks.presets import QUICK
 from decks.probe import ProbeMesh

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.finger import Finger, Resolution
-from decks.meshing.refinement import refined as refined_mesh
 from decks.presets import PAPER, QUICK
+from decks.refinement import refined as refined_mesh
 from fembridge.build import Model, model_of
 from fembridge.errors import FingerError
 from fembridge.report.extrapolation import Extrapolation, extrapolation, power_law_limit

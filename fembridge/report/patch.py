@@ -11,7 +11,7 @@ import numpy as np
 
 from decks.dialects import JOB
 from decks.material import TABLE_1
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from fembridge.report.plane import NEO_HOOKEAN, PRINTED, PlaneProblem, uniform_stress_mpa
 from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding

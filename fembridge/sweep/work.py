@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from decks.analysis import Contact
-from decks.meshing.mesh import Mesh, read_mesh, write_mesh
+from decks.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import mesh_of
 from fembridge.build import Model
 from fembridge.errors import FembridgeError, FingerError, MissingError, OutputError, ResponseError

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.analysis import QUADRATIC, SAME_MM, Contact, analyse
 from decks.finger import LAYERS, SITES, AfferentSite, Finger
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.presets import PRESETS, QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.errors import DeckError, FingerError

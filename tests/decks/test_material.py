@@ -55,11 +55,11 @@ def test_a_finger_file_has_terms_and_a_density():
 @pytest.mark.parametrize(
     ("prony", "words"),
     [
-        ("0.3", r"\[materials.dermis\] prony must be a list of tables"),
-        ([0.3], r"prony 1\] must be a table of g and tau_s"),
-        ([{"g": 0.3}], r"prony 1\] expected g and tau_s"),
-        ([{"g": 0.3, "tau": 1}], "unknown key 'tau'.*did you mean tau_s"),
-        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], r"prony 2\] g must be"),
+        ("0.3", "prony"),
+        ([0.3], r"prony\[0\]"),
+        ([{"g": 0.3}], r"prony\[0\].*tau_s"),
+        ([{"g": 0.3, "tau": 1}], r"prony\[0\].*tau_s"),
+        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], r"prony\[1\]\.g: 'x'"),
     ],
 )
 def test_terms_in_a_file_that_mean_nothing_are_refused(prony, words):

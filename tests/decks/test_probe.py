@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import Ridges
 from decks.finger_file import finger_from
-from decks.meshing.mesh_checks import scaled_jacobian
+from decks.mesh import scaled_jacobian
 from decks.presets import PRESETS, mesh_of
 from decks.probe import SHAPES, Probe, mesh_probe, touched_node
 from decks.section import section_of
@@ -152,8 +152,6 @@ def test_a_probe_wider_than_the_pad_is_refused():
         ({"diameter_mm": 0.0}, "diameter_mm must be 0.01 to 20, got 0"),
         ({"diameter_mm": 21}, "diameter_mm must be 0.01 to 20, got 21"),
         ({"diameter_mm": np.nan}, "diameter_mm must be finite"),
-        ({"diameter_mm": True}, "diameter_mm must be a number"),
-        ({"diameter_mm": "1"}, "diameter_mm must be a number, got '1'"),
         ({"fillet_mm": -0.1}, "fillet_mm must be >= 0, got -0.1"),
         ({"shape": "flat", "fillet_mm": 0.51}, "fillet 0.51 mm, expected at most half"),
         ({"shape": "flat", "fillet_mm": 1e-9}, "expected 0 .* or 0.001 mm and more"),

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import LAYERS, AfferentSite
 from decks.material import Material
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
 from decks.stimuli import resolve

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.calculix import calculix_deck
 from decks.finger import LAYERS, SITES
 from decks.keyword_deck import LONGEST_NUMBER
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import DeckError

@@ -45,7 +45,7 @@ from decks.analysis import Analysis, Contact
 from decks.calculix import calculix_deck
 from decks.finger import AfferentSite, Bone, Finger, Outline
 from decks.material import Material
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from decks.motion import motion_of
 from decks.presets import QUICK
 from decks.probe import Probe, mesh_probe, touched_node

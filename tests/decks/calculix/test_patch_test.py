@@ -19,7 +19,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.keyword_deck import element_lines, node_lines, real
-from decks.meshing.mesh import Mesh
+from decks.mesh import Mesh
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed.dat import read_point_stress

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import AfferentSite
-from decks.meshing.columns import columns_of, graded
-from decks.meshing.half_mesh import HalfMesh
+from decks.mesher import HalfMesh, columns_of, graded
 from decks.presets import QUICK
 from decks.section import section_of
 

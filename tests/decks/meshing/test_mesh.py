@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import LAYERS, AfferentSite
-from decks.meshing.mesh import write_mesh
-from decks.meshing.mesh_checks import MIN_SCALED_JACOBIAN
+from decks.mesh import MIN_SCALED_JACOBIAN, write_mesh
 from decks.presets import PRESETS, mesh_of, stored_mesh
 from decks.section import section_of
 from fembridge.errors import FingerError

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.finger import AfferentSite
-from decks.meshing.mesh import Mesh, read_mesh, write_mesh
+from decks.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import stored_mesh
 from fembridge.errors import FingerError
 

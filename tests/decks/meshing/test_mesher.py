@@ -14,8 +14,8 @@ from numpy.testing import assert_array_equal
 
 from decks.finger import LAYERS, Resolution
 from decks.finger_file import finger_from
-from decks.meshing.mesh import write_mesh
-from decks.meshing.mesher import mesh_finger
+from decks.mesh import write_mesh
+from decks.mesher import mesh_finger
 from decks.presets import PRESETS, QUICK, mesh_of, stored_mesh
 from fembridge.errors import FingerError, MissingError
 
@@ -123,7 +123,7 @@ def test_a_finger_that_gmsh_fails_on_is_a_finger_error(monkeypatch):
         raise Exception("Invalid boundary mesh")  # as gmsh does: the bare class
 
     monkeypatch.setattr(gmsh.model.mesh, "generate", fail)
-    monkeypatch.setattr("decks.meshing.mesher._STRETCHES", (1.0,))
+    monkeypatch.setattr("decks.mesher._STRETCHES", (1.0,))
     with pytest.raises(FingerError, match="cannot mesh this finger: Invalid boundary"):
         mesh_finger(QUICK)
     assert not gmsh.isInitialized()
@@ -148,7 +148,7 @@ def test_triangles_that_gmsh_left_are_a_finger_error(monkeypatch):
         "getElements",
         lambda *asked: ([2, 3], *whole(*asked)[1:]) if asked else whole(),
     )
-    monkeypatch.setattr("decks.meshing.mesher._STRETCHES", (1.0,))
+    monkeypatch.setattr("decks.mesher._STRETCHES", (1.0,))
     with pytest.raises(FingerError, match="gmsh left triangles in stratum_corneum"):
         mesh_finger(QUICK)
 
@@ -156,10 +156,10 @@ def test_triangles_that_gmsh_left_are_a_finger_error(monkeypatch):
 @needs_gmsh
 def test_columns_far_away_are_tried_in_other_widths(monkeypatch):
     """The finger is meshed if any of twelve widths gives a sound mesh."""
-    import decks.meshing.mesher
+    import decks.mesher
 
     tried = []
-    real = decks.meshing.mesher._mesh
+    real = decks.mesher._mesh
 
     def often_fail(section, stretch):
         tried.append(stretch)
@@ -167,7 +167,7 @@ def test_columns_far_away_are_tried_in_other_widths(monkeypatch):
             raise FingerError("too skewed")
         return real(section, stretch)
 
-    monkeypatch.setattr(decks.meshing.mesher, "_mesh", often_fail)
+    monkeypatch.setattr(decks.mesher, "_mesh", often_fail)
     assert len(mesh_finger(QUICK).quad) > 2500
     assert tried[:3] == [1.0, 0.95, 1.05]
 

@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import KDTree
 
 from decks.finger import LAYERS
-from decks.meshing.mesh import Mesh
-from decks.meshing.refinement import refined
+from decks.mesh import Mesh
 from decks.presets import PRESETS, mesh_of
+from decks.refinement import refined
 from fembridge.errors import FingerError
 
 MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}

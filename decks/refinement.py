@@ -7,8 +7,7 @@ stay. So each layer keeps its outline, and the mesh is that of before elsewhere.
 
 import numpy as np
 
-from decks.meshing.half_mesh import DIGITS
-from decks.meshing.mesh import Mesh
+from decks.mesh import DIGITS, Mesh
 from fembridge.errors import FingerError
 from fembridge.typing import BoolArray, FloatArray, IntArray
 

@@ -1,0 +1,501 @@
+"""From a finger's section to a mesh of quadrilaterals, by gmsh through pygmsh.
+
+The right half is meshed and mirrored, so that the mesh is symmetric to the last bit. The
+skin's layers are patches with four sides (transfinite), so that the columns under the
+probe stand upright and the same columns cross all three layers; the subcutaneous tissue
+and the bone are filled freely. No physical groups are used (pygmsh mixes up the cells of
+lines and surfaces once there are both): each surface is asked for its elements.
+
+gmsh's own files of options are not read and its handler of Ctrl-C is not put in
+place: the mesh depends on the finger alone, and the caller keeps its signals.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from decks.finger import LAYERS, AfferentSite, Finger
+from decks.mesh import DIGITS, MIN_SCALED_JACOBIAN, Mesh, scaled_jacobian
+from decks.section import Section, section_of
+from fembridge.errors import FingerError, MissingError
+from fembridge.typing import BoolArray, FloatArray, IntArray
+
+# More than a solver can take in a day, and than gmsh makes in minutes.
+MOST_ELEMENTS = 200_000
+
+# Where the free quads come out too skewed, other widths far from the probe often
+# help; these are tried in turn.
+_STRETCHES = (1.0, 0.95, 1.05, 0.9, 1.1, 0.85, 1.15, 0.8, 1.2, 0.75, 1.3, 0.7)
+# gmsh's number for a quadrilateral of four nodes.
+_QUAD = 3
+Surface = tuple[int, int]
+"""gmsh's number of a surface, and the layer it belongs to (index of `LAYERS`)."""
+
+# A boundary is a spline through this many points a column, at least.
+_SAMPLES_A_COLUMN = 16
+_LEAST_SAMPLES = 64
+_BONE_SAMPLES = 200
+# The afferent's point on the axis stays this far from dermis and bone.
+_CLEAR_MM = 0.03
+# Growth of neighbouring columns beyond the ridges.
+_GROWTH = 1.12
+# Closer to x = 0 than this is on it.
+_ON_AXIS_MM = 1e-7
+# A node that moves less than this share of its shortest edge folds nothing.
+_ALONE_SHARE = 0.45
+# A longer way fades out over this many times its length.
+_REACH_WAYS = 6.0
+SYSTEM_PACKAGES = "libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
+
+_OPTIONS = {
+    "General.Verbosity": 1,
+    "General.NumThreads": 1,
+    "Mesh.RecombineAll": 1,
+    "Mesh.Smoothing": 10,
+    "Mesh.RecombinationAlgorithm": 2,
+    "Mesh.MeshSizeExtendFromBoundary": 1,
+    "Mesh.MeshSizeFromPoints": 0,
+}
+
+
+def mesh_finger(finger: Finger) -> Mesh:
+    """Mesh `finger`; the same finger and gmsh version give the same mesh.
+
+    Raises
+    ------
+    MissingError
+        gmsh or one of the system's libraries that it opens is not installed.
+    FingerError
+        The resolution asks for too many elements, gmsh cannot mesh this finger,
+        or the mesh fails `Mesh`'s checks.
+    """
+    section = section_of(finger)
+    count = _expected_elements(section)
+    if count > MOST_ELEMENTS:
+        raise FingerError(
+            f"this resolution makes about {count:.0f} elements, expected at most "
+            f"{MOST_ELEMENTS}: use wider columns or fewer rows"
+        )
+    problem = ""
+    for stretch in _STRETCHES:
+        try:
+            return _mesh(section, stretch)
+        except FingerError as error:
+            problem = problem or str(error)
+    raise FingerError(f"{problem}; another resolution.far_mm may help")
+
+
+def _mesh(section: Section, stretch: float) -> Mesh:
+    with _gmsh_session() as (geometry, gmsh):
+        far_mm = section.finger.resolution.far_mm * stretch
+        surfaces = _Drawing(geometry, section, far_mm).draw()
+        geometry.generate_mesh(dim=2, algorithm=8)
+        gmsh.model.mesh.optimize("UntangleMeshGeometry", niter=10)
+        half = _collect(gmsh, surfaces)
+    return half.snapped(section.finger.afferents.values()).mirrored()
+
+
+def _expected_elements(section: Section) -> float:
+    """About how many elements the whole section will have."""
+    finger, resolution = section.finger, section.finger.resolution
+    rows = resolution.stratum_corneum_rows + resolution.epidermis_rows + resolution.dermis_rows
+    depth_mm = finger.skin.dermis_depth_mm
+    inside_mm2 = (
+        np.pi
+        * (finger.outline.half_width_mm - depth_mm)
+        * (finger.outline.half_height_mm - depth_mm)
+    )
+    in_skin = 2 * columns_of(section, resolution.far_mm).count * rows
+    return float(in_skin + inside_mm2 / resolution.far_mm**2)
+
+
+def _collect(
+    gmsh: Any,  # noqa: ANN401 - untyped library
+    surfaces: Sequence[Surface],
+) -> "HalfMesh":
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    row_of = np.full(int(max(tags)) + 1, -1, dtype=np.int64)
+    row_of[tags.astype(np.int64)] = np.arange(len(tags))
+    quads, layers = [], []
+    for surface, layer in surfaces:
+        kinds, _, nodes = gmsh.model.mesh.getElements(2, surface)
+        if list(kinds) != [_QUAD]:
+            raise FingerError(f"gmsh left triangles in {LAYERS[layer]}: choose another resolution")
+        quads.append(row_of[nodes[0].astype(np.int64)].reshape(-1, 4))
+        layers.append(np.full(len(quads[-1]), layer, dtype=np.int64))
+    used, compact = np.unique(np.concatenate(quads), return_inverse=True)
+    node_mm = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[used, :2]
+    return HalfMesh(np.round(node_mm, DIGITS) + 0.0, compact.reshape(-1, 4), np.concatenate(layers))
+
+
+# ---- The drawing
+
+
+class _Drawing:
+    """Draws `section` into pygmsh's `geometry`; columns grow to `far_mm`."""
+
+    def __init__(
+        self,
+        geometry: Any,  # noqa: ANN401 - untyped library
+        section: Section,
+        far_mm: float,
+    ) -> None:
+        self._geometry, self._section, self._far_mm = geometry, section, far_mm
+
+    def draw(self) -> list[Surface]:
+        """Draw everything: the surfaces with their layers."""
+        columns = columns_of(self._section, self._far_mm)
+        section = self._section
+        depths = (section.surface, section.corneum, section.epidermis, section.dermis)
+        boundaries = [self._boundary(columns, depth) for depth in depths]
+        resolution = section.finger.resolution
+        rows = (resolution.stratum_corneum_rows, resolution.epidermis_rows, resolution.dermis_rows)
+        surfaces: list[Surface] = []
+        for band, count in enumerate(rows):
+            surfaces += self._band(band, count, boundaries[band], boundaries[band + 1])
+        surfaces += self._inside(*boundaries[-1])
+        far_mm = self._far_mm
+        self._geometry.set_mesh_size_callback(lambda dim, tag, x, y, z, lc: min(lc, far_mm))
+        return surfaces
+
+    def _boundary(
+        self,
+        columns: "Columns",
+        depth: Any,  # noqa: ANN401
+    ) -> tuple[list[Any], list[Any]]:
+        """Draw one boundary of the layers: its curves, and the points between them."""
+        geometry = self._geometry
+        knots: list[Any] = []
+        curves: list[Any] = []
+        patches = zip(pairwise(columns.break_mm), columns.division, strict=True)
+        for (start_mm, end_mm), division in patches:
+            samples = max(_SAMPLES_A_COLUMN * division.count, _LEAST_SAMPLES)
+            arc_mm = np.linspace(start_mm, end_mm, samples + 1)
+            points = self._section.curve(depth, arc_mm)
+            if not knots:
+                knots.append(self._point(points[0]))
+            knots.append(self._point(points[-1]))
+            inner = [self._point(point) for point in points[1:-1]]
+            curves.append(geometry.add_spline([knots[-2], *inner, knots[-1]]))
+            self._divide(curves[-1], division)
+        return curves, knots
+
+    def _band(
+        self,
+        band: int,
+        rows: int,
+        upper: tuple[list[Any], list[Any]],
+        lower: tuple[list[Any], list[Any]],
+    ) -> list[Surface]:
+        """Draw the patches of one layer, between two boundaries."""
+        geometry = self._geometry
+        (above, top), (below, bottom) = upper, lower
+        upright = [geometry.add_line(*ends) for ends in zip(top, bottom, strict=True)]
+        for line in upright:
+            self._divide(line, Division(rows))
+        surfaces = []
+        for k in range(len(above)):
+            loop = geometry.add_curve_loop([above[k], upright[k + 1], -below[k], -upright[k]])
+            surface = geometry.add_plane_surface(loop)
+            corners = [top[k], top[k + 1], bottom[k + 1], bottom[k]]
+            geometry.set_transfinite_surface(surface, "Left", corners)
+            on_back = band == 0 and k == len(above) - 1
+            name = "nail" if on_back else LAYERS[band]
+            surfaces.append((surface._id, LAYERS.index(name)))
+        return surfaces
+
+    def _inside(self, dermis: list[Any], knots: list[Any]) -> list[Surface]:
+        """Draw subcutaneous tissue and bone, below the lower side of the dermis."""
+        geometry, far_mm = self._geometry, self._far_mm
+        points = self._section.bone(np.linspace(0.0, np.pi, _BONE_SAMPLES + 1))
+        bone_knots = [self._point(point) for point in points]
+        bone = geometry.add_spline(bone_knots)
+        way_mm = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        self._divide(bone, even(way_mm, far_mm))
+        middle = geometry.add_line(bone_knots[-1], bone_knots[0])
+        height_mm = 2 * self._section.finger.bone.half_height_mm
+        self._divide(middle, even(height_mm, far_mm))
+        bottom = geometry.add_line(bone_knots[-1], knots[-1])
+        top = self._axis(knots[0], bone_knots[0], -points[0, 1])
+        below_mm = points[-1, 1] - float(knots[-1].x[1])
+        self._divide(bottom, graded(below_mm, far_mm, far_mm))
+        around = [*dermis, -bottom, -bone, *(-line for line in reversed(top))]
+        tissue = geometry.add_plane_surface(geometry.add_curve_loop(around))
+        inside = geometry.add_plane_surface(geometry.add_curve_loop([bone, middle]))
+        geometry.set_recombined_surfaces([tissue, inside])
+        return [
+            (tissue._id, LAYERS.index("subcutaneous_tissue")),
+            (inside._id, LAYERS.index("bone")),
+        ]
+
+    def _axis(
+        self,
+        dermis: Any,  # noqa: ANN401
+        bone: Any,  # noqa: ANN401
+        bone_mm: float,
+    ) -> list[Any]:
+        """Draw the line from dermis to bone, with a node where an afferent sits."""
+        skin = self._section.finger.skin
+        fine_mm = skin.dermis_mm / self._section.finger.resolution.dermis_rows
+        lines: list[Any] = []
+        here, here_mm = dermis, skin.dermis_depth_mm
+        for stop_mm in self._sites_on_axis():
+            there = self._geometry.add_point([0.0, -stop_mm, 0.0])
+            lines.append(self._geometry.add_line(here, there))
+            self._divide(lines[-1], graded(stop_mm - here_mm, fine_mm, fine_mm))
+            here, here_mm = there, stop_mm
+        lines.append(self._geometry.add_line(here, bone))
+        self._divide(lines[-1], graded(bone_mm - here_mm, fine_mm, self._far_mm))
+        return lines
+
+    def _sites_on_axis(self) -> list[float]:
+        finger = self._section.finger
+        least_mm = finger.skin.dermis_depth_mm + _CLEAR_MM
+        most_mm = finger.bone.depth_mm - finger.bone.half_height_mm - _CLEAR_MM
+        return sorted(
+            {
+                site.depth_mm
+                for site in finger.afferents.values()
+                if site.layer == "subcutaneous_tissue"
+                and site.x_mm == 0
+                and least_mm < site.depth_mm < most_mm
+            }
+        )
+
+    def _point(self, point_mm: Any) -> Any:  # noqa: ANN401
+        return self._geometry.add_point([*point_mm, 0.0])
+
+    def _divide(
+        self,
+        curve: Any,  # noqa: ANN401
+        division: "Division",
+    ) -> None:
+        self._geometry.set_transfinite_curve(
+            curve, division.count + 1, "Progression", division.growth
+        )
+
+
+# ---- How an edge is divided: even steps, or steps that grow from one width to another.
+# Counts are even throughout: an area whose sides have even counts can be filled with
+# quadrilaterals alone.
+
+
+@dataclass(frozen=True, slots=True)
+class Division:
+    """`count` steps, each `growth` times as long as the one before."""
+
+    count: int
+    growth: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Patches along the outline: `break_mm` has an end more than `division`."""
+
+    break_mm: tuple[float, ...]
+    division: tuple[Division, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of columns in half a section."""
+        return sum(patch.count for patch in self.division)
+
+
+def columns_of(section: Section, far_mm: float) -> Columns:
+    """Divide half the outline: contact, ridges, growth, side, nail."""
+    resolution = section.finger.resolution
+    ridged_mm = section.finger.ridges.half_width_mm
+    contact_mm = min(resolution.contact_half_width_mm, ridged_mm)
+    nail_mm, end_mm = section.nail_arc_mm, section.end_arc_mm
+    fine_mm = resolution.ridge_mm
+    grown_mm = min(
+        ridged_mm + max(far_mm * _GROWTH - fine_mm, 0.3) / (_GROWTH - 1),
+        0.5 * (ridged_mm + nail_mm),
+    )
+    ends_mm, divisions = [0.0], []
+    for end, start_mm, stop_mm in (
+        (contact_mm, resolution.contact_mm, resolution.contact_mm),
+        (ridged_mm, fine_mm, fine_mm),
+        (grown_mm, fine_mm, far_mm),
+        (nail_mm, far_mm, far_mm),
+        (end_mm, far_mm, far_mm),
+    ):
+        length_mm = end - ends_mm[-1]
+        if length_mm < 1e-9:
+            continue
+        ends_mm.append(end)
+        divisions.append(graded(length_mm, start_mm, stop_mm))
+    return Columns(tuple(ends_mm), tuple(divisions))
+
+
+def graded(length_mm: float, start_mm: float, stop_mm: float) -> Division:
+    """Divide into steps from about `start_mm` to about `stop_mm` long."""
+    if abs(stop_mm - start_mm) < 1e-9 or length_mm <= 2 * max(start_mm, stop_mm):
+        return even(length_mm, min(start_mm, stop_mm))
+    ratio = (length_mm - start_mm) / (length_mm - stop_mm)
+    count = _even(math.log(stop_mm / start_mm) / math.log(ratio) + 1)
+    return Division(count, (stop_mm / start_mm) ** (1 / max(count - 1, 1)))
+
+
+def even(length_mm: float, step_mm: float) -> Division:
+    """Divide into equal steps of about `step_mm`."""
+    return Division(_even(length_mm / step_mm))
+
+
+def _even(number: float) -> int:
+    return 2 * max(1, round(number / 2))
+
+
+# ---- The right half, before it is mirrored
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HalfMesh:
+    """`node_mm` ``(N, 2)`` with x >= 0, `quad` ``(E, 4)``, `layer` ``(E,)``."""
+
+    node_mm: FloatArray
+    quad: IntArray
+    layer: IntArray
+
+    def snapped(self, sites: Iterable[AfferentSite]) -> "HalfMesh":
+        """Move the nearest inner node of each site's layer onto the site.
+
+        So an afferent sits at the same point whatever the resolution. A node
+        with a short way goes alone; with a longer one it takes the nodes of its
+        layer around it along, the less the further they are. On the axis nodes
+        stay on the axis, and the layer's boundaries stay where they are. Where
+        the elements would not bear it nothing moves.
+        """
+        half = self
+        taken: list[int] = []
+        for site in sites:
+            half, row = half._snapped(site, taken)
+            if row is not None:
+                taken.append(row)
+        return half
+
+    def mirrored(self) -> Mesh:
+        """Join with the mirror image; number nodes from the pad inwards."""
+        node_mm = self.node_mm.copy()
+        on_axis = np.abs(node_mm[:, 0]) < _ON_AXIS_MM
+        node_mm[on_axis, 0] = 0.0
+        count = len(node_mm)
+        image = np.where(on_axis, np.arange(count), count + np.cumsum(~on_axis) - 1)
+        quad = self._counter_clockwise()
+        nodes = np.concatenate([node_mm, node_mm[~on_axis] * [-1.0, 1.0]])
+        quads = np.concatenate([quad, image[quad][:, ::-1]])
+        layers = np.concatenate([self.layer, self.layer])
+        order = np.lexsort((nodes[:, 0], -nodes[:, 1]))
+        new_row = np.empty_like(order)
+        new_row[order] = np.arange(len(order))
+        quads = new_row[quads]
+        first = quads.argmin(axis=1)
+        quads = np.take_along_axis(quads, (first[:, None] + np.arange(4)) % 4, axis=1)
+        sort = np.lexsort((quads[:, 0], layers))
+        return Mesh(nodes[order], quads[sort], layers[sort])
+
+    def _snapped(self, site: AfferentSite, taken: list[int]) -> tuple["HalfMesh", int | None]:
+        """Do it for one site; also give the node, and leave those `taken` alone."""
+        mine = self.layer == LAYERS.index(site.layer)
+        inner = np.setdiff1d(self.quad[mine], self.quad[~mine])
+        wanted = np.array([abs(site.x_mm), -site.depth_mm])
+        wanted[0] *= wanted[0] >= _ON_AXIS_MM
+        there = (self.node_mm[taken] == wanted).all(axis=1)
+        inner = np.setdiff1d(inner, taken)
+        like = inner[self._on_axis(inner) == (wanted[0] < _ON_AXIS_MM)]
+        if there.any() or not like.size:
+            return self, None
+        row = int(like[np.linalg.norm(self.node_mm[like] - wanted, axis=1).argmin()])
+        way_mm = wanted - self.node_mm[row]
+        alone = self.node_mm.copy()
+        around = self._spread(inner, row, way_mm)
+        near = np.linalg.norm(way_mm) <= _ALONE_SHARE * self._shortest_edge_mm(row)
+        for node_mm in (alone, around) if near else (around,):
+            node_mm[row] = wanted
+            if self._bears(node_mm):
+                return HalfMesh(node_mm, self.quad, self.layer), row
+        return self, None
+
+    def _spread(self, inner: IntArray, row: int, way_mm: FloatArray) -> FloatArray:
+        """Move `row` by `way_mm` and what is around it by less; give all nodes."""
+        reach_mm = max(_REACH_WAYS * float(np.linalg.norm(way_mm)), _ON_AXIS_MM)
+        away_mm = np.linalg.norm(self.node_mm[inner] - self.node_mm[row], axis=1)
+        share = np.clip(1 - away_mm / reach_mm, 0.0, None)
+        node_mm = self.node_mm.copy()
+        on_axis = self._on_axis(inner)
+        node_mm[inner] = np.round(node_mm[inner] + share[:, None] * way_mm, DIGITS)
+        node_mm[inner[on_axis], 0] = self.node_mm[inner[on_axis], 0]
+        return node_mm
+
+    def _on_axis(self, rows: IntArray) -> BoolArray:
+        on_axis: BoolArray = np.abs(self.node_mm[rows, 0]) < _ON_AXIS_MM
+        return on_axis
+
+    def _bears(self, node_mm: FloatArray) -> bool:
+        """Whether the elements are sound with the nodes at `node_mm`."""
+        worst = scaled_jacobian(node_mm, self._counter_clockwise())
+        return bool(worst.min() >= MIN_SCALED_JACOBIAN)
+
+    def _shortest_edge_mm(self, row: int) -> float:
+        around = self.quad[(self.quad == row).any(axis=1)]
+        edges = np.stack([around, np.roll(around, -1, axis=1)], -1).reshape(-1, 2)
+        start, end = self.node_mm[edges[(edges == row).any(axis=1)]].swapaxes(0, 1)
+        return float(np.linalg.norm(start - end, axis=1).min())
+
+    def _counter_clockwise(self) -> IntArray:
+        corner = self.node_mm[self.quad]
+        ahead, across = corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]
+        clockwise = ahead[:, 0] * across[:, 1] - ahead[:, 1] * across[:, 0] < 0
+        return np.where(clockwise[:, None], self.quad[:, ::-1], self.quad)
+
+
+# ---- gmsh
+
+
+@contextmanager
+def _gmsh_session() -> Iterator[tuple[Any, Any]]:
+    """Pygmsh's geometry and the gmsh module; gmsh is closed at the end.
+
+    Raises
+    ------
+    MissingError
+        gmsh or one of the system's libraries that it opens is not installed.
+    FingerError
+        gmsh failed while it was open, or the caller has a session of its own.
+    """
+    gmsh, pygmsh = _libraries()
+    if gmsh.isInitialized():
+        raise FingerError("gmsh is already at work here: call gmsh.finalize() first")
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        for option, value in _OPTIONS.items():
+            gmsh.option.setNumber(option, value)
+        gmsh.model.add("finger")
+        yield pygmsh.geo.Geometry(), gmsh
+    except FingerError:
+        raise
+    except Exception as error:
+        if type(error) is not Exception:  # gmsh raises the bare class, bugs do not
+            raise
+        raise FingerError(f"gmsh cannot mesh this finger: {error}") from error
+    finally:
+        gmsh.model.mesh.removeSizeCallback()
+        gmsh.finalize()
+
+
+def _libraries() -> tuple[Any, Any]:
+    try:
+        import gmsh
+        import pygmsh
+    except OSError as error:
+        raise MissingError(
+            f"gmsh cannot load a system library ({error}); apt-get install -y {SYSTEM_PACKAGES}"
+        ) from error
+    except ImportError as error:
+        raise MissingError(f"{error}; pip install pygmsh") from error
+    return gmsh, pygmsh
