@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fembridge.results.marc_format.post_file import PostFile
+from fembridge.results.marc_post import PostFile
 
 MEGABYTES, QUICK_MEGABYTES = 1000.0, 10.0
 ELEMENTS_READ, NODES_READ = 12, 3

@@ -220,6 +220,6 @@ def _is_no_history(path: Path) -> bool:
     """Whether it is a plot saved from Mentat, and not one over time."""
     if path.suffix.lower() != ".txt":
         return False
-    from fembridge.results.mentat.history_text import read_history_text
+    from fembridge.results.mentat import is_over_time
 
-    return not read_history_text(path).is_over_time
+    return not is_over_time(path)

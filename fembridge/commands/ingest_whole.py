@@ -33,12 +33,11 @@ def table(args: argparse.Namespace, path: Path) -> dict[str, Any]:
 
 def plot_table(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     """Write a plot saved from Mentat as a table, number by number."""
-    from fembridge.results.mentat.history_text import write_history_table
-    from fembridge.results.mentat.history_traces import describe
+    from fembridge.results.mentat import describe, write_plot_table
 
     columns = describe(path)["columns"]
     output: Path = args.output or Path(f"{path.stem}_plot.csv")
-    rows = write_history_table(path, output)
+    rows = write_plot_table(path, output)
     if not args.json:
         print(f"{output}: {rows} rows of {', '.join(columns)}; numbers as in the file")
     return {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}

@@ -82,10 +82,10 @@ def _set_of_deck(deck: Path, name: str) -> list[int]:
 
 
 def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
-    from fembridge.results.marc_format.post_file import PostFile
+    from fembridge.results.marc_post import PostFile
 
     with PostFile(path) as post:
-        sets = [one for one in post.meshes[0].sets if one.kind == "node"]
+        sets = [one for one in post.mesh(0).sets if one.kind == "node"]
     held = {one.name.strip().casefold(): one for one in sets}
     found = held.get(name.strip().casefold())
     if found is not None:

@@ -93,7 +93,7 @@ READERS = (
     ),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
-    Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat.history_traces:read"),
+    Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:read"),
 )
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.mentat.sts import StsRow, read_sts
+from fembridge.results.mentat import StsRow, read_sts
 from fembridge.results.printed.cvg import CvgRow, read_cvg
 from fembridge.results.printed.dat_section import DatSection, dat_sections
 from fembridge.results.printed.sta import StaRow, read_sta

@@ -6,6 +6,8 @@ It shares nothing with the reader: points are placed by hand, element by element
 import itertools
 import math
 
+import post_writer as writer
+
 CODES = (
     (17, 0, ""), (311, 0, ""), (312, 0, ""), (313, 0, ""), (314, 0, ""),
     (315, 0, ""), (316, 0, ""),
@@ -84,7 +86,7 @@ class Plane:
                 rows[-1].append([von_mises(tensor), *tensor])
         return rows
 
-    def model(self, writer, **changes):
+    def model(self, **changes):
         """Give the model for the writer; extras have the layer as first number."""
         told = {
             "node_ids": tuple(self.nodes),
@@ -98,7 +100,7 @@ class Plane:
         }
         return writer.Model(**{**told, **changes})
 
-    def increments(self, writer, stress, times_s):
+    def increments(self, stress, times_s):
         """Give increments with stress and a displacement of (time, -number)."""
         return tuple(
             writer.Increment(

@@ -1,33 +1,28 @@
-"""Whole fields of a post file: one increment, ParaView, places and sets."""
+"""Whole fields of a post file: one increment, ParaView, places and sets; any damage."""
 
-import importlib.util
+import contextlib
+import warnings
 from dataclasses import replace
-from pathlib import Path
+from xml.etree import ElementTree
 
+import meshio
 import numpy as np
+import post_writer as writer
 import pytest
+import stress_models as models
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge.errors import ResultError, UsageError
+from fembridge import read, write_vtu_series
+from fembridge.errors import FembridgeError, ResultError, UsageError
+from fembridge.results import describe
 from fembridge.results.field_file import column_names, read_field
-from fembridge.results.marc import read_stress_tensor
+from fembridge.results.marc import read_one_sided, read_stress_tensor
 from fembridge.results.near_node import near_nodes
 from fembridge.results.node_choice import NodeChoice
 from fembridge.results.read_options import ReadOptions
 
-
-def _sibling(name):
-    found = importlib.util.spec_from_file_location(
-        f"fembridge_test_{name}", Path(__file__).parent / f"{name}.py"
-    )
-    module = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
-    return module
-
-
-models = _sibling("stress_models")
 TIMES_S = (0.0, 0.001, 0.002)
 SETS = (
     ("probes", 1, (3, 9), ()),
@@ -48,10 +43,10 @@ def plane(request):
 
 
 @pytest.fixture
-def path(plane, writer, write_post):
+def path(plane, write_post):
     """A file of it."""
-    increments = plane.increments(writer, linear_stress, TIMES_S)
-    return write_post(writer.Storage(), plane.model(writer, sets=SETS), increments)
+    increments = plane.increments(linear_stress, TIMES_S)
+    return write_post(writer.Storage(), plane.model(sets=SETS), increments)
 
 
 def test_a_stress_field_has_the_nodes_inside_layers_and_says_what_it_left(path, plane):
@@ -85,12 +80,12 @@ def test_a_field_across_materials_is_the_mean_that_traces_take(path, plane):
     seed=st.integers(0, 2**32 - 1),
 )
 def test_a_field_and_the_traces_of_its_nodes_are_the_same_numbers(
-    kind, layers, method, seed, writer, write_post
+    kind, layers, method, seed, write_post
 ):
     plane = models.Plane(kind, *models.grid(3, 2), layers=layers)
     values = np.random.default_rng(seed).normal(size=(6, plane.count, 7))
     increments = [writer.Increment(number=0, element=values)]
-    path = write_post(writer.Storage(real_bytes=8), plane.model(writer), increments)
+    path = write_post(writer.Storage(real_bytes=8), plane.model(), increments)
     options = ReadOptions(extrapolate=method)
     field = read_field(path, "Stress", options=options)
     if field.nodes.size:
@@ -126,12 +121,12 @@ def test_an_increment_that_is_not_there_is_refused_with_those_there(path):
         read_field(path, "Stress", "7")
 
 
-def test_increments_of_one_number_are_told_apart_by_their_sub_increment(plane, writer, write_post):
+def test_increments_of_one_number_are_told_apart_by_their_sub_increment(plane, write_post):
     increments = [
         replace(one, number=4, sub=k)
-        for k, one in enumerate(plane.increments(writer, linear_stress, TIMES_S))
+        for k, one in enumerate(plane.increments(linear_stress, TIMES_S))
     ]
-    path = write_post(writer.Storage(), plane.model(writer), increments)
+    path = write_post(writer.Storage(), plane.model(), increments)
     with pytest.raises(UsageError, match="increment 4 is in 3 steps: 0:4, 1:4, 2:4"):
         read_field(path, "Displacement", "4")
     assert read_field(path, "Displacement", "1:4").time_ms == pytest.approx(1.0)
@@ -164,3 +159,179 @@ def test_a_set_of_a_deck_can_be_named(path, tmp_path):
     assert NodeChoice(sets=["foot"], deck=abaqus).resolve(path) == [1, 2]
     with pytest.raises(UsageError, match=r"mine.dat: no node set 'x'; it has tip"):
         NodeChoice(sets=["x"], deck=marc).resolve(path)
+
+
+def entries(path):
+    found = ElementTree.parse(path).getroot().iter("DataSet")
+    return [(float(x.get("timestep")), path.parent / x.get("file")) for x in found]
+
+
+def test_paraview_gets_each_layer_s_own_values_at_a_boundary(path, plane, tmp_path):
+    found = entries(write_vtu_series(path, tmp_path / "out"))
+    assert [time_ms for time_ms, _ in found] == pytest.approx([0.0, 1.0, 2.0])
+    mesh = meshio.read(found[2][1])
+    data = mesh.point_data
+    assert {"Stress", "von_mises", "Displacement", "node", "materials"} <= set(data)
+    (cells,) = mesh.cells
+    assert cells.type == {11: "quad", 80: "quad", 27: "quad8"}[plane.kind]
+    layer = mesh.cell_data["material"][0]
+    assert_array_equal(layer, plane.layers)
+    assert_array_equal(mesh.cell_data["material stiff"][0], layer)
+    for row, corners in enumerate(cells.data):
+        nodes = plane.elements[row][: len(corners)]
+        assert data["node"][corners].tolist() == list(nodes)
+        for point, node in zip(corners, nodes, strict=True):
+            x, y = plane.nodes[node]
+            assert_allclose(mesh.points[point], [x, y, 0])
+            exact = [1e6 * s for s in linear_stress(x, y, layer[row], 0.002)]
+            assert_allclose(data["Stress"][point], exact, rtol=0, atol=1e3)
+            mises = models.von_mises(exact)
+            assert data["von_mises"][point] == pytest.approx(mises, rel=1e-4)
+            assert data["Displacement"][point].tolist() == [pytest.approx(0.002), -node]
+            assert data["materials"][point] == 1 + (x == 2.0)
+
+
+def test_paraview_gets_what_was_asked_for_alone(path, tmp_path):
+    series = write_vtu_series(path, tmp_path / "a", quantities=["disp"])
+    mesh = meshio.read(entries(series)[0][1])
+    assert set(mesh.point_data) == {"node", "materials", "Displacement"}
+    derived = ("principal", "max_shear")
+    series = write_vtu_series(path, tmp_path / "b", derived=derived)
+    assert {*derived} <= set(meshio.read(entries(series)[0][1]).point_data)
+    with pytest.raises(UsageError, match="strain_energy_density takes STRESS and TOST"):
+        write_vtu_series(path, tmp_path / "c", derived=["strain_energy_density"])
+    with pytest.raises(ResultError, match="no heat in it"):
+        write_vtu_series(path, tmp_path / "c", quantities=["heat"])
+    assert not (tmp_path / "c").exists()
+
+
+def test_paraview_gets_the_mesh_of_each_increment(write_post, tmp_path):
+    first = models.Plane(11, *models.grid(2, 1))
+    second = models.Plane(11, *models.grid(3, 1))
+    one, *_ = first.increments(linear_stress, (0.0,))
+    two, *_ = second.increments(linear_stress, (0.001,))
+    changed = replace(two, number=1, new_model=second.model())
+    path = write_post(writer.Storage(), first.model(), [one, changed])
+    meshes = [meshio.read(f) for _, f in entries(write_vtu_series(path, tmp_path))]
+    assert [len(mesh.cells[0].data) for mesh in meshes] == [2, 3]
+
+
+def test_unknown_elements_are_left_out_of_pictures_and_that_is_told(write_post, tmp_path):
+    plane = models.Plane(11, *models.grid(2, 1))
+    (first, second) = plane.model().elements
+    elements = (first, (second[0], 998, second[2], second[3]))
+    increments = plane.increments(linear_stress, (0.0,))
+    model = plane.model(elements=elements)
+    path, said = write_post(writer.Storage(), model, increments), []
+    series = write_vtu_series(path, tmp_path, quantities=["Displacement"], tell=said.append)
+    assert len(meshio.read(entries(series)[0][1]).cells[0].data) == 1
+    assert "left out: elements of unknown type 998" in said
+    assert read_field(path, "Displacement").nodes.size == 6
+
+
+def test_nodes_between_bricks_lie_where_vtk_looks_for_them(write_post, tmp_path):
+    """Marc's brick of 20: corners, middles of the bottom, of the top, then upright."""
+    corners = [(x, y, z) for z in (0, 2) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
+    pairs = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
+    pairs += [(k, k + 4) for k in range(4)]
+    middles = [
+        tuple((a + b) / 2 for a, b in zip(corners[p], corners[q], strict=True)) for p, q in pairs
+    ]
+    places = [*corners, *middles]
+    model = writer.Model(
+        node_ids=tuple(range(1, 21)),
+        coordinates=tuple(places),
+        elements=((1, 21, tuple(range(1, 21)), (1, 1, 1, 1, 0)),),
+        points=27,
+        codes=models.CODES,
+        dimensions=3,
+    )
+    moved = writer.Quantity("Displacement", 1, 3, places)
+    increments = [writer.Increment(number=0, nodal=(moved,))]
+    path = write_post(writer.Storage(), model, increments)
+    mesh = meshio.read(entries(write_vtu_series(path, tmp_path))[0][1])
+    (cells,) = mesh.cells
+    assert cells.type == "hexahedron20"
+    found = mesh.points[cells.data[0]]
+    for k, (p, q) in enumerate(pairs):
+        assert_allclose(found[8 + k], (found[p] + found[q]) / 2)
+
+
+def test_memory_does_not_grow_with_the_number_of_increments(write_post, tmp_path):
+    import tracemalloc
+
+    plane = models.Plane(11, *models.grid(30, 30))
+    (one,) = plane.increments(linear_stress, (0.0,))
+    peaks = []
+    for count in (2, 8):
+        increments = [replace(one, number=k, time_s=k * 1e-3) for k in range(count)]
+        path = write_post(writer.Storage(), plane.model(), increments)
+        write_vtu_series(path, tmp_path / "warm")
+        tracemalloc.start()
+        try:
+            write_vtu_series(path, tmp_path / f"{count}")
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+PARTIAL = ReadOptions(partial=True)
+WAYS = {
+    "traces": lambda path: read(path, [1, 5], partial=True, across_materials=True),
+    "scalar": lambda path: read(path, [5], von_mises="scalar"),
+    "sides": lambda path: read_one_sided(path, 5, PARTIAL),
+    "list": describe,
+    "stress": lambda path: read_field(path, "Stress", options=PARTIAL),
+    "moved": lambda path: read_field(path, "Displacement", options=PARTIAL),
+    "near": lambda path: near_nodes(path, [(0.4, 0.4)]),
+    "set": lambda path: NodeChoice(sets=["probes"]).resolve(path),
+    "vtu": lambda path: write_vtu_series(path, path.parent / "vtu", partial=True),
+}
+
+
+@pytest.fixture(scope="module", params=["t16", "t19"])
+def whole(request):
+    """Give a small file: a function of no argument, for its bytes and its name."""
+    plane = models.Plane(80, *models.grid(2, 2), layers=[0, 0, 1, 1])
+    increments = plane.increments(
+        lambda x, y, layer, t: [t * x, 0, 0, y, 0, 0], (0.0, 0.001, 0.002)
+    )
+    storage = writer.Storage(binary=request.param == "t16")
+    model = plane.model(sets=(("probes", 1, (5,), ()),))
+    content = writer.post_bytes(storage, model, increments)
+    return lambda: (content, storage.name)  # which a failing test does not print
+
+
+@pytest.mark.parametrize("way", WAYS)
+@settings(
+    settings.get_profile("costly"), suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(seed=st.integers(0, 2**32 - 1), changes=st.integers(1, 4))
+def test_changed_bytes_are_an_error_of_ours_or_numbers(way, seed, changes, whole, tmp_path):
+    content, name = whole()
+    rng = np.random.default_rng(seed)
+    damaged = bytearray(content)
+    for at in rng.integers(0, len(damaged), changes):
+        damaged[at] = rng.choice([0, 1, 32, 45, 48, 57, 69, 127, 128, 255])
+    if rng.integers(4) == 0:
+        damaged = damaged[: rng.integers(1, len(damaged))]
+    path = tmp_path / name
+    path.unlink(missing_ok=True)  # else the disk is waited for
+    path.write_bytes(damaged)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with contextlib.suppress(FembridgeError):
+            WAYS[way](path)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_whole_file_is_read_every_way(way, whole, tmp_path):
+    content, name = whole()
+    path = tmp_path / name
+    path.write_bytes(content)
+    if way == "scalar":
+        with pytest.raises(FembridgeError, match="node 5 lies between"):
+            WAYS[way](path)
+    else:
+        assert WAYS[way](path)

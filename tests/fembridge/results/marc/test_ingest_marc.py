@@ -1,35 +1,19 @@
 """``fembridge ingest`` with Marc's files: post files, decks, status, saved plots."""
 
 import csv
-import importlib.util
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
+import post_writer as writer
 import pytest
+import stress_models as models
 
 from fembridge.cli import main
 
-HERE = Path(__file__).parent / "results" / "marc"
-SAMPLES = Path(__file__).parents[2] / "fixtures" / "marc_samples"
+SAMPLES = Path(__file__).parents[4] / "fixtures" / "marc_samples"
 PLASTIC = str(SAMPLES / "nour_plastic.t16")
-
-
-def module(name):
-    """Give a module of the post files' tests."""
-    known = f"fembridge_test_{name}"
-    if known not in sys.modules:
-        found = importlib.util.spec_from_file_location(known, HERE / f"{name}.py")
-        made = importlib.util.module_from_spec(found)
-        sys.modules[known] = made
-        found.loader.exec_module(made)
-    return sys.modules[known]
-
-
-module("post_sinks")  # the writer imports it
-writer, models = module("post_writer"), module("stress_models")
 
 
 def stress(x, y, layer, time_s):
@@ -41,9 +25,9 @@ def here(tmp_path, monkeypatch):
     """A current folder with job.t16: two layers, three increments, a set."""
     plane = models.Plane(80, *models.grid(3, 2), layers=[0, 0, 1, 0, 0, 1])
     sets = (("probes", 1, (6, 1), ()), ("soft", 0, (1, 2, 4, 5), ()))
-    increments = plane.increments(writer, stress, (0.0, 0.001, 0.002))
+    increments = plane.increments(stress, (0.0, 0.001, 0.002))
     (tmp_path / "job.t16").write_bytes(
-        writer.post_bytes(writer.Storage(), plane.model(writer, sets=sets), increments)
+        writer.post_bytes(writer.Storage(), plane.model(sets=sets), increments)
     )
     monkeypatch.chdir(tmp_path)
     return tmp_path

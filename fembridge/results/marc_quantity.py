@@ -1,8 +1,8 @@
 """What the post codes of a Marc file amount to: tensors and single numbers.
 
-A tensor is requested by one code and stored as six consecutive ones, in the order 11
-22 33 12 23 31, which is our xx yy zz xy yz zx: no column moves. Single components
-(codes 11 to 16) make the same tensor where all six are there.
+A tensor is requested by one code and stored as six consecutive ones, in the order 11 22 33
+12 23 31, which is our xx yy zz xy yz zx: no column moves. Single components (codes 11 to
+16) make the same tensor where all six are there.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fembridge.errors import ResultError
-from fembridge.results.marc_format.content import NodalQuantity, PostCode
+from fembridge.results.marc_post import NodalQuantity, PostCode
 from fembridge.results.stress import TENSOR
 
 PA, AS_IS = "Pa", ""
@@ -25,9 +25,9 @@ _TENSORS = {
     1: ("Strain 1 to 6", "E"), 11: ("Stress 11 to 16", "S"),
     41: ("Cauchy Stress 41 to 46", "S"),
 }  # fmt: skip
-# The stress that traces are made of: the first of these that the file has. Cauchy
-# stress, which CalculiX gives too, comes before "stress", which is that only where
-# the job follows the deformation (updated Lagrange).
+# The stress that traces are made of: the first of these that the file has. Cauchy stress,
+# which CalculiX gives too, comes before "stress", which is that only where the job follows
+# the deformation (updated Lagrange).
 STRESS_CODES = (341, 311, 41, 11, 411)
 EQUIVALENT_CODES = (47, 17)
 _SCALARS = {
@@ -36,7 +36,9 @@ _SCALARS = {
     47: "Equivalent Cauchy Stress", 48: "Strain Energy Density",
     58: "Elastic Strain Energy Density", 127: "Equivalent Elastic Strain",
 }  # fmt: skip
-_PA_SCALARS = frozenset({*range(11, 19), *range(41, 49), 58})
+_PA_CODES = frozenset(
+    {*range(11, 19), *range(41, 49), 58, *(base + k for base in STRESS_CODES for k in range(6))}
+)
 # By nodal post code.
 _NODAL_UNITS = {
     1: "mm", 3: "N", 5: "N", 28: "mm/s", 30: "mm/s2",
@@ -49,8 +51,8 @@ _AXES = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z")}
 class ElementQuantity:
     """A quantity at integration points: which `columns` of a point's values it is.
 
-    `codes` are Marc's; `unit` holds for all components: "Pa", or "" where the
-    value is left as the file has it. `layer` is that of a shell, 0 elsewhere.
+    `codes` are Marc's; `unit` holds for all components: "Pa", or "" where the value is
+    left as the file has it. `layer` is that of a shell, 0 elsewhere.
     """
 
     name: str
@@ -72,7 +74,7 @@ class ElementQuantity:
 
 
 def element_quantities(codes: Sequence[PostCode]) -> tuple[ElementQuantity, ...]:
-    """Give what `codes` amount to, in the order of the file; no column twice."""
+    """What `codes` amount to, in the order of the file; no column twice."""
     column_of = {(code.code, code.layer): k for k, code in enumerate(codes)}
     layered = len({code.layer for code in codes}) > 1
     taken: set[int] = set()
@@ -81,7 +83,6 @@ def element_quantities(codes: Sequence[PostCode]) -> tuple[ElementQuantity, ...]
         if column in taken or column_of[code.code, code.layer] != column:
             continue
         wanted = [(code.code + k, code.layer) for k in range(len(TENSOR))]
-        suffix = f" layer {code.layer}" if layered else ""
         if code.code in _TENSORS and all(key in column_of for key in wanted):
             name, letter = _TENSORS[code.code]
             columns = tuple(column_of[key] for key in wanted)
@@ -90,52 +91,41 @@ def element_quantities(codes: Sequence[PostCode]) -> tuple[ElementQuantity, ...]
         else:
             name = code.label.strip() or _SCALARS.get(code.code, f"Code {code.code}")
             columns, components = (column,), (_initials(name),)
-            unit = PA if code.code in _PA_SCALARS or _in_stress(code.code) else AS_IS
+            unit = PA if code.code in _PA_CODES else AS_IS
         taken.update(columns)
-        found.append(
-            ElementQuantity(
-                name=name + suffix,
-                components=components,
-                codes=tuple(codes[k].code for k in columns),
-                columns=columns,
-                unit=unit,
-                layer=code.layer,
-            )
-        )
+        name += f" layer {code.layer}" if layered else ""
+        held = tuple(codes[k].code for k in columns)
+        found.append(ElementQuantity(name, components, held, columns, unit, code.layer))
     return tuple(found)
 
 
 def stress_tensor(codes: Sequence[PostCode], path: Path) -> ElementQuantity:
-    """Give the stress tensor that traces are made of.
+    """The stress tensor that traces are made of.
 
     Raises
     ------
     ResultError
         There is none, or one for each of several layers of a shell.
     """
-    held = element_quantities(codes)
+    found = element_quantities(codes)
     for code in STRESS_CODES:
-        same = [one for one in held if one.codes[0] == code and one.is_tensor]
+        same = [one for one in found if one.codes[0] == code and one.is_tensor]
         if len(same) > 1:
             layers = ", ".join(str(one.layer) for one in same)
             raise ResultError(
-                f"code {code} is stored for layers {layers}: of a shell there is no "
-                "one stress at a node",
+                f"code {code} is stored for layers {layers}: a shell has no one stress at a node",
                 path,
             )
         if same:
             return same[0]
-    words = ", ".join(map(str, held)) or "no element values"
-    more = ""
+    words = ", ".join(map(str, found)) or "no element values"
     if any(code.code in EQUIVALENT_CODES for code in codes):
-        more = "; --von-mises scalar (von_mises='scalar') takes the one it holds"
-    raise ResultError(
-        f"no stress tensor (post code 311 or 341) in it, it holds {words}{more}", path
-    )
+        words += "; --von-mises scalar (von_mises='scalar') takes the one it holds"
+    raise ResultError(f"no stress tensor (post code 311 or 341) in it, it holds {words}", path)
 
 
 def equivalent_stress(codes: Sequence[PostCode]) -> ElementQuantity | None:
-    """Give the von Mises stress that Marc stored at the points; None without one."""
+    """The von Mises stress that Marc stored at the points; None without one."""
     for code in EQUIVALENT_CODES:
         same = [one for one in element_quantities(codes) if one.codes == (code,)]
         if len(same) == 1:
@@ -144,20 +134,15 @@ def equivalent_stress(codes: Sequence[PostCode]) -> ElementQuantity | None:
 
 
 def nodal_components(quantity: NodalQuantity) -> tuple[str, ...]:
-    """Name the components of a nodal quantity: ``DX``, ``DY`` of Displacement."""
-    axes = _AXES.get(quantity.components)
-    if axes is None:
-        axes = tuple(str(k + 1) for k in range(quantity.components))
+    """Names of the components of a nodal quantity: ``DX``, ``DY`` of Displacement."""
+    numbered = tuple(str(k + 1) for k in range(quantity.components))
+    axes = _AXES.get(quantity.components, numbered)
     return tuple(_initials(quantity.name) + axis for axis in axes)
 
 
 def nodal_unit(quantity: NodalQuantity) -> str:
-    """Give the unit of a nodal quantity in a deck of mm, N and s; "" if unknown."""
+    """Unit of a nodal quantity in a deck of mm, N and s; "" if unknown."""
     return _NODAL_UNITS.get(quantity.code, AS_IS)
-
-
-def _in_stress(code: int) -> bool:
-    return any(base <= code < base + len(TENSOR) for base in STRESS_CODES)
 
 
 def _initials(name: str) -> str:

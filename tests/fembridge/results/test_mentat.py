@@ -1,11 +1,12 @@
-"""Plots that Mentat saved as text: layouts that were met, and texts that are none.
+"""Plots that Mentat saved as text, and the ``.sts`` of Marc: real ones and damaged ones.
 
-The first layout is that of a table copied from Mentat 2014 (a trailing blank in each
-label, six digits, tabs); the second and third are as programs say that read them. The
-numbers here are made up.
+The first layout of a plot is that of a table copied from Mentat 2014 (a trailing blank in
+each label, six digits, tabs); the second and third are as programs say that read them.
 """
 
 import csv
+from dataclasses import astuple, fields
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,13 +15,18 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError
-from fembridge.results.mentat.history_text import (
-    read_history_tables,
-    read_history_text,
-    write_history_table,
+from fembridge.results.mentat import (
+    StsRow,
+    describe,
+    is_over_time,
+    nodes_in,
+    number,
+    read,
+    read_plot_tables,
+    read_sts,
+    write_plot_table,
 )
-from fembridge.results.mentat.history_traces import describe, is_over_time, nodes_in, read
-from fembridge.results.mentat.number_table import number
+from fembridge.results.printed.print_tables import print_table_of, write_print_table
 from fembridge.results.read_options import ReadOptions
 
 COPIED = (
@@ -43,6 +49,12 @@ PATH_PLOT = (
     "2\t0.25\t0.75\t0.2\n"
     "3\t0.5\t1\t0.3\n"
 )
+
+
+def read_plot(path):
+    """The one table of a text."""
+    (table,) = read_plot_tables(path)
+    return table
 
 
 @pytest.fixture
@@ -100,14 +112,14 @@ def test_a_node_in_the_text_above_two_columns_is_theirs(text):
 
 def test_a_path_plot_is_a_table_and_no_trace(text, tmp_path):
     path = text(PATH_PLOT)
-    table = read_history_text(path)
+    table = read_plot(path)
     assert table.labels[0] == "index"
     assert table.labels[table.x] == "Arc Length"
     assert not table.is_over_time
     assert table.header == ("Pathplot", PATH_PLOT.splitlines()[1])
     with pytest.raises(ResultError, match="over 'Arc Length', a trace needs Time"):
         read(path, [1])
-    assert write_history_table(path, tmp_path / "t.csv") == 3
+    assert write_plot_table(path, tmp_path / "t.csv") == 3
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[1]["Arc Length"] == "0.25"
@@ -132,10 +144,10 @@ def test_increments_are_no_times(text):
 
 def test_more_than_two_columns_without_names_are_a_table_alone(text, tmp_path):
     path = text(COPIED.split("\n", 1)[1])
-    assert read_history_text(path).labels == ("column_1", "column_2", "column_3")
+    assert read_plot(path).labels == ("column_1", "column_2", "column_3")
     with pytest.raises(ResultError, match="3 columns without names: which is time"):
         read(path, [1, 2])
-    assert write_history_table(path, tmp_path / "t.csv") == 3
+    assert write_plot_table(path, tmp_path / "t.csv") == 3
     header = (tmp_path / "t.csv").read_text().splitlines()[0]
     assert header == "column_1,column_2,column_3"
 
@@ -148,9 +160,8 @@ def test_curves_one_under_the_other_are_all_read(text, tmp_path):
     path = text(one + "\n" + two)
     assert is_over_time(path)
     assert [(t.node, t.stress_pa[1]) for t in read(path, ())] == [(5, 5e5), (6, 2.5e5)]
-    with pytest.raises(ResultError, match="2 tables of 2 columns, from lines 2, 7"):
-        read_history_text(path)
-    assert write_history_table(path, tmp_path / "t.csv") == 6
+    assert [table.line for table in read_plot_tables(path)] == [2, 7]
+    assert write_plot_table(path, tmp_path / "t.csv") == 6
     lines = (tmp_path / "t.csv").read_text().splitlines()
     assert lines[0] == "table,Time,Equivalent Von Mises Stress"
     assert lines[5] == "2,0.0005,0.25"
@@ -162,13 +173,13 @@ def test_tables_of_other_columns_do_not_become_one_csv(text, tmp_path):
     other = "Arc Length\tDisplacement X\n0\t0\n1\t2\n2\t5\n"
     time = "Time\tDisplacement X\n0\t0\n1\t2\n2\t4\n"
     with pytest.raises(ResultError, match="columns Arc Length, Displacement X, those"):
-        write_history_table(text(time + "\n" + other), tmp_path / "t.csv")
+        write_plot_table(text(time + "\n" + other), tmp_path / "t.csv")
     assert not (tmp_path / "t.csv").exists()
 
 
 def test_a_narrow_table_above_and_a_lone_line_of_numbers_are_part_of_the_text(text):
     above = "NODE X Y\n3 50.0 50.0 1.0\n3 49.2 50.6 1.0\n\n1 2 3\n"
-    table = read_history_text(text(above + COPIED))
+    table = read_plot(text(above + COPIED))
     assert table.values.shape == (3, 3)
     assert table.labels[0] == "Time"
 
@@ -193,14 +204,14 @@ def test_an_uneven_step_is_an_error(text):
     ids=["crlf", "cut", "semicolon", "decimal comma", "blanks", "comma", "D", "mark"],
 )
 def test_how_the_numbers_are_written_and_parted_does_not_matter(text, content):
-    table = read_history_text(text(content))
+    table = read_plot(text(content))
     assert_array_equal(table.values, [[0, 0, 0], [0.0005, 0.0125, 0.5], [0.001, 0.025, 0.25]])
 
 
 def test_labels_keep_their_letters(text):
     label = "Länge\tSpannung\n0\t1\n1\t2\n2\t3\n"
-    assert read_history_text(text(label)).labels[0] == "Länge"
-    assert read_history_text(text(label, "latin-1")).labels[0] == "Länge"
+    assert read_plot(text(label)).labels[0] == "Länge"
+    assert read_plot(text(label, "latin-1")).labels[0] == "Länge"
 
 
 @pytest.mark.parametrize(
@@ -216,14 +227,14 @@ def test_labels_keep_their_letters(text):
 )
 def test_a_text_that_is_no_table_is_named(text, content, said):
     with pytest.raises(ResultError, match=said):
-        read_history_tables(text(content))
+        read_plot_tables(text(content))
 
 
 def test_utf_16_and_an_absent_file_are_named(text, tmp_path):
     with pytest.raises(ResultError, match="UTF-16"):
-        read_history_text(text(COPIED, "utf-16"))
+        read_plot(text(COPIED, "utf-16"))
     with pytest.raises(ResultError, match="no such file"):
-        read_history_text(tmp_path / "gone.txt")
+        read_plot(tmp_path / "gone.txt")
 
 
 def test_the_description_tells_columns_nodes_and_whether_it_is_over_time(text):
@@ -269,7 +280,7 @@ def test_any_table_comes_back_number_by_number(tmp_path_factory, rows, separator
     body = "\n".join(lines)
     path.write_text(head + (body.replace(".", ",") if comma else body) + "\n")
     expected = [[float(f"{value:.9e}") for value in row] for row in rows]
-    assert_array_equal(read_history_text(path).values, np.array(expected))
+    assert_array_equal(read_plot(path).values, np.array(expected))
 
 
 @given(content=st.binary(max_size=300))
@@ -277,7 +288,211 @@ def test_any_bytes_give_a_table_or_an_error_and_nothing_else(tmp_path_factory, c
     path = tmp_path_factory.getbasetemp() / "bytes.txt"
     path.write_bytes(content)
     try:
-        found = read_history_tables(path)
+        found = read_plot_tables(path)
     except ResultError:
         return
     assert all(table.values.shape[1] == len(table.labels) for table in found)
+
+
+SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
+HEAD = (
+    "style=1\n"
+    "information summary of job:  finger_job1\n"
+    "version:  Marc 2021.4\n"
+    "date:     Tue Jun 13 16:36:14 2023\n"
+    "\n"
+    "    case   inc  cycl  sepa cut   cycl   separ   cut  rmesh time step   total time"
+    "        displ-mag              \n"
+    "      #     #     #     #   #      #      #      #     #      of           of    "
+    "     min         max    \n"
+    "               |--of the inc--|------of the analysis------| the inc      the job\n"
+    "\n"
+)
+ROW = (
+    "      1      3    2    0    0      12       0     1     0"
+    "  5.0000E-04  1.5000E-03  2.5000E-17  7.5000E-02\n"
+)
+END = """
+ Job ends with exit number :    3004
+            total wall time:        269.28
+            total cpu  time:        265.70
+"""
+
+
+@pytest.fixture
+def sts(tmp_path):
+    """A function that writes a ``.sts`` and gives its path."""
+
+    def write(text):
+        path = tmp_path / "job.sts"
+        path.write_bytes(text.encode("latin-1"))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("name", "version", "count", "cycles", "cut_backs", "greatest_mm"),
+    [
+        ("nour_linear", "Marc 2020", 2, 1, 0, 99.647),
+        ("nour_plastic", "Marc 2020", 24, 100, 2, 108.78),
+        ("pfl_example_model_0", "Marc 2021.4", 91, 2686, 12, 8.4233),
+    ],
+)
+def test_a_real_job_is_read_to_its_end(name, version, count, cycles, cut_backs, greatest_mm):
+    """The numbers are the last lines of the files, read by eye."""
+    found = read_sts(SAMPLES / f"{name}.sts")
+    last = found.rows[-1]
+    assert (found.version, len(found.rows), found.exit_number) == (version, count, 3004)
+    assert (found.problem, found.unfinished) == (None, None)
+    assert (last.total_cycles, last.total_cut_backs) == (cycles, cut_backs)
+    assert last.total_time_ms == 1000.0
+    assert last.displacement_max_mm == greatest_mm
+    assert [row.increment for row in found.rows] == list(range(count))
+
+
+@pytest.mark.parametrize("name", ["nour_plastic", "pfl_example_model_0"])
+def test_in_a_real_job_steps_add_up_to_times_and_cycles_to_their_total(name):
+    """Printed to five digits; cycles of a cut-back attempt count in the total."""
+    time_ms, cycles = 0.0, 0
+    for row in read_sts(SAMPLES / f"{name}.sts").rows:
+        time_ms += row.increment_time_ms
+        cycles += row.cycles
+        assert row.total_time_ms == pytest.approx(time_ms, rel=5e-4)
+        assert row.total_cycles >= cycles
+
+
+def test_every_cell_of_a_row_goes_to_its_name(sts):
+    assert read_sts(sts(HEAD + ROW + END)).rows == (sts_row_of_text(),)
+
+
+def test_line_ends_of_windows_change_nothing(sts):
+    text = HEAD + ROW + END
+    unix = read_sts(sts(text))
+    assert read_sts(sts(text.replace("\n", "\r\n"))) == unix
+
+
+def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):
+    found = read_sts(sts(HEAD + ROW))
+    assert found.exit_number is None
+    assert found.problem == ("the job has not ended, or was killed, increment 3 at 1.5 ms")
+    assert read_sts(sts(HEAD)).problem == "the job has not ended, or was killed"
+
+
+def test_a_last_line_that_is_still_being_written_is_left_out(sts):
+    found = read_sts(sts(HEAD + ROW + ROW[:60]))
+    assert len(found.rows) == 1
+    assert found.unfinished == (11, ROW[:60])
+
+
+def test_an_end_without_a_line_end_counts_as_the_end(sts):
+    assert read_sts(sts(HEAD + ROW + "\n Job ends with exit number :    3004")).rows
+    assert read_sts(sts(HEAD + ROW + END.rstrip("\n"))).problem is None
+
+
+@pytest.mark.parametrize("number", [13, 2004, 3002, 3015])
+def test_another_exit_number_is_a_problem_that_names_it(sts, number):
+    text = HEAD + ROW + END
+    found = read_sts(sts(text.replace("3004", str(number))))
+    assert found.exit_number == number
+    assert found.problem == (
+        f"the job ended after increment 3 at 1.5 ms with exit number {number}, 3004 is success"
+    )
+
+
+def test_a_job_that_ended_at_once_has_no_rows(sts):
+    words = read_sts(sts(HEAD + END.replace("3004", "13"))).problem
+    assert words == ("the job ended before any increment with exit number 13, 3004 is success")
+
+
+def test_counts_that_touch_are_told_apart_by_column_and_stars_are_no_count(sts):
+    wide = ROW.replace(
+        "      1      3    2    0    0      12       0",
+        "      1      31234512345    0********12345678",
+    )
+    row = read_sts(sts(HEAD + wide)).rows[0]
+    assert astuple(row)[:7] == (1, 3, 12345, 12345, 0, None, 12345678)
+
+
+def test_a_real_without_its_e_is_read_as_fortran_means_it(sts):
+    row = read_sts(sts(HEAD + ROW.replace("2.5000E-17", "2.5000-117"))).rows[0]
+    assert row.displacement_min_mm == 2.5e-117
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("step\n" + HEAD, 1, "begins with 'step', a .sts of Marc with 'style=1'"),
+        (HEAD + "severe error\n" + ROW, 10, "no increment: "),
+        (HEAD + ROW + ROW[:70] + "\n" + ROW[70:], 11, "no increment: "),
+        (HEAD + ROW.replace("5.0000E-04", "NaN       "), 10, "'NaN' is no number"),
+        (HEAD + ROW.replace("   3 ", "  -3 "), 10, "'-3' is no count"),
+        (HEAD + ROW + END + ROW, 15, "after the end: "),
+        (HEAD.replace("displ-mag", "temperature"), 6, "columns 'case inc cycl"),
+        (HEAD.replace("case", "load case"), None, "no line of column names"),
+    ],
+)
+def test_a_foreign_or_wrapped_line_is_named(sts, text, line, said):
+    with pytest.raises(ResultError) as caught:
+        read_sts(sts(text))
+    assert said in caught.value.problem
+    assert caught.value.line == line
+
+
+def test_an_absent_file_is_named(tmp_path):
+    with pytest.raises(ResultError, match="no such file"):
+        read_sts(tmp_path / "job.sts")
+
+
+def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
+    path = SAMPLES / "nour_plastic.sts"
+    table = print_table_of(path)
+    heard = []
+    options = ReadOptions(tell=heard.append)
+    assert write_print_table(table, path, tmp_path / "t.csv", options) == 24
+    with (tmp_path / "t.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
+    assert float(rows[-1]["displacement_max_mm"]) == 108.78
+    assert heard == []
+    assert table.describe(path)["problem"] is None
+
+
+def test_a_table_of_a_job_that_failed_is_written_and_told(sts, tmp_path):
+    path = sts(HEAD + ROW + END.replace("3004", "3002"))
+    table = print_table_of(path)
+    heard = []
+    write_print_table(table, path, tmp_path / "t.csv", ReadOptions(tell=heard.append))
+    assert "exit number 3002" in heard[0]
+    assert "exit number 3002" in table.describe(path)["problem"]
+
+
+@given(cut=st.integers(0, len(HEAD + ROW * 3 + END)))
+def test_cut_anywhere_it_gives_whole_rows_or_an_error(tmp_path_factory, cut):
+    path = tmp_path_factory.getbasetemp() / "cut.sts"
+    path.write_text((HEAD + ROW * 3 + END)[:cut])
+    whole = sts_row_of_text()
+    try:
+        found = read_sts(path)
+    except ResultError:
+        assert cut < len(HEAD)
+    else:
+        assert set(found.rows) <= {whole}
+        assert len(found.rows) == min(3, max(0, cut - len(HEAD)) // len(ROW))
+
+
+def sts_row_of_text():
+    return StsRow(1, 3, 2, 0, 0, 12, 0, 1, 0, 0.5, 1.5, 2.5e-17, 0.075)
+
+
+@given(data=st.data())
+def test_a_changed_byte_gives_rows_or_an_error_and_nothing_else(tmp_path_factory, data):
+    content = bytearray((HEAD + ROW * 2 + END).encode())
+    content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path_factory.getbasetemp() / "changed.sts"
+    path.write_bytes(bytes(content))
+    try:
+        found = read_sts(path)
+    except ResultError:
+        return
+    assert len(found.rows) <= 2

@@ -1,1 +1,0 @@
-"""Marc's post files, binary and formatted: records, blocks, mesh, increments."""

@@ -1,1 +1,0 @@
-"""From Marc's integration points to nodes: quantities, layers, shares of a node."""

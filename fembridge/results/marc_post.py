@@ -1,0 +1,1332 @@
+"""A post file of Marc, ``.t16`` (binary) or ``.t19`` (text): mesh, increments, values.
+
+>>> with PostFile(Path("job.t16")) as post:  # doctest: +SKIP
+...     for increment in post.increments:
+...         print(increment.time_s, post.nodal_values(increment.row, "Displacement"))
+
+Opening walks from block to block and keeps where values are; values are read when they
+are asked for, and only those. Numbers are the file's: a file names no units.
+
+Both kinds have the same blocks of the same records. Between records are the words
+``=beg=NNNNN (Name)`` (NNNNN is a block's number, and two digits of its revision),
+``=end=``, ``****`` (an increment begins), ``----`` (it ends) and ``++++`` (the file ends).
+In a ``.t16`` a record is its length, what it holds, and its length again: unformatted
+sequential records of Fortran, with one character of a text in each word of four bytes. In
+a ``.t19`` a record begins on a new line and has six numbers a line, I13 or E13.6; negative
+numbers touch what is before them.
+
+A block that is not known, or not built as known, is skipped up to its ``=end=``, with a
+remark. An increment counts when its ``----`` is there; at the first place that is cut or
+damaged the walk ends, and what was whole before is what the file has.
+
+Source: real files of post revisions 12 and 14, of Marc 2020 to 2023.1; names of the
+verification integers are Marc's. A mesh inside an increment (remeshing), reals of eight
+bytes and big-endian files are documented, not seen.
+"""
+
+import re
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fembridge.errors import ResultError
+from fembridge.results.byte_file import ByteFile
+from fembridge.typing import FloatArray, IntArray
+
+BEGIN, END = "=beg=", "=end="
+INCREMENT, INCREMENT_END, FILE_END = "****", "----", "++++"
+_MARKS = (INCREMENT, INCREMENT_END, FILE_END)
+# Numbers of the blocks that are read.
+_TITLE, _VERIFICATION, _DOMAIN, _CODES, _CONNECTIVITY, _COORDINATES, _SETS = (
+    501, 502, 505, 506, 507, 508, 513,
+)  # fmt: skip
+_LOAD_CASE, _INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL = 516, 517, 518, 523, 524
+_MODEL_READ = (_VERIFICATION, _CODES, _CONNECTIVITY, _COORDINATES, _SETS)
+_READ = (*_MODEL_READ, _LOAD_CASE, _INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL)
+_MODEL = range(502, 515)  # what comes again with a new mesh
+# Others that real files have, or that are documented.
+_SKIPPED = (501, 504, 505, 510, 514, 515, 519, 520, 529, *range(530, 537), *range(540, 544))
+_SEEN_REVISIONS = (12, 14)
+
+_SET_KINDS = {0: "element", 1: "node", 12: "edge", 13: "face", 18: "edge", 19: "face"}
+_WITH_SIDES = (12, 13, 18, 19)
+_COUNTED = {
+    0: "values a point", 1: "nodes", 2: "elements", 4: "points an element",
+    8: "coordinates a node", 9: "nodes an element",
+}  # fmt: skip
+_CODES_OF_A_LAYER = 1000
+_VERIFICATION_WORDS, _INCREMENT_WORDS, _QUANTITY_WORDS = (18, 12), 12, 12
+_ALL_NODES, _NO_NODES = -1, 0
+_COMPLEX = (4, 5)
+_MOST_COMPONENTS = 1000  # of a nodal quantity; real ones have up to six
+
+_WORD = _MARKER = 4  # bytes
+_TITLE_WORDS, _LABEL_WORDS, _LONG_LABEL_WORDS = 70, 24, 48
+_FIELD, _FIELDS_A_LINE = 13, 6  # characters of a number as text
+_LONGEST_TEXT = 1 << 16
+_READ_BYTES = 1 << 22  # at once
+_GAP_BYTES = 1 << 12  # places nearer than that are read together
+_SMALL_BYTES = 1 << 18  # an increment up to so many is read as a whole
+_COMPARED_BYTES = 1 << 20  # of one increment; with more it is walked through
+_TEMPLATES = 4  # increments with and without element values, say
+_MOST_REMARKS = 100
+_MOST_BLANKS = 1 << 16  # behind the end of a file
+# What NumPy reads and a number of Fortran does not hold: 1_000, an early end.
+_FOREIGN = np.frombuffer(b"_\0", dtype=np.uint8)
+_REAL = re.compile(rb" *([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+))? *")
+
+_T = TypeVar("_T")
+
+
+class PostDamageError(Exception):
+    """Bytes that are not what has to be there; `at` is the first of them."""
+
+    def __init__(self, problem: str, at: int) -> None:
+        super().__init__(problem, at)
+        self.problem, self.at = problem, at
+
+
+@dataclass(frozen=True, slots=True)
+class PostCode:
+    """One value that is stored at each integration point.
+
+    `code` is Marc's element post code (17 von Mises, 311 to 316 the stress tensor
+    11 22 33 12 23 31); `layer` is 0 where the deck names none.
+    """
+
+    code: int
+    layer: int
+    label: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PostSet:
+    """A named set: `kind` is "node", "element", "edge", "face" or "type N".
+
+    `members` ``(M,)`` are numbers of nodes, or of elements; of edges and faces `sides`
+    ``(M,)`` says which one of its element, from 0.
+    """
+
+    name: str
+    kind: str
+    members: IntArray
+    sides: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PostMesh:
+    """A model: `node_ids` ``(N,)``, `coordinates_mm` ``(N, 3)``, elements.
+
+    `element_ids` and `element_types` are ``(E,)``; `connectivity` ``(E, K)`` has numbers
+    of nodes, 0 where an element has fewer. `extras` ``(E, X)`` are what block 50702 adds
+    to an element: geometry, material and body ids by all signs. Pressure nodes of
+    Herrmann elements are nodes too, with coordinates of zero.
+    """
+
+    node_ids: IntArray
+    coordinates_mm: FloatArray
+    element_ids: IntArray
+    element_types: IntArray
+    connectivity: IntArray
+    extras: IntArray
+    sets: tuple[PostSet, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NodalQuantity:
+    """A quantity at all nodes in one increment: without `has_values` all are zero.
+
+    `is_complex` marks one with an imaginary part, which is not read.
+    """
+
+    name: str
+    code: int
+    components: int
+    has_values: bool
+    is_complex: bool = False
+
+
+class PostIncrement(NamedTuple):
+    """One increment: Marc's numbers, the solver's time in s, what it holds.
+
+    `row` counts increments in the file from 0; `mesh` is the row of its model (more than
+    one after remeshing). `harmonic` is Marc's IHRESP, 0 where the increment is one of
+    time; elsewhere `frequency` belongs to it. Its values are where `layout` has them,
+    `offset` bytes further on.
+    """
+
+    row: int
+    increment: int
+    sub_increment: int
+    time_s: float
+    title: str
+    mesh: int
+    harmonic: int
+    frequency: float
+    layout: "_Layout"
+    offset: int
+
+    @property
+    def nodal(self) -> tuple[NodalQuantity, ...]:
+        """Quantities at nodes."""
+        return self.layout.nodal
+
+    @property
+    def has_element_values(self) -> bool:
+        """Whether there are values at integration points."""
+        return self.layout.element_values is not None
+
+
+class PostFile:
+    """An open ``.t16`` or ``.t19``; a context manager that closes it.
+
+    `kind` is "t16" or "t19", `byte_order` "little" or "big" ("little" for text),
+    `precision` "single" or "double". `codes` and `points` (NSTRES, integration points an
+    element) are those of the first model. `problem` says where the file is cut or
+    damaged; None when it is whole. `unread_bytes` counts what no block accounts for.
+
+    Raises
+    ------
+    ResultError
+        No file, no post file, one of before revision 9, or none with a whole model.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.title = ""
+        self.remarks: list[str] = []
+        self.problem: str | None = None
+        self.increments: list[PostIncrement] = []
+        self._models: list[_Model] = []
+        self._mesh: tuple[int, PostMesh] | None = None
+        self._unknown: set[int] = set()
+        self._of = self._where = ""
+        self._whole_bytes = 0  # up to here every byte belongs to a block
+        self._file = ByteFile(path)
+        try:
+            self._records = _records_of(self._file)
+            self._repeats = _Repeats(self._file)
+            self._walk()
+        except BaseException:
+            self._file.__exit__(None, None, None)
+            raise
+        first = self._models[0]
+        self.kind = self._records.kind
+        self.byte_order = self._records.byte_order
+        self.precision = "double" if self._records.real_bytes == 8 else "single"
+        self.revision, self.codes, self.points = first.revision, first.codes, first.points
+        self.unread_bytes = self._file.size - self._whole_bytes
+
+    def __enter__(self) -> "PostFile":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.__exit__(kind, error, trace)
+
+    @property
+    def change(self) -> str | None:
+        """How the file has changed since it was opened; None if it has not."""
+        return self._file.change
+
+    @property
+    def mesh_count(self) -> int:
+        """How many models there are: more than one after remeshing."""
+        return len(self._models)
+
+    def mesh(self, row: int) -> PostMesh:
+        """A model, read when it is asked for; the last one is kept."""
+        if self._mesh is None or self._mesh[0] != row:
+            self._mesh = row, _read_mesh(self._file, self._models[row])
+        return self._mesh[1]
+
+    def codes_of(self, row: int) -> tuple[PostCode, ...]:
+        """Post codes of increment `row`: a new mesh may have others."""
+        return self._model(row).codes
+
+    def points_of(self, row: int) -> int:
+        """Integration points an element of increment `row`."""
+        return self._model(row).points
+
+    def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
+        """Values of increment `row` at all points of elements, ``(K, points, codes)``.
+
+        `element_rows` count elements as the mesh of the increment has them.
+
+        Raises
+        ------
+        ResultError
+            The increment has no element values, or they cannot be read.
+        """
+        model, one = self._model(row), self.increments[row]
+        numbers = one.layout.element_values
+        if numbers is None:
+            raise ResultError(f"{_name(one)} has no element values", self.path)
+        elements = np.asarray(element_rows, dtype=np.int64)
+        records = (elements[:, None] * model.points + np.arange(model.points)).ravel()
+        found: FloatArray = numbers.values(self._file, records, one.offset)
+        return found.reshape(elements.size, model.points, model.values)
+
+    def nodal_values(self, row: int, name: str, node_rows: IntArray | None = None) -> FloatArray:
+        """A nodal quantity of increment `row`, ``(K, components)``.
+
+        `node_rows` count nodes as the mesh of the increment has them; None is all of
+        them. Where the file says that there is no data all is zero.
+
+        Raises
+        ------
+        ResultError
+            The increment has no such quantity, or it cannot be read.
+        """
+        one = self.increments[row]
+        for quantity, numbers in zip(one.nodal, one.layout.nodal_values, strict=True):
+            if quantity.name != name:
+                continue
+            if numbers is None:
+                count = self._model(row).nodes if node_rows is None else len(node_rows)
+                return np.zeros((count, quantity.components))
+            found: FloatArray = numbers.values(self._file, node_rows, one.offset)
+            return found
+        names = ", ".join(quantity.name for quantity in one.nodal) or "none"
+        raise ResultError(f"{_name(one)} has no nodal quantity {name!r}; it has {names}", self.path)
+
+    def _model(self, row: int) -> "_Model":
+        return self._models[self.increments[row].mesh]
+
+    def _walk(self) -> None:
+        """Go to the end, or as far as the file can be understood."""
+        try:
+            self._header()
+        except PostDamageError as damage:
+            raise ResultError(f"no whole model: {self._located(damage)}", self.path) from damage
+        try:
+            while (word := self._records.word()) == INCREMENT:
+                repeat = self._repeats.find(self._records.at)
+                if repeat is None:
+                    self._increment()
+                else:
+                    self._repeated(repeat)
+            self._ending(word)
+        except PostDamageError as damage:
+            self.problem = self._located(damage)
+
+    def _blocks(self) -> Iterator[tuple[int, int]]:
+        """Number and revision of each block that follows; the caller may read in it."""
+        records = self._records
+        while (word := records.word()).startswith(BEGIN):
+            number = word[len(BEGIN) :].split(" ", 1)[0]
+            self._where = f"in block {number} {self._of}"
+            if len(number) != 5 or not number.isdecimal():
+                raise PostDamageError(f"{word!r} has no number", records.at)
+            records.skip_word()
+            base, revision = divmod(int(number), 100)
+            if base not in _READ and base not in _SKIPPED and base not in self._unknown:
+                self._unknown.add(base)
+                self._remark(f"block {word[len(BEGIN) :]} is not known: skipped")
+            yield base, revision
+            if base in _READ and records.word() != END:
+                self._remark(f"{self._where}: more than is known, left out{self._also()}")
+            records.skip_block()
+            records.skip_word()
+
+    def _header(self) -> None:
+        self._where, self._of = "at the beginning", "of the model"
+        model = _Model()
+        for base, revision in self._blocks():
+            if base == _TITLE:
+                self.title = self._records.text()
+            elif base == _DOMAIN:
+                domains, number = self._records.integers(2)
+                if domains > 1:
+                    self._remark(f"part {number} of a model that was solved in {domains} domains")
+            elif base in _MODEL_READ:
+                model = self._model_block(base, revision, model)
+        if self._records.word() not in (INCREMENT, FILE_END):
+            raise self._unexpected(f"{BEGIN} or {INCREMENT}")
+        self._where = "before the first increment"
+        if model.revision not in _SEEN_REVISIONS:
+            self._remark(f"post revision {model.revision}: real files of 12 and 14 were seen")
+        self._models.append(model)
+        self._whole_bytes = self._records.at
+
+    def _increment(self) -> None:
+        records, model = self._records, self._models[-1]
+        layout = _Layout(records.at)
+        records.free.clear()
+        self._where = self._of = f"of the increment that begins at byte {layout.start}"
+        records.skip_word()
+        new_model = False
+        for base, revision in self._blocks():
+            if base in _READ and base not in _MODEL:
+                layout = self._increment_block(base, model, layout)
+            elif base in _MODEL:
+                new_model = True
+                if base in _MODEL_READ:
+                    model = self._model_block(base, revision, model)
+            if base == _INTEGERS and layout.integers is not None:
+                self._of = f"of increment {layout.integers.values(records.file)[0, 1]}"
+        if records.word() != INCREMENT_END:
+            raise self._unexpected(f"{BEGIN} or {INCREMENT_END}")
+        records.skip_word()
+        if layout.integers is None or layout.reals is None:
+            raise PostDamageError("an increment without its number and time", layout.start)
+        if new_model:
+            self._models.append(model)
+            self._repeats.forget()
+        else:
+            self._repeats.add(layout, records.at, records.free)
+        title = ""
+        if layout.title is not None:
+            first, last = layout.title
+            title = records.decoded_text(records.file.take(first, last - first))
+        integers = layout.integers.values(records.file)[0].tolist()
+        reals = layout.reals.values(records.file)[0].tolist()
+        self._append(layout, 0, integers, reals, title)
+        self._whole_bytes = records.at
+
+    def _repeated(self, repeat: "_Repeat") -> None:
+        """Append increments that look like one before; they share a few titles."""
+        at = self._records.at
+        titles = {raw: self._records.decoded_text(raw) for raw in set(repeat.titles)}
+        for words, reals, raw in zip(
+            repeat.integers.tolist(), repeat.reals.tolist(), repeat.titles, strict=True
+        ):
+            self._append(repeat.layout, at - repeat.layout.start, words, reals, titles[raw])
+            at += repeat.length
+        self._records.at = self._whole_bytes = at
+
+    def _append(
+        self, layout: "_Layout", offset: int, words: list[int], reals: list[float], title: str
+    ) -> None:
+        self.increments.append(
+            PostIncrement(
+                row=len(self.increments),
+                increment=words[1],
+                sub_increment=words[2],
+                time_s=reals[0],
+                title=title,
+                mesh=len(self._models) - 1,
+                harmonic=words[6],
+                frequency=reals[1],
+                layout=layout,
+                offset=offset,
+            )
+        )
+
+    def _model_block(self, base: int, revision: int, model: "_Model") -> "_Model":
+        read = partial(_read_model_block, self._records, base, revision, model)
+        return self._optional(read, replace(model, sets=())) if base == _SETS else read()
+
+    def _increment_block(self, base: int, model: "_Model", layout: "_Layout") -> "_Layout":
+        read = partial(_read_increment_block, self._records, base, model, layout)
+        return read() if base in (_INTEGERS, _REALS) else self._optional(read, layout)
+
+    def _optional(self, read: Callable[[], _T], without: _T) -> _T:
+        """Read a block, or skip one that is whole and not built as known, with a remark."""
+        records = self._records
+        start, kept = records.at, len(records.free)
+        try:
+            return read()
+        except PostDamageError as damage:
+            records.at = start
+            del records.free[kept:]
+            try:
+                records.skip_block()
+            except PostDamageError:
+                raise damage from None
+            self._remark(f"{self._located(damage)}: left out{self._also()}")
+            return without
+
+    def _ending(self, word: str) -> None:
+        records = self._records
+        self._where = "at the end"
+        if word == FILE_END:
+            records.skip_word()
+            self._whole_bytes = records.at
+            rest = records.file.size - records.at
+            if records.file.peek(records.at, min(rest, _MOST_BLANKS)).strip():
+                self._remark(f"{rest} bytes behind the end of the file")
+            else:
+                self._whole_bytes = records.file.size
+        elif records.at >= records.file.size:
+            self.problem = f"no {FILE_END} at the end: the run is going on, or was stopped"
+        else:
+            raise self._unexpected(f"{INCREMENT} or {FILE_END}")
+
+    def _unexpected(self, expected: str) -> PostDamageError:
+        at = self._records.at
+        found = self._records.word() or repr(self._file.peek(at, 24))
+        if at >= self._file.size:
+            found = "nothing"
+        return PostDamageError(f"{found} where {expected} is expected", at)
+
+    def _located(self, damage: PostDamageError) -> str:
+        return f"{damage.problem}, {self._where} (byte {damage.at})"
+
+    def _also(self) -> str:
+        return ", also in increments built alike" if self._models else ""
+
+    def _remark(self, remark: str) -> None:
+        if len(self.remarks) < _MOST_REMARKS:
+            self.remarks.append(remark)
+
+
+def _name(one: PostIncrement) -> str:
+    return f"increment {one.increment} (time {one.time_s:g} s)"
+
+
+# --- Tables of numbers in the file
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Numbers:
+    """Where a table is: `rows` of `stride` bytes from byte `start`.
+
+    The numbers of a row, of type `dtype` (``S13`` is text), fill its `runs`; `fixed`
+    (byte, text) is in every row. A record of many numbers as text is `wrapped`: its table
+    of so many columns fills lines, the rows here, of which the last has `last_bytes`.
+    """
+
+    start: int
+    rows: int
+    stride: int
+    runs: tuple[slice, ...]
+    dtype: "np.dtype[Any]"
+    integer: bool = False
+    fixed: tuple[tuple[int, bytes], ...] = ()
+    wrapped: int = 0
+    table_rows: int = 0
+    last_bytes: int = 0
+
+    def values(self, file: ByteFile, rows: IntArray | None = None, offset: int = 0) -> NDArray[Any]:
+        """Rows of the table, or all, in int64 or float64; `offset` bytes on in the file.
+
+        Raises
+        ------
+        ResultError
+            A number cannot be read, or the file has not so many bytes.
+        """
+        count = self.table_rows if self.wrapped else self.rows
+        wanted = np.arange(count) if rows is None else np.asarray(rows, dtype=np.int64)
+        if wanted.size and not 0 <= wanted.min() <= wanted.max() < count:
+            raise IndexError(f"rows {wanted.min()} to {wanted.max()} of {count}")
+        try:
+            if not self.wrapped:
+                return self._converted(self._fields(file, wanted, offset))
+            place = wanted[:, None] * self.wrapped + np.arange(self.wrapped)
+            line, column = place // _FIELDS_A_LINE, place % _FIELDS_A_LINE
+            lines, back = np.unique(line, return_inverse=True)
+            fields = self._fields(file, lines, offset)
+            return self._converted(fields[back.reshape(place.shape), column])
+        except ValueError as error:
+            first = self.start + offset
+            last = first + self.rows * self.stride
+            raise ResultError(
+                f"bytes {first} to {last} cannot be read: {error}", file.path
+            ) from error
+
+    def decode(self, raw: NDArray[np.uint8]) -> NDArray[Any]:
+        """Numbers of rows in memory, ``(K, stride)``; ValueError where one is none."""
+        return self._converted(self._cut(raw))
+
+    def _fields(self, file: ByteFile, rows: IntArray, offset: int) -> NDArray[Any]:
+        """Fields of `rows`, ``(k, fields)``; those near each other are read together."""
+        if not rows.size:
+            return self._cut(np.empty((0, self.stride), dtype=np.uint8))
+        first, last = int(rows.min()), int(rows.max()) + 1
+        if (last - first) * self.stride <= _GAP_BYTES:
+            return self._cut(self._take(file, first, last, offset)[rows - first])
+        wanted, back = np.unique(rows, return_inverse=True)
+        chunk = wanted // max(1, _READ_BYTES // self.stride)
+        apart = (np.diff(wanted) * self.stride > _GAP_BYTES) | (np.diff(chunk) > 0)
+        pieces = []
+        for some in np.split(wanted, np.flatnonzero(apart) + 1):
+            first, last = int(some[0]), int(some[-1]) + 1
+            pieces.append(self._cut(self._take(file, first, last, offset)[some - first]))
+        return np.concatenate(pieces)[back]
+
+    def _take(self, file: ByteFile, begin: int, end: int, offset: int) -> NDArray[np.uint8]:
+        at, length = self.start + offset + begin * self.stride, (end - begin) * self.stride
+        if self.last_bytes and end == self.rows:  # a line of fewer numbers
+            raw = file.take(at, length - self.stride + self.last_bytes)
+            raw = raw[:-1].ljust(length - 1) + raw[-1:]
+        else:
+            raw = file.take(at, length)
+        return np.frombuffer(raw, dtype=np.uint8).reshape(end - begin, self.stride)
+
+    def _cut(self, raw: NDArray[np.uint8]) -> NDArray[Any]:
+        for at, expected in self.fixed:
+            found = raw[:, at : at + len(expected)]
+            odd = (found != np.frombuffer(expected, dtype=np.uint8)).any(axis=1)
+            if odd.any():
+                raise ValueError(f"{found[odd][0].tobytes()!r} where {expected!r} is expected")
+        fields: NDArray[Any] = np.concatenate([raw[:, run] for run in self.runs], axis=1)
+        return fields.view(self.dtype)
+
+    def _converted(self, fields: NDArray[Any]) -> NDArray[Any]:
+        kind = np.int64 if self.integer else np.float64
+        if self.dtype.kind != "S":
+            with np.errstate(invalid="ignore"):  # of a signalling NaN
+                return fields.astype(kind)
+        packed = np.ascontiguousarray(fields)
+        if np.isin(packed.view(np.uint8), _FOREIGN).any():
+            raise ValueError("bytes that belong to no number among numbers")
+        try:
+            return packed.astype(kind)
+        except ValueError:
+            if self.integer:
+                raise
+            return np.array([_real(one) for one in packed.ravel().tolist()]).reshape(packed.shape)
+
+
+_TEXT = np.dtype(f"S{_FIELD}")
+
+
+def _real(text: bytes) -> float:
+    """A real of Fortran: an exponent of three digits has no letter, ``0.1-100``."""
+    match = _REAL.fullmatch(text)
+    if match:
+        return float(match[1] + b"e" + (match[2] or b"0"))
+    try:
+        return float(text)  # NaN and Infinity
+    except ValueError:
+        raise ValueError(f"{text!r} where a real is expected") from None
+
+
+# --- Records of either kind
+#
+# Both classes are a place `at` in the file, moved on by what is read there. `free` collects
+# the stretches (first, last + 1) that hold values: what is between them is the same in all
+# increments that are built alike. Their methods raise `PostDamageError` where the file is
+# cut or holds something else.
+
+
+class _BinaryRecords:
+    kind = "t16"
+
+    def __init__(self, file: ByteFile, big_endian: bool) -> None:
+        self.file, self.at = file, 0
+        self.free: list[tuple[int, int]] = []
+        self.byte_order = "big" if big_endian else "little"
+        self.real_bytes = 4
+        self._order = ">" if big_endian else "<"
+        self._integer = np.dtype(f"{self._order}i{_WORD}")
+        self._length = struct.Struct(f"{self._order}i")
+
+    def word(self) -> str:
+        """The word that is here; "" if none is, or the file ends."""
+        head = self.file.peek(self.at, _MARKER)
+        if len(head) < _MARKER:
+            return ""
+        length = self._length.unpack(head)[0]
+        if length not in (_WORD, _WORD * len(END), _WORD * _TITLE_WORDS):
+            return ""
+        raw = self.file.peek(self.at + _MARKER, length)
+        return _known_word(raw if length == _WORD else raw[::_WORD])
+
+    def skip_word(self) -> None:
+        """Go behind the word that is here."""
+        self.at += self._record() + 2 * _MARKER
+
+    def text(self, free: bool = False) -> str:
+        """A record of text, without blanks at its ends."""
+        start = self.at
+        raw = self._payload()
+        if free:
+            self.free.append((start + _MARKER, self.at - _MARKER))
+        return self._decoded(raw)
+
+    def decoded_text(self, record: bytes) -> str:
+        """The text of a whole record that is in memory."""
+        return self._decoded(record[_MARKER:-_MARKER])
+
+    def label(self) -> tuple[list[int], str]:
+        """A record of integers and a text: an element post code."""
+        start = self.at
+        raw = self._payload()
+        words = len(raw) // _WORD
+        letters = _LONG_LABEL_WORDS if words > _LONG_LABEL_WORDS else _LABEL_WORDS
+        if not 0 < words - letters <= 2 or len(raw) % _WORD:
+            raise PostDamageError(f"a post code in a record of {len(raw)} bytes", start)
+        cut = (words - letters) * _WORD
+        return np.frombuffer(raw[:cut], dtype=self._integer).tolist(), self._decoded(raw[cut:])
+
+    def integers(self, *counts: int) -> list[int]:
+        """Records of so many integers each."""
+        found: list[int] = []
+        for count in counts:
+            start = self.at
+            raw = self._payload()
+            if len(raw) != count * _WORD:
+                raise PostDamageError(
+                    f"a record of {len(raw)} bytes where {count} integers are expected", start
+                )
+            found += np.frombuffer(raw, dtype=self._integer).tolist()
+        return found
+
+    def table(
+        self, rows: int, integers: int, reals: int
+    ) -> tuple[_Numbers | None, _Numbers | None]:
+        """Skip `rows` records alike: where their `integers` and `reals` are; None for none."""
+        if rows == 0 or integers + reals == 0:
+            return None, None
+        start, payload = self.at, self._record()
+        before, stride = integers * _WORD, payload + 2 * _MARKER
+        width = (payload - before) // reals if reals else _WORD
+        if payload != before + reals * width or width not in (4, 8):
+            raise PostDamageError(
+                f"a record of {payload} bytes where {integers} integers and {reals} reals "
+                "are expected",
+                start,
+            )
+        _check_whole(self.file, start, rows, stride)
+        marker = self._length.pack(payload)
+        last = start + (rows - 1) * stride
+        for at in (last, last + stride - _MARKER):
+            if not self.file.holds(at, marker):
+                raise PostDamageError(f"{rows} records of {payload} bytes: not so", at)
+        self.at = start + rows * stride
+        self.free.append((start + _MARKER, self.at - _MARKER))
+        fixed = ((0, marker), (stride - _MARKER, marker))
+        cut = _MARKER + before
+        found = _Numbers(
+            start, rows, stride, (slice(_MARKER, cut),), self._integer, integer=True, fixed=fixed
+        )
+        real = replace(
+            found, runs=(slice(cut, stride - _MARKER),), dtype=self._real(width), integer=False
+        )
+        return (found if integers else None), (real if reals else None)
+
+    def flow(self, rows: int, columns: int) -> _Numbers:
+        """Skip one record of `rows` times `columns` reals."""
+        start, length, count = self.at, self._record(), rows * columns
+        width = length // count if count else _WORD
+        if length != count * width or width not in (4, 8):
+            raise PostDamageError(
+                f"a record of {length} bytes where {rows} times {columns} reals are expected",
+                start,
+            )
+        self.at += length + 2 * _MARKER
+        self.free.append((start + _MARKER, self.at - _MARKER))
+        stride = columns * width
+        return _Numbers(start + _MARKER, rows, stride, (slice(0, stride),), self._real(width))
+
+    def skip_empty(self) -> None:
+        """Skip a record of nothing, if one is here."""
+        if self.file.holds(self.at, bytes(2 * _MARKER)):
+            self.at += 2 * _MARKER
+
+    def skip_block(self) -> None:
+        """Go to the ``=end=`` of the block that we are in."""
+        while (word := self.word()) != END:
+            if word:
+                raise PostDamageError(f"{word!r} before the block's =end=", self.at)
+            start = self.at
+            self.at += self._record() + 2 * _MARKER
+            self.free.append((start + _MARKER, self.at - _MARKER))
+
+    def _record(self) -> int:
+        """Bytes of the record here, without its lengths."""
+        length = self._marker(self.at)
+        end = self.at + _MARKER + length
+        if length < 0:
+            raise PostDamageError(
+                f"a record of length {length}: one of more than 2^31 bytes, in pieces, is not read",
+                self.at,
+            )
+        if end + _MARKER > self.file.size:
+            raise PostDamageError(
+                f"cut: a record of {length} bytes begins here and the file ends at byte "
+                f"{self.file.size}",
+                self.at,
+            )
+        if self._marker(end) != length:
+            raise PostDamageError(
+                f"a record of {length} bytes that ends in {self._marker(end)}", self.at
+            )
+        return length
+
+    def _marker(self, at: int) -> int:
+        raw = self.file.peek(at, _MARKER)
+        if len(raw) < _MARKER:
+            raise PostDamageError("cut", self.file.size)
+        return int(self._length.unpack(raw)[0])
+
+    def _payload(self) -> bytes:
+        length = self._record()
+        if length > _LONGEST_TEXT:
+            raise PostDamageError(f"a record of {length} bytes among short ones", self.at)
+        raw = self.file.take(self.at + _MARKER, length)
+        self.at += length + 2 * _MARKER
+        return raw
+
+    def _decoded(self, raw: bytes) -> str:
+        return raw[::_WORD].decode("latin-1").strip(" \0")
+
+    def _real(self, width: int) -> "np.dtype[Any]":
+        self.real_bytes = max(self.real_bytes, width)
+        return np.dtype(f"{self._order}f{width}")
+
+
+class _TextRecords:
+    kind = "t19"
+    byte_order = "little"  # it has none
+    real_bytes = 4
+
+    def __init__(self, file: ByteFile) -> None:
+        self.file, self.at = file, 0
+        self.free: list[tuple[int, int]] = []
+
+    def word(self) -> str:
+        """The word that is here; "" if none is, or the file ends."""
+        self.skip_empty()
+        found = self.file.line(self.at)
+        return _known_word(found[0] if found else self.file.peek(self.at, 80))
+
+    def skip_word(self) -> None:
+        """Go behind the word that is here."""
+        found = self.file.line(self.at)
+        self.at = found[1] if found else self.file.size  # no end behind the last word
+
+    def text(self, free: bool = False) -> str:
+        """A record of text, without blanks at its ends."""
+        start = self.at
+        line = self._line()
+        if free:
+            self.free.append((start, start + len(line)))
+        return self.decoded_text(line)
+
+    def decoded_text(self, record: bytes) -> str:
+        """The text of a whole record that is in memory."""
+        return record.decode("latin-1").strip()
+
+    def label(self) -> tuple[list[int], str]:
+        """A record of integers and a text: an element post code."""
+        start, line = self.at, self._line()
+        numbers, rest = [_integer(line[:_FIELD], start)], line[_FIELD:]
+        if len(rest) >= _FIELD and rest[:_FIELD].strip().isdigit():
+            numbers.append(int(rest[:_FIELD]))
+            rest = rest[_FIELD:]
+        return numbers, rest.decode("latin-1").strip()
+
+    def integers(self, *counts: int) -> list[int]:
+        """Integers; text does not part the records of so many each."""
+        count = sum(counts)
+        self._check_fields(count)
+        numbers: list[int] = []
+        while len(numbers) < count:
+            start, line = self.at, self._line().rstrip()
+            fields = min(_FIELDS_A_LINE, count - len(numbers))
+            if len(line) != fields * _FIELD:
+                raise PostDamageError(f"{line[:80]!r} where {fields} integers are expected", start)
+            numbers += [_integer(line[k : k + _FIELD], start) for k in range(0, len(line), _FIELD)]
+        return numbers
+
+    def table(
+        self, rows: int, integers: int, reals: int
+    ) -> tuple[_Numbers | None, _Numbers | None]:
+        """Skip `rows` records alike: where their `integers` and `reals` are; None for none."""
+        fields = integers + reals
+        if rows == 0 or fields == 0:
+            return None, None
+        start = self.at
+        self._check_fields(rows * fields)
+        ends = [end - start for end in self._one_record(fields)]
+        stride = ends[-1]
+        _check_whole(self.file, start, rows, stride)
+        self.at = start + rows * stride
+        fixed = tuple((end - 1, b"\n") for end in ends)
+        if not all(self.file.holds(self.at - stride + at, text) for at, text in fixed):
+            raise PostDamageError(f"{rows} records of {stride} bytes: not so", start)
+        self.free.append((start, self.at - 1))
+
+        def part(first: int, count: int) -> _Numbers | None:
+            runs, begins = [], [0, *ends]
+            for line, begin in enumerate(begins[:-1]):
+                inside = range(line * _FIELDS_A_LINE, (line + 1) * _FIELDS_A_LINE)
+                here = range(max(first, inside.start), min(first + count, inside.stop))
+                if here:
+                    at = begin + (here.start - inside.start) * _FIELD
+                    runs.append(slice(at, at + len(here) * _FIELD))
+            if not runs:
+                return None
+            is_integer = first < integers
+            return _Numbers(start, rows, stride, tuple(runs), _TEXT, is_integer, fixed)
+
+        return part(0, integers), part(integers, reals)
+
+    def flow(self, rows: int, columns: int) -> _Numbers:
+        """Skip one record of `rows` times `columns` reals."""
+        start, count = self.at, rows * columns
+        self._check_fields(count)
+        if count == 0:
+            self.skip_empty()
+            return _Numbers(start, rows, 0, (slice(0, 0),), _TEXT)
+        full, rest = divmod(count, _FIELDS_A_LINE)
+        a_line = min(count, _FIELDS_A_LINE)
+        stride = self._one_record(a_line)[0] - start
+        if full:
+            _check_whole(self.file, start, full, stride)
+            self.at = start + full * stride
+            if not self.file.holds(self.at - 1, b"\n"):
+                raise PostDamageError(f"{full} lines of {stride} bytes: not so", start)
+            if rest:
+                self._one_record(rest)
+        lines = full + (rest > 0)
+        self.free.append((start, self.at - 1))
+        return _Numbers(
+            start=start,
+            rows=lines,
+            stride=stride,
+            runs=(slice(0, a_line * _FIELD),),
+            dtype=_TEXT,
+            fixed=((stride - 1, b"\n"),),
+            wrapped=columns,
+            table_rows=rows,
+            last_bytes=self.at - start - (lines - 1) * stride,
+        )
+
+    def skip_empty(self) -> None:
+        """Skip records of nothing, if any are here."""
+        found = self.file.line(self.at)
+        while found is not None and not found[0].strip():
+            self.at = found[1]
+            found = self.file.line(self.at)
+
+    def skip_block(self) -> None:
+        """Go to the ``=end=`` of the block that we are in."""
+        start = self.at
+        if self.word() == END:
+            return
+        found = self.file.find((b"\n" + END.encode(), b"\n" + BEGIN.encode()), self.at)
+        if found is None:
+            raise PostDamageError("cut: no =end= follows", self.file.size)
+        self.at = found[0] + 1
+        if self.word() != END:
+            raise PostDamageError(f"{self.word()!r} before the block's =end=", self.at)
+        self.free.append((start, self.at - 1))
+
+    def _line(self) -> bytes:
+        found = self.file.line(self.at)
+        if found is None:
+            raise PostDamageError(self.file.why_no_line(self.at), self.at)
+        line, self.at = found
+        return line
+
+    def _check_fields(self, fields: int) -> None:
+        if fields * _FIELD > self.file.size - self.at:
+            raise PostDamageError(
+                f"cut: {fields} numbers expected from byte {self.at} and the file ends at byte "
+                f"{self.file.size}",
+                self.file.size,
+            )
+
+    def _one_record(self, fields: int) -> list[int]:
+        """Skip one record of `fields` numbers: where each of its lines ends."""
+        ends = []
+        for first in range(0, fields, _FIELDS_A_LINE):
+            start, line = self.at, self._line()
+            wanted = min(_FIELDS_A_LINE, fields - first) * _FIELD
+            if len(line) < wanted or line[wanted:].strip():
+                raise PostDamageError(
+                    f"{line[:80]!r} where {wanted // _FIELD} numbers of {_FIELD} characters are "
+                    "expected",
+                    start,
+                )
+            ends.append(self.at)
+        return ends
+
+
+_Records = _BinaryRecords | _TextRecords
+
+
+def _records_of(file: ByteFile) -> _Records:
+    """Records of a binary file of either byte order, or of text, by the first bytes.
+
+    Raises
+    ------
+    ResultError
+        The file is empty, older than revision 9, or no post file.
+    """
+    length = _WORD * _TITLE_WORDS
+    head = file.peek(0, _MARKER + length)
+    if not head:
+        raise ResultError("empty, expected a post file of Marc", file.path)
+    if head.lstrip().startswith(BEGIN.encode()):
+        return _TextRecords(file)
+    for order in ("little", "big"):
+        if head[:_MARKER] != length.to_bytes(_MARKER, "big" if order == "big" else "little"):
+            continue
+        text = head[_MARKER::_WORD]
+        if text.startswith(BEGIN.encode()):
+            return _BinaryRecords(file, big_endian=order == "big")
+        if text.isascii() and text.decode("latin-1").isprintable():
+            raise ResultError(
+                "a post file without =beg= marks, of Marc K7 or before (revision 7 or older), "
+                "which is not read; Marc writes newer ones",
+                file.path,
+            )
+    raise ResultError(
+        f"begins with {head[:24]!r}, which no post file of Marc does: expected =beg=50100, as "
+        "text or in a record of 280 bytes",
+        file.path,
+    )
+
+
+def _known_word(raw: bytes) -> str:
+    text = raw.decode("latin-1").rstrip()
+    return text if text in _MARKS or text == END or text.startswith(BEGIN) else ""
+
+
+def _integer(text: bytes, at: int) -> int:
+    if not text.strip().removeprefix(b"-").isdigit():
+        raise PostDamageError(f"{text!r} where an integer is expected", at)
+    return int(text)
+
+
+def _check_whole(file: ByteFile, start: int, rows: int, stride: int) -> None:
+    whole = (file.size - start) // stride
+    if rows > whole:
+        raise PostDamageError(f"cut after {whole} of {rows} records", file.size)
+
+
+# --- The model: blocks 50200 to 51302
+
+
+class _SetPlace(NamedTuple):
+    name: str
+    kind: int
+    members: _Numbers | None
+    sides: _Numbers | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Model:
+    """Counts of a model (Marc's names beside them) and where its tables are."""
+
+    values: int = 0  # INUM, at each point
+    nodes: int = 0  # LNUM
+    elements: int = 0  # MNUM
+    points: int = 0  # NSTRES, of each element
+    dimensions: int = 0  # NCRD, coordinates of a node
+    corners: int = 0  # NNODMX, nodes of an element
+    revision: int = 0  # POSTRV
+    codes: tuple[PostCode, ...] = ()
+    connectivity: _Numbers | None = None
+    node_ids: _Numbers | None = None
+    coordinates: _Numbers | None = None
+    sets: tuple[_SetPlace, ...] = ()
+
+
+def _read_model_block(records: _Records, base: int, revision: int, model: _Model) -> _Model:
+    """`model` with what the block says that `records` is in."""
+    if base == _VERIFICATION:
+        return _verified(records, model)
+    if base == _CODES:
+        codes = []
+        for _ in range(model.values):
+            codes.append(_code(*records.label()))
+        return replace(model, codes=tuple(codes))
+    if base == _CONNECTIVITY:
+        corners, extras = model.corners, 0
+        if revision >= 2:
+            _, corners, extras = _counts(records, 3)
+        table, _ = records.table(model.elements, 3 + corners + extras, 0)
+        _check_end(records, f"{model.elements} elements")
+        return replace(model, corners=corners, connectivity=table)
+    if base == _COORDINATES:
+        ids, places = records.table(model.nodes, 1, model.dimensions)
+        _check_end(records, f"{model.nodes} nodes")
+        return replace(model, node_ids=ids, coordinates=places)
+    (count,) = _counts(records, 1)
+    sets: list[_SetPlace] = []
+    while len(sets) < count:
+        sets.append(_set(records, revision))
+    return replace(model, sets=tuple(sets))
+
+
+def _verified(records: _Records, model: _Model) -> _Model:
+    """A model of the counts here; tables of the model before that still fit are kept."""
+    words = records.integers(*_VERIFICATION_WORDS)
+    for place, name in _COUNTED.items():
+        if not 0 <= words[place] <= records.file.size:
+            raise PostDamageError(f"a model of {words[place]} {name}", records.at)
+    found = _Model(
+        values=words[0],
+        nodes=words[1],
+        elements=words[2],
+        points=words[4],
+        dimensions=words[8],
+        corners=words[9],
+        revision=words[13],
+        sets=model.sets,
+    )
+    if found.values == model.values:
+        found = replace(found, codes=model.codes)
+    if (found.nodes, found.dimensions) == (model.nodes, model.dimensions):
+        found = replace(found, node_ids=model.node_ids, coordinates=model.coordinates)
+    if (found.elements, found.corners) == (model.elements, model.corners):
+        found = replace(found, connectivity=model.connectivity)
+    return found
+
+
+def _code(numbers: list[int], label: str) -> PostCode:
+    """A post code; Marc's Volume C has one of layer n as the code + 1000 n."""
+    code, layer = numbers[0], sum(numbers[1:])
+    if layer == 0 and code >= _CODES_OF_A_LAYER:
+        layer, code = divmod(code, _CODES_OF_A_LAYER)
+    return PostCode(code, layer, label)
+
+
+def _set(records: _Records, revision: int) -> _SetPlace:
+    name = records.text()
+    count, kind = _counts(records, 2)
+    if revision >= 2:
+        records.integers(4)
+    if count == 0:
+        records.skip_empty()
+        return _SetPlace(name, kind, None, None)
+    members, _ = records.table(1, count, 0)
+    sides = records.table(1, count, 0)[0] if kind in _WITH_SIDES else None
+    return _SetPlace(name, kind, members, sides)
+
+
+def _counts(records: _Records, number: int) -> list[int]:
+    at = records.at
+    counts = records.integers(number)
+    if min(counts) < 0:
+        raise PostDamageError(f"a count of {min(counts)}", at)
+    return counts
+
+
+def _check_end(records: _Records, what: str) -> None:
+    """Refuse a block that goes on: its tables are not as long as was thought."""
+    if records.word() != END:
+        raise PostDamageError(f"more than {what}", records.at)
+
+
+def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
+    ids = model.node_ids
+    if model.nodes and ids is None:
+        raise ResultError(f"{model.nodes} nodes and no block of them", file.path)
+
+    def row(numbers: _Numbers | None) -> IntArray:
+        return np.empty(0, dtype=np.int64) if numbers is None else numbers.values(file)[0]
+
+    table = np.empty((0, 3), dtype=np.int64)
+    if model.connectivity is not None:
+        table = model.connectivity.values(file)
+    mm = np.zeros((model.nodes, 3))
+    if model.coordinates is not None:
+        found = model.coordinates.values(file)[:, :3]
+        mm[:, : found.shape[1]] = found
+    corners, used = table[:, 3 : 3 + model.corners].copy(), table[:, 2]
+    if used.size and (used.min() < 0 or used.max() > model.corners):
+        bad = int(np.flatnonzero((used < 0) | (used > model.corners))[0])
+        raise ResultError(
+            f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to "
+            f"{model.corners}",
+            file.path,
+        )
+    corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
+    return PostMesh(
+        node_ids=np.empty(0, np.int64) if ids is None else ids.values(file)[:, 0],
+        coordinates_mm=mm,
+        element_ids=table[:, 0].copy(),
+        element_types=table[:, 1].copy(),
+        connectivity=corners,
+        extras=table[:, 3 + model.corners :].copy(),
+        sets=tuple(
+            PostSet(
+                one.name,
+                _SET_KINDS.get(one.kind, f"type {one.kind}"),
+                row(one.members),
+                row(one.sides),
+            )
+            for one in model.sets
+        ),
+    )
+
+
+# --- An increment: blocks 51600 to 52401
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """Where the parts of an increment are that begins at byte `start`.
+
+    `title` is (first byte, last + 1); `integers` and `reals` are its verification data;
+    `nodal_values` has one entry for each of `nodal`, None where the file has no data.
+    Increments of a run are alike to the byte, but for their values: one layout serves all.
+    """
+
+    start: int
+    title: tuple[int, int] | None = None
+    integers: _Numbers | None = None
+    reals: _Numbers | None = None
+    element_values: _Numbers | None = None
+    nodal: tuple[NodalQuantity, ...] = ()
+    nodal_values: tuple[_Numbers | None, ...] = ()
+
+
+def _read_increment_block(records: _Records, base: int, model: _Model, layout: _Layout) -> _Layout:
+    """`layout` with where the block's values are that `records` is in."""
+    if base == _LOAD_CASE:
+        start = records.at
+        records.text(free=True)
+        return replace(layout, title=(start, records.at))
+    if base == _INTEGERS:
+        return replace(layout, integers=records.table(1, _INCREMENT_WORDS, 0)[0])
+    if base == _REALS:
+        (count,) = records.integers(1)
+        if count < 2:
+            raise PostDamageError(f"{count} reals, which leaves no time", records.at)
+        return replace(layout, reals=records.flow(1, count))
+    if base == _ELEMENT_VALUES:
+        _, values = records.table(model.elements * model.points, 0, model.values)
+        _check_end(records, f"{model.elements} elements of {model.points} points")
+        return replace(layout, element_values=values)
+    quantities: list[NodalQuantity] = []
+    places: list[_Numbers | None] = []
+    count, _ = records.integers(2)
+    for _ in range(count):
+        name = records.text()
+        at = records.at
+        words = records.integers(_QUANTITY_WORDS)
+        components, flag = words[3], words[6]
+        known = flag in (_ALL_NODES, _NO_NODES)
+        if not known or not 0 <= components <= _MOST_COMPONENTS:
+            raise PostDamageError(f"{name!r} of {components} components with flag {flag}", at)
+        is_complex = words[5] in _COMPLEX
+        place = None
+        if flag == _ALL_NODES:
+            place = records.flow(model.nodes, components)
+            if is_complex:
+                records.flow(model.nodes, components)
+        places.append(place)
+        quantities.append(NodalQuantity(name, words[0], components, place is not None, is_complex))
+    return replace(layout, nodal=tuple(quantities), nodal_values=tuple(places))
+
+
+# --- Increments that look like one before, found without walking through them
+#
+# Between the values of an increment are names, counts and lengths of records. If the bytes
+# of all these are those of an increment that was walked through, at the same distances,
+# its records are where that one's are. So a file of 100 000 small increments is opened by
+# comparing arrays, and a large increment by looking at a few places of it.
+
+
+class _Repeat(NamedTuple):
+    """Increments of one layout, one after the other, `length` bytes each.
+
+    `integers` ``(K, 12)`` and `reals` ``(K, ...)`` begin their verification data.
+    """
+
+    layout: _Layout
+    length: int
+    integers: IntArray
+    reals: FloatArray
+    titles: list[bytes]
+
+
+class _Part(NamedTuple):
+    """`length` bytes at `offset`, of which those at `places` are `expected`."""
+
+    offset: int
+    length: int
+    places: NDArray[np.intp]
+    expected: NDArray[np.uint8]
+
+
+class _Repeats:
+    """The layouts met so far in `file`, each with its length and what is fixed in it."""
+
+    def __init__(self, file: ByteFile) -> None:
+        self._file = file
+        self._known: list[tuple[_Layout, int, list[_Part]]] = []
+        self._at_once = 1
+
+    def forget(self) -> None:
+        """Start anew: the model is another one."""
+        self._known.clear()
+
+    def add(self, layout: _Layout, end: int, free: Sequence[tuple[int, int]]) -> None:
+        """Add an increment that ends before byte `end` and has its values at `free`."""
+        start, spans, at = layout.start, list[tuple[int, int]](), layout.start
+        for first, last in [*sorted(free), (end, end)]:
+            if first > at:
+                spans.append((at, first))
+            at = max(at, last)
+        if sum(last - first for first, last in spans) > _COMPARED_BYTES:
+            return
+        groups = [[spans[0]]]
+        for span in spans[1:]:
+            if end - start > _SMALL_BYTES and span[0] - groups[-1][-1][1] > _GAP_BYTES:
+                groups.append([])
+            groups[-1].append(span)
+        parts = []
+        for group in groups:
+            first, last = group[0][0], group[-1][1]
+            places = np.concatenate([np.arange(*span) for span in group]) - first
+            raw = np.frombuffer(self._file.take(first, last - first), dtype=np.uint8)
+            parts.append(_Part(first - start, last - first, places, raw[places]))
+        if layout.title is None or layout.integers is None or layout.reals is None:
+            return
+        heads = [layout.title[1], *(n.start + n.stride for n in (layout.integers, layout.reals))]
+        if max(heads) <= start + parts[0].length:
+            self._known = [(layout, end - start, parts), *self._known[: _TEMPLATES - 1]]
+
+    def find(self, at: int) -> _Repeat | None:
+        """The increments from byte `at` that look like one before."""
+        for place, (layout, length, parts) in enumerate(self._known):
+            found = self._match(layout, length, parts, at)
+            if found is not None:
+                self._known.insert(0, self._known.pop(place))
+                self._at_once = min(2 * self._at_once, _READ_BYTES)
+                return found
+        self._at_once = 1
+        return None
+
+    def _match(self, layout: _Layout, length: int, parts: list[_Part], at: int) -> _Repeat | None:
+        count = max(1, min(self._at_once, _READ_BYTES // length)) if len(parts) == 1 else 1
+        count = min(count, (self._file.size - at) // length)
+        if count == 0:
+            return None
+        first, same = self._compared(parts[0], at, count)
+        count = count if same.all() else int(np.argmin(same))
+        if count == 0 or not all(self._compared(part, at, 1)[1][0] for part in parts[1:]):
+            return None
+        assert layout.title is not None and layout.integers is not None  # as `add` checks
+        assert layout.reals is not None
+        rows = first[:count]
+
+        def part(begin: int, size: int) -> NDArray[np.uint8]:
+            return rows[:, begin - layout.start :][:, :size]
+
+        try:
+            integers, reals = (
+                numbers.decode(part(numbers.start, numbers.stride))
+                for numbers in (layout.integers, layout.reals)
+            )
+        except ValueError:
+            return None  # the walk will say what is wrong
+        title = part(layout.title[0], layout.title[1] - layout.title[0])
+        return _Repeat(layout, length, integers, reals, [row.tobytes() for row in title])
+
+    def _compared(
+        self, part: _Part, at: int, count: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        raw = self._file.take(at + part.offset, part.length * count)
+        rows = np.frombuffer(raw, dtype=np.uint8).reshape(count, part.length)
+        return rows, (rows[:, part.places] == part.expected).all(axis=1)

@@ -1,0 +1,490 @@
+"""Texts beside a Marc job: plots that Mentat saved, and the status file ``.sts``.
+
+A history or path plot, saved as text or copied out of a table::
+
+    Time Node 2 <tab> Equivalent Von Mises Stress Node 2
+    0       <tab> 0
+    0.0005  <tab> 205.897
+
+Mentat describes none of its layouts. Known from real files is the one above, as it was
+copied from Mentat 2014 (there over strain); from programs that read them, nine lines and
+two columns, and two lines, an index and tabs. So a table is found, not parsed: the longest
+run of lines with the same count of numbers, and every other run as wide. Names come from
+the line above that has one cell, between tabs or wide gaps, for each column. What has no
+name stays ``column_3``, and is not guessed at.
+
+A ``.sts`` has one line for each increment, and how the job ended::
+
+    case   inc  cycl  sepa cut   cycl   separ   cut  rmesh time step   total time ...
+      1     17    2    0    0      34       0     0     0  1.2558E-01  1.0000E+00 ...
+
+Marc writes it while it runs, so it may be read then: a last line without its end is left
+out. The layout is that of Marc 2019 to 2021, from real files.
+
+Time is taken as s, length as mm, and stress in `ReadOptions.stress_unit`.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fembridge.errors import ResultError
+from fembridge.results.printed.text_lines import text_lines
+from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.store import replacing
+from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.typing import FloatArray, Table
+
+INDEX = "index"
+SUCCESS = 3004
+"""The exit number of a job that reached its end."""
+
+_LEAST_ROWS, _LEAST_OTHER_ROWS, _LEAST_COLUMNS = 2, 3, 2
+_NUMBER = re.compile(
+    r"[+-]?(?:\d+\.\d*|\.\d+|\d+)(?:[EeDd][+-]?\d+)?|[+-]?(?:\d+\.\d*|\.\d+)[+-]\d+"
+)
+_NO_E = re.compile(r"(?<=[\d.])(?=[+-]\d)")
+_NODE = re.compile(r"\b(?:node|n:) *:? *(\d+)\b", re.IGNORECASE)
+_TIME = re.compile(r"\btime\b", re.IGNORECASE)
+_VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
+_UNNAMED = re.compile(r"column_\d+")
+_UTF_8_MARK = "\u00ef\u00bb\u00bf"  # its three bytes, as Latin-1 has them
+_DEFAULTS = ReadOptions()
+
+_FIRST_LINE = "style=1"
+_JOB = "information summary of job"
+_UNDER_HEADER = ("#", "|--")  # two more lines of names
+_HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time displ-mag"
+_WIDTHS = (7, 7, 5, 5, 5, 8, 8, 6, 6, 12, 12, 12, 12)
+_COUNTS = 9  # of the thirteen, the others are reals
+_REAL = re.compile(r"[+-]?\d+\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})?")
+_EXIT = re.compile(r"job ends with exit number *:? *(\d+)", re.IGNORECASE)
+_AFTER = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlotTable:
+    """A table in a text: `labels` of its columns, `values` ``(R, C)`` as they are there.
+
+    `header` is the text above, `line` that of the first row. A column that counts the rows is
+    called "index".
+    """
+
+    labels: tuple[str, ...]
+    values: FloatArray
+    header: tuple[str, ...]
+    line: int
+
+    @property
+    def x(self) -> int:
+        """Column of the abscissa: the first that is no index."""
+        return 1 if self.labels[0] == INDEX else 0
+
+    @property
+    def is_named(self) -> bool:
+        """Whether the columns have names in the text."""
+        return not _UNNAMED.fullmatch(self.labels[self.x])
+
+    @property
+    def is_over_time(self) -> bool:
+        """Whether the abscissa is called time."""
+        return _TIME.search(self.labels[self.x]) is not None
+
+    def node(self, column: int) -> int | None:
+        """The node that a column belongs to, if the text names it."""
+        found = _NODE.findall(self.labels[column])
+        if not found and len(self.labels) - self.x == 2:
+            found = [n for line in self.header for n in _NODE.findall(line)]
+        return int(found[0]) if len(set(found)) == 1 else None
+
+
+def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
+    """Read von Mises stress over time at `nodes`, in that order, from a history plot.
+
+    A table whose columns have names must name time and von Mises stress; one of two columns
+    without names is taken as that, with a note. Where the text names no node, `nodes` say
+    whose its curves are, one for each. With no `nodes` all curves are read.
+
+    Raises
+    ------
+    ResultError
+        The abscissa is not called time, no column von Mises stress, or a node is missing,
+        duplicate, or not named; times that are not one even grid.
+    """
+    found: list[tuple[int | None, FloatArray]] = []
+    for table in read_plot_tables(path):
+        times_ms = table.values[:, table.x] * MS_PER_S
+        for column in _stress_columns(table, path, options):
+            stress_pa = in_pa(table.values[:, column], options, path)
+            found.append((table.node(column), np.stack([times_ms, stress_pa], -1)))
+    named = [node for node, _ in found if node is not None]
+    if not named:
+        if len(nodes) != len(found):
+            raise ResultError(
+                f"the text does not say of which node its curves are: name one node for each "
+                f"of the {len(found)}, {len(nodes)} were named",
+                path,
+            )
+        named = list(nodes)
+    elif len(set(named)) < len(found):
+        twice = [node for node in named if named.count(node) > 1]
+        words = f"node {min(twice)} has two" if twice else "one has no node"
+        raise ResultError(f"of {len(found)} curves {words}", path)
+    curves = dict(zip(named, (curve for _, curve in found), strict=True))
+    missing = [node for node in nodes if node not in curves]
+    if missing:
+        there = ", ".join(map(str, curves))
+        raise ResultError(f"no curve of node {missing[0]}, there is {there}", path)
+    return [StressTrace.on_grid(node, curves[node], path) for node in nodes or curves]
+
+
+def nodes_in(path: Path) -> tuple[int, ...]:
+    """The nodes that the text names, of all curves; none if it names none."""
+    found = [
+        table.node(column)
+        for table in read_plot_tables(path)
+        for column in range(table.x + 1, len(table.labels))
+    ]
+    return tuple(dict.fromkeys(node for node in found if node is not None))
+
+
+def is_over_time(path: Path) -> bool:
+    """Whether the abscissa of every table of a text is called time."""
+    return all(table.is_over_time for table in read_plot_tables(path))
+
+
+def describe(path: Path) -> Table:
+    """What a plot holds."""
+    tables = read_plot_tables(path)
+    return {
+        "format": "mentat-plot",
+        "bytes": path.stat().st_size,
+        "tables": len(tables),
+        "rows": sum(len(table.values) for table in tables),
+        "columns": list(tables[0].labels),
+        "over_time": is_over_time(path),
+        "nodes": list(nodes_in(path)),
+        "problem": None if tables[0].is_named else "its columns have no names",
+    }
+
+
+def write_plot_table(path: Path, output: Path) -> int:
+    """Write what a plot holds as CSV, number by number; the count of rows.
+
+    Of several tables the first column, ``table``, counts them.
+
+    Raises
+    ------
+    ResultError
+        There is no table in it, or its tables have different columns.
+    """
+    tables = read_plot_tables(path)
+    first = tables[0].labels
+    columns = list(first)
+    for table in tables[1:]:
+        if _without_nodes(table.labels) != _without_nodes(first):
+            raise ResultError(
+                f"columns {', '.join(table.labels)}, those of the first table are "
+                f"{', '.join(first)}",
+                path,
+                table.line,
+            )
+        if table.labels != first:
+            columns = _without_nodes(first)
+    columns = [
+        f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
+        for at, name in enumerate(columns)
+    ]
+    several = len(tables) > 1
+    with replacing(output) as draft, draft.open("w", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([*(["table"] if several else []), *columns])
+        for count, table in enumerate(tables, start=1):
+            which = [count] if several else []
+            writer.writerows([*which, *row] for row in table.values.tolist())
+    return sum(len(table.values) for table in tables)
+
+
+def read_plot_tables(path: Path) -> list[PlotTable]:
+    """Read the longest table of a text, and the others as wide, in file order.
+
+    Raises
+    ------
+    ResultError
+        There is no such file, no table of two columns and rows in it, or its numbers cannot
+        be told apart.
+    """
+    runs = _number_runs(path)
+    if not runs:
+        raise ResultError("no table: no two lines with as many numbers each", path)
+    longest = max(runs, key=lambda run: len(run.rows))
+    least = min(_LEAST_OTHER_ROWS, len(longest.rows))
+    tables = []
+    for run in runs:
+        if run.columns == longest.columns and len(run.rows) >= least:
+            values = np.array(run.rows, dtype=np.float64)
+            values.flags.writeable = False
+            header = tuple(filter(str.strip, run.before))
+            tables.append(PlotTable(_labels(run, values), values, header, run.line))
+    return tables
+
+
+def number(text: str) -> float | None:
+    """A number as Fortran or C print it; None if it is none."""
+    if not (text.isascii() and _NUMBER.fullmatch(text)):
+        return None
+    plain = text.lower().replace("d", "e")
+    return float(plain if "e" in plain else _NO_E.sub("e", plain))  # 1.0-3
+
+
+def _stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[int]:
+    others = range(table.x + 1, len(table.labels))
+    if not table.is_named:
+        if len(others) > 1:
+            raise ResultError(
+                f"{len(table.labels)} columns without names: which is time, and which von "
+                "Mises stress, is not said",
+                path,
+                table.line,
+            )
+        above = f"; above them: {' / '.join(table.header)[:200]!r}" * bool(table.header)
+        options.note(f"columns without names, taken as time in s and von Mises stress{above}")
+        return list(others)
+    if not table.is_over_time:
+        raise ResultError(
+            f"over {table.labels[table.x]!r}, a trace needs Time there", path, table.line
+        )
+    columns = [k for k in others if _VON_MISES.search(table.labels[k])]
+    left = ", ".join(repr(table.labels[k]) for k in others if k not in columns)
+    if not columns:
+        raise ResultError(f"no von Mises stress in it, but {left}", path, table.line)
+    if left:
+        options.note(f"no von Mises stress, left out: {left}")
+    return columns
+
+
+@dataclass(slots=True)
+class _Run:
+    """Consecutive lines with the same count of numbers; `before` is the text above."""
+
+    line: int
+    before: list[str]
+    text: list[str] = field(default_factory=list)
+    rows: list[list[float]] = field(default_factory=list)
+
+    @property
+    def columns(self) -> int:
+        return len(self.rows[0])
+
+
+def _number_runs(path: Path) -> list[_Run]:
+    """Runs of the file, in its order.
+
+    Numbers are apart by blanks, tabs, semicolons or commas. A comma is a decimal comma where
+    the others hold the columns apart and no number of the longest run has a point.
+    """
+    lines = []
+    for count, line, _ in text_lines(path):
+        if "\0" in line:
+            raise ResultError("a zero byte: no text, or UTF-16, expected UTF-8", path, count)
+        plain = line.removeprefix(_UTF_8_MARK) if count == 1 else line
+        with suppress(UnicodeDecodeError):  # else Latin-1 it is
+            plain = plain.encode("latin-1").decode("utf-8")
+        lines.append(plain)
+    runs = _runs(lines, _at_blanks, path)
+    text = "\n".join(max(runs, key=lambda run: len(run.rows)).text) if runs else ""
+    if re.search(r"\d,\d", text) and "." not in text:
+        return runs
+    runs = _runs(lines, lambda line: re.split(r"[\s;,]+", line), path)
+    for run in runs:
+        text = "\n".join(run.text)
+        if run.columns > _LEAST_COLUMNS and not re.search(r"[.; \t]", text):
+            raise ResultError(
+                f"commas between numbers, and perhaps within: {text[:60]!r}; export with "
+                "decimal points, or with tabs between the columns",
+                path,
+                run.line,
+            )
+    return runs
+
+
+def _at_blanks(line: str) -> list[str]:
+    """Words between blanks and semicolons, a comma as a decimal comma."""
+    words = re.split(r"[\s;]+", line)
+    both = any("." in word and "," in word for word in words)
+    return [] if both else [word.replace(",", ".") for word in words]
+
+
+def _runs(lines: Sequence[str], split: Callable[[str], list[str]], path: Path) -> list[_Run]:
+    runs: list[_Run] = []
+    run: _Run | None = None
+    above = 0
+    for count, line in enumerate(lines, start=1):
+        words = [word for word in split(line) if word]
+        row = [value for word in words if (value := number(word)) is not None]
+        if len(row) < len(words) or len(row) < _LEAST_COLUMNS:
+            run = None
+            continue
+        if not np.isfinite(row).all():
+            word = words[int(np.argmin(np.isfinite(row)))]
+            raise ResultError(f"{word} is too large to be a number", path, count)
+        if run is None or run.columns != len(row):
+            if runs and len(runs[-1].rows) < _LEAST_ROWS:
+                runs.pop()  # a line of numbers alone is part of a header
+            elif runs:
+                above = runs[-1].line - 1 + len(runs[-1].rows)
+            run = _Run(count, list(lines[above : count - 1]))
+            runs.append(run)
+        run.text.append(line.strip())
+        run.rows.append(row)
+    return [run for run in runs if len(run.rows) >= _LEAST_ROWS]
+
+
+def _labels(run: _Run, values: FloatArray) -> tuple[str, ...]:
+    counts = bool((np.diff(values[:, 0]) == 1).all()) and values[0, 0] in (0, 1)
+    for line in reversed(run.before):
+        for pattern in (r"\t", r"\t| {2,}"):
+            cells = [cell.strip() for cell in re.split(pattern, line.strip()) if cell.strip()]
+            if any(number(cell) is not None for cell in cells):
+                continue
+            if len(cells) == run.columns:
+                return tuple(cells)
+            if len(cells) == run.columns - 1 >= 2 and counts:
+                return (INDEX, *cells)
+    return tuple(f"column_{count}" for count in range(1, run.columns + 1))
+
+
+def _without_nodes(labels: Sequence[str]) -> list[str]:
+    return [_NODE.sub("", label).strip() for label in labels]
+
+
+@dataclass(frozen=True, slots=True)
+class StsRow:
+    """One increment that ended.
+
+    `cycles`, `separations` and `cut_backs` are of the increment, `total_...` those since the
+    job began; `displacement_min_mm` and `displacement_max_mm` the least and greatest length
+    of a displacement. A count that outgrew its column is None.
+    """
+
+    load_case: int | None
+    increment: int | None
+    cycles: int | None
+    separations: int | None
+    cut_backs: int | None
+    total_cycles: int | None
+    total_separations: int | None
+    total_cut_backs: int | None
+    remeshings: int | None
+    increment_time_ms: float
+    total_time_ms: float
+    displacement_min_mm: float
+    displacement_max_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sts:
+    """A whole ``.sts``: what its first lines say, its `rows`, its exit number.
+
+    `exit_number` is None as long as the job has not ended; `unfinished` are the number and
+    the text of a last line that has no end yet.
+    """
+
+    job: str
+    version: str
+    rows: tuple[StsRow, ...]
+    exit_number: int | None
+    unfinished: tuple[int, str] | None
+
+    @property
+    def problem(self) -> str | None:
+        """Why the job is not one that reached its end; None if it is."""
+        last = self.rows[-1] if self.rows else None
+        reached = last and f"increment {last.increment} at {last.total_time_ms:g} ms"
+        if self.exit_number is None:
+            where = f", {reached}" if reached else ""
+            return f"the job has not ended, or was killed{where}"
+        if self.exit_number == SUCCESS:
+            return None
+        where = f"after {reached}" if reached else "before any increment"
+        return f"the job ended {where} with exit number {self.exit_number}, {SUCCESS} is success"
+
+
+def read_sts(path: Path) -> Sts:
+    """Read the increments so far and the exit number.
+
+    Raises
+    ------
+    ResultError
+        There is no such file, it does not begin like a ``.sts``, it has columns that are not
+        those above, or a line is neither an increment nor the end.
+    """
+    header: dict[str, str] = {}
+    rows: list[StsRow] = []
+    exit_number: int | None = None
+    unfinished: tuple[int, str] | None = None
+    has_columns = False
+    for count, line, ended in text_lines(path):
+        text = line.strip()
+        if not ended and not (_EXIT.fullmatch(text) or _AFTER.fullmatch(text)):
+            unfinished = count, line
+        elif count == 1:
+            if text != _FIRST_LINE:
+                raise ResultError(
+                    f"begins with {line[:40]!r}, a .sts of Marc with {_FIRST_LINE!r}", path, 1
+                )
+        elif not has_columns:
+            has_columns = text.startswith("case")
+            if has_columns and text.split() != _HEADER.split():
+                words = f"columns {' '.join(text.split())!r}, only {_HEADER!r} is known"
+                raise ResultError(words, path, count)
+            name, _, value = text.partition(":")
+            header[name] = value.strip()
+        elif found := _EXIT.fullmatch(text):
+            exit_number = int(found[1])
+        elif exit_number is not None:
+            if text and not _AFTER.fullmatch(text):
+                raise ResultError(f"after the end: {line[:80]!r}", path, count)
+        elif text and (rows or not text.startswith(_UNDER_HEADER)):
+            rows.append(_sts_row(line, path, count))
+    if not has_columns:
+        raise ResultError("no line of column names: cut, or no .sts of Marc", path)
+    job, version = (header.get(name, "") for name in (_JOB, "version"))
+    return Sts(job, version, tuple(rows), exit_number, unfinished)
+
+
+def _sts_row(line: str, path: Path, number: int) -> StsRow:
+    """An increment, by words, or by columns where neighbours touch."""
+    fields = line.split()
+    if len(fields) != len(_WIDTHS):
+        ends = np.cumsum(_WIDTHS).tolist()
+        fields = [line[end - width : end].strip() for end, width in zip(ends, _WIDTHS, strict=True)]
+        if line[ends[-1] :].strip():
+            raise ResultError(f"no increment: {line[:120]!r}", path, number)
+    try:
+        cells: list[Any] = [_count(text) for text in fields[:_COUNTS]]
+        step_s, time_s, *lengths_mm = map(_real, fields[_COUNTS:])
+        cells += [step_s * MS_PER_S, time_s * MS_PER_S, *lengths_mm]
+        return StsRow(*cells)
+    except ValueError as error:
+        raise ResultError(f"no increment: {error} in {line[:120]!r}", path, number) from error
+
+
+def _count(text: str) -> int | None:
+    if text and not text.strip("*"):
+        return None
+    if not (text.isascii() and text.isdigit()):
+        raise ValueError(f"{text!r} is no count")
+    return int(text)
+
+
+def _real(text: str) -> float:
+    if not (text.isascii() and _REAL.fullmatch(text)):
+        raise ValueError(f"{text!r} is no number")
+    return float(_NO_E.sub("E", text) if "e" not in text.lower() else text)  # 1.0000-101

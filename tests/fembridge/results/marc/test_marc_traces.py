@@ -1,0 +1,765 @@
+"""Stress at nodes of a post file, against closed forms and numbers worked by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import post_writer as writer
+import pytest
+import stress_models as models
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from decks.finger import LAYERS
+from decks.presets import QUICK, mesh_of
+from fembridge import read
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.field_file import read_field
+from fembridge.results.marc import read as read_marc
+from fembridge.results.marc import read_one_sided, read_stress_tensor
+from fembridge.results.read_options import ReadOptions
+from fembridge.run_folder import AfferentNode, RunFolder
+
+TIMES_S = (0.0, 0.0005, 0.001, 0.0015)
+FACTORS = (3.0, -2.0, 1.5, 0.7, -0.4, 0.2)
+
+
+def linear_stress(x, y, layer, time_s):
+    """Linear in place; in MPa, so that single precision is what is lost."""
+    return [
+        time_s * 1e3 * (f + 0.5 * (k + 1) * x - 0.3 * (k - 2) * y + 10 * layer)
+        for k, f in enumerate(FACTORS)
+    ]
+
+
+@pytest.fixture(params=["t16", "t19", "big", "double"])
+def storage(request):
+    """Each way in which a file may store its numbers."""
+    return {
+        "t16": writer.Storage(),
+        "t19": writer.Storage(binary=False),
+        "big": writer.Storage(big_endian=True),
+        "double": writer.Storage(real_bytes=8),
+    }[request.param]
+
+
+@pytest.mark.parametrize("kind", [3, 11, 27, 54, 80])
+def test_linear_stress_comes_out_at_every_node(kind, write_post, storage):
+    """A distorted mesh: what is linear in x and y is carried exactly."""
+    nodes, quads = models.grid(3, 2, lambda x, y: (x + 0.2 * math.sin(3 * y), y + 0.15 * x * y))
+    plane = models.Plane(kind, nodes, quads)
+    increments = plane.increments(linear_stress, TIMES_S)
+    path = write_post(storage, plane.model(), increments)
+    wanted = sorted(plane.bearing)
+
+    times_ms, tensor_pa = read_stress_tensor(path, wanted)
+
+    rounding = 3e-5 if path.suffix == ".t19" else 3e-6
+    assert_allclose(times_ms, [0, 0.5, 1.0, 1.5], rtol=1e-6)
+    for row, time_s in enumerate(TIMES_S):
+        for column, node in enumerate(wanted):
+            exact = 1e6 * np.array(linear_stress(*plane.nodes[node], 0, time_s))
+            assert_allclose(tensor_pa[row, column], exact, rtol=0, atol=rounding * 1e7)
+
+
+def test_traces_are_of_the_nodal_tensor_and_begin_at_increment_0(write_post):
+    nodes, quads = models.grid(2, 2)
+    plane = models.Plane(80, nodes, quads)
+    path = write_post(writer.Storage(), plane.model(), plane.increments(linear_stress, TIMES_S))
+    first, second = read(path, [5, 1])
+    assert (first.node, second.node) == (5, 1)
+    assert first.start_ms == 0.0
+    assert first.dt_ms == pytest.approx(0.5, rel=1e-6)
+    for trace in (first, second):
+        exact = [
+            1e6 * models.von_mises(linear_stress(*plane.nodes[trace.node], 0, t)) for t in TIMES_S
+        ]
+        assert_allclose(trace.stress_pa, exact, rtol=1e-5)
+
+
+def test_two_elements_worked_by_hand(write_post):
+    """Elements of 2 x 1 side by side; only sxx is not 0; points 1 to 4 as stored.
+
+    At the corner itself the bilinear interpolant weighs its own point with
+    a = 1 + √3/2, the two beside with -1/2, the far one with b = 1 - √3/2.
+    Node 2 is corner 2 of element 1 and corner 1 of element 2.
+    """
+    nodes = {1: (0, 0), 2: (2, 0), 3: (4, 0), 4: (0, 1), 5: (2, 1), 6: (4, 1)}
+    plane = models.Plane(11, nodes, [(1, 2, 5, 4), (2, 3, 6, 5)])
+    stored = [[10.0, 20.0, 30.0, 44.0], [1.0, 2.0, 4.0, 8.0]]
+    element = [[[abs(s), s, 0, 0, 0, 0, 0] for s in row] for row in stored]
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
+    path = write_post(writer.Storage(), plane.model(), increments)
+    a, b = 1 + math.sqrt(3) / 2, 1 - math.sqrt(3) / 2
+
+    def at(node, method):
+        options = ReadOptions(extrapolate=method)
+        return read_stress_tensor(path, [node], options)[1][0, 0, 0] / 1e6
+
+    in_first = -0.5 * 10 + a * 20 + b * 30 - 0.5 * 44
+    in_second = a * 1 - 0.5 * 2 - 0.5 * 4 + b * 8
+    assert at(2, "linear") == pytest.approx((in_first + in_second) / 2, rel=1e-6)
+    assert at(1, "linear") == pytest.approx(a * 10 - 0.5 * 50 + b * 44, rel=1e-6)
+    assert at(2, "translate") == pytest.approx((20 + 1) / 2)
+    assert at(5, "translate") == pytest.approx((44 + 4) / 2)
+    assert at(2, "average") == pytest.approx((104 / 4 + 15 / 4) / 2)
+    assert at(4, "average") == pytest.approx(104 / 4)
+
+
+def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(write_post):
+    """Shear that turns its sign inside the element: the tensor's is 0 at mid-height,
+    the points' is √3 |τ| of each."""
+    nodes, quads = models.grid(1, 1)
+    plane = models.Plane(11, nodes, quads)
+
+    def file(stress):
+        return write_post(writer.Storage(), plane.model(), plane.increments(stress, (0.0, 1.0)))
+
+    def trace(path, way, method="average"):
+        options = ReadOptions(von_mises=way, extrapolate=method)
+        return read_marc(path, [1], options)[0].stress_pa[0]
+
+    same = file(lambda x, y, layer, t: [3.0, 1.0, -2.0, 0.5, 0, 0])
+    uniform = 1e6 * models.von_mises([3.0, 1.0, -2.0, 0.5, 0, 0])
+    assert trace(same, "tensor") == pytest.approx(uniform, rel=1e-6)
+    assert trace(same, "scalar") == pytest.approx(uniform, rel=1e-6)
+    turning = file(lambda x, y, layer, t: [0, 0, 0, y - 0.5, 0, 0])
+    assert trace(turning, "tensor") == pytest.approx(0.0, abs=1.0)
+    shear = math.sqrt(3) * 0.5 / math.sqrt(3)
+    assert trace(turning, "scalar") == pytest.approx(1e6 * shear, rel=1e-6)
+    assert trace(turning, "tensor", "linear") == pytest.approx(1e6 * math.sqrt(3) * 0.5, rel=1e-6)
+    assert trace(turning, "scalar", "linear") == pytest.approx(1e6 * shear, rel=1e-6)
+
+
+def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(write_post):
+    nodes, quads = models.grid(1, 1)
+    plane = models.Plane(11, nodes, quads)
+    stored = plane.increments(linear_stress, (0.0, 1e-3))
+    odd = [[[7.0, *values[1:]] for values in row] for row in stored[1].element]
+    stored = (stored[0], replace(stored[1], element=odd))
+    path = write_post(writer.Storage(), plane.model(), stored)
+    said = []
+    options = ReadOptions(von_mises="scalar", extrapolate="translate", tell=said.append)
+    assert read_marc(path, [1], options)[0].stress_pa[1] == pytest.approx(7e6)
+    assert "Equivalent Von Mises Stress (code 17)" in said[0]
+    bare = [replace(one, element=[[v[1:] for v in row] for row in one.element]) for one in stored]
+    path = write_post(writer.Storage(), plane.model(codes=models.CODES[1:]), bare)
+    first_point = models.place(plane.corners[0], *models.POINTS[4][0])
+    wanted = 1e6 * models.von_mises(linear_stress(*first_point, 0, 1e-3))
+    trace = read_marc(path, [1], options)[0]
+    assert trace.stress_pa[1] == pytest.approx(wanted, rel=1e-6)
+    assert "at the points" in said[-1]
+
+
+def test_von_mises_below_zero_is_told(write_post):
+    """Points 2 and 3 have 1 MPa, the others none: at corner 1 that is -1/2 each."""
+    plane = models.Plane(11, *models.grid(1, 1))
+    element = [[[s, s, 0, 0, 0, 0, 0] for s in (0.0, 1.0, 1.0, 0.0)]]
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
+    path = write_post(writer.Storage(), plane.model(), increments)
+    said = []
+    options = ReadOptions(von_mises="scalar", tell=said.append)
+    assert read_marc(path, [1], options)[0].stress_pa[0] == pytest.approx(-1e6)
+    assert any("von Mises stress is below 0 at 0 ms" in words for words in said)
+
+
+def test_one_point_elements_give_their_point_to_every_corner(write_post):
+    nodes, quads = models.grid(2, 1)
+    plane = models.Plane(118, nodes, quads)
+    path = write_post(writer.Storage(), plane.model(), plane.increments(linear_stress, TIMES_S))
+    centre = 1e6 * np.array(linear_stress(0.5, 0.5, 0, 1e-3))
+    other = 1e6 * np.array(linear_stress(1.5, 0.5, 0, 1e-3))
+    for method in ("linear", "translate", "average"):
+        options = ReadOptions(extrapolate=method)
+        tensor_pa = read_stress_tensor(path, [1, 2, 3], options)[1][2]
+        wanted = [centre, (centre + other) / 2, other]
+        assert_allclose(tensor_pa, wanted, rtol=1e-5, atol=1)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    columns=st.integers(1, 4),
+    rows=st.integers(1, 3),
+    kind=st.sampled_from([11, 27, 54, 80, 118]),
+    method=st.sampled_from(["linear", "translate", "average"]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_node_has_the_mean_of_its_elements_as_a_plain_loop_finds_it(
+    columns, rows, kind, method, seed, write_post
+):
+    from fembridge.results.extrapolation import node_weights
+
+    rng = np.random.default_rng(seed)
+    plane = models.Plane(kind, *models.grid(columns, rows))
+    values = rng.normal(size=(len(plane.quads), plane.count, 7))
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)]
+    storage = writer.Storage(real_bytes=8)
+    path = write_post(storage, plane.model(), increments)
+    node = int(rng.choice(sorted(plane.bearing)))
+    total, count = np.zeros(6), 0
+    for nodes, at_points in zip(plane.elements, values, strict=True):
+        weights = node_weights(kind, len(nodes), plane.count, method)
+        if node in nodes[: len(weights)]:
+            total += weights[nodes.index(node)] @ at_points[:, 1:]
+            count += 1
+    found = read_stress_tensor(path, [node], ReadOptions(extrapolate=method))[1]
+    assert_allclose(found[1, 0], 1e6 * total / count, rtol=1e-9, atol=1e-3)
+
+
+def test_the_first_stress_tensor_there_is_is_taken_and_named(write_post):
+    nodes, quads = models.grid(1, 1)
+    plane = models.Plane(11, nodes, quads)
+    codes = tuple((341 + k, 0, "") for k in range(6))
+    both = (*((311 + k, 0, "") for k in range(6)), *reversed(codes))
+
+    def file(codes, values):
+        element = [[values] * 4]
+        increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
+        model = plane.model(codes=codes)
+        return write_post(writer.Storage(), model, increments)
+
+    said = []
+    options = ReadOptions(tell=said.append)
+    only = read_stress_tensor(file(codes, [1, 2, 3, 4, 5, 6]), [1], options)[1]
+    assert_allclose(only[0, 0], [1e6, 2e6, 3e6, 4e6, 5e6, 6e6])
+    assert said[-1].startswith("stress: Cauchy Stress (codes 341 to 346)")
+    mixed = file(both, [1, 2, 3, 4, 5, 6, 12, 11, 10, 9, 8, 7])
+    found = read_stress_tensor(mixed, [1], options)[1]
+    assert_allclose(found[0, 0], [7e6, 8e6, 9e6, 10e6, 11e6, 12e6])
+    assert said[-1].startswith("stress: Cauchy Stress (codes 341 to 346)")
+    plain = file(both[:6], [1, 2, 3, 4, 5, 6])
+    assert_allclose(read_stress_tensor(plain, [1], options)[1][0, 0, 0], 1e6)
+    assert said[-1].startswith("stress: Stress (codes 311 to 316)")
+    single = file(tuple((11 + k, 0, "") for k in range(6)), [1, 2, 3, 4, 5, 6])
+    assert_allclose(read_stress_tensor(single, [1], options)[1][0, 0, 5], 6e6)
+
+
+@pytest.mark.parametrize(
+    ("codes", "told"),
+    [
+        (((17, 0, ""),), "it holds Equivalent Von Mises Stress .code 17.; --von-mises"),
+        (
+            tuple((681 + k, 0, "") for k in range(6)),
+            "it holds Logarithmic Strain .codes 681 to 686",
+        ),
+        (((7, 0, ""), (301, 0, "")), "no stress tensor .post code 311 or 341. in it"),
+        (
+            tuple((311 + k, layer, "") for layer in (1, 3) for k in range(6)),
+            "code 311 is stored for layers 1, 3",
+        ),
+    ],
+)
+def test_a_file_without_one_stress_tensor_says_what_it_has(codes, told, write_post):
+    plane = models.Plane(11, *models.grid(1, 1))
+    element = [[[1.0] * len(codes)] * 4]
+    increments = [writer.Increment(number=0, element=element)]
+    path = write_post(writer.Storage(), plane.model(codes=codes), increments)
+    with pytest.raises(ResultError, match=told):
+        read_stress_tensor(path, [1])
+
+
+def test_the_unit_of_the_file_scales_the_stress(write_post):
+    plane = models.Plane(11, *models.grid(1, 1))
+    path = write_post(writer.Storage(), plane.model(), plane.increments(linear_stress, TIMES_S))
+    mpa = read(path, [1])[0].stress_pa
+    assert_allclose(read(path, [1], stress_unit="kPa")[0].stress_pa, mpa / 1e3)
+
+
+def test_words_for_points_mean_nothing_to_nodal_files(samples_frd):
+    with pytest.raises(UsageError, match="ccx-frd holds stress at nodes"):
+        read(samples_frd, [11], extrapolate="average")
+    with pytest.raises(UsageError, match="extrapolation 'cubic', expected linear"):
+        ReadOptions(extrapolate="cubic")
+    with pytest.raises(UsageError, match="von Mises of 'both', expected tensor"):
+        ReadOptions(von_mises="both")
+
+
+@pytest.fixture
+def samples_frd(marc_samples):
+    """A file of CalculiX."""
+    return marc_samples.parent / "frd_samples" / "cpe4_ascii.frd"
+
+
+def test_a_recorded_run_without_stress_says_what_it_holds(marc_samples):
+    with pytest.raises(ResultError, match="holds Plastic Strain in Global System"):
+        read(marc_samples / "nour_plastic.t16", [1])
+    with pytest.raises(ResultError, match=r"no stress tensor .* it holds no elem"):
+        read(marc_samples / "nour_linear.t16", [1])
+
+
+# Two columns of elements to the left are layer 0, one to the right is layer 1.
+SOFT_MPA, STIFF_MPA = 1.0, 40.0
+BETWEEN, INSIDE, IN_STIFF = 7, 6, 8
+
+
+def uniform(x, y, layer, time_s):
+    return [(STIFF_MPA if layer else SOFT_MPA) * time_s, 0, 0, 0, 0, 0]
+
+
+@pytest.fixture
+def two_layers():
+    """Six elements, a layer boundary at x = 2."""
+    return models.Plane(11, *models.grid(3, 2), layers=[0, 0, 1, 0, 0, 1])
+
+
+def file_of(plane, write_post, **changes):
+    increments = plane.increments(uniform, (0.0, 1.0))
+    model = plane.model(**changes)
+    return write_post(writer.Storage(), model, increments)
+
+
+def last_mpa(path, node, **options):
+    tensor_pa = read_stress_tensor(path, [node], ReadOptions(**options))[1]
+    return tensor_pa[-1, 0, 0] / 1e6
+
+
+def test_a_node_inside_a_layer_has_that_layer_s_stress(two_layers, write_post):
+    path = file_of(two_layers, write_post)
+    assert last_mpa(path, INSIDE) == pytest.approx(SOFT_MPA)
+    assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
+
+
+def test_a_node_between_layers_is_refused_with_both_names(two_layers, write_post):
+    path = file_of(two_layers, write_post)
+    ids = ("elements with ids 1 1 1 3 1", "elements with ids 2 1 1 3 1")
+    words = f"node 7 lies between {' and '.join(ids)}: a mean over both"
+    with pytest.raises(ResultError, match=words):
+        last_mpa(path, BETWEEN)
+    sets = (("epidermis", 0, (1, 2, 4, 5), ()), ("dermis", 0, (3, 6), ()))
+    path = file_of(two_layers, write_post, sets=sets)
+    with pytest.raises(ResultError, match=r"between epidermis and dermis: .*one-sided"):
+        last_mpa(path, BETWEEN)
+
+
+def test_across_materials_takes_the_mean_over_all_elements(two_layers, write_post):
+    path = file_of(two_layers, write_post)
+    mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
+    assert last_mpa(path, BETWEEN, across_materials=True) == pytest.approx(mean)
+    corner = (SOFT_MPA + STIFF_MPA) / 2
+    assert last_mpa(path, 3, across_materials=True) == pytest.approx(corner)
+
+
+def test_each_side_of_a_boundary_for_itself(two_layers, write_post):
+    sets = (("epidermis", 0, (1, 2, 4, 5), ()), ("dermis", 0, (3, 6), ()))
+    path = file_of(two_layers, write_post, sets=sets)
+    soft, stiff = read_one_sided(path, BETWEEN)
+    assert (soft.name, stiff.name) == ("epidermis", "dermis")
+    assert (soft.elements, stiff.elements) == ((2, 5), (3, 6))
+    assert_allclose(soft.von_mises_pa, [0, SOFT_MPA * 1e6], rtol=1e-6)
+    assert_allclose(stiff.von_mises_pa, [0, STIFF_MPA * 1e6], rtol=1e-6)
+    (alone,) = read_one_sided(path, INSIDE)
+    assert alone.elements == (1, 2, 4, 5)
+
+
+def test_a_file_without_ids_is_asked_for_its_element_sets(two_layers, write_post):
+    sets = (("soft", 0, (1, 2, 4, 5), ()), ("stiff", 0, (3, 6), ()), ("n", 1, (7,), ()))
+    path = file_of(two_layers, write_post, revision=12, sets=sets)
+    with pytest.raises(ResultError, match="node 7 lies between soft and stiff"):
+        last_mpa(path, BETWEEN)
+    assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
+
+
+def test_a_file_that_tells_no_layers_is_read_and_that_is_said(two_layers, write_post):
+    path = file_of(two_layers, write_post, revision=12)
+    said = []
+    mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
+    assert last_mpa(path, BETWEEN, tell=said.append) == pytest.approx(mean)
+    assert "the file does not tell the materials of its elements" in said
+
+
+def extended(*values):
+    return "".join(f"{value:>10}" for value in values)
+
+
+def deck_text(plane):
+    """A deck of version 15 with a ``connectivity`` for each layer."""
+    lines = [
+        "title               job1",
+        "extended",
+        f"sizing              {extended(0, len(plane.elements), len(plane.nodes), 0)}",
+        f"elements            {extended(plane.kind)}",
+        f"version             {extended(15, 2, 0, 0)}",
+        "table               " + extended(0, 0, 2, 1, 1, 0, 0, 1),
+        "end",
+    ]
+    for layer in (0, 1):
+        lines += ["connectivity", extended(0, 0, 1, 0, 1, layer + 1, 0, 1, 0)]
+        lines += [
+            extended(row + 1, plane.kind, *nodes)
+            for row, (nodes, mine) in enumerate(zip(plane.elements, plane.layers, strict=True))
+            if mine == layer
+        ]
+    lines += ["coordinates", extended(3, len(plane.nodes), 0, 1)]
+    lines += [
+        f"{node:>10}{x:>20.10f}{y:>20.10f}{0.0:>20.10f}" for node, (x, y) in plane.nodes.items()
+    ]
+    lines.append("end option")
+    return "\n".join(lines) + "\n"
+
+
+def test_the_deck_beside_tells_the_materials_of_a_file_without_ids(
+    two_layers, write_post, tmp_path
+):
+    path = tmp_path / "job.t16"
+    path.write_bytes(file_of(two_layers, write_post, revision=12).read_bytes())
+    (tmp_path / "job.dat").write_text(deck_text(two_layers))
+    with pytest.raises(ResultError, match="node 7 lies between material 1 and mat"):
+        last_mpa(path, BETWEEN)
+    assert last_mpa(path, INSIDE) == pytest.approx(SOFT_MPA)
+
+
+@pytest.mark.parametrize("text", ["", "*NODE\n1, 0., 0.\n", "title\nconnectivity\n"])
+def test_another_deck_beside_tells_nothing(text, two_layers, write_post, tmp_path):
+    path = tmp_path / "job.t16"
+    path.write_bytes(file_of(two_layers, write_post, revision=12).read_bytes())
+    (tmp_path / "job.dat").write_text(text)
+    mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
+    assert last_mpa(path, BETWEEN) == pytest.approx(mean)
+
+
+def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(write_post):
+    """Element 2 has node 2 at its corners 1 and 2: the mean of both is its share."""
+    nodes = {1: (0, 0), 2: (1, 0), 3: (1, 1), 4: (0, 1), 5: (2, 1)}
+    plane = models.Plane(11, nodes, [(1, 2, 3, 4), (2, 2, 5, 3)])
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(2, 4, 7))
+    increments = [writer.Increment(number=0, element=values)]
+    path = write_post(writer.Storage(real_bytes=8), plane.model(), increments)
+    options = ReadOptions(extrapolate="translate")
+    found = read_stress_tensor(path, [2], options)[1][0, 0] / 1e6
+    second = (values[1, 0, 1:] + values[1, 1, 1:]) / 2
+    assert_allclose(found, (values[0, 1, 1:] + second) / 2, rtol=1e-12)
+    from fembridge.results.field_file import read_field
+
+    field = read_field(path, "Stress", options=options)
+    assert_allclose(field.at([2])[0] / 1e6, found, rtol=1e-12)
+
+
+TIMES_IN_TIME_S = (0.0, 0.001, 0.002, 0.003)
+
+
+def in_time(x, y, layer, time_s):
+    return [1e3 * time_s, 0, 0, 0, 0, 0]
+
+
+@pytest.fixture
+def plane():
+    """Four elements with pressure nodes 10 to 13."""
+    return models.Plane(80, *models.grid(2, 2))
+
+
+@pytest.fixture
+def increments(plane):
+    """Four of them, stress grows by 1 MPa each."""
+    return plane.increments(in_time, TIMES_IN_TIME_S)
+
+
+@pytest.fixture
+def write(plane, write_post):
+    """Write increments of `plane`."""
+
+    def written(increments, storage=None, **changes):
+        storage = storage or writer.Storage()
+        return write_post(storage, plane.model(**changes), increments)
+
+    return written
+
+
+@pytest.mark.parametrize(
+    ("node", "told"),
+    [
+        (99, r"no node 99 in the mesh: it has 1 to 13, near it 11, 12, 13"),
+        (10, r"node 10 is a corner of no element with values: a pressure node"),
+        (0, r"no node 0 in the mesh"),
+        (-1, r"no node -1 in the mesh"),
+    ],
+)
+def test_a_node_without_stress_is_named(node, told, write, increments):
+    with pytest.raises(ResultError, match=told):
+        read(write(increments), [node])
+
+
+@pytest.mark.parametrize("known", [(1, 2, 3, 5), ()])
+def test_an_element_with_a_node_that_is_not_listed_is_named(known, write_post):
+    model = writer.Model(
+        node_ids=known, coordinates=writer.Model().coordinates[: len(known)], codes=models.CODES
+    )
+    ones = np.ones((1, 4, len(models.CODES)))
+    increments = [writer.Increment(k, time_s=0.1 * k, element=ones) for k in (1, 2)]
+    path = write_post(writer.Storage(), model, increments)
+    told = f"element 7 has node {4 if known else 1}, which has no coordinates"
+    with pytest.raises(ResultError, match=told):
+        read(path, [1])
+    with pytest.raises(ResultError, match=told):
+        read_field(path, "Stress", "last", ReadOptions())
+    with pytest.raises(ResultError, match=told):
+        read(path, near_mm=[(0.0, 0.0)])
+
+
+def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
+    path = write(increments)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-700])
+    with pytest.raises(ResultError, match=r"; --partial .partial=True. takes what is"):
+        read(path, [1])
+    said = []
+    (trace,) = read(path, [1], partial=True, tell=said.append)
+    assert_allclose(trace.stress_pa, [0, 1e6, 2e6], rtol=1e-6, atol=1)
+    assert any("increment" in words for words in said)
+
+
+def test_increments_without_element_values_are_left_out_and_told(write, increments):
+    first = replace(increments[0], element=None)
+    path = write((first, *increments[1:]))
+    said = []
+    (trace,) = read(path, [1], tell=said.append)
+    assert trace.start_ms == pytest.approx(1.0)
+    assert "left out: increments without element values, 0" in said
+    bare = tuple(replace(one, element=None) for one in increments)
+    with pytest.raises(ResultError, match="no element values in it: the deck's 'post'"):
+        read(write(bare), [1])
+
+
+def test_uneven_times_are_refused(write, increments):
+    late = replace(increments[3], time_s=0.0035)
+    with pytest.raises(ResultError, match="node 1: uneven time step, "):
+        read(write((*increments[:3], late)), [1])
+    times_ms, _ = read_stress_tensor(write((*increments[:3], late)), [1])
+    assert_allclose(times_ms, [0, 1, 2, 3.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_stress_that_is_not_finite_is_refused_or_its_increment_dropped(value, write, increments):
+    bad = np.array(increments[2].element)
+    bad[0, 0, 1] = value
+    changed = (*increments[:2], replace(increments[2], element=bad))
+    path = write((*changed, increments[3]))
+    with pytest.raises(ResultError, match="node 1 at 2 ms: stress is not finite"):
+        read(path, [1])
+    (trace,) = read(path, [9])
+    assert trace.stress_pa.size == 4
+    said = []
+    options = ReadOptions(partial=True, tell=said.append)
+    times_ms, _ = read_stress_tensor(path, [1], options)
+    assert_allclose(times_ms, [0, 1, 3], rtol=1e-6)
+    assert any("dropped increment 2: node 1" in words for words in said)
+
+
+def test_points_that_no_element_has_may_hold_anything(write_post):
+    """A quadrilateral of 4 points in a file that stores 9: the others are ignored."""
+    plane = models.Plane(11, *models.grid(2, 1))
+    values = np.full((2, 9, 7), np.nan)
+    values[:, :4] = plane.at_points(in_time, 0.001)
+    increments = [writer.Increment(number=0, element=values)]
+    path = write_post(writer.Storage(), plane.model(points=9), increments)
+    said = []
+    tensor_pa = read_stress_tensor(path, [2], ReadOptions(tell=said.append))[1]
+    assert_allclose(tensor_pa[0, 0, 0], 1e6, rtol=1e-6)
+    assert any("the file stores 9 for each element: the first 4" in w for w in said)
+    from fembridge.results.field_file import read_field
+
+    assert_allclose(read_field(path, "Stress").values[:, 0], 1e6, rtol=1e-6)
+
+
+def test_an_unknown_element_type_is_refused_and_averaged_on_request(write_post):
+    plane = models.Plane(11, *models.grid(1, 1))
+    strange = tuple((n, 998, nodes, more) for n, _, nodes, more in
+                    plane.model().elements)  # fmt: skip
+    increments = [writer.Increment(number=0, element=[[[s] * 7 for s in (1, 2, 3, 6)]])]
+    path = write_post(writer.Storage(), plane.model(elements=strange), increments)
+    with pytest.raises(ResultError, match="element 1: element type 998: where its int"):
+        read_stress_tensor(path, [1])
+    options = ReadOptions(extrapolate="average")
+    assert_allclose(read_stress_tensor(path, [1], options)[1], 3e6)
+
+
+def test_the_same_mesh_written_anew_is_one_history(write, increments, plane):
+    model = plane.model()
+    again = replace(increments[2], new_model=model)
+    path = write((*increments[:2], again, increments[3]))
+    (trace,) = read(path, [5])
+    assert_allclose(trace.stress_pa, [0, 1e6, 2e6, 3e6], rtol=1e-6, atol=1)
+
+
+def test_another_mesh_at_the_nodes_asked_for_is_refused(write, increments, plane):
+    """Node 9, far from what moved, keeps its elements and its history."""
+    moved = models.Plane(80, {**models.grid(2, 2)[0], 1: (-0.5, 0)}, plane.quads)
+    again = replace(increments[2], new_model=moved.model())
+    path = write((*increments[:2], again, increments[3]))
+    with pytest.raises(ResultError, match="increment 2 has a new mesh, in which what"):
+        read(path, [1])
+    assert read(path, [9])[0].stress_pa.size == 4
+
+
+def test_a_new_mesh_with_other_post_codes_is_refused(write, increments, plane):
+    other = plane.model(codes=models.CODES[1:])
+    bare = [[v[1:] for v in row] for row in increments[2].element]
+    again = replace(increments[2], new_model=other, element=bare)
+    with pytest.raises(ResultError, match="increment 2 has other post codes than the"):
+        read(write((*increments[:2], again)), [1])
+
+
+def test_a_file_that_is_none_is_named(tmp_path):
+    path = tmp_path / "job.t16"
+    path.write_bytes(b"no post file at all, but long enough to look at")
+    with pytest.raises(ResultError, match="no result file we read: begins with b'no p"):
+        read(path, [1])
+
+
+@pytest.mark.parametrize("kind", ["t16", "t19"])
+@pytest.mark.parametrize("dt_s", [0.0005, 1 / 3000])
+def test_even_times_are_even_again_without_their_rounding(kind, dt_s, write, plane):
+    """500 increments that end at a time of few digits after the step's."""
+    times_s = [k * dt_s for k in range(1, 501)]
+    increments = [
+        writer.Increment(number=k + 1, time_s=t, element=np.ones((4, 4, 7)) * (1 + k % 7))
+        for k, t in enumerate(times_s)
+    ]
+    storage = writer.Storage(binary=kind == "t16")
+    (trace,) = read(write(increments, storage), [1])
+    assert trace.dt_ms == pytest.approx(1e3 * dt_s, rel=1e-5)
+    assert trace.stress_pa.size == 500
+
+
+def test_a_job_that_gave_up_is_told_from_its_status_file(write, increments, marc_samples, tmp_path):
+    path, said = tmp_path / "job.t16", []
+    path.write_bytes(write(increments).read_bytes())
+    status = (marc_samples / "nour_plastic.sts").read_text()
+    path.with_suffix(".sts").write_text(status)
+    read(path, [1], tell=said.append)
+    assert not any("job.sts" in words for words in said)
+    path.with_suffix(".sts").write_text(status.replace("3004", "3002"))
+    read(path, [1], tell=said.append)
+    assert any("job.sts: the job ended" in words for words in said)
+    path.with_suffix(".sts").write_text("something else\n")
+    assert read(path, [1])[0].stress_pa.size == 4
+
+
+DT_S = 0.0005
+MIDDLE_MM = 1.0
+
+
+def stress_mpa(x, y, layer, time_s):
+    """Linear in place and jumping from layer to layer."""
+    return [time_s * 1e3 * (0.01 * (k + 1) + 0.02 * x - 0.01 * y + 0.5 * layer) for k in range(6)]
+
+
+@pytest.fixture(scope="module")
+def finger():
+    """Corners, elements and layers of the quick mesh's middle, by number from 1."""
+    mesh = mesh_of(QUICK)
+    middle = np.abs(mesh.node_mm[mesh.quad, 0]).max(axis=1) < MIDDLE_MM
+    kept = np.unique(mesh.quad[middle]).tolist()
+    nodes = {row + 1: tuple(mesh.node_mm[row].tolist()) for row in kept}
+    quads = [tuple(n + 1 for n in quad) for quad in mesh.quad[middle].tolist()]
+    return nodes, quads, mesh.layer[middle].tolist()
+
+
+def inner_nodes(finger):
+    """A node for each layer, all of whose elements are of it."""
+    _, quads, layers = finger
+    met = {}
+    for quad, layer in zip(quads, layers, strict=True):
+        for node in quad:
+            met.setdefault(node, set()).add(layer)
+    return {layers.pop(): node for node, layers in met.items() if len(layers) == 1}
+
+
+@pytest.fixture(scope="module", params=[11, 80, 27])
+def run(request, finger, tmp_path_factory):
+    """A run folder of two increments after rest, each layer an element set."""
+    nodes, quads, layers = finger
+    plane = models.Plane(request.param, nodes, quads, layers)
+    sets = tuple(
+        (name, 0, tuple(k + 1 for k, x in enumerate(layers) if x == number), ())
+        for number, name in enumerate(LAYERS)
+    )
+    increments = plane.increments(stress_mpa, (0.0, DT_S, 2 * DT_S))
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "job.t16").write_bytes(
+        writer.post_bytes(writer.Storage(), plane.model(sets=sets), increments)
+    )
+    places = tuple(
+        AfferentNode(f"A{layer}", node, LAYERS[layer], *nodes[node], -nodes[node][1])
+        for layer, node in sorted(inner_nodes(finger).items())
+    )
+    RunFolder(folder, "marc", 2, 1e3 * DT_S, 0.0, places, "0").write()
+    return folder
+
+
+def test_afferents_have_the_stress_of_their_own_layer(run, finger):
+    traces = read(run)
+    assert len(traces) == len(LAYERS)
+    for trace in traces:
+        layer = int(trace.afferent[1:])
+        x, y = finger[0][trace.node]
+        exact = [1e6 * models.von_mises(stress_mpa(x, y, layer, k * DT_S)) for k in range(3)]
+        assert trace.start_ms == 0.0
+        assert trace.dt_ms == pytest.approx(0.5, rel=1e-6)
+        assert_allclose(trace.stress_pa, exact, rtol=1e-5, atol=1)
+
+
+def test_a_node_on_the_boundary_of_two_layers_is_refused_by_their_names(run, finger):
+    _, quads, layers = finger
+    epidermis, dermis = LAYERS.index("epidermis"), LAYERS.index("dermis")
+    in_layer = {
+        n: {node for quad, x in zip(quads, layers, strict=True) if x == n for node in quad}
+        for n in range(len(LAYERS))
+    }
+    others = set().union(*(s for n, s in in_layer.items() if n not in (epidermis, dermis)))
+    shared = sorted((in_layer[epidermis] & in_layer[dermis]) - others)
+    with pytest.raises(ResultError, match=f"node {shared[0]} lies between epidermis an"):
+        read(run, [shared[0]])
+
+
+def test_the_deck_s_run_must_have_reached_its_end(run, tmp_path):
+    text = (run / "run.toml").read_text().replace("increments = 2", "increments = 5")
+    (tmp_path / "run.toml").write_text(text)
+    (tmp_path / "job.t16").write_bytes((run / "job.t16").read_bytes())
+    with pytest.raises(ResultError, match=r"results end at 1 ms, the deck runs to 2.5"):
+        read(tmp_path)
+    assert np.isclose(read(tmp_path, partial=True)[0].times_ms[-1], 1.0)
+
+
+def test_the_text_file_is_read_where_there_is_no_binary_one(finger, tmp_path):
+    nodes, quads = models.grid(2, 2)
+    plane = models.Plane(80, nodes, quads)
+    increments = plane.increments(stress_mpa, (0.0, DT_S, 2 * DT_S))
+    storage = writer.Storage(binary=False)
+    (tmp_path / "job.t19").write_bytes(writer.post_bytes(storage, plane.model(), increments))
+    place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
+    RunFolder(tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0").write()
+    (trace,) = read(tmp_path)
+    exact = 1e6 * models.von_mises(stress_mpa(1.0, 1.0, 0, 2 * DT_S))
+    assert trace.stress_pa[-1] == pytest.approx(exact, rel=1e-5)
+
+
+def test_steps_before_the_stimulus_need_not_have_its_time_step(tmp_path):
+    """Someone's own model: two steps of his to 0.3 s, then the stimulus."""
+    plane = models.Plane(11, *models.grid(2, 2))
+    times_s = (0.0, 0.1, 0.3, 0.3005, 0.301, 0.3015)
+    increments = plane.increments(stress_mpa, times_s)
+    (tmp_path / "job.t16").write_bytes(
+        writer.post_bytes(writer.Storage(), plane.model(), increments)
+    )
+    place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
+    RunFolder(tmp_path, "marc", 3, 0.5, 300.0, (place,), "0", before_ms=300.0).write()
+    (trace,) = read(tmp_path)
+    exact = [1e6 * models.von_mises(stress_mpa(1, 1, 0, t)) for t in times_s[2:]]
+    assert_allclose(trace.stress_pa, exact, rtol=1e-5)
+    assert (trace.start_ms, round(trace.dt_ms, 4)) == (0.0, 0.5)
+
+
+def test_someone_s_own_model_may_be_in_another_unit(tmp_path):
+    plane = models.Plane(11, *models.grid(2, 2))
+    increments = plane.increments(stress_mpa, (0.0, DT_S, 2 * DT_S))
+    (tmp_path / "job.t16").write_bytes(
+        writer.post_bytes(writer.Storage(), plane.model(), increments)
+    )
+    place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
+    RunFolder(tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0", stress_unit="kPa").write()
+    exact = 1e3 * models.von_mises(stress_mpa(1.0, 1.0, 0, 2 * DT_S))
+    assert read(tmp_path)[0].stress_pa[-1] == pytest.approx(exact, rel=1e-5)
+    with pytest.raises(UsageError, match="a run folder of fembridge is in kPa, always"):
+        read(tmp_path, stress_unit="MPa")
