@@ -20,7 +20,7 @@ from decks.presets import QUICK
 from fembridge.build import model_of
 from fembridge.report.indent import indent
 from fembridge.report.runs import Runs
-from fembridge.sensitivity.words import parameter_words, signed
+from fembridge.sensitivity import parameter_words, signed
 from fembridge.sweep import Variant, read_study
 
 
@@ -50,15 +50,15 @@ def table(study: Path, folder: Path) -> list[str]:
     runs = Runs(folder, quick=True)
     variants = shaped(read_study(study).variants)
     afferents = list(variants[0].finger.afferents)
-    columns: dict[str, list[str]] = {each.told: [] for each in variants}
+    columns: dict[str, list[str]] = {each.called: [] for each in variants}
     heads = []
     for mesh, change in (("own", lambda r: r), ("finer", finer)):
         first = None
         for variant in variants:
             finger = replace(variant.finger, resolution=change(variant.finger.resolution))
-            name = f"{mesh}_{variant.told}".replace("=", "_").replace(".", "_")
+            name = f"{mesh}_{variant.called}".replace("=", "_").replace(".", "_")
             pressed = indent(runs, name, model_of(finger))
-            print(f"{mesh} {variant.told}: {pressed.elements}", file=sys.stderr)
+            print(f"{mesh} {variant.called}: {pressed.elements}", file=sys.stderr)
             if first is None:
                 first = pressed
                 told = [f"{each / 1000:.3g} kPa" for each in pressed.last_pa]
@@ -66,7 +66,7 @@ def table(study: Path, folder: Path) -> list[str]:
             else:
                 percent = 100 * (pressed.last_pa / first.last_pa - 1)
                 told = [f"{signed(float(each), 1)} %" for each in percent]
-            columns[variant.told] += told
+            columns[variant.called] += told
     order = [k + m * len(afferents) for k in range(len(afferents)) for m in range(2)]
     lines = [
         f"{heads[0]}; {heads[1]}",

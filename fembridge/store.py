@@ -19,9 +19,10 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from fembridge.errors import FembridgeError, LockedError, OutputError, ResponseError
 from fembridge.typing import Table
@@ -263,7 +264,7 @@ def structure(table: object, kind: type[_Value], error: type[FembridgeError]) ->
 
     try:
         return _converter().structure(table, kind)
-    except BaseValidationError as problem:
+    except (BaseValidationError, ValueError) as problem:
         raise error(_first_problem(problem)) from problem
 
 
@@ -289,6 +290,8 @@ def near_hint(word: str, known: Iterable[str]) -> str:
 @cache
 def _converter() -> "Converter":
     from cattrs import Converter
+    from cattrs.cols import list_structure_factory, mapping_structure_factory
+    from cattrs.gen import make_dict_structure_fn
 
     converter = Converter(forbid_extra_keys=True)
     for kind, accepted, name in (
@@ -298,7 +301,45 @@ def _converter() -> "Converter":
         (str, (str,), "a word"),
     ):
         converter.register_structure_hook(kind, _strict(kind, accepted, name))
+
+    def of_table(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - any dataclass
+        made = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
+        return _checked(made, (Mapping,), "a table")
+
+    def of_mapping(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - dict[...]
+        return _checked(mapping_structure_factory(kind, converter), (Mapping,), "a table")
+
+    def of_list(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - list[...]
+        as_list: Any = list[get_args(kind)[0]]  # type: ignore[misc]
+        made, of_kind = list_structure_factory(as_list, converter), get_origin(kind)
+        return _checked(lambda value, _: of_kind(made(value, _)), (list, tuple), "a list")
+
+    converter.register_structure_hook_factory(is_dataclass, of_table)
+    converter.register_structure_hook_factory(_is_dict, of_mapping)
+    converter.register_structure_hook_factory(_is_of_any_length, of_list)
     return converter
+
+
+def _is_dict(kind: Any) -> bool:  # noqa: ANN401 - any type
+    return get_origin(kind) is dict
+
+
+def _is_of_any_length(kind: Any) -> bool:  # noqa: ANN401 - any type
+    """Whether `kind` is ``list[X]`` or ``tuple[X, ...]``."""
+    return get_origin(kind) is list or (get_origin(kind) is tuple and get_args(kind)[1:] == (...,))
+
+
+def _checked(
+    make: Callable[[Any, Any], object], accepted: tuple[type, ...], name: str
+) -> Callable[[object, object], object]:
+    """`make` for values of `accepted` types alone: else a word would be a list of letters."""
+
+    def hook(value: object, kind: object) -> object:
+        if isinstance(value, accepted):
+            return make(value, kind)
+        raise ValueError(f"{value!r}, expected {name}")
+
+    return hook
 
 
 def _strict(kind: type, accepted: tuple[type, ...], name: str) -> Callable[[object, type], object]:
@@ -318,31 +359,26 @@ def _first_problem(problem: BaseException, where: str = "") -> str:
     from cattrs import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
 
     if isinstance(problem, ForbiddenExtraKeysError):
-        known = [field.name for field in _fields_of(problem.cl)]
+        known = [field.name for field in fields(problem.cl)]
         key = min(map(str, problem.extra_fields))
         hint = near_hint(key, known)
         found = f"unknown key {key!r}, expected {', '.join(known)}{hint}"
     elif isinstance(problem, ClassValidationError | IterableValidationError):
-        inner = problem.exceptions[0]
+        unknown = (each for each in problem.exceptions if isinstance(each, ForbiddenExtraKeysError))
+        inner = next(unknown, problem.exceptions[0])  # often the misspelt key that is absent
         for note in getattr(inner, "__notes__", ()):
             place = getattr(note, "name", None)
             index = getattr(note, "index", None)
             if place is not None:
                 where = f"{where}.{place}" if where else str(place)
             elif index is not None:
-                where = f"{where}[{index}]"
+                where = f"{where} {index + 1}"
         return _first_problem(inner, where)
     elif isinstance(problem, KeyError):
-        found = f"{problem.args[0]} is absent"
+        found = "absent"
     else:
         found = str(problem)
     return f"{where}: {found}" if where else found
-
-
-def _fields_of(kind: Any) -> Any:  # noqa: ANN401 - dataclass of any kind
-    from dataclasses import fields
-
-    return fields(kind)
 
 
 def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

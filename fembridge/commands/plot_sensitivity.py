@@ -12,18 +12,16 @@ def draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.errors import UsageError
     from fembridge.plots.sensitivity import draw_effects, draw_regressions
     from fembridge.sensitivity import (
-        is_one_at_a_time,
-        rank_regressions,
-        read_swept,
-        single_effects,
-        swept_text,
-    )
-    from fembridge.sensitivity.effects_table import (
         csv_text,
         effect_rows,
         effects_markdown,
+        is_one_at_a_time,
+        rank_regressions,
+        read_swept,
         regression_rows,
         regressions_markdown,
+        single_effects,
+        swept_text,
     )
     from fembridge.store import write_text
 

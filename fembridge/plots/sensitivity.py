@@ -21,10 +21,20 @@ from fembridge.plots.palette import (
     TEXT_PT,
 )
 from fembridge.plots.picture import make_plain, save_figure
-from fembridge.sensitivity.ranks import RankRegression, regressions_in_order
-from fembridge.sensitivity.single import Effect, effects_in_order
-from fembridge.sensitivity.swept import ALL, QUANTITIES, RATE, Output, SweptFingers
-from fembridge.sensitivity.words import parameter_words, quantity_words, shown
+from fembridge.sensitivity import (
+    ALL,
+    QUANTITIES,
+    RATE,
+    Effect,
+    Output,
+    RankRegression,
+    SweptFingers,
+    effects_in_order,
+    parameter_words,
+    quantity_words,
+    regressions_in_order,
+    shown,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,35 +10,73 @@ Below the folder of a sweep::
 
 import hashlib
 import sys
-from collections.abc import Callable, Mapping
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from decks.probe import Probe
+from decks.stimuli import Entry
+from decks.waveform import make_stimulus
 from fembridge import __version__
-from fembridge.errors import OutputError, UsageError
-from fembridge.solver.ccx import SolverSettings, signals_as_exits
+from fembridge.errors import FembridgeError, MissingError, OutputError, UsageError
+from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
+from fembridge.progress import Bars, words_of
+from fembridge.response.acceptance import depth_for
+from fembridge.solver.ccx import Progress, SolverSettings, signals_as_exits
 from fembridge.store import make_folder, write_text
-from fembridge.sweep.answers import is_finished
-from fembridge.sweep.board import Board
-from fembridge.sweep.crew import Crew, Ended
-from fembridge.sweep.dask_crew import DaskCrew
-from fembridge.sweep.local_crew import LocalCrew
-from fembridge.sweep.plan import Plan, plan_of
-from fembridge.sweep.solver_version import solver_version
-from fembridge.sweep.study import Study
-from fembridge.sweep.study_file import read_study
-from fembridge.sweep.table import RESULTS_FILE, write_results
-from fembridge.sweep.task import STORED, Item, Response
-from fembridge.sweep.work import STUDY_FILE, Finding, known_response
+from fembridge.sweep.fingers import Value, Variant
+from fembridge.sweep.study import Asked, Study, read_study
+from fembridge.sweep.work import (
+    ANSWER_COLUMNS,
+    STORED,
+    STUDY_FILE,
+    Ended,
+    Item,
+    Response,
+    Task,
+    read_answers,
+    solver_version,
+    work,
+)
+from fembridge.tables import write_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 EXECUTORS = ("local", "dask")
+_AT_ONCE = 1000  # tasks given to a cluster: more than it has workers
+RESULTS_FILE = "results.csv"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """One combination of a study: what its rows begin with, and the key of its item."""
+
+    columns: Mapping[str, Value | None]
+    item: str
+    stimulus: str
+    afferents: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """All points of a study in the order of its table; items by their keys."""
+
+    points: tuple[Point, ...]
+    items: Mapping[str, Item]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """What became of a study: `causes` tells why, by the key of an item that failed.
+    """What became of a study: `causes` by the key of an item that failed.
 
     `before` items were finished when it began; `rows` are those of the table
     `results`.
@@ -52,8 +90,15 @@ class Sweep:
 
     @property
     def results(self) -> Path:
-        """The table."""
+        """The table as a file."""
         return self.folder / RESULTS_FILE
+
+    @property
+    def table(self) -> "pd.DataFrame":
+        """The table: a row for each point and afferent."""
+        import pandas as pd
+
+        return pd.read_csv(self.results)
 
     @property
     def failed(self) -> tuple[Item, ...]:
@@ -63,7 +108,7 @@ class Sweep:
 
 def run_sweep(
     study: Study | Path | str,
-    folder: Path,
+    folder: Path | str,
     *,
     jobs: int = 1,
     executor: str = "local",
@@ -84,7 +129,7 @@ def run_sweep(
     threads
         Of each solver; by default the cores are shared, and 1 on a cluster.
     shows
-        Tell on stderr how far it is.
+        Show on stderr how far it is.
 
     Returns
     -------
@@ -108,87 +153,224 @@ def run_sweep(
         raise UsageError("a scheduler is for the executor dask")
     if not isinstance(study, Study):
         study = read_study(Path(study))
-    folder = make_folder(folder).resolve()
-    settings = SolverSettings(threads=threads, jobs=jobs)
+    folder = make_folder(Path(folder)).resolve()
+    each = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
     if executor == "local":
         solver = STORED if study.stored else solver_version()
-        each = settings.shared_by(jobs).threads
-        return _run(study, folder, solver, shows, lambda: LocalCrew(folder, jobs, each))
-    each = threads or (1 if scheduler else settings.shared_by(jobs).threads)
-    crew = DaskCrew(folder, scheduler, jobs, each)
-    try:
-        solver = STORED if study.stored else crew.solver()
-        return _run(study, folder, solver, shows, lambda: crew)
-    finally:
-        crew.close()
+        return _run(study, folder, solver, each, shows, LocalExecutor, jobs)
+    if scheduler is not None:
+        each = threads or 1
+    with dask_executor(scheduler, jobs) as pool:
+        solver = STORED if study.stored else _solver_there(pool)
+        return _run(study, folder, solver, each, shows, lambda *_: nullcontext(pool), _AT_ONCE)
 
 
-def _run(study: Study, folder: Path, solver: str, shows: bool, hire: Callable[[], Crew]) -> Sweep:
-    plan = plan_of(study, solver)
-    left = {
-        key: item for key, item in plan.items.items() if not is_finished(folder / item.place, item)
+def plan_of(study: Study, solver: str) -> Plan:
+    """Work of `study`, to be done with `solver`, a name and a version.
+
+    Raises
+    ------
+    UsageError
+        A stimulus whose samples cannot be made.
+    """
+    deepest_um = _deepest_um(study)
+    points: dict[tuple[str, ...], Point] = {}
+    items: dict[str, Item] = {}
+    for variant, probe, shared in product(study.variants, study.probes, study.contacts):
+        asked = {**shared, **variant.contact}
+        responses: dict[float, Response] = {}  # by depth
+        label = _label(study, variant, probe, shared)
+        for preindent_um, asked_method in product(study.preindents_um, study.methods):
+            # Of skin that relaxes there is no map: each waveform is solved.
+            method = "transient" if variant.finger.relaxing_s else asked_method
+            columns = {
+                **_columns(study, variant, probe, shared),
+                "preindent_um": preindent_um,
+                "method": method,
+            }
+            by_map = method == "map"  # all stimuli are one item
+            for entries in [study.stimuli] if by_map else [(each,) for each in study.stimuli]:
+                depth_um = depth_for(max(deepest_um[entry.id, preindent_um] for entry in entries))
+                response = responses.setdefault(
+                    depth_um,
+                    Response(variant.finger, probe, asked, study.element, depth_um, solver, label),
+                )
+                item = _item(study, response, method, entries, preindent_um)
+                items.setdefault(item.key, item)
+                afferents = tuple(variant.finger.afferents)
+                for entry in entries:
+                    points.setdefault(
+                        (variant.label, item.key, entry.id),
+                        Point(columns, item.key, entry.id, afferents),
+                    )
+    return Plan(tuple(points.values()), items)
+
+
+def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict[str, Value | None]:
+    """What is different from point to point, and the usual sizes of the probe."""
+    names = dict.fromkeys(n for each in study.variants for n in each.changes)
+    asked_names = dict.fromkeys(n for each in study.contacts for n in each)
+    flat = any(each.shape == "flat" for each in study.probes)
+    return {
+        "finger": variant.label,
+        **{name: variant.value(name) for name in names},
+        "probe_shape": probe.shape,
+        "probe_diameter_mm": probe.diameter_mm,
+        **({"probe_fillet_mm": probe.fillet_mm} if flat else {}),
+        "probe_x_mm": probe.x_mm,
+        **{f"contact_{name}": asked.get(name) for name in asked_names},
     }
+
+
+def _item(
+    study: Study, response: Response, method: str, entries: tuple[Entry, ...], preindent_um: float
+) -> Item:
+    label = f"{response.label}, {method}"
+    if method == "transient":
+        label = f"{label} {entries[0].id}"
+    if len(study.preindents_um) > 1:
+        label = f"{label}, pre-indented by {preindent_um:g} um"
+    return Item(
+        response,
+        method,
+        entries,
+        preindent_um,
+        study.seed,
+        study.parameters.parameters,
+        study.parameters.name,
+        label,
+    )
+
+
+def _deepest_um(study: Study) -> dict[tuple[str, float], float]:
+    """How deep the probe goes, by stimulus and pre-indentation."""
+    try:
+        return {
+            (entry.id, depth_um): float(
+                make_stimulus(entry, depth_um, study.seed).displacement_um.max()
+            )
+            for entry in study.stimuli
+            for depth_um in study.preindents_um
+        }
+    except FembridgeError as error:
+        raise UsageError(f"stimuli: {error}") from error
+
+
+def _label(study: Study, variant: Variant, probe: Probe, asked: Asked) -> str:
+    """What tells a response from the others of the study, and no more."""
+    words = [str(variant)]
+    if len(study.probes) > 1:
+        words.append(f"{probe.shape} {probe.diameter_mm:g} mm at x = {probe.x_mm:g} mm")
+    words += [f"{name}={value}" for name, value in asked.items()]
+    return ", ".join(words)
+
+
+def _run(
+    study: Study,
+    folder: Path,
+    solver: str,
+    threads: int | None,
+    shows: bool,
+    executor_of: Callable[[int, Callable[[Progress], None]], AbstractContextManager[Executor]],
+    jobs: int,
+) -> Sweep:
+    """Do what is not done; `jobs` tasks at a time are given away."""
+    plan = plan_of(study, solver)
+    left = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
     before = len(plan.items) - len(left)
-    _forget(folder / RESULTS_FILE)
+    try:  # the old table may be of another study, and it is not whole now
+        (folder / RESULTS_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        where = folder / RESULTS_FILE
+        raise OutputError(f"cannot be replaced: {error.strerror}", where) from error
     write_text(folder / STUDY_FILE, _provenance(study, solver, plan) + study.text)
     causes: dict[str, str] = {}
     if left:
-        with signals_as_exits(), Board(len(plan.items), before, shows=shows) as board:
-            crew = hire()
-            try:
-                causes = _do(left, folder, crew, board)
-            finally:
-                crew.close()
-    rows = write_results(folder, plan, causes)
+        with (
+            signals_as_exits(),
+            _Shown(len(plan.items), before, shows=shows) as shown,
+            executor_of(jobs, shown.follow) as executor,
+        ):
+            causes = _do(left, folder, threads, executor, jobs, shown)
+    rows = _write_results(folder, plan, causes)
     return Sweep(folder, plan, causes, before, rows)
 
 
-def _do(left: Mapping[str, Item], folder: Path, crew: Crew, board: Board) -> dict[str, str]:
-    """Have all items of `left` done, each after its response; give why some failed."""
+def _do(
+    left: Mapping[str, Item],
+    folder: Path,
+    threads: int | None,
+    executor: Executor,
+    jobs: int,
+    shown: "_Shown",
+) -> dict[str, str]:
+    """Have all items of `left` done, each after its response; why some failed."""
     behind: dict[str, list[Item]] = {}
-    responses: dict[str, Response] = {}
     for item in left.values():
         behind.setdefault(item.response.key, []).append(item)
-        responses[item.response.key] = item.response
-    for key, response in responses.items():
-        if response.solver == STORED or known_response(response, folder) is not None:
-            for item in behind.pop(key):
-                crew.submit(item)
-        else:
-            crew.submit(response)
+    # An item goes before the responses that wait: so it is known early what comes of
+    # the first fingers, and how long all take.
+    responses = [items[0].response for items in behind.values()]
+    known = [response for response in responses if response.is_known(folder)]
+    ready: deque[Task] = deque(item for each in known for item in behind.pop(each.key))
+    ready.extend(response for response in responses if response.key in behind)
+    put_off: set[str] = set()
+    running: dict[Future[Ended], Task] = {}
     causes: dict[str, str] = {}
-    waiting = len(left)
-    while waiting:
-        event = crew.next_event()
-        board(event)
-        if not isinstance(event, Ended):
-            continue
-        finding = event.finding
-        if isinstance(event.task, Item):
-            waiting -= 1
-            if not finding.finished:
-                causes[finding.key] = finding.cause
-            continue
-        for item in behind.pop(finding.key):
-            if finding.finished:
-                crew.submit(item)
+    while ready or running:
+        while ready and len(running) < jobs:
+            task = ready.popleft()
+            waits = task.key in put_off
+            running[executor.submit(work, task, folder, threads, waits=waits)] = task
+        shown.running = list(running.values())
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        for future in done:
+            task, ended = running.pop(future), _ended(future)
+            if ended.busy:  # in another sweep: looked at again later, and then waited for
+                put_off.add(task.key)
+                ready.append(task)
+            elif isinstance(task, Item):
+                shown.over(task, ended)
+                if ended.cause:
+                    causes[task.key] = ended.cause
+            elif ended.finished:
+                ready.extendleft(reversed(behind.pop(task.key)))
             else:
-                waiting -= 1
-                causes[item.key] = finding.cause
-                board.over(item, Finding(item.key, finding.cause))
+                for item in behind.pop(task.key):
+                    causes[item.key] = ended.cause
+                    shown.over(item, ended)
     return causes
 
 
-def _forget(results: Path) -> None:
-    """Take the old table away: it may be of another study, and it is not whole now."""
+def _ended(future: "Future[Ended]") -> Ended:
     try:
-        results.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be replaced: {error.strerror}", results) from error
+        return future.result()
+    except WorkerDiedError as error:
+        return Ended(str(error))
+    except Exception as error:  # of dask: a worker that died too often, a cancelled task
+        return Ended("given up: " + " ".join(f"{type(error).__name__}: {error}".splitlines()))
+
+
+def _solver_there(executor: Executor) -> str:
+    """Solver of a worker of a cluster; waits for the first to be there."""
+    try:
+        found = executor.submit(_version_or_error).result()
+    except Exception as error:
+        raise MissingError(f"a dask worker cannot begin: {error}") from error
+    if isinstance(found, FembridgeError):
+        raise found
+    return found
+
+
+def _version_or_error() -> str | FembridgeError:
+    try:
+        return solver_version()
+    except FembridgeError as error:
+        return error  # raised there, dask would print where
 
 
 def _provenance(study: Study, solver: str, plan: Plan) -> str:
-    """Give comments to stand over the study's own text."""
+    """Comments to stand over the study's own text."""
     digest = hashlib.sha256(study.text.encode()).hexdigest()
     files = dict.fromkeys(each.label for each in study.variants)
     lines = [
@@ -200,3 +382,99 @@ def _provenance(study: Study, solver: str, plan: Plan) -> str:
         "file names count from the folder of the original",
     ]
     return "".join(f"# {line}\n" for line in lines) + "\n"
+
+
+def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
+    """Write a row for each point and afferent, failed ones too; how many there are."""
+    columns = [*plan.points[0].columns, *ANSWER_COLUMNS, "status", "cause", "run"]
+    rows = list(_rows(folder, plan, causes))
+    write_table(folder / RESULTS_FILE, columns, rows)
+    return len(rows)
+
+
+def _rows(folder: Path, plan: Plan, causes: Mapping[str, str]) -> Iterator[tuple[object, ...]]:
+    found: dict[str, dict[tuple[str, str], tuple[float, int, float]] | str] = {}
+    for point in plan.points:
+        key = point.item
+        place = plan.items[key].place
+        if key not in found:
+            found[key] = causes.get(key) or _answers(folder / place)
+        answers = found[key]
+        for afferent in point.afferents:
+            begin = (*point.columns.values(), point.stimulus, afferent)
+            if isinstance(answers, str):
+                yield (*begin, None, None, None, "failed", answers, str(place))
+            else:
+                numbers = answers[point.stimulus, afferent]
+                yield (*begin, *numbers, "done", None, str(place))
+
+
+def _answers(place: Path) -> dict[tuple[str, str], tuple[float, int, float]] | str:
+    """Answers of an item; a file that went away since is a cause like any other."""
+    try:
+        table = read_answers(place)
+    except (OSError, ValueError) as error:
+        return str(error)
+    columns = (table[name].tolist() for name in ("rate_ips", "spikes", "peak_stress_pa"))
+    return dict(zip(table.index, zip(*columns, strict=True), strict=True))
+
+
+class _Shown(Bars):
+    """How far a sweep is, on stderr: bars on a terminal, a line an item elsewhere.
+
+    `before` of `total` items were finished when it began.
+    """
+
+    def __init__(self, total: int, before: int, *, shows: bool) -> None:
+        super().__init__(0.0, shows=shows)
+        self.running: list[Task] = []
+        self._names: dict[Path, str] = {}
+        self._total, self._done, self._failed = total, before, 0
+        self._before, self._says = before, shows
+        self._begin_s = time.monotonic()
+        if shows and before and not self.on_terminal:
+            self.print(f"{before} of {total} items are finished already")
+        self._update()
+
+    def follow(self, progress: Progress) -> None:
+        """Move, make or take away the bar of one run of the solver."""
+        folder = progress.folder
+        name = self._names.setdefault(folder, self._name(folder))
+        if progress.ended:
+            self.remove(name)
+            del self._names[folder]
+        else:
+            self.show(name, progress.fraction, words_of(progress))
+        self._update()
+
+    def over(self, item: Item, ended: Ended) -> None:
+        """Count an item that is finished or failed."""
+        if ended.finished:
+            self._done += 1
+        else:
+            self._failed += 1
+        count = f"{self._done + self._failed}/{self._total}"
+        if self._says and not ended.finished:
+            self.print(f"failed: {item}: {ended.cause}")
+        elif self._says and not self.on_terminal:
+            how = "finished elsewhere" if ended.before else f"{ended.wall_s:.1f} s"
+            self.print(f"{count} {item}: {how}")
+        self._update()
+
+    def _name(self, folder: Path) -> str:
+        """The task that is solved in `folder`."""
+        for task in self.running:
+            place = task.solve_place if isinstance(task, Item) else task.place
+            if f"/{place.as_posix()}/" in folder.as_posix():
+                return str(task).removeprefix("response ")
+        return folder.name
+
+    def _update(self) -> None:
+        over = self._done + self._failed
+        words = f"{self._done} done, {len(self.running)} running, {self._failed} failed"
+        made = over - self._before
+        if made and over < self._total:
+            left_s = round((time.monotonic() - self._begin_s) * (self._total - over) / made)
+            hours, rest_s = divmod(left_s, 3600)
+            words += f", {hours}:{rest_s // 60:02d}:{rest_s % 60:02d} left"
+        self.show("sweep", over / self._total, words)

@@ -1,56 +1,254 @@
-"""Doing one task, in whatever process and on whatever machine: finished, or a cause.
+"""What a sweep does: responses to be solved once, and items that read them.
 
-A task may be begun anywhere any number of times; who owns its folder does it, the
-others find it finished.
+Both are values that a worker on any machine can do. Their key is the digest of all
+that goes into them, so the same work has the same folder, and `work` may be begun
+anywhere any number of times: one process at a time has the folder, the others find it
+finished. The folder of a finished item::
+
+    answers.csv  rate, spikes and peak stress by stimulus and afferent
+    spikes.csv   every spike, as in the other verbs
+    item.toml    what it was made of and how, with the checksums of the two
+
+The record is written last and carries a checksum of its own: where all agree, the
+item is finished and whole.
 """
 
+import re
+import subprocess
 import threading
 import time
 import traceback
-from contextlib import suppress
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from functools import cache, cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from decks.analysis import Contact
+from decks.finger import Finger
+from decks.finger_file import finger_table
 from decks.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import mesh_of
-from fembridge.build import Model
-from fembridge.errors import FembridgeError, FingerError, MissingError, OutputError, ResponseError
+from decks.probe import Probe
+from decks.stimuli import Entry
+from decks.waveform import make_stimulus
+from fembridge import __version__, executor
+from fembridge.build import Model, stimulus_inputs
+from fembridge.errors import (
+    FembridgeError,
+    FingerError,
+    LockedError,
+    MissingError,
+    OutputError,
+    ResponseError,
+)
+from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
-from fembridge.response.solve import Log as Tell
 from fembridge.response.solve import solve_response
-from fembridge.simulation import Simulation, simulate
-from fembridge.solver.ccx import OnProgress, SolverSettings
-from fembridge.store import write_text
-from fembridge.sweep.answers import is_finished, write_item
-from fembridge.sweep.lease import BusyError, leased
-from fembridge.sweep.solver_version import solver_version
-from fembridge.sweep.study import ladder_of
-from fembridge.sweep.task import STORED, Item, Response, Task
+from fembridge.simulation import SPIKES_FILE, Simulation, simulate
+from fembridge.solver.ccx import SolverSettings
+from fembridge.stimulus import Stimulus
+from fembridge.store import (
+    SHORT,
+    digest,
+    filling,
+    folder_lock,
+    make_folder,
+    read_sealed,
+    sha256_of,
+    write_sealed,
+    write_text,
+)
+from fembridge.sweep.study import Asked, ladder_of
+from fembridge.tables import write_spikes, write_table
+from fembridge.typing import Table
+from neural import AfferentParameters, Parameters, parameters_to_table, spikes_inside
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMAT = 1
+"""Of what a key is made of; another number, and all is done again."""
+
+STORED = "stored"
+"""In the place of a solver: the responses that are shipped."""
 
 STUDY_FILE = "study.toml"
+ANSWERS_FILE = "answers.csv"
+RECORD_FILE = "item.toml"
 MESH_FILE = "mesh.npz"
+
+ANSWER_COLUMNS = ("stimulus", "afferent", "rate_ips", "spikes", "peak_stress_pa")
+"""`spikes` are those inside the counting window, of all cells of a population;
+`peak_stress_pa` is the largest stress that the afferent's drive reads."""
+
 BUG_FILE = "failed.txt"
+
+_SOLVES, _RUNS, _LOCK = "solves", "runs", ".lock"
+_FILES = (ANSWERS_FILE, SPIKES_FILE)
+# What makes a transient another one than those before: see decision 0014.
+_HOW_SOLVED = {"drive": "spring", "section": "half"}
+_VERSION_PATIENCE_S = 20.0
 
 # gmsh has one state a process.
 _meshing = threading.Lock()
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """How a task ended: `cause` is "" when it is finished.
+@dataclass(frozen=True, eq=False)
+class Response:
+    """The indentation of one finger with one probe, to be solved once.
 
-    `again` says that it was finished before, `busy` that somebody else is at it.
-    `notes` are lines about the solver.
+    `solver` is its name and version; ``stored`` takes a shipped response.
     """
 
-    key: str
+    finger: Finger
+    probe: Probe
+    asked: Asked
+    element: str
+    depth_um: float
+    solver: str
+    label: str = ""
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of all that goes into it."""
+        return digest(self.inputs())
+
+    @property
+    def place(self) -> Path:
+        """Its folder, below that of the sweep."""
+        return Path(_SOLVES, self.key[:SHORT])
+
+    def inputs(self) -> Table:
+        """What it is made of."""
+        return {
+            "format": FORMAT,
+            "fembridge": __version__,
+            "solver": self.solver,
+            "element": self.element,
+            "depth_um": self.depth_um,
+            "contact": dict(self.asked),
+            "probe": asdict(self.probe),
+            "finger": finger_table(self.finger),
+        }
+
+    def is_known(self, folder: Path) -> bool:
+        """Whether nothing has to be solved for it in the sweep's `folder`."""
+        if self.solver == STORED:
+            return True
+        try:
+            read_map(folder / self.place / MAP_FILE)
+        except ResponseError:
+            return False
+        return True
+
+    def __str__(self) -> str:
+        return f"response {self.label}"
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One row of work: `entries` on a response, by one method, with one set of cells.
+
+    By map it holds all stimuli of the study, as a transient one. `parameters_name`
+    is no part of its key: the numbers are.
+    """
+
+    response: Response
+    method: str
+    entries: tuple[Entry, ...]
+    preindent_um: float
+    seed: int | None
+    parameters: Parameters
+    parameters_name: str = ""
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", dict(self.parameters))  # it pickles
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of all that goes into it."""
+        own = self._own()
+        own["stimuli"] = sorted(own["stimuli"], key=lambda one: str(one["id"]))
+        cells = _digest_of_cells(tuple(sorted(self.parameters.items())))
+        return digest({**own, "parameters": cells, "response": self.response.key})
+
+    @property
+    def place(self) -> Path:
+        """Its folder, below that of the sweep."""
+        return Path(_RUNS, self.key[:SHORT])
+
+    @property
+    def solve_place(self) -> Path:
+        """Where a transient is solved: the folder of its motion, whatever the cells."""
+        waves = [stimulus_inputs(each) for each in self.stimuli()]
+        key = digest({"response": self.response.key, "transient": waves})
+        return Path(_SOLVES, key[:SHORT])
+
+    def stimuli(self) -> list[Stimulus]:
+        """Samples of its stimuli."""
+        return [
+            make_stimulus(entry, preindent_um=self.preindent_um, seed=self.seed)
+            for entry in self.entries
+        ]
+
+    def inputs(self) -> Table:
+        """What it is made of."""
+        return {
+            **self._own(),
+            "parameters": parameters_to_table(self.parameters),
+            "response": self.response.inputs(),
+        }
+
+    def is_finished(self, folder: Path) -> bool:
+        """Whether the sweep's `folder` has all of it, as it was written."""
+        place = folder / self.place
+        try:
+            record = read_sealed(place / RECORD_FILE, "record of an item", FORMAT)
+            return record["key"] == self.key and all(
+                sha256_of(place / name) == record["files"][name] for name in _FILES
+            )
+        except (FembridgeError, OSError, KeyError, TypeError):
+            return False
+
+    def _own(self) -> Table:
+        # Seeds may be longer than any float is exact for.
+        stimuli = [
+            {
+                "id": entry.id,
+                "preindent_um": self.preindent_um,
+                **entry.numbers(),
+                **({} if self.seed is None else {"seed": str(self.seed)}),
+            }
+            for entry in self.entries
+        ]
+        return {
+            "format": FORMAT,
+            "method": self.method,
+            "stimuli": stimuli,
+            **(_HOW_SOLVED if self.method == "transient" else {}),
+        }
+
+    def __str__(self) -> str:
+        return self.label
+
+
+Task = Response | Item
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a task ended: `cause` is "" when it is finished.
+
+    `before` says that it was finished before, `busy` that another process is at it.
+    """
+
     cause: str = ""
-    again: bool = False
+    before: bool = False
     busy: bool = False
     wall_s: float = 0.0
-    notes: tuple[str, ...] = ()
 
     @property
     def finished(self) -> bool:
@@ -58,62 +256,81 @@ class Finding:
         return not self.cause
 
 
-def work(
-    task: Task,
-    folder: Path,
-    *,
-    threads: int | None = None,
-    patient: bool = True,
-    on_progress: OnProgress | None = None,
-) -> Finding:
+def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = True) -> Ended:
     """Do `task` in the sweep's `folder`; what is wrong with it is its cause.
 
-    Where somebody else is at it, wait for him if `patient`, or else say so. A response
-    has to be finished before an item that reads it.
+    Where another process is at it, wait if it `waits`, or else say so. A response has
+    to be finished before an item that reads it. How far the solver is, is sent to who
+    began the task (`fembridge.executor.send`).
     """
     begin_s = time.monotonic()
-    settings = SolverSettings(threads=threads, on_progress=on_progress)
-    notes: list[str] = []
-    again = False
+    settings = SolverSettings(threads=threads, on_progress=executor.send)
+    before = False
+    cause = ""
     try:
         if not (folder / STUDY_FILE).is_file():
             raise OutputError("not there on this machine: all need to share it", folder)
         if isinstance(task, Response):
-            again = _do_response(task, folder, patient, settings, notes.append)
+            before = _solve(task, folder, settings, waits)
         else:
-            again = _do_item(task, folder, patient, settings, notes.append)
-    except BusyError:
-        return Finding(task.key, "somebody else is at it", busy=True)
+            before = _answer(task, folder, settings, waits)
+    except LockedError as error:
+        return Ended(str(error), busy=True)
     except FembridgeError as error:
         cause = " ".join(str(error).replace(f"{folder}/", "").splitlines())
     except Exception as error:  # a bug of ours in one item is no end of the others
         with suppress(OutputError):
             write_text(folder / task.place / BUG_FILE, traceback.format_exc())
-        told = " ".join(f"{type(error).__name__}: {error}".splitlines())
-        cause = f"a bug of fembridge, {BUG_FILE} in its folder has it all: {told}"
-    else:
-        cause = ""
-    wall_s = round(time.monotonic() - begin_s, 3)
-    return Finding(task.key, cause, again, wall_s=wall_s, notes=tuple(notes))
+        found = " ".join(f"{type(error).__name__}: {error}".splitlines())
+        cause = f"a bug of fembridge, {BUG_FILE} in its folder has it all: {found}"
+    return Ended(cause, before, wall_s=round(time.monotonic() - begin_s, 3))
 
 
-def known_response(task: Response, folder: Path) -> ResponseMap | None:
-    """Give the response that was solved for `task` before, if it is whole."""
+def read_answers(place: Path) -> "pd.DataFrame":
+    """Answers of a finished item: rate, spikes and peak stress by stimulus and afferent."""
+    import pandas as pd
+
+    exact = {"rate_ips": float, "spikes": int, "peak_stress_pa": float}
+    table = pd.read_csv(place / ANSWERS_FILE, converters=exact)
+    return table.set_index(["stimulus", "afferent"])
+
+
+def solver_version() -> str:
+    """Name and version of the solver on this machine, as ``calculix 2.20``.
+
+    Raises
+    ------
+    MissingError
+        There is none, or it does not run.
+    """
+    program = find_ccx()
+    if program is None:
+        raise MissingError(
+            f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}; or say "
+            "'stored = true' in the study: the reference fingers have stored responses"
+        )
     try:
-        return read_map(folder / task.place / MAP_FILE)
-    except ResponseError:
-        return None
+        answer = subprocess.run(
+            [str(program), "-v"],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_VERSION_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise MissingError(f"{program} does not run: {error}") from error
+    match = re.search(r"Version (\d+(?:\.\d+)*)", answer.stdout)
+    return f"calculix {match[1] if match else 'of no known version'}"
 
 
-def _do_response(
-    task: Response, folder: Path, patient: bool, settings: SolverSettings, tell: Tell
-) -> bool:
-    """Solve it, unless it is solved; tell which."""
-    if known_response(task, folder) is not None:
+def _solve(task: Response, folder: Path, settings: SolverSettings, waits: bool) -> bool:
+    """Solve a response; whether it was solved before."""
+    if task.is_known(folder):
         return True
     place = folder / task.place
-    with leased(place, patient=patient):
-        if known_response(task, folder) is not None:
+    with _alone(place, waits):
+        if task.is_known(folder):
             return True
         _check_solver(task.solver)
         model = Model(task.finger, _mesh(task, place), task.probe, element=task.element)
@@ -123,71 +340,94 @@ def _do_response(
             settings.shared_by(1),
             depth_um=task.depth_um,
             ladder=ladder_of(task.asked),
-            log=tell,
         )
     return False
 
 
-def _do_item(item: Item, folder: Path, patient: bool, settings: SolverSettings, tell: Tell) -> bool:
-    """Simulate it, unless it is finished; tell which."""
+def _answer(item: Item, folder: Path, settings: SolverSettings, waits: bool) -> bool:
+    """Simulate an item and write its files; whether it was finished before."""
     place = folder / item.place
-    while not is_finished(place, item):
-        with leased(place, patient=patient) as lease:
-            if is_finished(place, item):
-                break
-            begin_s = time.monotonic()
-            response = _response(item.response, folder)
-            simulation = _simulate(item, response, folder, settings, tell)
-            if not lease.is_held():  # somebody thought us dead and does it, or did
-                continue
-            how = {
-                "solver": item.response.solver,
-                "wall_s": round(time.monotonic() - begin_s, 3),
-                "closure_percent": response.closure_percent,
-                "contact": response.origin.get("contact", {}),
-                "response": str(item.response.place),
-            }
-            write_item(place, item, simulation, how)
-            with suppress(OSError):
-                (place / BUG_FILE).unlink(missing_ok=True)
-            return False
-    return True
+    if item.is_finished(folder):
+        return True
+    with _alone(place, waits):
+        if item.is_finished(folder):
+            return True
+        begin_s = time.monotonic()
+        response = _response(item.response, folder)
+        if item.method == "map":
+            simulation = _simulate(item, response, folder, place, settings)  # writes nothing
+        else:
+            solve_place = folder / item.solve_place
+            with _alone(solve_place):
+                _check_solver(item.response.solver)
+                simulation = _simulate(item, response, folder, solve_place, settings)
+        how = {
+            "solver": item.response.solver,
+            "wall_s": round(time.monotonic() - begin_s, 3),
+            "closure_percent": response.closure_percent,
+            "contact": response.origin.get("contact", {}),
+            "response": str(item.response.place),
+        }
+        _write_item(place, item, simulation, how)
+        with suppress(OSError):
+            (place / BUG_FILE).unlink(missing_ok=True)
+    return False
 
 
 def _simulate(
-    item: Item, response: ResponseMap, folder: Path, settings: SolverSettings, tell: Tell
+    item: Item, response: ResponseMap, folder: Path, where: Path, settings: SolverSettings
 ) -> Simulation:
     task = item.response
-    place = folder / task.place
-    mesh = mesh_of(task.finger) if task.solver == STORED else _mesh(task, place)
+    mesh = mesh_of(task.finger) if task.solver == STORED else _mesh(task, folder / task.place)
     contact = response.origin.get("contact")
-    model = Model(
-        task.finger,
-        mesh,
-        task.probe,
-        Contact(**contact) if isinstance(contact, dict) else Contact(),
-        task.element,
+    asked = Contact(**contact) if isinstance(contact, dict) else Contact()
+    return simulate(
+        item.stimuli(),
+        Model(task.finger, mesh, task.probe, asked, task.element),
+        where,
+        method=item.method,
+        parameters=item.parameters,
+        parameters_name=item.parameters_name,
+        ladder=ladder_of(task.asked),
+        response=response,
+        settings=settings,
     )
 
-    def simulated(where: Path) -> Simulation:
-        return simulate(
-            item.stimuli(),
-            model,
-            where,
-            method=item.method,
-            parameters=item.parameters,
-            parameters_name=item.parameters_name,
-            ladder=ladder_of(task.asked),
-            response=response,
-            settings=settings,
-            log=tell,
+
+def _write_item(place: Path, item: Item, simulation: Simulation, how: Mapping[str, object]) -> None:
+    """Write the three files of a finished item into `place`, the record last."""
+    with filling(place, last=RECORD_FILE) as draft:
+        write_table(draft / ANSWERS_FILE, ANSWER_COLUMNS, _answers_of(simulation))
+        write_spikes(draft / SPIKES_FILE, simulation.trains)
+        write_sealed(
+            draft / RECORD_FILE,
+            {
+                "format": FORMAT,
+                "key": item.key,
+                "parameter_set": item.parameters_name,
+                "how": dict(how),
+                "files": {name: sha256_of(draft / name) for name in _FILES},
+                "inputs": item.inputs(),
+            },
         )
 
-    if item.method == "map":
-        return simulated(folder / item.place)  # which writes nothing there
-    with leased(folder / item.solve_place):
-        _check_solver(task.solver)
-        return simulated(folder / item.solve_place)
+
+def _answers_of(simulation: Simulation) -> Iterator[tuple[str, str, float, int, float]]:
+    """A row for each stimulus and afferent, of `ANSWER_COLUMNS`."""
+    spikes: dict[tuple[str, str], int] = {}
+    windows = {each.id: each.window_ms for each in simulation.stimuli}
+    for train in simulation.trains:
+        key = train.stimulus, train.afferent
+        inside = spikes_inside(train.times_ms, windows[train.stimulus])
+        spikes[key] = spikes.get(key, 0) + inside
+    peaks = {
+        (stimulus.id, str(trace.afferent)): float(trace.stress_pa.max())
+        for stimulus, row in zip(simulation.stimuli, simulation.traces, strict=True)
+        for trace in row
+    }
+    for rate in simulation.mean_rates:
+        key = rate.stimulus, rate.afferent
+        yield (*key, rate.rate_ips, spikes[key], peaks[key])
 
 
 def _response(task: Response, folder: Path) -> ResponseMap:
@@ -197,13 +437,19 @@ def _response(task: Response, folder: Path) -> ResponseMap:
 
 
 def _mesh(task: Response, place: Path) -> Mesh:
-    """Take the mesh beside the response, or make it: all that follows shares it."""
+    """Mesh beside the response, made where there is none: all that follows shares it."""
     with suppress(FingerError):
         return read_mesh(place / MESH_FILE)
     with _meshing:
         mesh = mesh_of(task.finger)
     write_mesh(place / MESH_FILE, mesh)
     return mesh
+
+
+@contextmanager
+def _alone(place: Path, waits: bool = True) -> Iterator[None]:
+    with folder_lock(make_folder(place), _LOCK, wait=waits):
+        yield
 
 
 def _check_solver(planned: str) -> None:
@@ -215,3 +461,9 @@ def _check_solver(planned: str) -> None:
 @cache
 def _version_here() -> str:
     return solver_version()
+
+
+@cache
+def _digest_of_cells(parameters: tuple[tuple[str, AfferentParameters], ...]) -> str:
+    """Digest of what all items of a study share."""
+    return digest(parameters_to_table(dict(parameters)))

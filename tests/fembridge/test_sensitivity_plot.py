@@ -9,9 +9,17 @@ import pytest
 from fembridge.cli import main
 from fembridge.errors import UsageError
 from fembridge.plots.sensitivity import effects_figure, regressions_figure
-from fembridge.sensitivity import Output, SweptFingers, rank_regressions, single_effects
-from fembridge.sensitivity.effects_table import effects_markdown, regressions_markdown
-from fembridge.sensitivity.words import parameter_words, signed, unit_of
+from fembridge.sensitivity import (
+    Output,
+    SweptFingers,
+    effects_markdown,
+    parameter_words,
+    rank_regressions,
+    regressions_markdown,
+    signed,
+    single_effects,
+    unit_of,
+)
 from fembridge.sweep.design import Range, latin_hypercube, one_at_a_time
 
 PNG = b"\x89PNG\r\n\x1a\n"

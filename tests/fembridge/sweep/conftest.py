@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,6 @@ import fembridge
 from fembridge import cli
 from fembridge.machine import CCX_VARIABLE
 from fembridge.sweep import sweep
-from fembridge.sweep.crew import Begun, Ended
-from fembridge.sweep.work import work
 
 ROOT = Path(fembridge.__file__).parents[1]
 RECORDED = ROOT / "fixtures" / "response_quick"
@@ -167,28 +166,19 @@ def is_alive():
     return alive
 
 
-class Here:
-    """A crew that does a task in this process when it is asked how it goes."""
+class Here(Executor):
+    """Does each task in this process, at once; `done` are their names."""
 
-    done = ()
+    done: tuple = ()
 
-    def __init__(self, folder, *ignored):
-        self.folder, self.tasks, self.events = folder, [], []
+    def __init__(self, jobs, on_message):
         Here.done = []
 
-    def submit(self, task):
-        self.tasks.append(task)
-
-    def next_event(self):
-        if not self.events:
-            task = self.tasks.pop(0)
-            Here.done.append(str(task))
-            finding = work(task, self.folder)
-            self.events = [Begun(task), Ended(task, finding)]
-        return self.events.pop(0)
-
-    def close(self):
-        pass
+    def submit(self, function, task, *args, **options):
+        Here.done.append(str(task))
+        future = Future()
+        future.set_result(function(task, *args, **options))
+        return future
 
 
 @pytest.fixture
@@ -196,5 +186,5 @@ def here(monkeypatch):
     """No solver, no other process."""
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv(CCX_VARIABLE, raising=False)
-    monkeypatch.setattr(sweep, "LocalCrew", Here)
+    monkeypatch.setattr(sweep, "LocalExecutor", Here)
     return Here

@@ -16,8 +16,9 @@ from pathlib import Path
 import pytest
 
 import fembridge
+from fembridge import executor
 from fembridge.errors import MissingError, UsageError
-from fembridge.sweep import dask_crew, run_sweep
+from fembridge.sweep import run_sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
 
@@ -133,6 +134,6 @@ def test_without_dask_the_line_that_installs_it_is_told(dermis_study, tmp_path, 
     def absent(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(dask_crew, "import_module", absent)
+    monkeypatch.setattr(executor, "import_module", absent)
     with pytest.raises(MissingError, match=r"pip install 'fembridge\[dask\]'"):
         run_sweep(dermis_study(1), tmp_path, executor="dask")

@@ -1,20 +1,286 @@
-"""One task in one process: who may publish, and what is refused."""
+"""Work of a study: what is shared, what makes an address another one, one task at a time."""
 
-import json
 import pickle
+from contextlib import suppress
+from dataclasses import fields, is_dataclass, replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from decks.analysis import Contact
+from decks.material import PronyTerm
 from decks.presets import PRESETS
-from decks.stimuli import resolve
-from fembridge.sweep import Study, Variant, lease, run_sweep
+from decks.probe import Probe
+from decks.stimuli import CATALOGUE, resolve
+from fembridge.errors import FembridgeError
+from fembridge.response.solve import LADDER
+from fembridge.store import folder_lock
+from fembridge.sweep import Study, Variant, run_sweep
 from fembridge.sweep import work as module
-from fembridge.sweep.answers import is_finished
-from fembridge.sweep.plan import plan_of
-from fembridge.sweep.work import STUDY_FILE, work
+from fembridge.sweep.study import ladder_of, study_from
+from fembridge.sweep.sweep import plan_of
+from fembridge.sweep.work import STUDY_FILE, Item, Response, work
+from neural import parameter_set
+
+QUICK = Variant("quick", PRESETS["quick"])
+CCX = "calculix 2.20"
 
 
-def plan(solver="stored"):
+def study(words="sine_20_250", **changes):
+    return Study(resolve(words), changes.pop("variants", (QUICK,)), **changes)
+
+
+def response(**changes):
+    made = {
+        "finger": PRESETS["quick"],
+        "probe": Probe(),
+        "asked": {},
+        "element": "CPE4",
+        "depth_um": 400.0,
+        "solver": CCX,
+    }
+    return Response(**made | changes)
+
+
+def item(**changes):
+    made = {
+        "response": response(),
+        "method": "map",
+        "entries": resolve("noise_25_250"),
+        "preindent_um": 75.0,
+        "seed": None,
+        "parameters": parameter_set("fitted").parameters,
+    }
+    return Item(**made | changes)
+
+
+def test_all_stimuli_share_the_map_and_each_has_its_transient():
+    plan = plan_of(study("all", methods=("map", "transient")), CCX)
+
+    methods = [each.method for each in plan.items.values()]
+    assert methods.count("map") == 1
+    assert methods.count("transient") == 82
+    assert len(plan.points) == 164
+    assert len({each.response.key for each in plan.items.values()}) == 1
+    assert len({each.solve_place for each in plan.items.values()}) == 83
+
+
+def test_only_what_goes_deeper_than_the_usual_indentation_takes_one_of_its_own():
+    plan = plan_of(study("sine_20_250,sine_20_500", methods=("map", "transient")), CCX)
+    depths = [(each.method, each.response.depth_um) for each in plan.items.values()]
+    assert depths == [("map", 600.0), ("transient", 400.0), ("transient", 600.0)]
+
+
+def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
+    one = study("sine", methods=("map", "transient"))
+    other = study(
+        "sine,noise",
+        methods=("map", "transient"),
+        parameters=parameter_set("published"),
+        preindents_um=(75.0,),
+    )
+    ones, others = (plan_of(each, CCX).items.values() for each in (one, other))
+
+    assert not {each.key for each in ones} & {each.key for each in others}
+    solves = [{each.solve_place for each in plan} for plan in (ones, others)]
+    assert {each.response.key for each in ones} == {each.response.key for each in others}
+    by_id = [
+        {each.entries[0].id: each.solve_place for each in plan if each.method != "map"}
+        for plan in (ones, others)
+    ]
+    assert by_id[0].items() <= by_id[1].items()
+    assert len(solves[1]) > len(solves[0])
+
+
+def test_the_same_finger_under_two_names_is_done_once_and_told_twice(tmp_path):
+    base = PRESETS["quick"]
+    twins = (Variant("quick", base), Variant("mine", replace(base)))
+    plan = plan_of(study(variants=twins), CCX)
+    assert len(plan.items) == 1
+    assert [point.columns["finger"] for point in plan.points] == ["quick", "mine"]
+
+
+def test_a_finger_that_stands_there_twice_is_told_once():
+    plan = plan_of(study(variants=(QUICK, QUICK)), CCX)
+    assert len(plan.points) == len(plan.items) == 1
+
+
+def test_what_a_variant_does_not_change_has_the_value_of_its_base():
+    table = {
+        "stimuli": ["sine_20_250"],
+        "fingers": ["paper", {"grid": {"skin": {"dermis_mm": [1.0, 1.2]}}}],
+    }
+    plan = plan_of(study_from(table, None), CCX)
+    column = [point.columns["skin.dermis_mm"] for point in plan.points]
+    assert column == [1.1, 1.0, 1.2]
+
+
+def test_what_is_asked_of_the_contact_is_put_into_every_rung():
+    ladder = ladder_of({"friction": 0.2})
+    assert {rung.friction for rung in ladder} == {0.2}
+    assert ladder[0] == Contact(friction=0.2)
+    assert len(ladder) == len(LADDER) - 1  # the rung without friction is the first
+    assert ladder_of({}) == LADDER
+    whole = Contact("surface-to-surface", 500.0, 0.1, 0.05)
+    asked = {name.name: getattr(whole, name.name) for name in fields(Contact)}
+    assert ladder_of(asked) == (whole,)
+
+
+@given(st.permutations(range(4)))
+def test_the_order_of_keys_in_a_study_changes_no_address(order):
+    changes = [
+        ("skin", {"epidermis_mm": [0.5], "dermis_mm": [1.0]}),
+        ("ridges", {"height_mm": [0.05]}),
+        ("bone", {"depth_mm": [8.0]}),
+        ("materials", {"dermis": {"young_mpa": [0.06], "poisson": [0.45]}}),
+    ]
+    keys = []
+    for rows in (changes, [changes[k] for k in order]):
+        grid = {
+            name: dict(reversed(inner.items())) if rows is not changes else inner
+            for name, inner in rows
+        }
+        table = {"stimuli": ["sine_20"], "fingers": [{"grid": grid}]}
+        keys.append(list(plan_of(study_from(table, None), CCX).items))
+    assert keys[0] == keys[1]
+
+
+@given(st.permutations(CATALOGUE[:6]))
+def test_the_order_of_stimuli_changes_no_address(entries):
+    assert item(entries=tuple(entries)).key == item(entries=CATALOGUE[:6]).key
+
+
+def numbers_of(value, above=""):
+    """Give the dotted name of every number of a finger or probe."""
+    if is_dataclass(value):
+        inner = {one.name: getattr(value, one.name) for one in fields(value)}
+    elif isinstance(value, dict):
+        inner = value
+    else:
+        return [above] if isinstance(value, float | int) else []
+    return [
+        name
+        for key, one in inner.items()
+        for name in numbers_of(one, f"{above}.{key}" if above else key)
+    ]
+
+
+def with_number(value, name, change):
+    """Give `value` with `change` of the number under this dotted `name`."""
+    key, _, rest = name.partition(".")
+    inner = value[key] if isinstance(value, dict) else getattr(value, key)
+    new = with_number(inner, rest, change) if rest else change(inner)
+    if isinstance(value, dict):
+        return {**value, key: new}
+    return replace(value, **{key: new})
+
+
+def changed(value, name):
+    """Give `value` with another number under `name`, by a change that it allows."""
+    for change in (
+        lambda number: number * (1 + 1e-12) if number else 1e-12,
+        lambda number: number * 1.1 if number else 0.1,
+        lambda number: number * 2,
+        lambda number: number / 2,
+        lambda number: number + 1,
+        lambda number: number - 1,
+    ):
+        with suppress(FembridgeError):
+            return with_number(value, name, change)
+    raise AssertionError(f"nothing but {name} as it is")
+
+
+@pytest.mark.parametrize("name", numbers_of(PRESETS["quick"]))
+def test_every_number_of_a_finger_changes_the_address(name):
+    finger = changed(PRESETS["quick"], name)
+    assert response(finger=finger).key != response().key
+    assert item(response=response(finger=finger)).key != item().key
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"probe": Probe(diameter_mm=0.5)},
+        {"probe": Probe(x_mm=0.1)},
+        {"probe": Probe("flat")},
+        {"probe": Probe("flat", fillet_mm=0.05)},
+        {"asked": {"friction": 0.4}},
+        {"element": "CPE8R"},
+        {"depth_um": 500.0},
+        {"solver": "calculix 2.21"},
+        {"solver": "stored"},
+    ],
+)
+def test_all_else_that_goes_into_a_response_changes_its_address(changes):
+    base = response(probe=Probe("flat")) if "flat" in str(changes) else response()
+    if changes == {"probe": Probe("flat")}:
+        base = response()
+    assert response(**changes).key != base.key
+    assert item(response=response(**changes)).key != item(response=base).key
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"method": "transient"},
+        {"entries": resolve("noise_25_250")[:-1]},
+        {"preindent_um": 76.0},
+        {"seed": 1},
+        {"seed": 2**64 + 1},
+        {"parameters": parameter_set("published").parameters},
+    ],
+)
+def test_all_that_goes_into_an_item_changes_its_address(changes):
+    assert item(**changes).key != item().key
+    assert item(**changes).response.key == item().response.key
+
+
+def test_seeds_that_no_float_tells_apart_have_two_addresses():
+    assert item(seed=2**64).key != item(seed=2**64 + 1).key
+
+
+def test_every_number_of_the_cells_changes_the_address():
+    fitted = dict(parameter_set("fitted").parameters)
+    for afferent, one in fitted.items():
+        for name in numbers_of(one):
+            other = {**fitted, afferent: changed(one, name)}
+            assert item(parameters=other).key != item().key, name
+
+
+def test_the_version_of_the_program_changes_every_address(monkeypatch):
+    before = item().key
+    monkeypatch.setattr(module, "__version__", "99")
+    assert item().key != before
+
+
+def test_names_that_people_give_change_no_address():
+    assert item(label="x", parameters_name="y").key == item().key
+    assert response(label="x").key == response().key
+
+
+def test_a_task_is_the_same_after_a_pickle():
+    one = item(method="transient")
+    again = pickle.loads(pickle.dumps(one))
+    assert (again.key, again.place, again.solve_place) == (one.key, one.place, one.solve_place)
+    assert [each.id for each in again.stimuli()] == [each.id for each in one.stimuli()]
+
+
+def test_of_a_finger_that_relaxes_each_waveform_is_solved():
+    finger = PRESETS["quick"]
+    dermis = replace(finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    soft = replace(finger, materials={**finger.materials, "dermis": dermis})
+    variants = (QUICK, Variant("soft", soft))
+
+    plan = plan_of(study("sine_20", variants=variants), CCX)
+
+    method_of = {item.response.finger.relaxing_s > 0: item.method for item in plan.items.values()}
+    assert method_of == {False: "map", True: "transient"}
+    assert len(plan.items) == 1 + len(resolve("sine_20"))
+    assert {point.columns["method"] for point in plan.points} == {"map", "transient"}
+
+
+def plan_with(solver="stored"):
     variants = (Variant("quick", PRESETS["quick"]),)
     return plan_of(Study(resolve("sine_20_250"), variants, stored=True), solver)
 
@@ -25,54 +291,20 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_who_lost_the_folder_meanwhile_publishes_nothing_and_looks_again(folder, monkeypatch):
-    [item] = plan().items.values()
-    place, real, calls = folder / item.place, module.simulate, []
-
-    def slow(*words, **options):
-        calls.append(is_finished(place, item))
-        if len(calls) == 1:  # somebody took over, and died
-            gone = {"machine": lease._machine(), "pid": 2**22 + 1, "start": "1"}
-            text = json.dumps({**gone, "token": "t"})
-            (place / f"{lease.PREFIX}2").write_text(text)
-        return real(*words, **options)
-
-    monkeypatch.setattr(module, "simulate", slow)
-    finding = work(item, folder)
-
-    assert (finding.finished, finding.again) == (True, False)
-    assert calls == [False, False]
-    assert is_finished(place, item)
-    assert work(item, folder).again
-    assert len(calls) == 2
-
-
-def test_who_lost_the_folder_to_one_who_finished_takes_what_he_did(folder, monkeypatch):
-    [item] = plan().items.values()
-    real = module.simulate
-
-    def slow(*words, **options):
-        monkeypatch.setattr(module, "simulate", real)
-        (folder / item.place / f"{lease.PREFIX}1").unlink()
-        assert work(item, folder).finished
-        return real(*words, **options)
-
-    monkeypatch.setattr(module, "simulate", slow)
-    assert work(item, folder).again
-
-
 def test_who_is_not_to_wait_says_that_it_is_busy(folder):
-    [item] = plan().items.values()
-    with lease.leased(folder / item.place):
-        finding = work(item, folder, patient=False)
-    assert finding.busy
-    assert not finding.finished
-    assert work(item, folder, patient=False).finished
+    [item] = plan_with().items.values()
+    (folder / item.place).mkdir(parents=True)
+    with folder_lock(folder / item.place, ".lock"):
+        ended = work(item, folder, waits=False)
+    assert ended.busy
+    assert not ended.finished
+    assert work(item, folder, waits=False).finished
+    assert work(item, folder).before
 
 
 def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, ledger):
     module._version_here.cache_clear()
-    [item] = plan("calculix 9.9").items.values()
+    [item] = plan_with("calculix 9.9").items.values()
     finding = work(item.response, folder)
     module._version_here.cache_clear()
 
@@ -82,7 +314,7 @@ def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, le
 
 
 def test_a_folder_that_this_machine_does_not_see_is_told(tmp_path):
-    [item] = plan().items.values()
+    [item] = plan_with().items.values()
     assert "all need to share it" in work(item, tmp_path).cause
 
 

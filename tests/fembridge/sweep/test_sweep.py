@@ -1,8 +1,10 @@
-"""Sweeps of the stored responses: the table against the pipeline, and what is kept."""
+"""Sweeps: the table against the pipeline, what is kept, words, counts and exit codes."""
 
 import csv
+import json
 import shutil
 
+import numpy as np
 import pytest
 
 from decks.presets import PRESETS
@@ -11,11 +13,13 @@ from decks.waveform import make_stimulus
 from fembridge.build import model_of
 from fembridge.errors import UsageError
 from fembridge.simulation import simulate
+from fembridge.stimulus import Stimulus
 from fembridge.sweep import Study, Variant, run_sweep
 from fembridge.sweep import sweep as module
-from fembridge.sweep.answers import is_finished, read_answers
-from fembridge.sweep.plan import plan_of
-from fembridge.sweep.study_file import study_from
+from fembridge.sweep import work as work_module
+from fembridge.sweep.study import study_from
+from fembridge.sweep.sweep import plan_of
+from fembridge.sweep.work import STUDY_FILE, read_answers, solver_version, work
 from neural import parameter_set
 from neural.rate import spikes_inside
 
@@ -103,13 +107,13 @@ def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(here, tmp_path, n
             "nonsense": b"\xff\x00",
         }
         path.write_bytes(changed[harm])
-    assert not is_finished(tmp_path / item.place, item)
+    assert not item.is_finished(tmp_path)
 
     again = run_sweep(made, tmp_path)
 
     assert again.before == 0
     assert again.results.read_bytes() == table
-    assert is_finished(tmp_path / item.place, item)
+    assert item.is_finished(tmp_path)
 
 
 def test_the_record_of_another_item_is_no_record(here, tmp_path):
@@ -117,7 +121,7 @@ def test_the_record_of_another_item_is_no_record(here, tmp_path):
     one, other = run_sweep(made, tmp_path).plan.items.values()
     shutil.rmtree(tmp_path / one.place)
     shutil.copytree(tmp_path / other.place, tmp_path / one.place)
-    assert not is_finished(tmp_path / one.place, one)
+    assert not one.is_finished(tmp_path)
 
 
 def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
@@ -143,8 +147,6 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
 
 
 def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(here, tmp_path, monkeypatch):
-    from fembridge.sweep import work as work_module
-
     real = work_module.simulate
 
     def buggy(stimuli, model, *words, **options):
@@ -161,7 +163,7 @@ def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(here, tmp_path, monk
     trace = tmp_path / failed.place / "failed.txt"
     assert "in buggy" in trace.read_text()
     monkeypatch.undo()
-    monkeypatch.setattr(module, "LocalCrew", here)
+    monkeypatch.setattr(module, "LocalExecutor", here)
     assert not run_sweep(made, tmp_path).failed
     assert not trace.exists()
 
@@ -201,5 +203,96 @@ def test_answers_can_be_read_again(here, tmp_path):
     sweep = run_sweep(study("sine_20_250"), tmp_path)
     [item] = sweep.plan.items.values()
     found = read_answers(tmp_path / item.place)
-    assert list(found) == [("sine_20_250", name) for name in ("SA", "RA", "PC")]
-    assert found["sine_20_250", "SA"].peak_stress_pa > 1e4
+    assert list(found.index) == [("sine_20_250", name) for name in ("SA", "RA", "PC")]
+    assert found.peak_stress_pa["sine_20_250", "SA"] > 1e4
+    assert sweep.table.peak_stress_pa.tolist() == found.peak_stress_pa.tolist()
+
+
+def test_the_command_counts_and_ends_with_0(here, command, study_file, tmp_path, capsys):
+    path = study_file('stimuli = ["sine_20_250"]\nstored = true\n')
+    assert command(path, "-o", tmp_path / "out") == 0
+    streams = capsys.readouterr()
+    assert streams.out == f"1 of 1 items done; results.csv (3 rows): {tmp_path}/out\n"
+    assert streams.err.startswith("1/1 quick, map: ")
+
+    assert command(path, "-o", tmp_path / "out", "--json") == 0
+    streams = capsys.readouterr()
+    summary = json.loads(streams.out)
+    assert (summary["done"], summary["finished_before"], summary["failed"]) == (1, 1, [])
+
+
+def test_the_command_ends_with_1_and_one_line_when_something_failed(
+    here, command, study_file, tmp_path, capsys
+):
+    path = study_file('stimuli = ["sine_20_500"]\nstored = true\nparameters = "published"\n')
+    assert command(path, "-o", tmp_path / "out") == 1
+    streams = capsys.readouterr()
+    told = "fembridge: 1 of 1 items failed, first quick, map: sine_20_500 goes 500 um"
+    assert streams.err.splitlines()[-1].startswith(told)
+    assert (tmp_path / "out/results.csv").read_text().count("failed") == 3
+
+
+def test_without_a_solver_the_whole_sweep_is_refused_at_once(
+    here, command, study_file, tmp_path, capsys
+):
+    path = study_file('stimuli = ["sine_20_250"]\n')
+    assert command(path, "-o", tmp_path / "out") == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert "no ccx on the PATH" in line
+    assert "stored = true" in line
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--jobs", "0"], "jobs is 0"),
+        (["--threads", "0"], "threads is 0"),
+        (["--scheduler", "tcp://localhost:1"], "a scheduler is for the executor dask"),
+    ],
+)
+def test_misuse_ends_with_2(here, command, study_file, tmp_path, capsys, words, told):
+    path = study_file('stimuli = ["sine_20_250"]\nstored = true\n')
+    assert command(path, "-o", tmp_path / "out", *words) == 2
+    assert told in capsys.readouterr().err
+
+
+def short(entry, preindent_um=0.0, seed=None):
+    """A quarter of a slow wave: few increments."""
+    wave_um = 60.0 * np.sin(np.linspace(0, np.pi / 2, 9))
+    return Stimulus(entry.id, wave_um, 0.5, (0.0, 4.0), origin={"family": "short"})
+
+
+@pytest.mark.solver
+def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    variants = (Variant("quick", PRESETS["quick"]),)
+    study = Study(resolve("noise_25_250_20,sine_20_250"), variants)
+    stored = Study(study.stimuli, variants, stored=True)
+
+    solved = run_sweep(study, tmp_path / "out")
+    known = run_sweep(stored, tmp_path / "out")
+
+    assert not solved.causes
+    [one], [other] = solved.plan.items.values(), known.plan.items.values()
+    answers = read_answers(tmp_path / "out" / one.place)
+    expected = read_answers(tmp_path / "out" / other.place)
+    assert answers.rate_ips.to_dict() == expected.rate_ips.to_dict()
+    np.testing.assert_allclose(answers.peak_stress_pa, expected.peak_stress_pa, rtol=1e-3)
+
+    monkeypatch.setattr(work_module, "make_stimulus", short)
+    both = Study(
+        resolve("sine_20_250"),
+        variants,
+        methods=("map", "transient"),
+        parameters=parameter_set("published"),
+    )
+    plan = plan_of(both, solver_version())
+    assert {item.response.key for item in plan.items.values()} == {one.response.key}
+    assert (tmp_path / "out" / STUDY_FILE).exists()
+    peaks = []
+    for item in plan.items.values():
+        assert work(item, tmp_path / "out", threads=1).cause == ""
+        assert work(item, tmp_path / "out").before
+        peaks.append(read_answers(tmp_path / "out" / item.place).peak_stress_pa)
+    np.testing.assert_allclose(peaks[1], peaks[0], rtol=5e-3)

@@ -1,0 +1,621 @@
+"""Studies: what TOML files hold, their fingers and designs, and what they must not hold."""
+
+import csv
+import math
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decks.finger import AfferentSite, Papillae, Ridges, Skin
+from decks.presets import PRESETS, QUICK
+from decks.probe import Probe
+from fembridge.errors import FingerError, UsageError
+from fembridge.sweep import read_study, run_sweep
+from fembridge.sweep.design import Range, hypercube_shares, latin_hypercube, one_at_a_time, range_of
+from fembridge.sweep.fingers import MOST_POINTS, Anchor, anchor_of, anchored, combinations
+from fembridge.sweep.study import study_from
+from fembridge.sweep.sweep import plan_of
+
+LEAST = {"stimuli": ["sine_20_250"]}
+
+
+def test_a_study_of_one_line_is_the_quick_finger_as_the_parameters_were_fitted(study_file):
+    study = read_study(study_file('stimuli = "noise_25_250"'))
+
+    assert len(study.stimuli) == study.points == 5
+    [variant] = study.variants
+    assert variant.finger == PRESETS["quick"]
+    assert (study.probes, study.contacts) == ((Probe(),), ({},))
+    assert (study.methods, study.preindents_um) == (("map",), (75.0,))
+    assert (study.parameters.name, study.name, study.stored) == ("fitted", "study", False)
+
+
+def test_a_grid_gives_every_combination_and_rows_give_one_finger_each(study_file):
+    study = read_study(
+        study_file(
+            """
+            stimuli = ["sine_20_250"]
+            [[fingers]]
+            [fingers.grid]
+            skin.epidermis_mm = [0.3, 0.5]
+            "materials.dermis.young_mpa" = [0.04, 0.05, 0.06]
+            [[fingers]]
+            base = "paper"
+            rows = [{afferents.SA.depth_mm = 0.5}, {ridges.height_mm = 0.05}]
+            """
+        )
+    )
+
+    grid = study.variants[:6]
+    assert [
+        (each.finger.skin.epidermis_mm, each.finger.materials["dermis"].young_mpa) for each in grid
+    ] == list(product((0.3, 0.5), (0.04, 0.05, 0.06)))
+    one, other = study.variants[6:]
+    assert one.label == other.label == one.finger.name == "paper"
+    assert one.finger.afferents["SA"].depth_mm == 0.5
+    assert one.finger.ridges == PRESETS["paper"].ridges
+    assert other.finger.ridges.height_mm == other.value("ridges.height_mm") == 0.05
+    assert other.value("afferents.SA.depth_mm") == 0.5875
+    assert other.value("skin.colour") is None
+
+
+def test_a_finger_file_is_a_base_and_counts_from_the_study(study_file, tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        '\ufeffname = "thick"\n[skin]\nepidermis_mm = 0.5\ndermis_mm = 1.2\n', "utf-8"
+    )
+    study = read_study(
+        study_file(
+            'stimuli = ["sine_20_250"]\nfingers = ["mine.toml", '
+            '{base = "mine.toml", grid.skin.dermis_mm = [1.0]}]'
+        )
+    )
+
+    plain, changed = study.variants
+    assert plain.finger.name == changed.finger.name == "thick"
+    assert (plain.label, changed.label) == ("mine", "mine")
+    assert plain.finger.skin.dermis_mm == 1.2
+    assert changed.finger.skin.dermis_mm == 1.0
+    assert changed.finger.skin.epidermis_mm == 0.5
+
+
+def test_lists_of_a_probe_multiply_and_a_flat_one_gets_its_fillet(study_file):
+    study = read_study(
+        study_file(
+            'stimuli = ["sine_20_250"]\n[[probes]]\ndiameter_mm = [0.5, 1.0]\n'
+            'x_mm = [0, 0.25]\n[[probes]]\nshape = "flat"\ndiameter_mm = 0.2\n'
+            "[[contacts]]\nfriction = [0.0, 0.2]\n"
+        )
+    )
+
+    assert [(each.diameter_mm, each.x_mm) for each in study.probes[:4]] == list(
+        product((0.5, 1.0), (0, 0.25))
+    )
+    assert study.probes[4] == Probe("flat", 0.2, 0.05)
+    assert study.contacts == ({"friction": 0.0}, {"friction": 0.2})
+    assert study.points == 10
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["a.x", "a.y", "b.x", "c.x"]),
+        st.lists(st.floats(0, 1), max_size=4, unique=True),
+    )
+)
+def test_the_size_of_a_grid_is_the_number_of_its_rows(grid):
+    count, found = combinations({n: v for n, v in grid.items() if v}, "grid")
+    rows = list(found)
+    assert count == len(rows)
+    assert len({tuple(row.items()) for row in rows}) == len(rows)
+
+
+HOSTILE = {
+    'stimulus = ["sine_20_250"]': "unknown key 'stimulus', .* did you mean stimuli",
+    "methods = ['map']": "stimuli: absent",
+    "stimuli = []": "stimuli: no stimulus named",
+    "stimuli = ['../../etc/passwd']": "stimuli: no stimulus '../../etc/passwd'",
+    "stimuli = [\"__import__('os').system('id')\"]": "stimuli: no stimulus",
+    "stimuli = [nan]": "stimuli 1: nan, expected",
+    "stimuli = 'sine_20_250'\nmethods = ['maps']": "methods: 'maps', expected map or",
+    "stimuli = 'sine_20_250'\nmethods = []": "methods: none",
+    "stimuli = 'sine_20_250'\nmethods = ['map', 'map']": "methods: map: a dupl",
+    "stimuli = 'sine_20_250'\npreindent_um = nan": "preindent_um: nan",
+    "stimuli = 'sine_20_250'\npreindent_um = -1": "preindent_um: -1.0, expected 0 to",
+    "stimuli = 'sine_20_250'\npreindent_um = [1, 1.0]": "preindent_um: 1.0: a dupl",
+    "stimuli = 'sine_20_250'\nseed = -1": "seed: -1, expected 0 or more",
+    "stimuli = 'sine_20_250'\nseed = 1.5": "seed: 1.5, expected a whole number",
+    "stimuli = 'sine_20_250'\nstored = 'yes'": "stored: 'yes', expected true or false",
+    "stimuli = 'sine_20_250'\nelement = 'CPE5'": "element: 'CPE5', expected one of",
+    "stimuli = 'sine_20_250'\nname = ''": "name: '', expected 1 to 60",
+    "stimuli = 'sine_20_250'\nparameters = '../p.toml'": "parameters: '../p.toml', exp",
+    "stimuli = 'sine_20_250'\nparameters = 'publish'": "parameters: no parameter set",
+    "stimuli = 'sine_20_250'\nparameters = 7": "parameters: 7, expected a word",
+    "stimuli = 'sine_20_250'\nfingers = []": "fingers: none",
+    "stimuli = 'sine_20_250'\nfingers = 'quick'": "fingers: 'quick', expected a list",
+    "stimuli = 'sine_20_250'\nfingers = [3]": "fingers 1: 3, expected a table",
+    "stimuli = 'sine_20_250'\nfingers = ['../q.toml']": "fingers 1: '../q.toml'",
+    "stimuli = 'sine_20_250'\nfingers = ['/etc/passwd']": "fingers 1: '/etc/pas",
+    "stimuli = 'sine_20_250'\nfingers = ['absent.toml']": "neither a preset .* nor a",
+    "stimuli = 'sine_20_250'\nfingers = [{grids = {}}]": "fingers 1: unknown key 'gri",
+    "stimuli = 'sine_20_250'\nfingers = [{grid = {skin = 1}}]": "'skin', expected sect",
+    "stimuli = 'sine_20_250'\nfingers = [{grid = {skin.dermis_mm = []}}]": "empty list",
+    "stimuli = 'sine_20_250'\nfingers = [{rows = []}]": "fingers 1: rows: none",
+    "stimuli = 'sine_20_250'\nfingers = [{rows = [{}], grid = {}}]": "grid and rows",
+    "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = -1}]}]": (
+        r"fingers 1: skin.dermis_mm = -1: \[skin\] dermis_mm must be 0.02 to 50"
+    ),
+    "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = nan}]}]": (
+        "fingers 1: row 1: skin.dermis_mm: nan, expected a finite number"
+    ),
+    "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = true}]}]": (
+        "fingers 1: row 1: skin.dermis_mm: True, expected a number"
+    ),
+    "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis = [1.0]}]": (
+        "unknown key 'dermis', .* did you mean dermis_mm"
+    ),
+    "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis_mm = ['__import__']}]": (
+        "dermis_mm must be a number, got '__import__'"
+    ),
+    "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]": (
+        "fingers 1: grid: skin.dermis_mm: 1.0: a duplicate"
+    ),
+    "stimuli = 'sine_20_250'\n[[fingers]]\n[fingers.grid]\n'skin.dermis_mm' = [1.0]\n"
+    "skin.dermis_mm = [1.1]": "skin.dermis_mm: a duplicate",
+    "stimuli = 'sine_20_250'\n[[fingers]]\n[fingers.grid]\n'skin.dermis_mm.x' = [1.0]\n"
+    "skin.dermis_mm = [1.1]": "skin.dermis_mm: a duplicate",
+    "stimuli = 'sine_20_250'\nprobes = [{diameter_mm = -1}]": "probes 1: diameter_mm",
+    "stimuli = 'sine_20_250'\nprobes = [{diameter = 1}]": "did you mean diameter_mm",
+    "stimuli = 'sine_20_250'\nprobes = [{x_mm = '../'}]": "x_mm must be a number",
+    "stimuli = 'sine_20_250'\nprobes = [{fillet_mm = 0.1}]": "fillet_mm is for shape",
+    "stimuli = 'sine_20_250'\nprobes = [{shape = 'round'}]": "probe shape 'round'",
+    "stimuli = 'sine_20_250'\nprobes = []": "probes: none",
+    "stimuli = 'sine_20_250'\nprobes = [{}, {}]": "probes: .*: a duplicate",
+    "stimuli = 'sine_20_250'\ncontacts = [{friction = -0.1}]": "contacts: friction",
+    "stimuli = 'sine_20_250'\ncontacts = [{fricton = 0.1}]": "did you mean friction",
+    "stimuli = 'sine_20_250'\ncontacts = [{friction = '0.4'}]": "must be a number",
+    "stimuli = 'sine_20_250'\nstored = true\nmethods = ['transient']": "no transient",
+    "stimuli = 'sine_20_250'\nstored = true\ncontacts = [{friction = 0}]": "its own",
+    "stimuli = ": "not readable as TOML",
+    "stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000: "not readable as TOML",
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE, ids=range(len(HOSTILE)))
+def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, study_file):
+    path = study_file(text)
+    with pytest.raises(UsageError, match=HOSTILE[text]) as caught:
+        read_study(path)
+    line = str(caught.value)
+    assert line.startswith(f"{path}: ")
+    assert "\n" not in line.removeprefix(f"{path}: not readable as TOML")
+    assert len(line) < 700
+
+
+def test_a_product_without_measure_is_refused_by_its_number_before_it_is_made():
+    names = [f"skin.key_{k}" for k in range(10)]
+    grid = {name: [float(k) for k in range(1000)] for name in names}
+
+    with pytest.raises(UsageError, match=f"^{10**30} points .* at most {MOST_POINTS}"):
+        study_from({**LEAST, "fingers": [{"grid": grid}]}, folder=None)
+
+
+@pytest.mark.parametrize("part", ["probes", "contacts"])
+def test_a_product_of_probes_or_contacts_is_refused_alike(part):
+    keys = {"probes": ("diameter_mm", "x_mm"), "contacts": ("friction", "stick_share")}
+    wide = {key: [0.1 + 1e-6 * k for k in range(400)] for key in keys[part]}
+
+    with pytest.raises(UsageError, match=r"^160000 points"):
+        study_from({**LEAST, part: [wide]}, folder=None)
+
+
+def test_a_study_may_be_as_large_as_the_limit_says():
+    values = [0.5 + 1e-5 * k for k in range(1000)]
+    table = {**LEAST, "probes": [{"x_mm": values}]}
+    study = study_from({**table, "preindent_um": [float(k) for k in range(100)]}, None)
+    assert study.points == MOST_POINTS
+    assert math.isclose(study.probes[-1].x_mm, values[-1])
+
+
+@pytest.mark.parametrize("path", ["", ".", "absent.toml", "a\0b"])
+def test_what_is_no_file_is_told_so(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"cannot be read|null byte"):
+        read_study(Path(path) if "\0" in path else tmp_path / path)
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    (tmp_path / "study.toml").write_bytes(b"stimuli = '\xff\xfe'")
+    with pytest.raises(UsageError, match="0xff"):
+        read_study(tmp_path / "study.toml")
+
+
+RANGES = {"skin.dermis_mm": [0.9, 1.2], "materials.dermis.young_mpa": "20 %"}
+
+
+def study_with(tmp_path, **finger):
+    return study_from({"stimuli": ["sine_20"], "fingers": [finger]}, tmp_path)
+
+
+def test_one_at_a_time_is_the_base_and_two_fingers_a_parameter(tmp_path):
+    study = study_with(tmp_path, design="one-at-a-time", ranges=RANGES)
+
+    assert [str(each) for each in study.variants] == [
+        "quick base",
+        "quick skin.dermis_mm=0.9",
+        "quick skin.dermis_mm=1.2",
+        "quick materials.dermis.young_mpa=0.04",
+        "quick materials.dermis.young_mpa=0.06",
+    ]
+    assert study.variants[0].finger == QUICK
+    assert [
+        (each.value("skin.dermis_mm"), each.value("materials.dermis.young_mpa"))
+        for each in study.variants
+    ] == [(1.1, 0.05), (0.9, 0.05), (1.2, 0.05), (1.1, 0.04), (1.1, 0.06)]
+
+
+def test_a_hypercube_has_as_many_fingers_as_it_says_and_all_columns(tmp_path):
+    study = study_with(
+        tmp_path,
+        base="paper",
+        design="latin-hypercube",
+        samples=6,
+        seed=5,
+        ranges={**RANGES, "contact": {"friction": [0.2, 0.8]}},
+    )
+
+    assert len(study.variants) == 6
+    assert str(study.variants[2]) == "paper sample 3 of 6"
+    plan = plan_of(study, "ccx")
+    assert len(plan.items) == 6
+    rows = {tuple(point.columns.values()) for point in plan.points}
+    assert len(rows) == 6
+    assert {*RANGES, "contact.friction"} <= set(plan.points[0].columns)
+    for point in plan.points:
+        asked = plan.items[point.item].response.asked
+        assert asked == {"friction": point.columns["contact.friction"]}
+
+
+def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(tmp_path):
+    asked = {"design": "one-at-a-time", "ranges": {"skin.epidermis_mm": [0.35, 0.45]}}
+    follow = study_with(tmp_path, **asked).variants
+    fixed = study_with(tmp_path, **asked, sites="fixed").variants
+
+    depths = [each.finger.afferents["SA"].depth_mm for each in follow]
+    assert depths == pytest.approx([0.5875, 0.5375, 0.6375])
+    depths = [each.finger.afferents["PC"].depth_mm for each in follow]
+    assert depths == pytest.approx([2.0, 1.95, 2.05])
+    assert all(each.finger.afferents == QUICK.afferents for each in fixed)
+
+
+def test_grids_and_rows_can_follow_and_tell_distances_too(tmp_path):
+    name = "afferents.SA.to_boundary_mm"
+    [thick] = study_with(tmp_path, grid={"skin.epidermis_mm": 0.45}, sites="follow").variants
+    one, other = study_with(tmp_path, rows=[{name: 0.05}, {"contact.friction": 0.0}]).variants
+
+    assert thick.finger.afferents["SA"].depth_mm == pytest.approx(0.6375)
+    assert one.finger.afferents["SA"].depth_mm == pytest.approx(0.65)
+    assert (one.value(name), other.value(name)) == (0.05, 0.1125)
+    assert (one.contact, other.contact) == ({}, {"friction": 0.0})
+    assert one.value("contact.friction") is None
+
+
+def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
+    study = study_with(
+        tmp_path,
+        design="one-at-a-time",
+        ranges={"skin.epidermis_mm": "5 %", "afferents.SA.depth_mm": [0.5, 0.6]},
+    )
+
+    assert [each.finger.afferents["SA"].depth_mm for each in study.variants] == [
+        0.5875,
+        0.5875,
+        0.5875,
+        0.5,
+        0.6,
+    ]
+
+
+def test_the_table_of_a_design_names_every_parameter_in_its_columns(here, tmp_path, study_file):
+    study = study_file(
+        'stimuli = ["sine_20_250"]\nstored = true\n[[fingers]]\n'
+        'design = "one-at-a-time"\n[fingers.ranges]\n'
+        "materials.dermis.young_mpa = [0.04, 0.06]\n"
+    )
+    sweep = run_sweep(study, tmp_path / "out")
+
+    with sweep.results.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["materials.dermis.young_mpa"] for row in rows[::3]] == ["0.05", "0.04", "0.06"]
+    assert [row["status"] for row in rows[::3]] == ["done", "failed", "failed"]
+
+
+def test_a_study_without_a_design_has_the_keys_that_it_had(tmp_path):
+    """What was solved before designs were thought of is found again."""
+    study = study_with(tmp_path, grid={"materials.dermis.young_mpa": [0.04, 0.05]})
+    plain, changed = (each.finger for each in study.variants)
+
+    assert changed == PRESETS["quick"]
+    assert plain.afferents == QUICK.afferents
+    responses = [item.response for item in plan_of(study, "ccx").items.values()]
+    assert all(each.asked == {} for each in responses)
+
+
+@pytest.mark.parametrize(
+    ("finger", "problem"),
+    [
+        ({"ranges": RANGES}, "fingers 1: design: '', expected one-at-a-time or"),
+        ({"design": "sobol", "ranges": RANGES}, "design: 'sobol', expected"),
+        ({"design": "one-at-a-time"}, "design, but no ranges"),
+        ({"samples": 3}, "samples, but no ranges"),
+        ({"design": "one-at-a-time", "ranges": {}}, "ranges: none, expected one"),
+        (
+            {"design": "one-at-a-time", "ranges": RANGES, "samples": 4},
+            "samples is for a latin-hypercube",
+        ),
+        ({"design": "latin-hypercube", "ranges": RANGES}, "samples: absent"),
+        (
+            {"design": "latin-hypercube", "ranges": RANGES, "samples": 1},
+            "samples: 1, expected 2 to",
+        ),
+        (
+            {"design": "latin-hypercube", "ranges": RANGES, "samples": 5.5},
+            "samples: 5.5, expected a whole number",
+        ),
+        (
+            {"design": "latin-hypercube", "ranges": RANGES, "samples": 5, "seed": -1},
+            "seed: -1, expected 0 to",
+        ),
+        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 90_000}, "1080000 points"),
+        ({"ranges": RANGES, "grid": {}}, "grid and ranges, expected one of them"),
+        (
+            {"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}},
+            "skin.colour: the base has no such number",
+        ),
+        (
+            {"design": "one-at-a-time", "ranges": {"contact.frction": [0, 1]}},
+            "contact: unknown key 'frction'.*friction",
+        ),
+        (
+            {"design": "one-at-a-time", "ranges": {"contact.formulation": [0, 1]}},
+            "contact.formulation: the base has no such number",
+        ),
+        (
+            {"design": "one-at-a-time", "ranges": {"skin.dermis_mm": [1.0, 2.5]}},
+            "choose narrower ranges: skin.dermis_mm=2.5: the bone spans",
+        ),
+        (
+            {
+                "design": "latin-hypercube",
+                "samples": 9,
+                "ranges": {"afferents.SA.to_boundary_mm": [0.1, 0.9]},
+            },
+            r"choose narrower ranges: sample \d of 9: afferent SA .* not inside",
+        ),
+        ({"sites": "float"}, "sites: 'float', expected fixed or follow"),
+        ({"rows": [{"afferents.SA.to_boundary_mm": "near"}]}, "'near', expected a num"),
+        ({"rows": [{"afferents.SA.to_boundary_mm": -0.1}]}, "-0.1, expected a number"),
+        (
+            {"rows": [{"afferents.SA.to_boundary_mm": 0.1, "afferents.SA.depth_mm": 0.5}]},
+            "to_boundary_mm beside afferents.SA.depth_mm, expected one",
+        ),
+        ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "afferent 'XY'"),
+        ({"rows": [{"contact.friction": -0.1}]}, "friction must be >= 0"),
+    ],
+)
+def test_what_cannot_be_designed_is_one_line(tmp_path, finger, problem):
+    with pytest.raises(UsageError, match=problem) as caught:
+        study_with(tmp_path, **finger)
+    assert "\n" not in str(caught.value)
+
+
+def test_friction_cannot_be_asked_of_fingers_and_of_contacts(tmp_path):
+    table = {
+        "stimuli": ["sine_20_250"],
+        "fingers": [{"design": "one-at-a-time", "ranges": {"contact.friction": "9 %"}}],
+        "contacts": [{"friction": 0.3}],
+    }
+    with pytest.raises(UsageError, match="friction "):
+        study_from(table, tmp_path)
+    table["contacts"], table["stored"] = [{}], True
+    with pytest.raises(UsageError, match="a stored response has its own"):
+        study_from(table, tmp_path)
+
+
+def test_the_studies_of_the_documentation_are_what_it_says(request):
+    studies = request.config.rootpath / "docs" / "studies"
+    single = read_study(studies / "sensitivity_one_at_a_time.toml")
+    cube = read_study(studies / "sensitivity_hypercube.toml")
+
+    assert (len(single.variants), len(cube.variants)) == (29, 50)
+    assert len(single.stimuli) == len(cube.stimuli) == 82
+    assert set(single.variants[0].changes) == set(cube.variants[0].changes)
+    assert single.variants[0].finger == QUICK
+
+
+@pytest.mark.parametrize("samples", [2, 7, 50, 201])
+@pytest.mark.parametrize("parameters", [1, 3])
+def test_each_slice_of_each_range_has_one_finger(samples, parameters):
+    shares = np.array(hypercube_shares(parameters, samples, seed=3))
+
+    assert shares.shape == (samples, parameters)
+    slices = np.sort((shares * samples).astype(int), axis=0)
+    np.testing.assert_array_equal(
+        slices, np.repeat(np.arange(samples)[:, None], parameters, axis=1)
+    )
+
+
+def test_the_same_seed_draws_the_same_fingers_and_another_one_others():
+    ranges = {"a": Range(0, 1), "b": Range(10, 20)}
+
+    assert latin_hypercube(ranges, 9, 1) == latin_hypercube(ranges, 9, 1)
+    assert latin_hypercube(ranges, 9, 1) != latin_hypercube(ranges, 9, 2)
+
+
+def test_drawn_parameters_hardly_go_together():
+    """Fifty fingers by chance would have pairs that correlate by 0.3."""
+    shares = np.array(hypercube_shares(14, 50, seed=1))
+
+    together = np.corrcoef(shares.T) - np.eye(14)
+    assert abs(together).max() < 0.2
+
+
+@given(
+    low=st.floats(0.001, 10),
+    times=st.floats(1.001, 100),
+    share=st.floats(0, 1),
+    logarithmic=st.booleans(),
+)
+def test_a_value_lies_in_its_range_and_even_steps_are_even(low, times, share, logarithmic):
+    span = Range(low, low * times, logarithmic)
+    value = span.at(share)
+
+    assert span.low * (1 - 1e-5) <= value <= span.high * (1 + 1e-5)
+    middle = (span.low * span.high) ** 0.5 if logarithmic else 0.5 * low * (1 + times)
+    assert span.at(0.5) == pytest.approx(middle, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("asked", "low", "high", "logarithmic"),
+    [
+        ([0.9, 1.3], 0.9, 1.3, False),
+        ([-1, 2], -1, 2, False),
+        ("20 %", 0.4, 0.6, False),
+        ("±20%", 0.4, 0.6, False),
+        ("+-12.5 %", 0.4375, 0.5625, False),
+        ("factor 2", 0.25, 1.0, True),
+    ],
+)
+def test_a_range_is_two_numbers_or_told_about_the_base(asked, low, high, logarithmic):
+    assert range_of(asked, 0.5) == Range(low, high, logarithmic)
+
+
+@pytest.mark.parametrize(
+    ("asked", "base", "problem"),
+    [
+        ([1.3, 0.9], 1.0, "from 1.3 to 0.9, expected the lower value first"),
+        ([1, 1], 1.0, "the lower value first"),
+        ([1, 2, 3], 1.0, "expected .from, to., as"),
+        ([1, "two"], 1.0, "'two'"),
+        ([0, float("nan")], 1.0, "nan, expected a finite number"),
+        ("much", 1.0, "'much', expected .from, to."),
+        ("100 %", 1.0, "more than 0 % and below 100 %"),
+        ("0 %", 1.0, "more than 0 %"),
+        ("factor 1", 1.0, "a factor above 1"),
+        ("20 %", 0.0, "'20 %' of 0: expected"),
+        ("20 %", None, "'20 %' of nothing"),
+        (0.5, 1.0, "0.5, expected"),
+    ],
+)
+def test_what_is_no_range_is_refused_with_its_place(asked, base, problem):
+    with pytest.raises(UsageError, match=problem):
+        range_of(asked, base)
+
+
+def test_one_at_a_time_begins_with_the_base_and_moves_one_parameter_a_finger():
+    base = {"a": 1.0, "b": 2.0, "c": 3.0}
+    rows = one_at_a_time(base, {"a": Range(0, 2), "b": Range(2.0, 5), "c": Range(1, 4)})
+
+    assert rows[0] == base
+    moved = [{k: v for k, v in row.items() if v != base[k]} for row in rows[1:]]
+    assert moved == [{"a": 0}, {"a": 2}, {"b": 5}, {"c": 1}, {"c": 4}]
+
+
+def with_site(finger, name, site):
+    return replace(finger, afferents={**finger.afferents, name: site})
+
+
+def test_the_presets_afferents_keep_to_the_boundaries_they_are_described_by():
+    """Decision 0005: SA 0.11 mm above its ridge, RA 0.08 mm above a papilla's tip."""
+    assert anchor_of(QUICK, "SA") == Anchor(upper=False, distance_mm=0.1125)
+    ra = anchor_of(QUICK, "RA")
+    assert not ra.upper
+    # The outline bends with r = 8²/6.5 mm at the apex: 0.6 mm deep at x = 0.125 mm
+    # is a little further along, past the papilla's tip, and below where it falls.
+    radius_mm = 64 / 6.5
+    arc_mm = 0.125 / (1 - 0.6 / radius_mm)
+    tip_mm = 0.65 + 0.05 * math.cos(2 * math.pi * arc_mm / 0.25)
+    fall_mm = arc_mm**2 / 2 / radius_mm
+    assert ra.distance_mm == pytest.approx(tip_mm + fall_mm - 0.52, abs=2e-4)
+    assert anchor_of(QUICK, "PC") == Anchor(upper=True, distance_mm=0.25)
+
+
+def test_on_the_axis_the_distance_is_that_of_the_flat_layers():
+    """Under the middle of a ridge the epidermis reaches half a papilla deeper."""
+    finger = replace(
+        QUICK,
+        skin=Skin(stratum_corneum_mm=0.3, epidermis_mm=0.45, dermis_mm=0.9),
+        papillae=Papillae(0.08),
+    )
+    kept = {name: anchor_of(QUICK, name) for name in QUICK.afferents}
+    moved = anchored(finger, kept)
+
+    sites = moved.afferents
+    assert sites["SA"].depth_mm == pytest.approx(0.75 + 0.04 - 0.1125)
+    assert sites["PC"].depth_mm == pytest.approx(1.65 + 0.25)
+    assert sites["RA"].depth_mm - QUICK.afferents["RA"].depth_mm == pytest.approx(
+        (0.75 - 0.04) - (0.65 - 0.05), abs=1e-4
+    )
+    assert {n: (s.layer, s.x_mm) for n, s in sites.items()} == {
+        n: (s.layer, s.x_mm) for n, s in QUICK.afferents.items()
+    }
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_nothing_moves_where_nothing_is_different(name):
+    finger = PRESETS[name]
+    kept = {each: anchor_of(finger, each) for each in finger.afferents}
+
+    assert anchored(finger, kept) == finger
+    assert anchored(finger, {}) is finger
+
+
+@given(
+    corneum=st.floats(0.2, 0.32),
+    epidermis=st.floats(0.3, 0.48),
+    dermis=st.floats(0.85, 1.2),
+    ridge=st.floats(0, 0.15),
+    papilla=st.floats(0, 0.15),
+)
+def test_in_any_skin_they_keep_their_distance(corneum, epidermis, dermis, ridge, papilla):
+    finger = replace(
+        QUICK,
+        skin=Skin(corneum, epidermis, dermis),
+        ridges=Ridges(height_mm=ridge),
+        papillae=Papillae(papilla),
+    )
+    kept = {name: anchor_of(QUICK, name) for name in QUICK.afferents}
+    moved = anchored(finger, kept)
+
+    for name, anchor in kept.items():
+        again = anchor_of(moved, name)
+        assert again.upper == anchor.upper
+        assert again.distance_mm == pytest.approx(anchor.distance_mm, abs=2e-6)
+
+
+def test_a_place_beyond_the_layer_is_refused_with_the_layers_depths():
+    thin = replace(QUICK, skin=Skin(0.3, 0.2, 1.1))
+    with pytest.raises(FingerError, match=r"SA .* is not inside the epidermis, 0\.3 to 0\.55 mm"):
+        anchored(thin, {"SA": Anchor(upper=False, distance_mm=0.3)})
+
+
+def test_a_site_that_is_not_in_its_layer_has_no_boundary_to_keep_to():
+    astray = with_site(QUICK, "RA", AfferentSite("dermis", 0.125, 0.4))
+    with pytest.raises(FingerError, match=r"RA at depth 0\.4 mm is not inside the"):
+        anchor_of(astray, "RA")
+    boned = with_site(QUICK, "RA", AfferentSite("bone", 0.0, 8.0))
+    with pytest.raises(FingerError, match="bone has no boundary of the skin"):
+        anchor_of(boned, "RA")
+    with pytest.raises(FingerError, match="afferent 'XX', expected one of SA, RA, PC"):
+        anchor_of(QUICK, "XX")
+
+
+def test_in_the_dermis_the_nearer_boundary_counts():
+    shallow = with_site(QUICK, "RA", AfferentSite("dermis", 0.0, 0.8))
+    deep = with_site(QUICK, "RA", AfferentSite("dermis", 0.0, 1.7))
+
+    assert anchor_of(shallow, "RA") == Anchor(upper=True, distance_mm=0.1)
+    assert anchor_of(deep, "RA") == Anchor(upper=False, distance_mm=0.05)
