@@ -76,6 +76,10 @@ class SweptFingers:
     causes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ("value", "answer"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
         if len(self.value) < 2:
             lost = f", {len(self.causes)} failed" if self.causes else ""
             raise UsageError(f"fingers: {len(self.value)}{lost}, expected two or more")
