@@ -1,22 +1,21 @@
 """From an element's integration points to its nodes: weights, by named method.
 
-Marc stores stress at integration points; a node's value is made of them. The
-methods carry the names that Mentat gives them:
+Marc stores stress at integration points, CalculiX prints it there; a node's value is made
+of them. The methods carry the names that Mentat gives them:
 
 ``linear``     the polynomial that fits the points best, taken at the node: bilinear
                in a quadrilateral, trilinear in a brick, linear in a triangle
 ``translate``  the value of the nearest point; of points equally near their mean
 ``average``    the mean over the element's points
 
-With as many points as the polynomial has terms it goes through all of them. What
-Mentat computes under ``linear`` is not published: it may draw straight lines from the
-mean through each point instead. Of a field that is linear in the element both are
-exact; of others they differ in the term xi*eta alone (inferred, as is the fit where
-points are more than terms).
+With as many points as the polynomial has terms it goes through all of them. What Mentat
+computes under ``linear`` is not published: it may draw straight lines from the mean through
+each point instead. Of a field that is linear in the element both are exact; of others they
+differ in the term xi*eta alone (inferred, as is the fit where points are more than terms).
 
-Order of points: xi fastest, then eta, then zeta, from -1 to +1; in triangles,
-tetrahedra and wedges point k is the one next to corner k. Known for the types in
-`DOCUMENTED`; for the others of `ELEMENT_TYPES` it is inferred from their kin.
+Order of points: xi fastest, then eta, then zeta, from -1 to +1; in triangles, tetrahedra
+and wedges point k is the one next to corner k. Known for the Marc types in `DOCUMENTED`; for
+the others of `ELEMENT_TYPES` it is inferred from their kin.
 """
 
 from collections.abc import Mapping
@@ -34,10 +33,20 @@ _GAUSS = {1: (0.0,), 2: (-(3**-0.5), 3**-0.5), 3: (-(0.6**0.5), 0.0, 0.6**0.5)}
 _TRIANGLE, _TETRAHEDRON = (2 / 3, 1 / 6), (0.5854101966249685, 0.1381966011250105)
 # Mid-side nodes: the pairs of corners (from 0) that they lie between.
 _RING = ((0, 1), (1, 2), (2, 3), (3, 0))
-_BRICK = (*_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
-_TET = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+_MIDDLES = {
+    "quad8": _RING,
+    "tri6": ((0, 1), (1, 2), (2, 0)),
+    "tet10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "hex20": (
+        *_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
+    ),
+}  # fmt: skip
+FRD_ORDER: Mapping[str, list[int]] = {"hex20": [*range(12), *range(16, 20), *range(12, 16)]}
+"""Where a ``.frd`` has the nodes of a shape in another order than Marc, which has the
+mid-sides of a brick's top before those between."""
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 _CUBE = (*((x, y, -1) for x, y in _SQUARE), *((x, y, 1) for x, y in _SQUARE))
+_POINTS_A_SIDE = {1: 1, 8: 2, 27: 3}  # of a brick
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,9 +169,7 @@ def node_places(about: ElementType) -> FloatArray:
     others; a wedge the three of its triangle, and zeta.
     """
     corners = _corners(about.family)
-    between = {"quad8": _RING, "tri6": (*_RING[:2], (2, 0)), "hex20": _BRICK,
-               "tet10": _TET}.get(about.shape, ())  # fmt: skip
-    middle = [corners[list(pair)].mean(axis=0) for pair in between]
+    middle = [corners[list(pair)].mean(axis=0) for pair in _MIDDLES.get(about.shape, ())]
     return np.array([*corners, *middle])
 
 
@@ -182,6 +189,39 @@ def point_places(family: str, points: int) -> FloatArray:
     axes = 2 if family == "quad" else 3
     side = _GAUSS[round(points ** (1 / axes))]
     return np.array([place[::-1] for place in product(side, repeat=axes)])
+
+
+def brick_weights(shape: str, points: int, corner: int) -> FloatArray:
+    """Weights ``(points,)`` from the points of a brick to a node of "quad8", "hex20", ...
+
+    CalculiX makes a brick of a plane element too: its points are equal through the thickness
+    but for rounding, and their mean is taken. `corner` counts nodes as a ``.frd`` has them.
+
+    Raises
+    ------
+    ValueError
+        The shape, or the number of its points, is not known here.
+
+    Notes
+    -----
+    The polynomial through the points, product of one a direction: constant of one point,
+    linear of two, quadratic of three. Exact for a stress that varies so.
+    """
+    if shape not in ("quad4", "quad8", "hex8", "hex20") or points not in _POINTS_A_SIDE:
+        raise ValueError(f"{shape} with {points} integration points is not extrapolated")
+    family, nodes = ("quad", shape[4:]) if shape.startswith("quad") else ("hex", shape[3:])
+    places = node_places(ElementType(family, int(nodes), points))
+    place = places[FRD_ORDER.get(shape, slice(None))][corner]
+    side = _POINTS_A_SIDE[points]
+    gauss = _GAUSS[side]
+    factors = [
+        np.array([np.prod([(x - b) / (a - b) for b in gauss if b != a]) for a in gauss])
+        for x in place.tolist()
+    ]
+    if len(factors) == 2:
+        factors.append(np.full(side, 1.0 / side))
+    weights: FloatArray = np.einsum("x,y,z->zyx", *factors).ravel()
+    return weights
 
 
 def _corners(family: str) -> FloatArray:

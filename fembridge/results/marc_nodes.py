@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.extrapolation import DOCUMENTED, ELEMENT_TYPES, node_weights
+from fembridge.results.extrapolation import DOCUMENTED, ELEMENT_TYPES, FRD_ORDER, node_weights
 from fembridge.results.field_source import Scene, SceneCells
 from fembridge.results.marc_deck import materials_beside
 from fembridge.results.marc_post import PostMesh
@@ -28,8 +28,6 @@ _KINDS = {
     "quad4": "qu4", "quad8": "qu8", "tri3": "tr3", "tri6": "tr6", "hex8": "he8",
     "hex20": "he20", "tet4": "te4", "tet10": "te10", "wedge6": "pe6",
 }  # fmt: skip
-# Marc has the mid-sides of a brick's top before those between; a .frd behind them.
-_ORDERS = {"hex20": [*range(12), *range(16, 20), *range(12, 16)]}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +212,7 @@ class MeshPoints:
         cells = []
         for shape, rows, nodes in self._shapes:
             corners = np.searchsorted(self._keys, self._keys_of(rows, nodes))
-            order = _ORDERS.get(shape, slice(None))
+            order = FRD_ORDER.get(shape, slice(None))
             ids, layer = self.mesh.element_ids[rows], self.layers.layer[rows]
             cells.append(SceneCells(_KINDS[shape], ids, layer, corners[:, order]))
         return Scene(

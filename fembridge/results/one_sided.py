@@ -19,6 +19,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results import result_file
+from fembridge.results.extrapolation import brick_weights
 from fembridge.results.frd_format.grid import Cells, Grid, read_grid
 from fembridge.results.printed.dat import read_point_stress
 from fembridge.results.read_options import ReadOptions
@@ -27,20 +28,7 @@ from fembridge.store import write_text
 from fembridge.typing import FloatArray, IntArray
 
 _DEFAULTS = ReadOptions()
-# Where the Gauss points lie along one side of a brick, by their number.
-_GAUSS = {1: (0.0,), 2: (-((1 / 3) ** 0.5), (1 / 3) ** 0.5), 3: (-(0.6**0.5), 0.0, 0.6**0.5)}
-_POINTS_A_SIDE = {1: 1, 8: 2, 27: 3}
-_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0))
-_BOTTOM = tuple((x, y, -1) for x, y in _SQUARE)
-_TOP = tuple((x, y, 1) for x, y in _SQUARE)
-_BETWEEN = tuple((x, y, 0) for x, y in _SQUARE[:4])
-# Where each node lies in its element, in the order of the file.
-_PLACES: dict[str, tuple[tuple[int, ...], ...]] = {
-    "qu4": _SQUARE[:4],
-    "qu8": _SQUARE,
-    "he8": (*_BOTTOM[:4], *_TOP[:4]),
-    "he20": (*_BOTTOM[:4], *_TOP[:4], *_BOTTOM[4:], *_BETWEEN, *_TOP[4:]),
-}
+_SHAPES = {"qu4": "quad4", "qu8": "quad8", "he8": "hex8", "he20": "hex20"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,38 +120,6 @@ def one_sided_stress(
     )
 
 
-def extrapolation(kind: str, points: int, corner: int) -> FloatArray:
-    """Weights ``(points,)`` that carry stress from the points to a node.
-
-    Notes
-    -----
-    The polynomial through the points, product of one a direction: constant of one
-    point, linear of two, quadratic of three. Exact for a stress that varies so.
-
-    Raises
-    ------
-    ValueError
-        The kind, or the number of its points, is none of those known here.
-    """
-    if kind not in _PLACES or points not in _POINTS_A_SIDE:
-        raise ValueError(
-            f"{kind} with {points} integration points is not extrapolated; known are "
-            f"{', '.join(_PLACES)} with {', '.join(map(str, _POINTS_A_SIDE))}"
-        )
-    side = _POINTS_A_SIDE[points]
-    place = _PLACES[kind][corner]
-    along = [_lagrange(_GAUSS[side], x) for x in place]
-    if len(along) == 2:  # plane: all layers alike
-        along.append(np.full(side, 1.0 / side))
-    weights: FloatArray = np.einsum("x,y,z->zyx", *along).ravel()
-    return weights
-
-
-def _lagrange(nodes: tuple[float, ...], x: float) -> FloatArray:
-    """Values at `x` of the polynomials that are 1 at one of `nodes`, 0 at others."""
-    return np.array([np.prod([(x - b) / (a - b) for b in nodes if b != a]) for a in nodes])
-
-
 def _elements_at(grid: Grid, node: int, path: Path) -> list[tuple[int, int, str, int]]:
     """Element, material, kind and place of the node in it, for each at `node`."""
     found = [hit for cells in grid.cells for hit in _hits(cells, node)]
@@ -188,6 +144,6 @@ def _weights(kind: str, corner: int, order: IntArray, element: int, path: Path) 
             path,
         )
     try:
-        return extrapolation(kind, order.size, corner)[order - 1]
+        return brick_weights(_SHAPES.get(kind, kind), order.size, corner)[order - 1]
     except ValueError as error:
         raise ResultError(f"element {element}: {error}", path) from error
