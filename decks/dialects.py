@@ -44,14 +44,13 @@ class Dialect:
     that is there holds the stresses. `result_kinds` and `probes` are the words of
     `DeckOptions` that it knows, its own choice first. `contact` are the fields of
     `decks.analysis.Contact` that its decks hold, `procedures` those of
-    `decks.motion.PROCEDURES` that they can ask for, `slides` whether a probe's way
-    aside stands in them. `elements` gives, for our
-    (Abaqus's) name of an element, the solver's own. `how_to_run` tells what a person
-    does where fembridge cannot run the solver itself. `target` is
-    ``module:function``, called as ``(analysis, options)`` and giving text by name of
-    file; `branches` is one that gives what `branches_at` does, "" where decks have no
-    elements over others. `springs` tells whether a probe may hang on a spring, and
-    half of a section do.
+    `decks.motion.PROCEDURES` that they can ask for, `slides` whether they can hold a
+    probe's way aside. `elements` gives, for our (Abaqus's) name of an element, the
+    solver's own. `how_to_run` is what a person does where fembridge cannot run the solver
+    itself. `target` is ``module:function``, called as ``(analysis, options)`` and giving
+    text by name of file; `branches` is one that gives what `branches_at` does, "" where
+    decks have no elements over others. `springs` is whether a probe may hang on a spring,
+    and half of a section do.
     """
 
     name: str
@@ -70,7 +69,7 @@ class Dialect:
     springs: bool = False
 
     def element_named(self, word: str) -> str:
-        """Give our name of the element that `word` is, ours or the solver's.
+        """Our name of the element that `word` is, ours or the solver's.
 
         Raises
         ------
@@ -87,7 +86,7 @@ class Dialect:
         raise DeckError(f"{self.name} has no element {word!r}, expected one of {known}")
 
     def write(self, analysis: "Analysis", options: DeckOptions) -> dict[str, str]:
-        """Give the text of each file: the deck, and what belongs to it.
+        """The text of each file: the deck, and what belongs to it.
 
         Raises
         ------
@@ -183,12 +182,12 @@ DIALECTS = {
 
 
 def dialect_of(solver: str) -> Dialect:
-    """Give the dialect that `solver` reads; CalculiX's for one of another package."""
+    """The dialect that `solver` reads; CalculiX's for one of another package."""
     return DIALECTS.get(solver, DIALECTS["calculix"])
 
 
 def dialect_named(name: str) -> Dialect:
-    """Give the dialect `name`.
+    """The dialect `name`.
 
     Raises
     ------

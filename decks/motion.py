@@ -104,7 +104,7 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     aside_mm = None if stimulus.aside_um is None else stimulus.aside_um * _MM_PER_UM
     if procedure == "dynamic":
-        return _smooth(depth_mm, aside_mm, dt_s, held=ramp > 0)
+        return _smooth(depth_mm, aside_mm, dt_s, ramped=ramp > 0)
     way_mm = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
     samples = len(depth_mm) - 1
     if procedure == "static":
@@ -124,10 +124,10 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
 
 
 def _smooth(
-    depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, *, held: bool
+    depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, *, ramped: bool
 ) -> Motion:
-    """Give one dynamic step: a smooth ramp if `held`, and more than a time a sample."""
-    ramp = SMOOTH_RAMP if held else 0
+    """One dynamic step: a smooth ramp if `ramped`, and more than a time a sample."""
+    ramp = SMOOTH_RAMP if ramped else 0
     share = 0.5 * (1 - np.cos(np.pi * np.arange(ramp) / SMOOTH_RAMP))
     way_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
     fine_mm = np.concatenate([_finer(way_mm)[:-1], _finer(depth_mm)])
@@ -163,7 +163,7 @@ def _finer(samples: FloatArray) -> FloatArray:
 def _phases(
     procedure: str, dt_s: float, ramp: int, samples: int, relaxing_s: float
 ) -> tuple[Phase, ...]:
-    """Give a static ramp, a hold of relaxing skin, and the waveform."""
+    """A static ramp, a hold of relaxing skin, and the waveform."""
     hold_s = _HOLD_TIME_CONSTANTS * relaxing_s
     phases = [
         Phase("static", dt_s, ramp),

@@ -53,7 +53,7 @@ def stored_mesh(name: str) -> Path:
 
 
 def _shape(finger: Finger) -> Finger:
-    """Give the finger without what does not change its mesh."""
+    """The finger without what does not change its mesh."""
     return replace(finger, name="", materials=PRESETS["quick"].materials)
 
 

@@ -79,7 +79,7 @@ MISPRINTS_UM = {"sine_20_12.5": 12.95, "sine_100_85.98": 84.98}
 MISPRINT_NOTE = "two amplitudes are kept as printed though their series says " + (
     " and ".join(f"{series} ({id_})" for id_, series in MISPRINTS_UM.items())
 )
-"""The sentence that tells a user about :data:`MISPRINTS_UM`."""
+"""The sentence for a user about :data:`MISPRINTS_UM`."""
 
 
 # ---- An entry: a stimulus before it has samples

@@ -49,7 +49,7 @@ class Request:
 class Rebased:
     """An own deck with the waveform in it.
 
-    `remarks` tell what was chosen and changed, each with its line. `place_mm` is
+    `remarks` say what was chosen and changed, each with its line. `place_mm` is
     the undeformed (x, y) of each afferent's node. `needs` are the files that the
     deck includes, by the relative names it gives them. `before_s` is the solver's
     time at which the waveform begins: that of the steps before it.

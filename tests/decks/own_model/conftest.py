@@ -62,12 +62,11 @@ def rebase():
 
 @pytest.fixture
 def refused(rebase):
-    """Give a function that tells with which words a deck is refused."""
+    """Give a function that asserts that a deck is refused, and how the message begins."""
 
-    def run(deck=DECK, **options):
-        with pytest.raises(DeckError) as caught:
+    def run(deck, begin, **options):
+        with pytest.raises(DeckError, match=f"^{begin}"):
             rebase(deck, **options)
-        return str(caught.value)
 
     return run
 
