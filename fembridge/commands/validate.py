@@ -2,7 +2,7 @@
 
 The page is DIR/index.html and needs nothing beside it; its numbers lie there as CSV,
 its figures as SVG. Works on the stored response, so without a solver. With observed
-rates the page tells how good the model is; without, only how like TouchSim it is.
+rates the page says how good the model is; without, only how like TouchSim it is.
 """
 
 import argparse
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.model_options import add_output_option
 
 if TYPE_CHECKING:
-    from fembridge.validation.study import Study
+    from fembridge.report.validate import Validation
 
 EXAMPLE = "fembridge validate -o report"
 
@@ -52,13 +52,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from decks.finger_file import read_finger
     from fembridge.observed import read_observed
-    from fembridge.validation.judged_model import judged_models
-    from fembridge.validation.report import PAGE, write_report
-    from fembridge.validation.study import validate
+    from fembridge.report.validate import judged_models, validate
+    from fembridge.report.validation_page import PAGE, write_report
 
     notes: list[str] = []
 
-    def tell(line: str) -> None:
+    def log(line: str) -> None:
         notes.append(line)
         print(line, file=sys.stderr)
 
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.observed is not None:
         observed = read_observed(Path(args.observed), complete=False)
     models = judged_models(args.parameters)
-    study = validate(read_finger(args.finger), models, observed, tell)
+    study = validate(read_finger(args.finger), models, observed, log)
     output = Path(args.output)
     files = write_report(output, study, command_line(args))
     rows = _rows(study)
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "finger": study.finger,
         "judged": study.judged.name,
         "models": [model.name for model in study.models],
-        "reference": study.reference,
+        "reference": study.rates.reference(),
         "notes": notes,
         "agreement": rows,
         "files": list(files),
@@ -87,10 +86,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def command_line(args: argparse.Namespace) -> str:
-    """Give the line that does the same again."""
+    """Line that does the same again; of an absolute path to observed rates the name."""
+    from pathlib import Path
+
     words = ["fembridge", "validate", "-o", str(args.output)]
     if args.observed is not None:
-        words += ["--observed", _without_machine(args.observed)]
+        absolute = Path(args.observed).is_absolute()
+        words += ["--observed", Path(args.observed).name if absolute else args.observed]
     if args.finger != _FINGER:
         words += ["--finger", args.finger]
     if args.parameters != _PARAMETERS:
@@ -98,40 +100,24 @@ def command_line(args: argparse.Namespace) -> str:
     return shlex.join(words)
 
 
-def _without_machine(word: str) -> str:
-    """Give the name alone of a file whose whole path was typed."""
-    from pathlib import Path
+def _rows(study: "Validation") -> list[dict[str, Any]]:
+    """Agreement of every source over whole families."""
+    from fembridge.report.rates import EVERY_SET, NUMBERS, meets_paper
 
-    return Path(word).name if Path(word).is_absolute() else word
-
-
-def _rows(study: "Study") -> list[dict[str, Any]]:
-    """Give the agreement of every source over whole families."""
-    from fembridge.validation.agreement_cell import EVERY_SET
-
-    return [
-        {
-            "reference": cell.reference,
-            "source": cell.source,
-            "family": cell.family,
-            "afferent": cell.afferent,
-            "meets_paper": cell.meets_paper,
-            **({"count": 0} if cell.agreement is None else cell.agreement.to_row()),
-        }
-        for cell in study.cells
-        if cell.set == EVERY_SET
-    ]
+    rows = []
+    for row in study.agreement[study.agreement["set"] == EVERY_SET].to_dict("records"):
+        keys = {name: row[name] for name in ("reference", "source", "family", "afferent")}
+        numbers = {name: row[name] for name in (NUMBERS if row["count"] else NUMBERS[:1])}
+        rows.append({**keys, "meets_paper": meets_paper(row), **numbers})
+    return rows
 
 
-def _print_rows(study: "Study", rows: list[dict[str, Any]]) -> None:
-    told = "observed rates" if study.observed is not None else "TouchSim, a model"
-    print(f"{study.judged.name} against {told}: R² (RMSE in impulses/s)")
+def _print_rows(study: "Validation", rows: list[dict[str, Any]]) -> None:
+    reference = study.rates.reference()
+    against = "observed rates" if study.observed is not None else "TouchSim, a model"
+    print(f"{study.judged.name} against {against}: R² (RMSE in impulses/s)")
     print(f"{'':<8}{'SA':>16}{'RA':>16}{'PC':>16}")
-    mine = [
-        row
-        for row in rows
-        if (row["reference"], row["source"]) == (study.reference, study.judged.name)
-    ]
+    mine = [r for r in rows if (r["reference"], r["source"]) == (reference, study.judged.name)]
     for family in dict.fromkeys(row["family"] for row in mine):
         cells = [_cell(row) for row in mine if row["family"] == family]
         print(f"{family:<8}{''.join(f'{cell:>16}' for cell in cells)}")
@@ -141,5 +127,4 @@ def _cell(row: dict[str, Any]) -> str:
     if not row["count"]:
         return "no rates"
     share = row["r_squared"]
-    told = "-" if share != share else f"{share:.2f}"
-    return f"{told} ({row['rmse_ips']:.1f})"
+    return f"{'-' if share != share else f'{share:.2f}'} ({row['rmse_ips']:.1f})"

@@ -1,22 +1,23 @@
-"""One study and one report for all tests: own parameters against made-up rates."""
+"""One validation and one report for all tests: own parameters against made-up rates."""
 
 import numpy as np
 import pytest
 
 from decks.presets import QUICK
 from fembridge.observed import read_observed
+from fembridge.report import validation_page
+from fembridge.report.rates import FAMILIES
+from fembridge.report.validate import judged_models, validate
+from fembridge.report.validation_page import write_report
 from fembridge.tables import Rate, write_rates
 from fembridge.touchsim import touchsim_rates
-from fembridge.validation.judged_model import judged_models
-from fembridge.validation.report import write_report
-from fembridge.validation.study import validate
 
 OWN = "[SA]\nalpha_mv_per_ms = 1.2\n[RA]\ntau_ms = 40.0\n"
 COMMAND = "fembridge validate -o report --observed rates.csv --parameters own.toml"
 
 
 def made_up_rates():
-    """Give rates near TouchSim's of all sinusoids, and of SA under diharmonics."""
+    """Rates near TouchSim's of all sinusoids, and of SA under diharmonics."""
     rng = np.random.default_rng(5)
     return [
         Rate(rate.stimulus, rate.afferent, max(0.0, rate.rate_ips + rng.normal(0, 3)))
@@ -49,6 +50,15 @@ def study(observed_file, own_file):
 @pytest.fixture(scope="session")
 def unobserved():
     return validate(QUICK, judged_models("published"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave out the figures of a page, which take most of its time."""
+    names = ["skin_deflection", "rasters", "thresholds"]
+    names += [f"{kind}_{one.name}" for kind in ("rates", "regression") for one in FAMILIES]
+    monkeypatch.setattr(validation_page, "_figures", lambda study: [(n, None) for n in names])
+    monkeypatch.setattr(validation_page, "_inline_svg", lambda figure, path: "")
 
 
 @pytest.fixture(scope="session")

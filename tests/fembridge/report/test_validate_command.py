@@ -7,7 +7,7 @@ import pytest
 
 from fembridge.cli import main
 from fembridge.commands import validate as command
-from fembridge.validation import report as report_module
+from fembridge.report import validation_page
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def here(tmp_path, monkeypatch):
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
-    monkeypatch.setattr(report_module, "_sections", lambda *arguments: [])
+    monkeypatch.setattr(validation_page, "page_text", lambda *arguments: "")
     return tmp_path
 
 

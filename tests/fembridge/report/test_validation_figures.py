@@ -5,13 +5,15 @@ import pytest
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
+from fembridge.report.rates import FAMILIES, OBSERVED, SINES, TOUCHSIM
+from fembridge.report.validate import RASTER_STIMULI, repeated_trains
+from fembridge.report.validation_figures import (
+    raster_figure,
+    rate_figure,
+    regression_figure,
+    threshold_figure,
+)
 from fembridge.tables import AFFERENTS
-from fembridge.validation.compared_rates import OBSERVED, TOUCHSIM
-from fembridge.validation.family import FAMILIES, SINES
-from fembridge.validation.rate_figure import rate_figure
-from fembridge.validation.regression_figure import regression_figure
-from fembridge.validation.repeat_raster import RASTER_STIMULI, raster_figure, repeated_trains
-from fembridge.validation.threshold_figure import threshold_figure
 
 # Points a figure of 7.2 inches may have at least, so that on the page, where it is
 # 8.1 inches wide or more, no letter is below 8 points.
@@ -19,13 +21,13 @@ LEAST_PT = 7.0
 
 
 def rates(study):
-    return rate_figure(study.compared, FAMILIES[2], "own")
+    return rate_figure(study.rates, FAMILIES[2], "own")
 
 
 def regression(study):
     family = FAMILIES[2]
-    reference = study.compared.reference(family.stimuli)
-    return regression_figure(study.compared, study.cells, family, reference, "own")
+    reference = study.rates.reference(family.stimuli)
+    return regression_figure(study.rates, study.agreement, family, reference, "own")
 
 
 def raster(study):
@@ -39,7 +41,7 @@ def thresholds(study):
 
 
 def words_of(figure):
-    """Give the words that are drawn: not those of ticks beyond an axis' ends."""
+    """Words that are drawn: not those of ticks beyond an axis' ends."""
     figure.draw_without_rendering()
     hidden = set()
     for panel in figure.axes:
@@ -67,14 +69,14 @@ def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_
 
 
 def test_a_panel_holds_each_source_s_rates_over_the_levels_of_its_set(study):
-    figure = rate_figure(study.compared, SINES, "own")
+    figure = rate_figure(study.rates, SINES, "own")
     panels = np.array(figure.axes).reshape(len(AFFERENTS), len(SINES.sets))
     for row, afferent in zip(panels, AFFERENTS, strict=True):
         assert len({panel.get_ylim() for panel in row}) == 1
         for panel, one in zip(row, SINES.sets, strict=True):
-            assert len(panel.lines) == len(study.compared.sources)
-            for line, source in zip(panel.lines, study.compared.sources, strict=True):
-                expected = study.compared.of(source, afferent, one.stimuli)
+            assert len(panel.lines) == len(study.rates.sources)
+            for line, source in zip(panel.lines, study.rates.sources, strict=True):
+                expected = study.rates.of(source, afferent, one.stimuli)
                 assert_allclose(line.get_xdata(), one.level_um)
                 assert_allclose(line.get_ydata(), expected)
                 dots = line.get_linestyle() == "None"
@@ -84,21 +86,21 @@ def test_a_panel_holds_each_source_s_rates_over_the_levels_of_its_set(study):
 def test_a_source_without_rates_of_a_family_is_not_in_its_legend(study):
     names = {}
     for family in FAMILIES:
-        [legend] = rate_figure(study.compared, family, "own").legends
+        [legend] = rate_figure(study.rates, family, "own").legends
         names[family.name] = [text.get_text() for text in legend.get_texts()]
     assert names["sine"] == ["Observed", "This model", "Published model", "TouchSim"]
     assert names["noise"] == names["sine"][1:]
 
 
 def test_the_dashed_line_is_the_regression_and_the_grey_one_is_equality(study):
-    figure = regression_figure(study.compared, study.cells, SINES, OBSERVED, "own")
-    sources = [name for name in study.compared.sources if name != OBSERVED]
+    figure = regression_figure(study.rates, study.agreement, SINES, OBSERVED, "own")
+    sources = [name for name in study.rates.sources if name != OBSERVED]
     assert sources[-1] == TOUCHSIM
     panels = np.array(figure.axes).reshape(len(sources), len(AFFERENTS))
     for row, source in zip(panels, sources, strict=True):
         for panel, afferent in zip(row, AFFERENTS, strict=True):
-            observed = study.compared.of(OBSERVED, afferent, SINES.stimuli)
-            predicted = study.compared.of(source, afferent, SINES.stimuli)
+            observed = study.rates.of(OBSERVED, afferent, SINES.stimuli)
+            predicted = study.rates.of(source, afferent, SINES.stimuli)
             line = next(one for one in panel.lines if one.get_linestyle() == "--")
             slope, intercept = np.polyfit(observed, predicted, 1)
             assert_allclose(line.get_ydata(), slope * line.get_xdata() + intercept, atol=1e-9)

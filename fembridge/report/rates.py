@@ -1,0 +1,305 @@
+"""Rates of the paper's 82 stimuli from several sources, and what follows from them.
+
+The stimuli come as the paper's figures show them: families, and a panel a set. A set is
+all levels at the same frequencies (``sine_20``, ``noise_25_250``). Its level is the
+amplitude of a sinusoid, that of a diharmonic's first component, or the root mean square
+of a noise.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby, product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from decks.stimuli import CATALOGUE, Diharmonic, Entry, Sine, number_text, set_name
+from fembridge.tables import AFFERENTS, Rate, SpikeTrain
+from fembridge.typing import FloatArray
+from neural import (
+    agreement,
+    entrainment_plateau,
+    entrainment_threshold_um,
+    threshold_amplitude_um,
+    vector_strength,
+)
+from neural.rate import EDGE_MS
+from neural.threshold import CRITERION_IPS
+
+if TYPE_CHECKING:
+    from pandas import DataFrame, Series
+
+OBSERVED = "observed"
+TOUCHSIM = "TouchSim"
+EVERY_SET = "all"
+STIMULI = tuple(entry.id for entry in CATALOGUE)
+
+# Section 4.2: "R² was almost greater than 0.8 for the regression line of all plots of
+# each tactile afferent"; "P values of the regression were less than 0.05".
+PAPER_R_SQUARED = 0.8
+PAPER_P_VALUE = 0.05
+# This project's own goal, with an RMSE below TouchSim's.
+GOAL_R_SQUARED = 0.9
+
+NUMBERS = ("count", "slope", "intercept_ips", "r_squared", "p_value", "rmse_ips", "bias_ips")
+
+
+@dataclass(frozen=True, slots=True)
+class StimulusSet:
+    """All levels at the same frequencies, the weakest first."""
+
+    name: str
+    entries: tuple[Entry, ...]
+
+    @property
+    def title(self) -> str:
+        """Its frequencies or its band."""
+        numbers = [number_text(number) for number in self.entries[0].numbers().values()]
+        if isinstance(self.entries[0], Sine):
+            return f"{numbers[0]} Hz"
+        between = " + " if isinstance(self.entries[0], Diharmonic) else "–"
+        return f"{numbers[0]}{between}{numbers[1]} Hz"
+
+    @property
+    def stimuli(self) -> tuple[str, ...]:
+        """Ids of its stimuli."""
+        return tuple(entry.id for entry in self.entries)
+
+    @property
+    def level_um(self) -> tuple[float, ...]:
+        """Level of each of its stimuli."""
+        return tuple(entry.level_um for entry in self.entries)
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Sets of one kind of stimulus, and the words that name them on a page."""
+
+    name: str
+    title: str
+    level_title: str
+    figure: str
+    table: str
+
+    @property
+    def sets(self) -> tuple[StimulusSet, ...]:
+        """Its sets, in the catalogue's order."""
+        mine = (entry for entry in CATALOGUE if entry.family == self.name)
+        return tuple(StimulusSet(name, tuple(each)) for name, each in groupby(mine, set_name))
+
+    @property
+    def stimuli(self) -> tuple[str, ...]:
+        """Ids of all its stimuli, set after set."""
+        return tuple(id_ for one in self.sets for id_ in one.stimuli)
+
+
+FAMILIES = (
+    Family("sine", "Sinusoids", "Amplitude (µm)", "Fig. 3b", "Fig. 3c"),
+    Family("diharm", "Diharmonics", "Amplitude of component 1 (µm)", "Fig. 4a–c", "Fig. 4d"),
+    Family("noise", "Band-pass noises", "RMS amplitude (µm)", "Fig. 5a–c", "Fig. 5d"),
+)
+SINES = FAMILIES[0]
+
+
+@dataclass(frozen=True)
+class RateTable:
+    """Long table ``source, stimulus, afferent, rate_ips, family, set, level_um``.
+
+    `sources` are in the order in which a page shows them; one without any rate counts.
+    """
+
+    sources: tuple[str, ...]
+    frame: "DataFrame"
+
+    @cached_property
+    def _wide(self) -> "DataFrame":
+        """Rates by stimulus, a column a source and class, NaN where one has none."""
+        keys = ["stimulus", "source", "afferent"]
+        wide = self.frame.set_index(keys).rate_ips.unstack(keys[1:])  # noqa: PD010 - no sums
+        return wide.reindex(STIMULI, columns=[*product(self.sources, AFFERENTS)])
+
+    def of(self, source: str, afferent: str, stimuli: Sequence[str]) -> FloatArray:
+        """Rates ``(S,)`` of a source and class under `stimuli`, NaN where none is."""
+        found: FloatArray = self._wide.loc[list(stimuli), (source, afferent)].to_numpy()
+        return found
+
+    def known(self, stimuli: Sequence[str]) -> tuple[str, ...]:
+        """Sources that have a rate under at least one of `stimuli`."""
+        there = set(self.frame.source[self.frame.stimulus.isin(stimuli)])
+        return tuple(source for source in self.sources if source in there)
+
+    def reference(self, stimuli: Sequence[str] = STIMULI) -> str:
+        """What models are compared with: observed rates, or else TouchSim's."""
+        return OBSERVED if OBSERVED in self.known(stimuli) else TOUCHSIM
+
+    def largest_ips(self, afferent: str, stimuli: Sequence[str]) -> float:
+        """Largest rate of a class under `stimuli` from any source."""
+        mine = (self.frame.afferent == afferent) & self.frame.stimulus.isin(stimuli)
+        return float(self.frame.rate_ips[mine].max())
+
+
+def rate_table(sources: Mapping[str, Iterable[Rate]]) -> RateTable:
+    """One table of several; rates of other than the paper's 82 stimuli are left out."""
+    from pandas import DataFrame
+
+    columns = ["source", "stimulus", "afferent", "rate_ips"]
+    places = {
+        entry.id: (family.name, one.name, entry.level_um)
+        for family in FAMILIES
+        for one in family.sets
+        for entry in one.entries
+    }
+    order, rank = list(places), list(sources)
+    rows = [
+        (source, rate.stimulus, rate.afferent, float(rate.rate_ips), *places[rate.stimulus])
+        for source, rates in sources.items()
+        for rate in rates
+        if rate.stimulus in places
+    ]
+    rows.sort(key=lambda row: (rank.index(row[0]), order.index(row[1]), AFFERENTS.index(row[2])))
+    return RateTable(
+        tuple(sources), DataFrame(rows, columns=[*columns, "family", "set", "level_um"])
+    )
+
+
+def agreement_table(rates: RateTable) -> "DataFrame":
+    """Every computed source against observed rates, if any, and TouchSim's, cell by cell.
+
+    A row for each ``reference, source, family, set, afferent``, which are the index as well;
+    `set` is one of the family's, or ``all``. Where the two have no stimulus in common, the count
+    is 0 and the other numbers NaN. Observed rates are predicted by nobody.
+    """
+    from pandas import DataFrame
+
+    rows = []
+    for reference, source in product((OBSERVED, TOUCHSIM), rates.sources):
+        if reference not in rates.sources or source in (reference, OBSERVED):
+            continue
+        for family in FAMILIES:
+            sets = {one.name: one.stimuli for one in family.sets} | {EVERY_SET: family.stimuli}
+            for (name, stimuli), afferent in product(sets.items(), AFFERENTS):
+                target = rates.of(reference, afferent, stimuli)
+                predicted = rates.of(source, afferent, stimuli)
+                both = np.isfinite(target) & np.isfinite(predicted)
+                numbers: dict[str, float] = {"count": 0}
+                if both.any():
+                    numbers = agreement(target[both], predicted[both]).to_row()
+                found = (numbers.get(number, np.nan) for number in NUMBERS)
+                rows.append((reference, source, family.name, name, afferent, *found))
+    keys = ["reference", "source", "family", "set", "afferent"]
+    return DataFrame(rows, columns=[*keys, *NUMBERS]).set_index(keys, drop=False)
+
+
+def row_of(table: "DataFrame", *key: Any) -> "Series[Any]":  # noqa: ANN401 - labels
+    """Row of a table under its index."""
+    rows: Any = table.loc
+    found: Series[Any] = rows[key]
+    return found
+
+
+def meets_paper(cell: Any) -> bool | None:  # noqa: ANN401 - a row
+    """Whether R² and p are what the paper reports; None without observed rates.
+
+    `cell` is a row of `agreement_table`.
+    """
+    if cell["count"] == 0 or cell["reference"] != OBSERVED:
+        return None
+    return bool(cell["r_squared"] > PAPER_R_SQUARED and cell["p_value"] < PAPER_P_VALUE)
+
+
+def beats(cell: Any, other: Any) -> bool | None:  # noqa: ANN401 - rows
+    """Whether R² is `GOAL_R_SQUARED` or more and RMSE below that of `other`.
+
+    None without observed rates.
+    """
+    if cell["count"] == 0 or other["count"] == 0 or cell["reference"] != OBSERVED:
+        return None
+    return bool(cell["r_squared"] >= GOAL_R_SQUARED and cell["rmse_ips"] < other["rmse_ips"])
+
+
+def threshold_table(rates: RateTable) -> "DataFrame":
+    """Thresholds and entrainment from each rate curve of a sinusoid, see `neural.threshold`.
+
+    Rates are known from `lowest_tried_um` to `highest_tried_um`. A threshold that equals
+    the lowest may be lower, one that is infinite is above the highest. Index ``source,
+    afferent, frequency_hz``.
+    """
+    from pandas import DataFrame
+
+    rows = []
+    for source, afferent, one in product(rates.sources, AFFERENTS, SINES.sets):
+        rate_ips = rates.of(source, afferent, one.stimuli)
+        there = np.isfinite(rate_ips)
+        if not there.any():
+            continue
+        amplitude_um, rate_ips = np.array(one.level_um)[there], rate_ips[there]
+        frequency_hz = one.entries[0].numbers()["frequency_hz"]
+        plateau = entrainment_plateau(amplitude_um, rate_ips, frequency_hz)
+        rows.append(
+            {
+                "source": source,
+                "afferent": afferent,
+                "frequency_hz": frequency_hz,
+                "criterion_ips": CRITERION_IPS,
+                "lowest_tried_um": float(amplitude_um.min()),
+                "highest_tried_um": float(amplitude_um.max()),
+                "threshold_um": threshold_amplitude_um(amplitude_um, rate_ips),
+                "entrainment_threshold_um": entrainment_threshold_um(
+                    amplitude_um, rate_ips, frequency_hz
+                ),
+                "plateau_low_um": plateau.low_um if plateau else np.nan,
+                "plateau_high_um": plateau.high_um if plateau else np.nan,
+                "plateau_decades": plateau.decades if plateau else np.nan,
+            }
+        )
+    return DataFrame(rows).set_index(["source", "afferent", "frequency_hz"], drop=False)
+
+
+def times_apart(one_um: float, other_um: float) -> float:
+    """How many times the higher of two thresholds is the lower one, >= 1.
+
+    1 where neither was reached, infinite where one was not.
+    """
+    low_um, high_um = sorted((one_um, other_um))
+    return 1.0 if np.isinf(low_um) else high_um / low_um
+
+
+def locking_table(rates: RateTable, trains: Mapping[str, Iterable[SpikeTrain]]) -> "DataFrame":
+    """Impulses a cycle and vector strength of each source, class and sinusoid.
+
+    The vector strength is the mean over the cells that fired; NaN where none did, and
+    where a source has rates only: `trains` are those of the models.
+    """
+    from pandas import DataFrame
+
+    cells: dict[tuple[str, str, str], list[FloatArray]] = {}
+    for source, mine in trains.items():
+        for train in mine:
+            cells.setdefault((source, train.afferent, train.stimulus), []).append(train.times_ms)
+    entries = [entry for one in SINES.sets for entry in one.entries]
+    rows = []
+    for source, afferent in product(rates.sources, AFFERENTS):
+        rate_ips = rates.of(source, afferent, SINES.stimuli).tolist()
+        for entry, rate in zip(entries, rate_ips, strict=True):
+            frequency_hz, amplitude_um = entry.numbers().values()
+            start_ms, end_ms = entry.window_ms
+            strengths = [
+                vector_strength(counted, frequency_hz)
+                for times_ms in cells.get((source, afferent, entry.id), [])
+                for counted in [
+                    times_ms[(times_ms > start_ms + EDGE_MS) & (times_ms <= end_ms + EDGE_MS)]
+                ]
+                if counted.size
+            ]
+            strength = float(np.mean(strengths)) if strengths else np.nan
+            if not np.isnan(rate):
+                names = (source, afferent, entry.id, frequency_hz, amplitude_um)
+                rows.append((*names, rate / frequency_hz, strength))
+    return DataFrame(
+        rows,
+        columns=[
+            *("source", "afferent", "stimulus", "frequency_hz", "amplitude_um"),
+            *("impulses_per_cycle", "vector_strength"),
+        ],
+    )

@@ -1,0 +1,214 @@
+"""Compute everything that a validation shows: models, rates, thresholds, deflections."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from decks.finger import Finger
+from decks.probe import Probe
+from decks.stimuli import CATALOGUE
+from decks.waveform import make_stimulus
+from fembridge.build import Model, model_of
+from fembridge.deflection.profile import ConvergenceRow, Deflection, convergence, stored_deflections
+from fembridge.errors import UsageError
+from fembridge.observed import ObservedRates
+from fembridge.report.rates import (
+    OBSERVED,
+    STIMULI,
+    TOUCHSIM,
+    RateTable,
+    agreement_table,
+    locking_table,
+    rate_table,
+    threshold_table,
+)
+from fembridge.response.response_map import ResponseMap, stored_response
+from fembridge.simulation import Simulation, simulate
+from fembridge.store import sha256_of
+from fembridge.tables import AFFERENTS, Rate, SpikeTrain
+from fembridge.touchsim import touchsim_rates
+from neural import Parameters, ParameterSet
+from neural.sets import DEFAULT_SET, SET_NAMES, parameter_set, parameter_set_or_file
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ELEMENT = "CPE4"
+PUBLISHED_NAME = "published"
+# Fig. 3 (a): 35, 130 and 250 um at 20 Hz; Appendix A has 34.74 and 129.49.
+RASTER_STIMULI = ("sine_20_34.74", "sine_20_129.49", "sine_20_250")
+REPEATS = 5
+
+_SHORT_DIGEST = 12
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedModel:
+    """Parameters under a name, and the pre-indentation that they hold for.
+
+    `word` chooses it on a command line, `source` says in a line where its numbers
+    come from, `origin` all that is known of that.
+    """
+
+    name: str
+    parameters: Parameters
+    preindent_um: float
+    word: str
+    source: str
+    origin: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Validation:
+    """What was computed, and of what.
+
+    `models` and `simulations` go together: the model that is judged comes first.
+    `observed` is None where no table was given; `left_out` are stimuli of that
+    table that the paper has not. `agreement`, `thresholds` and `locking` are tables of
+    `fembridge.report.rates`.
+    """
+
+    finger: str
+    response: ResponseMap
+    models: tuple[JudgedModel, ...]
+    simulations: Mapping[str, Simulation]
+    observed: ObservedRates | None
+    left_out: tuple[str, ...]
+    rates: RateTable
+    agreement: "DataFrame"
+    thresholds: "DataFrame"
+    locking: "DataFrame"
+    deflections: tuple[Deflection, ...]
+    convergence: tuple[ConvergenceRow, ...]
+
+    @property
+    def judged(self) -> JudgedModel:
+        """The model that the report is about."""
+        return self.models[0]
+
+
+def validate(
+    finger: Finger,
+    models: Sequence[JudgedModel],
+    observed: ObservedRates | None = None,
+    log: Callable[[str], None] = lambda line: None,
+) -> Validation:
+    """Compute the 82 stimuli of the paper on the stored response of `finger`.
+
+    Parameters
+    ----------
+    models
+        The model to judge, then those that are shown beside it.
+    observed
+        Rates to judge it by; any of the paper's stimuli and classes will do.
+    log
+        Called with a line for what is left out.
+
+    Raises
+    ------
+    UsageError
+        Observed rates of none of the paper's stimuli.
+    ResponseError
+        No response is stored for this finger, or a model's probe goes deeper.
+    """
+    left_out = _left_out(observed, log)
+    response = stored_response(finger, Probe(), ELEMENT)
+    pressed = model_of(finger, element=ELEMENT)
+    simulations = {model.name: _simulated(model, pressed) for model in models}
+    sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
+    sources |= {name: one.mean_rates for name, one in simulations.items()}
+    sources[TOUCHSIM] = touchsim_rates()
+    rates = rate_table(sources)
+    deflections = stored_deflections()
+    return Validation(
+        finger=finger.name,
+        response=response,
+        models=tuple(models),
+        simulations=simulations,
+        observed=observed,
+        left_out=left_out,
+        rates=rates,
+        agreement=agreement_table(rates),
+        thresholds=threshold_table(rates),
+        locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
+        deflections=deflections,
+        convergence=convergence(deflections) if len(deflections) > 1 else (),
+    )
+
+
+def _simulated(model: JudgedModel, pressed: Model) -> Simulation:
+    stimuli = [make_stimulus(entry, model.preindent_um) for entry in CATALOGUE]
+    return simulate(stimuli, pressed, Path(), stored=True, parameters=model.parameters)
+
+
+def _left_out(observed: ObservedRates | None, log: Callable[[str], None]) -> tuple[str, ...]:
+    if observed is None:
+        return ()
+    unknown = tuple(id_ for id_ in observed.stimuli if id_ not in STIMULI)
+    if len(unknown) == len(observed.stimuli):
+        raise UsageError(
+            f"{observed.path}: no rate of one of the paper's {len(STIMULI)} stimuli, "
+            f"the first is of {unknown[0]}"
+        )
+    if unknown:
+        log(f"{observed.path}: left out {', '.join(unknown)}: not in the paper's appendix")
+    return unknown
+
+
+def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
+    """Model called `word` or in that file, and the published one after it.
+
+    Raises
+    ------
+    UsageError
+        A file that calls its model by the name of another source of rates.
+    ParameterError
+        No model of that name, or a file that is not there or holds none.
+    """
+    published = _model(parameter_set(PUBLISHED_NAME), PUBLISHED_NAME)
+    if word == PUBLISHED_NAME:
+        return (published,)
+    judged = _model(parameter_set_or_file(word), word)
+    if judged.name in (OBSERVED, TOUCHSIM, PUBLISHED_NAME):
+        raise UsageError(
+            f"{word}: a model called {judged.name!r} would be beside another of "
+            "that name; give it another (the file's name, or its key 'name')"
+        )
+    return (judged, published)
+
+
+def _model(found: ParameterSet, word: str) -> JudgedModel:
+    fit = found.origin.get("fit")
+    source = fit.get("source") if isinstance(fit, Mapping) else None
+    source = str(source or f"parameter set {word!r} of fembridge")
+    if word not in SET_NAMES:
+        path = Path(word)
+        source = f"file {path.name}, SHA-256 {sha256_of(path)[:_SHORT_DIGEST]}"
+    return JudgedModel(found.name, found.parameters, found.preindent_um, word, source, found.origin)
+
+
+def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
+    """Five trains for each class and stimulus of the raster, repeat 1 to 5.
+
+    Those of a population are those of its first five cells. A model of one cell has
+    no noise, so that each of its repeats is the same.
+    """
+    found = []
+    for stimulus in RASTER_STIMULI:
+        for afferent in AFFERENTS:
+            mine = [
+                train
+                for train in simulation.trains
+                if (train.stimulus, train.afferent) == (stimulus, afferent)
+            ]
+            cells = sorted(mine, key=lambda train: train.repeat)
+            for repeat in range(REPEATS):
+                times_ms = cells[repeat % len(cells)].times_ms
+                found.append(SpikeTrain(stimulus, afferent, times_ms, repeat + 1))
+    return tuple(found)
+
+
+def cells_of(simulation: Simulation) -> int:
+    """How many cells each class of the model has."""
+    return len({train.repeat for train in simulation.trains})
