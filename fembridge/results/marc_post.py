@@ -609,7 +609,7 @@ def _real(text: bytes) -> float:
 # Both classes are a place `at` in the file, moved on by what is read there. `free` collects
 # the stretches (first, last + 1) that hold values: what is between them is the same in all
 # increments that are built alike. Their methods raise `PostDamageError` where the file is
-# cut or holds something else.
+# cut or holds something else. What a method does is said at the binary one.
 
 
 class _BinaryRecords:
@@ -789,18 +789,15 @@ class _TextRecords:
         self.free: list[tuple[int, int]] = []
 
     def word(self) -> str:
-        """The word that is here; "" if none is, or the file ends."""
         self.skip_empty()
         found = self.file.line(self.at)
         return _known_word(found[0] if found else self.file.peek(self.at, 80))
 
     def skip_word(self) -> None:
-        """Go behind the word that is here."""
         found = self.file.line(self.at)
         self.at = found[1] if found else self.file.size  # no end behind the last word
 
     def text(self, free: bool = False) -> str:
-        """A record of text, without blanks at its ends."""
         start = self.at
         line = self._line()
         if free:
@@ -808,11 +805,9 @@ class _TextRecords:
         return self.decoded_text(line)
 
     def decoded_text(self, record: bytes) -> str:
-        """The text of a whole record that is in memory."""
         return record.decode("latin-1").strip()
 
     def label(self) -> tuple[list[int], str]:
-        """A record of integers and a text: an element post code."""
         start, line = self.at, self._line()
         numbers, rest = [_integer(line[:_FIELD], start)], line[_FIELD:]
         if len(rest) >= _FIELD and rest[:_FIELD].strip().isdigit():
@@ -836,7 +831,6 @@ class _TextRecords:
     def table(
         self, rows: int, integers: int, reals: int
     ) -> tuple[_Numbers | None, _Numbers | None]:
-        """Skip `rows` records alike: where their `integers` and `reals` are; None for none."""
         fields = integers + reals
         if rows == 0 or fields == 0:
             return None, None
@@ -867,7 +861,6 @@ class _TextRecords:
         return part(0, integers), part(integers, reals)
 
     def flow(self, rows: int, columns: int) -> _Numbers:
-        """Skip one record of `rows` times `columns` reals."""
         start, count = self.at, rows * columns
         self._check_fields(count)
         if count == 0:
@@ -898,14 +891,12 @@ class _TextRecords:
         )
 
     def skip_empty(self) -> None:
-        """Skip records of nothing, if any are here."""
         found = self.file.line(self.at)
         while found is not None and not found[0].strip():
             self.at = found[1]
             found = self.file.line(self.at)
 
     def skip_block(self) -> None:
-        """Go to the ``=end=`` of the block that we are in."""
         start = self.at
         if self.word() == END:
             return
@@ -1032,7 +1023,7 @@ class _Model:
 def _read_model_block(records: _Records, base: int, revision: int, model: _Model) -> _Model:
     """`model` with what the block says that `records` is in."""
     if base == _VERIFICATION:
-        return _verified(records, model)
+        return _verified(records)
     if base == _CODES:
         codes = []
         for _ in range(model.values):
@@ -1056,29 +1047,13 @@ def _read_model_block(records: _Records, base: int, revision: int, model: _Model
     return replace(model, sets=tuple(sets))
 
 
-def _verified(records: _Records, model: _Model) -> _Model:
-    """A model of the counts here; tables of the model before that still fit are kept."""
+def _verified(records: _Records) -> _Model:
     words = records.integers(*_VERIFICATION_WORDS)
     for place, name in _COUNTED.items():
         if not 0 <= words[place] <= records.file.size:
             raise PostDamageError(f"a model of {words[place]} {name}", records.at)
-    found = _Model(
-        values=words[0],
-        nodes=words[1],
-        elements=words[2],
-        points=words[4],
-        dimensions=words[8],
-        corners=words[9],
-        revision=words[13],
-        sets=model.sets,
-    )
-    if found.values == model.values:
-        found = replace(found, codes=model.codes)
-    if (found.nodes, found.dimensions) == (model.nodes, model.dimensions):
-        found = replace(found, node_ids=model.node_ids, coordinates=model.coordinates)
-    if (found.elements, found.corners) == (model.elements, model.corners):
-        found = replace(found, connectivity=model.connectivity)
-    return found
+    values, nodes, elements, _, points = words[:5]
+    return _Model(values, nodes, elements, points, words[8], words[9], revision=words[13])
 
 
 def _code(numbers: list[int], label: str) -> PostCode:

@@ -58,7 +58,6 @@ _UTF_8_MARK = "\u00ef\u00bb\u00bf"  # its three bytes, as Latin-1 has them
 _DEFAULTS = ReadOptions()
 
 _FIRST_LINE = "style=1"
-_JOB = "information summary of job"
 _UNDER_HEADER = ("#", "|--")  # two more lines of names
 _HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time displ-mag"
 _WIDTHS = (7, 7, 5, 5, 5, 8, 8, 6, 6, 12, 12, 12, 12)
@@ -390,17 +389,10 @@ class StsRow:
 
 @dataclass(frozen=True, slots=True)
 class Sts:
-    """A whole ``.sts``: what its first lines say, its `rows`, its exit number.
+    """A ``.sts``: the increments so far; `exit_number` is None as long as the job runs."""
 
-    `exit_number` is None as long as the job has not ended; `unfinished` are the number and
-    the text of a last line that has no end yet.
-    """
-
-    job: str
-    version: str
     rows: tuple[StsRow, ...]
     exit_number: int | None
-    unfinished: tuple[int, str] | None
 
     @property
     def problem(self) -> str | None:
@@ -425,16 +417,14 @@ def read_sts(path: Path) -> Sts:
         There is no such file, it does not begin like a ``.sts``, it has columns that are not
         those above, or a line is neither an increment nor the end.
     """
-    header: dict[str, str] = {}
     rows: list[StsRow] = []
     exit_number: int | None = None
-    unfinished: tuple[int, str] | None = None
     has_columns = False
     for count, line, ended in text_lines(path):
         text = line.strip()
         if not ended and not (_EXIT.fullmatch(text) or _AFTER.fullmatch(text)):
-            unfinished = count, line
-        elif count == 1:
+            continue  # it is still being written
+        if count == 1:
             if text != _FIRST_LINE:
                 raise ResultError(
                     f"begins with {line[:40]!r}, a .sts of Marc with {_FIRST_LINE!r}", path, 1
@@ -444,8 +434,6 @@ def read_sts(path: Path) -> Sts:
             if has_columns and text.split() != _HEADER.split():
                 words = f"columns {' '.join(text.split())!r}, only {_HEADER!r} is known"
                 raise ResultError(words, path, count)
-            name, _, value = text.partition(":")
-            header[name] = value.strip()
         elif found := _EXIT.fullmatch(text):
             exit_number = int(found[1])
         elif exit_number is not None:
@@ -455,8 +443,7 @@ def read_sts(path: Path) -> Sts:
             rows.append(_sts_row(line, path, count))
     if not has_columns:
         raise ResultError("no line of column names: cut, or no .sts of Marc", path)
-    job, version = (header.get(name, "") for name in (_JOB, "version"))
-    return Sts(job, version, tuple(rows), exit_number, unfinished)
+    return Sts(tuple(rows), exit_number)
 
 
 def _sts_row(line: str, path: Path, number: int) -> StsRow:

@@ -5,10 +5,12 @@ import ast
 import json
 import math
 import os
+import runpy
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -69,21 +71,52 @@ def model(**changes):
     return {**made, **changes}
 
 
+class Ran(NamedTuple):
+    """What a run of the script came to."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
 @pytest.fixture
-def export(tmp_path):
-    """A function that runs the script in a process of its own, on a model.
-
-    It asks for the stored von Mises stress, of which the models have the values.
-    """
-    script = tmp_path / "export.py"
-    script.write_text(marc_export_script.script_text(), encoding="utf-8")
+def script(tmp_path):
+    """The script and py_post beside it."""
+    path = tmp_path / "export.py"
+    path.write_text(marc_export_script.script_text(), encoding="utf-8")
     shutil.copy(MOCK, tmp_path / "py_post.py")
+    return path
 
-    def run(*words, of=None, python=sys.executable, path=tmp_path, scalar=True):
+
+@pytest.fixture
+def export(script, tmp_path, monkeypatch, capsys):
+    """A function that runs the script on a model, asking for the stored von Mises stress."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def run(*words, of=None, scalar=True):
         (tmp_path / "job.t16").write_text(json.dumps(of or model()))
         asked = ("--von-mises", "scalar") if scalar else ()
+        monkeypatch.delitem(sys.modules, "py_post", raising=False)
+        capsys.readouterr()
+        try:
+            main = runpy.run_path(str(script))["main"]
+            code = main(["job.t16", *asked, *map(str, words)])
+        except SystemExit as stopped:
+            code = stopped.code
+        return Ran(code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def process(script, tmp_path):
+    """A function that runs the script in a process of its own, as users do."""
+
+    def run(*words, python=sys.executable, path=tmp_path):
+        (tmp_path / "job.t16").write_text(json.dumps(model()))
         return subprocess.run(
-            [python, "-s", str(script), "job.t16", *asked, *map(str, words)],
+            [python, "-s", str(script), "job.t16", *map(str, words)],
             cwd=tmp_path,
             env={**os.environ, "PYTHONPATH": str(path)},
             capture_output=True,
@@ -318,20 +351,20 @@ def test_the_list_shows_positions_labels_and_sets(export):
     assert "node set skin: 2" in ran.stdout
 
 
-def test_without_py_post_it_says_how_to_run_it(export, tmp_path):
+def test_without_py_post_it_says_how_to_run_it(process, tmp_path):
     (tmp_path / "py_post.py").unlink()
-    ran = export("--list", path=tmp_path / "nowhere")
+    ran = process("--list", path=tmp_path / "nowhere")
     assert ran.returncode == 1
     assert "py_post cannot be imported by this Python" in ran.stderr
     assert "Run this file with the Python that came with Mentat" in ran.stderr
 
 
-def test_py_post_is_found_under_the_folder_of_mentat(export, tmp_path):
+def test_py_post_is_found_under_the_folder_of_mentat(process, tmp_path):
     shared = tmp_path / "mentat" / "shlib" / "win64"
     shared.mkdir(parents=True)
     (tmp_path / "py_post.py").rename(shared / "py_post.py")
     words = ("--nodes", 70, "--mentat", tmp_path / "mentat")
-    assert export(*words, path=tmp_path / "nowhere").returncode == 0
+    assert process(*words, path=tmp_path / "nowhere").returncode == 0
 
 
 def test_a_post_file_that_cannot_be_opened_is_named(export, tmp_path):
@@ -375,14 +408,14 @@ def test_nothing_in_it_is_newer_than_python_2_7():
 
 
 @pytest.mark.parametrize("python", ["python2.7", "python3.6", "python3.8"])
-def test_an_old_python_runs_it_to_the_same_table(export, tmp_path, python):
+def test_an_old_python_runs_it_to_the_same_table(process, tmp_path, python):
     found = shutil.which(python)
     asked = [python, "-c", "import json"]
     if not found or subprocess.run(asked, capture_output=True, check=False).returncode:
         pytest.skip(f"no {python} here")
-    words = ("--afferent", "SA=70", "--near", "3.9,1.8", "--von-mises", "tensor")
-    assert export(*words, "-o", "new.csv").returncode == 0
-    ran = export(*words, "-o", "old.csv", python=found)
+    words = ("--afferent", "SA=70", "--near", "3.9,1.8")
+    assert process(*words, "-o", "new.csv").returncode == 0
+    ran = process(*words, "-o", "old.csv", python=found)
     assert ran.returncode == 0, ran.stderr
     assert (tmp_path / "old.csv").read_bytes() == (tmp_path / "new.csv").read_bytes()
 
@@ -394,21 +427,13 @@ def arguments(*words):
     return parser.parse_args(words)
 
 
-def test_the_verb_prints_the_script_and_nothing_else(capsys):
-    summary = marc_export_script.run(arguments())
-    assert capsys.readouterr().out == marc_export_script.script_text()
-    assert summary["output"] is None
-
-
-def test_the_verb_writes_the_script_where_it_is_told(tmp_path, capsys):
+def test_the_verb_prints_writes_or_hands_over_the_script(tmp_path, capsys):
+    script = marc_export_script.script_text()
+    assert marc_export_script.run(arguments())["output"] is None
+    assert capsys.readouterr().out == script
     output = tmp_path / "tools" / "export.py"
-    summary = marc_export_script.run(arguments("-o", str(output)))
-    assert summary == {"output": str(output)}
-    assert output.read_text(encoding="utf-8") == marc_export_script.script_text()
-    assert "--help tells how" in capsys.readouterr().out
-
-
-def test_for_a_program_the_summary_holds_the_script(capsys):
-    summary = marc_export_script.run(arguments("--json"))
-    assert summary["script"] == marc_export_script.script_text()
+    assert marc_export_script.run(arguments("-o", str(output))) == {"output": str(output)}
+    assert output.read_text(encoding="utf-8") == script
+    capsys.readouterr()
+    assert marc_export_script.run(arguments("--json"))["script"] == script
     assert capsys.readouterr().out == ""

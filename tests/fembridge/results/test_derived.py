@@ -230,7 +230,7 @@ def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
     with pytest.raises(ResultError, match=r"no stress of element 10.*node 33"):
         one_sided_stress(path, 33, "EALL")
     dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d}   8")))
-    with pytest.raises(ResultError, match="element 10: .* with 7 integration points"):
+    with pytest.raises(ResultError, match=r"element 10: .* with 7 integration points"):
         one_sided_stress(path, 33, "EALL")
 
 

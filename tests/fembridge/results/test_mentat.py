@@ -332,19 +332,18 @@ def sts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "version", "count", "cycles", "cut_backs", "greatest_mm"),
+    ("name", "count", "cycles", "cut_backs", "greatest_mm"),
     [
-        ("nour_linear", "Marc 2020", 2, 1, 0, 99.647),
-        ("nour_plastic", "Marc 2020", 24, 100, 2, 108.78),
-        ("pfl_example_model_0", "Marc 2021.4", 91, 2686, 12, 8.4233),
+        ("nour_linear", 2, 1, 0, 99.647),
+        ("nour_plastic", 24, 100, 2, 108.78),
+        ("pfl_example_model_0", 91, 2686, 12, 8.4233),
     ],
 )
-def test_a_real_job_is_read_to_its_end(name, version, count, cycles, cut_backs, greatest_mm):
+def test_a_real_job_is_read_to_its_end(name, count, cycles, cut_backs, greatest_mm):
     """The numbers are the last lines of the files, read by eye."""
     found = read_sts(SAMPLES / f"{name}.sts")
     last = found.rows[-1]
-    assert (found.version, len(found.rows), found.exit_number) == (version, count, 3004)
-    assert (found.problem, found.unfinished) == (None, None)
+    assert (len(found.rows), found.exit_number, found.problem) == (count, 3004, None)
     assert (last.total_cycles, last.total_cut_backs) == (cycles, cut_backs)
     assert last.total_time_ms == 1000.0
     assert last.displacement_max_mm == greatest_mm
@@ -382,7 +381,6 @@ def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):
 def test_a_last_line_that_is_still_being_written_is_left_out(sts):
     found = read_sts(sts(HEAD + ROW + ROW[:60]))
     assert len(found.rows) == 1
-    assert found.unfinished == (11, ROW[:60])
 
 
 def test_an_end_without_a_line_end_counts_as_the_end(sts):

@@ -260,7 +260,7 @@ def test_nodes_between_bricks_lie_where_vtk_looks_for_them(write_post, tmp_path)
 def test_memory_does_not_grow_with_the_number_of_increments(write_post, tmp_path):
     import tracemalloc
 
-    plane = models.Plane(11, *models.grid(30, 30))
+    plane = models.Plane(11, *models.grid(15, 15))
     (one,) = plane.increments(linear_stress, (0.0,))
     peaks = []
     for count in (2, 8):
