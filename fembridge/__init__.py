@@ -1,5 +1,10 @@
 """From a probe on a fingertip to the spikes of its afferents.
 
+>>> import fembridge as fb
+>>> result = fb.simulate("sine_100_250", stored=True)
+>>> result.rates["afferent"].tolist()
+['SA', 'RA', 'PC']
+
 ``import fembridge`` loads NumPy and nothing heavier; each name below is
 imported when it is first asked for.
 """
@@ -10,23 +15,53 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from decks.finger import Finger
+    from decks.probe import Probe
     from decks.stimuli import resolve
     from decks.waveform import make_stimulus
+    from fembridge.api import build_deck, encode, fit, run, simulate, sweep, validate
     from fembridge.errors import FembridgeError
-    from fembridge.observed import read_observed
+    from fembridge.observed import read_observed as read_observed
+    from fembridge.response.response_map import ResponseMap
     from fembridge.results import read
     from fembridge.results.frd_format.field import read_fields
-    from fembridge.results.vtu import write_vtu_series
+    from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
-    from fembridge.touchsim import touchsim_rates
+    from fembridge.touchsim import touchsim_rates as touchsim_rates
     from fembridge.trace import StressTrace
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "FembridgeError",
+    "Finger",
+    "Probe",
+    "ResponseMap",
+    "Stimulus",
+    "StressTrace",
+    "build_deck",
+    "encode",
+    "fit",
+    "make_stimulus",
+    "read",
+    "read_fields",
+    "resolve",
+    "run",
+    "simulate",
+    "sweep",
+    "validate",
+]
+
 _HOMES = {
     "FembridgeError": "fembridge.errors",
+    "Finger": "decks.finger",
+    "Probe": "decks.probe",
+    "ResponseMap": "fembridge.response.response_map",
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",
+    **dict.fromkeys(
+        ("build_deck", "encode", "fit", "run", "simulate", "sweep", "validate"), "fembridge.api"
+    ),
     "make_stimulus": "decks.waveform",
     "read": "fembridge.results",
     "read_fields": "fembridge.results.frd_format.field",
@@ -35,19 +70,6 @@ _HOMES = {
     "touchsim_rates": "fembridge.touchsim",
     "write_vtu_series": "fembridge.results.vtu",
 }
-
-__all__ = [
-    "FembridgeError",
-    "Stimulus",
-    "StressTrace",
-    "make_stimulus",
-    "read",
-    "read_fields",
-    "read_observed",
-    "resolve",
-    "touchsim_rates",
-    "write_vtu_series",
-]
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for

@@ -3,11 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fembridge.errors import ResultError, TraceError
 from fembridge.typing import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
 
 PA_PER_MPA = 1.0e6
 MS_PER_S = 1.0e3
@@ -80,3 +84,24 @@ class StressTrace:
                 path,
             )
         return cls(stress_pa, dt_ms, node, afferent, start_ms=float(times_ms[0]))
+
+
+class Traces(list[StressTrace]):
+    """Stress histories, as `fembridge.read` gives them: a list that can become a table."""
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Table ``time_ms, afferent, node, von_mises_pa``, a row a sample, trace by trace."""
+        import pandas
+
+        frames = [
+            pandas.DataFrame(
+                {
+                    "time_ms": trace.times_ms,
+                    "afferent": trace.afferent,
+                    "node": trace.node,
+                    "von_mises_pa": trace.stress_pa,
+                }
+            )
+            for trace in self
+        ]
+        return pandas.concat(frames, ignore_index=True)

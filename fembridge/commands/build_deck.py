@@ -10,22 +10,20 @@ unchanged to the byte but for the waveform, the increments and the output.
 """
 
 import argparse
-from dataclasses import replace
-from pathlib import Path
+import sys
 from typing import Any
 
-from decks.dialects import DIALECTS, PROBES, RESULTS, DeckOptions, dialect_named
-from fembridge.commands.built_rows import told
-from fembridge.commands.model_options import (
+from decks.dialects import DIALECTS, PROBES, RESULTS
+from fembridge.commands.options import (
     add_finger_options,
     add_output_option,
+    add_own_model_options,
     add_solving_options,
     add_stimulus_options,
-    model_from,
-    stimuli_from,
+    model_words,
+    stimulus_words,
 )
-from fembridge.commands.own_model_options import add_own_model_options, build_own
-from fembridge.errors import DeckError, UsageError
+from fembridge.errors import UsageError
 
 EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
 
@@ -51,8 +49,8 @@ def _add_deck_options(group: argparse._ActionsContainer) -> None:
     group.add_argument(
         "--contact",
         choices=("node-to-surface", "surface-to-surface"),
-        help="formulation (default: node-to-surface; the other one remembers; not of "
-        "Marc, whose procedure sets segment-to-segment)",
+        help="formulation (default: node-to-surface; the other one is path-dependent; not "
+        "of Marc, whose procedure sets segment-to-segment)",
     )
     group.add_argument(
         "--stiffness-mpa-per-mm",
@@ -83,44 +81,64 @@ def _add_deck_options(group: argparse._ActionsContainer) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the folders; the summary lists them."""
+    from fembridge.api import build_deck
+
+    remarks: list[str] = []
     if args.base_deck is not None:
-        ours = argparse.ArgumentParser()
-        _add_deck_options(ours)
-        return build_own(args, ours.parse_args([]))
-    if args.amplitude or args.step or args.afferent:
+        words = _own_words(args)
+    elif args.amplitude or args.step or args.afferent:
         raise UsageError("--amplitude, --step and --afferent are for --base-deck")
+    else:
+        names = ("contact", "stiffness_mpa_per_mm", "friction", "probe_body")
+        words = {**model_words(args), **{name: getattr(args, name) for name in names}}
+    built = build_deck(
+        **stimulus_words(args),
+        output=args.output,
+        solver=args.solver,
+        results=args.results,
+        log=remarks.append,
+        **words,
+    )
+    solver = built[0].solver
+    if not args.json:
+        for one in built:
+            print(f"{one.folder}  {one.increments} increments of {one.dt_ms:g} ms")
+        how = DIALECTS[solver].how_to_run
+        if how and args.base_deck is None:
+            print(f"each is run by its owner, in its folder: {how}")
+    for remark in remarks:
+        print(f"{args.base_deck}: {remark}", file=sys.stderr)
+    rows = [
+        {
+            "stimulus": one.folder.name,
+            "folder": str(one.folder),
+            "increments": one.increments,
+            "deck_sha256": one.deck_sha256,
+        }
+        for one in built
+    ]
+    if args.base_deck is not None:
+        own = {"base_deck": str(args.base_deck), "remarks": remarks}
+        return {**own, "solver": solver, "folders": rows}
+    finger: Any = built[0].inputs["finger"]
+    return {"finger": finger["name"], "solver": solver, "folders": rows}
 
-    from decks.analysis import Contact
-    from fembridge.build import build_run_folder
 
-    solver = args.solver or "calculix"
-    dialect = dialect_named(solver)
-    asked = {
-        "formulation": args.contact,
-        "stiffness_mpa_per_mm": args.stiffness_mpa_per_mm,
-        "friction": args.friction,
+def _own_words(args: argparse.Namespace) -> dict[str, Any]:
+    """What the options say of a deck of one's own; those of our finger mean nothing there."""
+    ours = argparse.ArgumentParser()
+    _add_deck_options(ours)
+    for name, default in vars(ours.parse_args([])).items():
+        if name != "results" and getattr(args, name) != default:
+            option = name.replace("_", "-")
+            raise UsageError(f"--{option} is for our finger; --base-deck brings its own")
+    names = [name for name, _ in args.afferent]
+    if len(set(names)) < len(names):
+        raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
+    return {
+        "base_deck": args.base_deck,
+        "amplitude": args.amplitude,
+        "step": args.step,
+        "afferents": dict(args.afferent),
+        "length_unit": args.length_unit,
     }
-    given = {name: value for name, value in asked.items() if value is not None}
-    for name in given:
-        if name not in dialect.contact:
-            raise UsageError(f"contact: a deck for {solver} has no {name}")
-    try:
-        contact = Contact(**given)
-    except DeckError as error:
-        raise UsageError(f"contact: {error}") from error
-    try:
-        args.element = dialect.element_named(args.element or dialect.element)
-    except DeckError as error:
-        raise UsageError(str(error)) from error
-    stimuli = stimuli_from(args)
-    model = replace(model_from(args), contact=contact)
-    options = DeckOptions(args.results, args.probe_body)
-    rows = []
-    for stimulus in stimuli:
-        built = build_run_folder(
-            Path(args.output) / stimulus.id, model, stimulus, solver=solver, options=options
-        )
-        rows.append(told(args, stimulus.id, built))
-    if dialect.how_to_run and not args.json:
-        print(f"each is run by its owner, in its folder: {dialect.how_to_run}")
-    return {"finger": model.finger.name, "solver": solver, "folders": rows}

@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from fembridge.commands.model_options import add_output_option
+from fembridge.commands.options import add_output_option
 
 LIST = "list"
 EVERY = "all"

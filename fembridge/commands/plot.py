@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:
     from decks.finger_file import read_finger
     from decks.presets import mesh_of
-    from fembridge.commands.model_options import probe_from
+    from fembridge.commands.options import probe_from
     from fembridge.plots.mesh import afferent_nodes, draw_mesh
 
     finger = read_finger(args.finger)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TypeAlias
 
-from fembridge.commands.model_options import add_finger_options
+from fembridge.commands.options import add_finger_options
 
 Pictures: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 

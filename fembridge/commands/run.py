@@ -60,22 +60,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
-    from pathlib import Path
-
+    from fembridge import api
     from fembridge.progress import SolverBars
-    from fembridge.solver.batch import run_folders
-    from fembridge.solver.ccx import SolverSettings
 
     with SolverBars() as bars:
-        settings = SolverSettings(
+        outcomes = api.run(
+            args.folders,
             threads=args.threads,
             jobs=args.jobs,
             time_limit_s=args.time_limit,
             stall_limit_s=args.stall_limit,
             iteration_limit=args.iteration_limit,
+            force=args.force,
             on_progress=bars,
         )
-        outcomes = run_folders(map(Path, args.folders), settings, force=args.force)
     for outcome in outcomes:
         if not outcome.accepted:
             print("fembridge:", " ".join(str(outcome.to_error()).split()), file=sys.stderr)

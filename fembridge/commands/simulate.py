@@ -12,19 +12,16 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.model_options import (
+from fembridge.commands.options import (
     add_model_options,
     add_output_option,
     add_stimulus_options,
-    model_from,
-    stimuli_from,
+    model_words,
+    stimulus_words,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from fembridge.simulation import Simulation
-    from neural import ParameterSet
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
 
@@ -77,38 +74,31 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
     from pathlib import Path
 
+    from fembridge.api import simulate
     from fembridge.progress import SolverBars
-    from fembridge.simulation import RASTER_FILE, RATES_FILE, SPIKES_FILE, TRACES_FILE, simulate
-    from fembridge.solver.ccx import SolverSettings
-    from neural import parameter_set_or_file
+    from fembridge.simulation import RASTER_FILE, RATES_FILE, SPIKES_FILE, TRACES_FILE
 
     output = Path(args.output)
-    chosen = parameter_set_or_file(args.parameters)
     lines: list[str] = []
 
-    def tell(line: str) -> None:
+    def log(line: str) -> None:
         lines.append(line)
         print(line, file=sys.stderr)
 
     with SolverBars() as bars:
-        settings = SolverSettings(
+        simulation = simulate(
+            **stimulus_words(args),
+            **model_words(args),
+            output=output,
+            method=args.method,
+            stored=args.stored,
+            parameters=args.parameters,
             threads=args.threads,
             jobs=args.jobs,
             time_limit_s=args.time_limit,
+            log=log,
             on_progress=bars,
         )
-        simulation = simulate(
-            stimuli_from(args, chosen.preindent_um),
-            model_from(args),
-            output,
-            method=args.method,
-            stored=args.stored,
-            parameters=chosen.parameters,
-            parameters_name=chosen.name,
-            settings=settings,
-            log=tell,
-        )
-    _tell_preindent(chosen, args.preindent_um, tell)
     simulation.write(output, plot=not args.no_plot)
     if args.no_plot and (output / RASTER_FILE).is_file():
         (output / RASTER_FILE).unlink()  # of other spikes than those beside it
@@ -119,30 +109,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "output": str(output),
         "method": simulation.origin["method"],
-        "parameters": chosen.name,
+        "parameters": simulation.origin.get("parameter_set", ""),
         "notes": lines,
         "rates": [
             {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
             for r in simulation.mean_rates
         ],
     }
-
-
-def _tell_preindent(
-    chosen: "ParameterSet", asked_um: float | None, tell: "Callable[[str], None]"
-) -> None:
-    """Say where the probe stands before time 0, if that is not the surface."""
-    if asked_um is None and chosen.preindent_um:
-        tell(
-            f"parameters {chosen.name}: the probe is {chosen.preindent_um:g} um deep "
-            "before time 0, as in their fit"
-        )
-    elif asked_um not in (None, chosen.preindent_um):
-        tell(
-            f"parameters {chosen.name} were fitted with the probe "
-            f"{chosen.preindent_um:g} um deep before time 0, here it is at "
-            f"{asked_um:g} um"
-        )
 
 
 def _print_rates(simulation: "Simulation") -> None:

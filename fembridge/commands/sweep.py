@@ -11,7 +11,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.model_options import add_output_option
+from fembridge.commands.options import add_output_option
 
 if TYPE_CHECKING:
     from fembridge.sweep import Sweep

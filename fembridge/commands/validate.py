@@ -10,7 +10,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.model_options import add_output_option
+from fembridge.commands.options import add_output_option
 
 if TYPE_CHECKING:
     from fembridge.report.validate import Validation

@@ -12,7 +12,7 @@ import argparse
 import sys
 from typing import Any
 
-from fembridge.commands.model_options import add_output_option
+from fembridge.commands.options import add_output_option
 
 EXAMPLE = "fembridge verify --quick -o verification"
 

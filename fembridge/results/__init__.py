@@ -14,7 +14,7 @@ from fembridge.results.node_choice import NodeChoice
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import ENTRY_POINTS, READERS, Reader, reader_of
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
-from fembridge.trace import StressTrace
+from fembridge.trace import Traces
 from fembridge.typing import Table
 
 __all__ = [
@@ -45,7 +45,7 @@ def read(
     extrapolate: str | None = None,
     von_mises: str | None = None,
     tell: Callable[[str], None] | None = None,
-) -> list[StressTrace]:
+) -> Traces:
     """Read stress traces, in Pa over ms, from a result file.
 
     With a ``run.toml`` of fembridge beside the file, time 0 is the start of the
@@ -134,9 +134,9 @@ def read(
         for trace, (afferent, _) in zip(traces, places, strict=True)
     ]
     if run is None:
-        return traces
+        return Traces(traces)
     check_reach(traces[0], run, path, options)
-    return [in_stimulus_time(trace, run, path) for trace in traces]
+    return Traces(in_stimulus_time(trace, run, path) for trace in traces)
 
 
 def result_file(path: Path | str) -> Path:

@@ -1,17 +1,15 @@
-"""Options that verbs with a finger, a probe and stimuli share."""
+"""Options that verbs share: stimuli, finger and probe, a deck of one's own, output."""
 
 import argparse
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from decks.probe import Probe
-    from fembridge.build import Model
-    from fembridge.stimulus import Stimulus
 
 
 def add_stimulus_options(parser: argparse.ArgumentParser, preindent_default: str = "0") -> None:
-    """Which stimuli; `preindent_default` tells what holds without the option."""
+    """Which stimuli; `preindent_default` is what holds without the option."""
     parser.add_argument(
         "--stimulus",
         action="append",
@@ -71,7 +69,7 @@ def add_finger_options(parser: argparse._ActionsContainer) -> None:
         type=float,
         default=0.0,
         metavar="X",
-        help="where the probe stands across the finger (default: 0)",
+        help="place of the probe across the finger (default: 0)",
     )
 
 
@@ -97,19 +95,20 @@ def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def model_from(args: argparse.Namespace) -> "Model":
-    """Make the model that the options describe."""
-    from decks.finger_file import read_finger
-    from fembridge.build import model_of
+def stimulus_words(args: argparse.Namespace) -> dict[str, Any]:
+    """The stimuli that the options name, as arguments of `fembridge.api`."""
+    names = ("stimulus", "preindent_um", "seed", "slide_mm_per_s")
+    return {name: getattr(args, name) for name in names}
 
-    model = model_of(
-        read_finger(args.finger), probe=probe_from(args), element=args.element, inertia=args.inertia
-    )
-    return replace(model, section="whole") if args.whole_section else model
+
+def model_words(args: argparse.Namespace) -> dict[str, Any]:
+    """The finger and probe that the options describe, as arguments of `fembridge.api`."""
+    names = ("finger", "element", "inertia", "whole_section")
+    return {"probe": probe_from(args), **{name: getattr(args, name) for name in names}}
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":
-    """Make the probe that the options describe."""
+    """The probe that the options describe."""
     from decks.probe import Probe
     from fembridge.errors import FingerError, UsageError
 
@@ -131,26 +130,41 @@ def probe_from(args: argparse.Namespace) -> "Probe":
         raise UsageError(f"probe: {error}") from error
 
 
-def stimuli_from(args: argparse.Namespace, preindent_um: float = 0.0) -> "list[Stimulus]":
-    """Make the stimuli that the options name, each once.
-
-    `preindent_um` is taken where no option tells another.
-    """
-    from decks.stimuli import resolve
-    from decks.waveform import make_stimulus
-    from fembridge.errors import UsageError
-
-    if args.seed is not None and args.seed < 0:
-        raise UsageError(f"seed is {args.seed}, expected 0 or more")
-    asked_um = args.preindent_um
-    depth_um = preindent_um if asked_um is None else asked_um
-    stimuli = [
-        make_stimulus(entry, preindent_um=depth_um, seed=args.seed)
-        for entry in resolve(args.stimulus)
-    ]
-    if args.slide_mm_per_s is None:
-        return stimuli
-    return [stimulus.sliding(args.slide_mm_per_s) for stimulus in stimuli]
+def add_own_model_options(group: argparse._ArgumentGroup) -> None:
+    """Which deck, what in it becomes the waveform, where the afferents sit."""
+    group.add_argument(
+        "--base-deck",
+        type=Path,
+        metavar="FILE",
+        help="a .inp of CalculiX or Abaqus, or a .dat of Marc",
+    )
+    group.add_argument(
+        "--amplitude",
+        metavar="NAME",
+        help="the *AMPLITUDE, or Marc's table, that becomes the waveform (default: the "
+        "only one that moves something)",
+    )
+    group.add_argument(
+        "--step",
+        metavar="N|NAME",
+        help="the step by number, or Marc's load case by name, that it runs in "
+        "(default: the only one that uses it)",
+    )
+    group.add_argument(
+        "--afferent",
+        type=_afferent,
+        action="append",
+        default=[],
+        metavar="SA=NODE",
+        help="the node of an afferent; repeat it for each. Without one, results of "
+        "all nodes are written and fembridge ingest asks which to read",
+    )
+    group.add_argument(
+        "--length-unit",
+        choices=("mm", "m"),
+        default="mm",
+        help="of the deck (default: mm); with N its stress is in MPa, of m in Pa",
+    )
 
 
 def _folder(word: str) -> str:
@@ -158,3 +172,17 @@ def _folder(word: str) -> str:
     if not word:
         raise argparse.ArgumentTypeError("expected the name of a folder, got ''")
     return word
+
+
+def _afferent(word: str) -> tuple[str, int]:
+    """Read ``SA=NODE``."""
+    from fembridge.tables import AFFERENTS
+
+    name, _, node = word.partition("=")
+    if not name or not node.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected NAME=NODE, got {word!r}")
+    if name not in AFFERENTS:  # `fembridge encode` would refuse its trace
+        raise argparse.ArgumentTypeError(
+            f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}"
+        )
+    return name, int(node)

@@ -1,0 +1,483 @@
+"""What the commands do, as functions: ``import fembridge as fb``, then ``fb.simulate(...)``.
+
+Arguments have the words of the command's options. Times are in ms, depths in um,
+stress in Pa, rates in impulses per second. Errors are `FembridgeError`.
+"""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from decks.analysis import Contact
+from decks.dialects import DeckOptions, dialect_named
+from decks.finger import Finger
+from decks.finger_file import read_finger
+from decks.probe import Probe
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
+from fembridge.build import Model, build_run_folder, model_of
+from fembridge.errors import DeckError, UsageError
+from fembridge.run_folder import RunFolder
+from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
+from fembridge.stimulus import Stimulus
+from fembridge.trace import StressTrace
+from neural import Parameters, ParameterSet, parameter_set_or_file
+
+if TYPE_CHECKING:
+    import pandas
+
+    from fembridge.fitting.fit import FitRun
+    from fembridge.simulation import Simulation
+    from fembridge.solver.verdict import Outcome
+    from fembridge.sweep.sweep import Sweep
+    from fembridge.validation.study import Study
+
+Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
+"""Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
+PathLike: TypeAlias = str | Path
+
+LENGTH_UNITS = {"mm": (1.0, "MPa"), "m": (1000.0, "Pa")}
+"""Of a deck in N and these: how many mm, and the unit of its stress."""
+
+
+def simulate(
+    stimulus: Stimuli,
+    *,
+    method: str = "auto",
+    stored: bool = False,
+    parameters: str | ParameterSet = "fitted",
+    preindent_um: float | None = None,
+    seed: int | None = None,
+    slide_mm_per_s: float | None = None,
+    finger: str | Finger = "quick",
+    probe: Probe | None = None,
+    element: str = "CPE4",
+    inertia: bool = False,
+    whole_section: bool = False,
+    output: PathLike | None = None,
+    threads: int | None = None,
+    jobs: int = 1,
+    time_limit_s: float | None = None,
+    log: Callable[[str], None] = lambda line: None,
+    on_progress: OnProgress | None = None,
+) -> "Simulation":
+    """Stress, spikes and rates of each stimulus, as ``fembridge simulate``.
+
+    With ccx one indentation is solved and answers every stimulus, or the solver follows
+    each waveform; without it the stored response of the reference finger is taken.
+
+    Parameters
+    ----------
+    method
+        ``map``, ``transient``, or ``auto``: the map where stress depends on depth alone.
+    stored
+        Take the stored response also where ccx is.
+    parameters
+        ``fitted``, ``published`` (Table 2 of the paper), a TOML file or a set.
+    preindent_um
+        Depth of the probe before time 0. None: as in the fit of the parameters.
+    finger
+        ``quick``, ``paper``, a TOML file or a `Finger`.
+    output
+        Where the solver's runs are kept. None: in a temporary folder.
+    log
+        Called with a line about where the stress comes from.
+
+    Returns
+    -------
+    Simulation
+        ``rates`` and ``spikes`` are DataFrames, ``traces`` ``(S, A)`` stress histories;
+        ``plot()`` is the raster, ``write(folder)`` the files of the command.
+
+    Raises
+    ------
+    UsageError, StimulusError
+        Options or an id that mean nothing.
+    MissingError
+        It takes a solver, and there is none.
+    SolverError, ResponseError
+        The solver failed, or no contact model is to be trusted.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> result = fb.simulate("sine_20_250", stored=True)
+    >>> list(result.rates.columns)
+    ['stimulus', 'afferent', 'rate_ips']
+    """
+    from fembridge.simulation import simulate as simulate_model
+
+    chosen = _parameter_set(parameters)
+    depth_um = chosen.preindent_um if preindent_um is None else preindent_um
+    settings = SolverSettings(
+        threads=threads, jobs=jobs, time_limit_s=time_limit_s, on_progress=on_progress
+    )
+    stimuli = stimuli_of(stimulus, depth_um, seed, slide_mm_per_s)
+    model = _model(finger, probe, element, inertia=inertia, whole_section=whole_section)
+    with ExitStack() as stack:
+        if output is None:
+            output = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
+        result = simulate_model(
+            stimuli,
+            model,
+            Path(output),
+            method=method,
+            stored=stored,
+            parameters=chosen.parameters,
+            parameters_name=chosen.name,
+            settings=settings,
+            log=log,
+        )
+    if preindent_um is None and chosen.preindent_um:
+        log(
+            f"parameters {chosen.name}: the probe is {chosen.preindent_um:g} um deep "
+            "before time 0, as in their fit"
+        )
+    elif preindent_um not in (None, chosen.preindent_um):
+        log(
+            f"parameters {chosen.name} were fitted with the probe "
+            f"{chosen.preindent_um:g} um deep before time 0, here it is at "
+            f"{preindent_um:g} um"
+        )
+    return result
+
+
+def build_deck(
+    stimulus: Stimuli,
+    output: PathLike = "runs",
+    *,
+    solver: str | None = None,
+    preindent_um: float | None = None,
+    seed: int | None = None,
+    slide_mm_per_s: float | None = None,
+    finger: str | Finger = "quick",
+    probe: Probe | None = None,
+    element: str | None = None,
+    inertia: bool = False,
+    whole_section: bool = False,
+    contact: str | None = None,
+    stiffness_mpa_per_mm: float | None = None,
+    friction: float | None = None,
+    results: str | None = None,
+    probe_body: str | None = None,
+    base_deck: PathLike | None = None,
+    amplitude: str | None = None,
+    step: str | None = None,
+    afferents: Mapping[str, int] | None = None,
+    length_unit: str = "mm",
+    log: Callable[[str], None] = lambda line: None,
+) -> list[RunFolder]:
+    """One run folder a stimulus below `output`: deck, waveform and ``run.toml``.
+
+    Parameters
+    ----------
+    solver
+        ``calculix`` (None too), ``marc`` or ``abaqus``. Of a `base_deck`: whose it is,
+        where its text leaves that open.
+    contact, stiffness_mpa_per_mm, friction
+        Of the probe on the skin; None: what the solver's decks have.
+    results
+        What the solver writes, as ``fembridge build-deck --results``.
+    base_deck
+        A deck of one's own, kept to the byte but for waveform, increments and output;
+        `amplitude`, `step`, `afferents` (node by class) and `length_unit` are for it.
+    log
+        Called with each change that was made to `base_deck`.
+
+    Raises
+    ------
+    UsageError, StimulusError
+        Options or an id that mean nothing.
+    DeckError, FingerError
+        The model cannot be put into a deck, with file and line of a `base_deck`.
+    OutputError
+        A folder that cannot be written.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> [run] = fb.build_deck("sine_20_250", "runs", solver="marc")
+    >>> run.folder.name, run.increments
+    ('sine_20_250', 500)
+    """
+    stimuli = stimuli_of(stimulus, preindent_um or 0.0, seed, slide_mm_per_s)
+    if base_deck is not None:
+        return _build_own(
+            stimuli,
+            Path(output),
+            Path(base_deck),
+            solver,
+            {
+                "amplitude": amplitude,
+                "step": step,
+                "afferents": dict(afferents or {}),
+                "results": results,
+            },
+            length_unit,
+            log,
+        )
+    solver = solver or "calculix"
+    dialect = dialect_named(solver)
+    asked = {
+        "formulation": contact,
+        "stiffness_mpa_per_mm": stiffness_mpa_per_mm,
+        "friction": friction,
+    }
+    given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+    for name in given:
+        if name not in dialect.contact:
+            raise UsageError(f"contact: a deck for {solver} has no {name}")
+    try:
+        of_contact = Contact(**given)
+    except DeckError as error:
+        raise UsageError(f"contact: {error}") from error
+    try:
+        element = dialect.element_named(element or dialect.element)
+    except DeckError as error:
+        raise UsageError(str(error)) from error
+    model = _model(finger, probe, element, inertia=inertia, whole_section=whole_section)
+    model = replace(model, contact=of_contact)
+    options = DeckOptions(results, probe_body)
+    return [
+        build_run_folder(Path(output) / one.id, model, one, solver=solver, options=options)
+        for one in stimuli
+    ]
+
+
+def run(
+    folders: PathLike | Sequence[PathLike],
+    *,
+    threads: int | None = None,
+    jobs: int = 1,
+    time_limit_s: float | None = None,
+    stall_limit_s: float | None = STALL_LIMIT_S,
+    iteration_limit: int | None = ITERATION_LIMIT,
+    force: bool = False,
+    on_progress: OnProgress | None = None,
+) -> "list[Outcome]":
+    """Run the solver in run folders; accepted results are beside their deck.
+
+    A folder whose results are whole and of its deck is skipped, unless `force`.
+
+    Returns
+    -------
+    list of Outcome
+        One a folder; ``failure`` is None, or the cause why it is not accepted.
+
+    Raises
+    ------
+    UsageError
+        `threads` or `jobs` below 1, a limit that is not more than 0.
+    """
+    from fembridge.solver.batch import run_folders
+
+    settings = SolverSettings(
+        threads, jobs, time_limit_s, stall_limit_s, iteration_limit, on_progress
+    )
+    listed = [folders] if isinstance(folders, str | Path) else folders
+    return run_folders(map(Path, listed), settings, force=force)
+
+
+def encode(
+    traces: PathLike | Sequence[StressTrace],
+    *,
+    parameters: str | ParameterSet = "fitted",
+    stimulus: str = "traces",
+    derivative: str = "backward",
+) -> "pandas.DataFrame":
+    """Spikes of stress histories: ``stimulus, afferent, repeat, spike_time_ms``, a row a spike.
+
+    Parameters
+    ----------
+    traces
+        Each with the class of its afferent, a sample every 0.5 ms; or the path of their
+        table. `repeat` numbers the cells of a population from 1, and is 0 for one cell.
+    parameters
+        ``fitted``, ``published`` (Table 2 of the paper), a TOML file or a set.
+    stimulus
+        What the table calls the stimulus.
+
+    Raises
+    ------
+    UsageError
+        A trace without a class, or parameters that read strain energy.
+    ParameterError
+        A time step that the parameters were not made for.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> result = fb.simulate("sine_20_250", stored=True)
+    >>> spikes = fb.encode(result.traces[0], stimulus="sine_20_250")
+    >>> spikes.equals(result.spikes)
+    True
+    """
+    from fembridge.response.response_map import reading_energy
+    from fembridge.simulation import spikes_frame, trains_of
+    from fembridge.tables import read_traces
+    from neural import encode_cells
+
+    if isinstance(traces, str | Path):
+        traces = read_traces(Path(traces))
+    chosen: Parameters = _parameter_set(parameters).parameters
+    trains = []
+    for trace in traces:
+        name = trace.afferent or "none"
+        if name not in chosen:
+            raise UsageError(
+                f"node {trace.node} is of class {name}, expected one of {', '.join(chosen)}"
+            )
+        if reading_energy({name: chosen[name]}):
+            raise UsageError(f"{name} reads strain energy: fembridge.simulate takes it")
+        [cells_ms] = encode_cells(
+            trace.stress_pa, trace.dt_ms, chosen[name], trace.start_ms, derivative
+        )
+        trains += trains_of(stimulus, name, cells_ms)
+    return spikes_frame(trains)
+
+
+def stimuli_of(
+    stimulus: Stimuli,
+    preindent_um: float = 0.0,
+    seed: int | None = None,
+    slide_mm_per_s: float | None = None,
+) -> list[Stimulus]:
+    """The waveforms that `stimulus` names, each once; those of one's own as they are.
+
+    Raises
+    ------
+    StimulusError, UsageError
+        No such id, a negative seed or depth.
+    """
+    if seed is not None and seed < 0:
+        raise UsageError(f"seed is {seed}, expected 0 or more")
+    named = [stimulus] if isinstance(stimulus, str | Stimulus) else list(stimulus)
+    words = [one for one in named if isinstance(one, str)]
+    found = [one for one in named if isinstance(one, Stimulus)]
+    if words or not found:
+        entries = resolve(words)
+        found += [make_stimulus(entry, preindent_um=preindent_um, seed=seed) for entry in entries]
+    if slide_mm_per_s is None:
+        return found
+    return [one.sliding(slide_mm_per_s) for one in found]
+
+
+def _parameter_set(parameters: str | ParameterSet) -> ParameterSet:
+    return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
+
+
+def _model(
+    finger: str | Finger,
+    probe: Probe | None,
+    element: str,
+    *,
+    inertia: bool,
+    whole_section: bool,
+) -> Model:
+    chosen = read_finger(finger) if isinstance(finger, str) else finger
+    model = model_of(chosen, probe=probe, element=element, inertia=inertia)
+    return replace(model, section="whole") if whole_section else model
+
+
+def _build_own(
+    stimuli: Sequence[Stimulus],
+    output: Path,
+    path: Path,
+    solver: str | None,
+    asked: Mapping[str, Any],
+    length_unit: str,
+    log: Callable[[str], None],
+) -> list[RunFolder]:
+    from decks.own_model.request import Request
+    from fembridge.own_model import build_own_folder, read_base_deck
+
+    length_mm, stress_unit = LENGTH_UNITS[length_unit]
+    base = read_base_deck(path, solver)
+    request = Request(length_mm=length_mm, **asked)
+    built = [build_own_folder(output / one.id, base, one, request, stress_unit) for one in stimuli]
+    for remark in built[-1][1]:
+        log(remark)
+    return [run for run, _ in built]
+
+
+def sweep(
+    study: PathLike, output: PathLike = "sweep", *, jobs: int = 1, threads: int | None = None
+) -> "Sweep":
+    """Solve many stimuli on many fingers, each once, as the TOML file `study` says.
+
+    Goes on where an earlier sweep into `output` ended. ``results`` of what comes back is
+    the path of its table, ``failed`` lists items without an answer, ``causes`` why.
+    """
+    from fembridge.sweep import run_sweep
+
+    return run_sweep(Path(study), Path(output), jobs=jobs, threads=threads)
+
+
+def fit(
+    observed: "PathLike | pandas.DataFrame",
+    *,
+    afferents: Sequence[str] | None = None,
+    finger: str = "quick",
+    evaluations: int | None = None,
+    seed: int | None = None,
+    on_progress: Callable[[str, Any], None] | None = None,
+) -> "FitRun":
+    """Parameters whose rates come closest to `observed` ones, class by class.
+
+    Parameters
+    ----------
+    observed
+        A DataFrame or the path of a table, ``stimulus, afferent, rate_ips``.
+    afferents
+        Classes to fit; None: all that have rates.
+    finger
+        Whose stored response makes the stress.
+    evaluations, seed
+        Of the search; the same seed gives the same fit.
+    """
+    from fembridge.fitting.fit import fit_afferents
+    from fembridge.fitting.response_source import stored_source
+    from fembridge.fitting.settings import FitSettings
+    from fembridge.observed import read_observed
+    from neural.drive_table import DEFAULT_DRIVES, drive_named
+    from neural.sets import held_um
+
+    with ExitStack() as stack:
+        if not isinstance(observed, str | Path):
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
+            table, observed = observed, Path(folder) / "observed.csv"
+            table.to_csv(observed, index=False)
+        rates = read_observed(Path(observed), complete=False)
+    asked = {"evaluations": evaluations, "seed": seed}
+    given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+    settings = FitSettings(preindent_um=held_um(), **given)
+    drives = {
+        name: drive_named(DEFAULT_DRIVES[name], name) for name in afferents or rates.afferents
+    }
+    response = stored_source(finger).response
+    return fit_afferents(rates, response, drives, settings, on_progress=on_progress)
+
+
+def validate(
+    output: PathLike | None = None,
+    *,
+    finger: str = "quick",
+    observed: PathLike | None = None,
+    parameters: str = "fitted",
+    log: Callable[[str], None] = lambda line: None,
+) -> "Study":
+    """The paper's figures and tables against the model; with `output` as a page there."""
+    from fembridge.observed import read_observed
+    from fembridge.validation.judged_model import judged_models
+    from fembridge.validation.study import validate as validate_models
+
+    rates = None if observed is None else read_observed(Path(observed), complete=False)
+    study = validate_models(read_finger(finger), judged_models(parameters), rates, log)
+    if output is not None:
+        from fembridge.validation.report import write_report
+
+        write_report(Path(output), study, "fembridge validate")
+    return study

@@ -1,0 +1,79 @@
+"""What the commands do, as functions: the examples of their docstrings, and the files."""
+
+import doctest
+
+import pandas
+import pytest
+from numpy.testing import assert_array_equal
+
+import fembridge as fb
+from fembridge import api
+from fembridge.cli import main
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
+    monkeypatch.setenv("PATH", "")
+
+
+@pytest.mark.parametrize("module", [fb, api])
+def test_the_examples_are_true(module):
+    found = doctest.testmod(module)
+    assert found.attempted
+    assert not found.failed
+
+
+def test_simulate_gives_what_the_command_writes(tmp_path):
+    assert main(["simulate", "--stimulus", "sine_20_250,noise_25_250_20", "-o", "out"]) == 0
+
+    result = fb.simulate(["sine_20_250", "noise_25_250_20"])
+
+    for frame, name in ((result.rates, "rates"), (result.spikes, "spikes")):
+        pandas.testing.assert_frame_equal(frame, pandas.read_csv(f"out/{name}.csv"))
+    result.write("again")
+    for name in ("rates.csv", "spikes.csv", "traces.npz", "simulation.toml"):
+        written = (tmp_path / "again" / name).read_bytes()
+        assert written == (tmp_path / "out" / name).read_bytes()
+
+
+def test_a_waveform_of_ones_own_goes_beside_those_of_the_catalogue():
+    own = fb.Stimulus("mine", [0.0, 50.0, 100.0, *[0.0] * 498], 0.5, (0.0, 250.0))
+    result = fb.simulate([own, "sine_20_250"], stored=True, parameters="published")
+    assert {one.id for one in result.stimuli} == {"mine", "sine_20_250"}
+
+
+def test_plot_is_a_figure_with_a_panel_a_class():
+    figure = fb.simulate("sine_20_250", stored=True).plot()
+    assert len(figure.axes) >= 3
+
+
+def test_build_deck_gives_the_folders_of_the_command(tmp_path):
+    words = ["build-deck", "--stimulus", "sine_20", "-o", "theirs", "--friction", "0.2"]
+    assert main(words) == 0
+    runs = fb.build_deck("sine_20", "ours", friction=0.2)
+    for run in runs:
+        for file in sorted(run.folder.iterdir()):
+            theirs = tmp_path / "theirs" / run.folder.name / file.name
+            assert file.read_bytes() == theirs.read_bytes()
+
+
+def test_run_gives_an_outcome_for_what_is_no_run_folder(tmp_path):
+    [outcome] = fb.run(tmp_path)
+    assert not outcome.accepted
+
+
+def test_traces_of_a_result_become_a_table(tmp_path):
+    folder = fb.__path__[0] + "/../fixtures/transient_sine"
+    traces = fb.read(f"{folder}/job.frd")
+    frame = traces.to_frame()
+    assert list(frame.columns) == ["time_ms", "afferent", "node", "von_mises_pa"]
+    first = frame[frame.node == traces[0].node]
+    assert_array_equal(first.von_mises_pa, traces[0].stress_pa)
+
+
+def test_a_trace_of_no_class_is_not_encoded():
+    trace = fb.StressTrace([0.0, 1.0], 0.5, node=12)
+    with pytest.raises(fb.FembridgeError, match="node 12"):
+        fb.encode([trace])
