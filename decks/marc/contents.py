@@ -7,8 +7,8 @@ deck's own units. `describe_marc_deck` is all of it in words and counts.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from decks.marc.grammar import (
     cut,
     integers_line,
     keyword_line,
+    names,
     read_list,
     read_options,
 )
@@ -52,9 +53,8 @@ _NODES_A_LINE = 14
 _MOST_COORDINATES = 6
 
 # What makes nodes and elements that are on no line of their own.
-_GENERATORS = (
-    *("conn fill", "conn gener", "node circle", "node fill", "node generation"),
-    *("ufconn", "ufxord"),
+_GENERATORS = names(
+    "conn fill, conn gener, node circle, node fill, node generation, ufconn, ufxord"
 )
 _MENTAT = re.compile(r"\$\.+\s*MARC input file produced by (.*?)\s*\Z", re.IGNORECASE)
 
@@ -76,10 +76,10 @@ _BEFORE_PAIRS = 5  # lines of an interaction before its reals and their tables
 
 # Increments. What else can make them does not say how long they take.
 FIXED, ADAPTIVE = "auto load", "auto step"
-_OTHER_STEPPING = (
-    *("auto creep", "auto increment", "auto therm", "auto time", "buckle", "creep increment"),
-    *("dynamic change", "harmonic", "modal increment", "modal shape", "steady state", "transient"),
-)
+_OTHER_STEPPING = names("""
+auto creep, auto increment, auto therm, auto time, buckle, creep increment,
+dynamic change, harmonic, modal increment, modal shape, steady state, transient
+""")
 _AUTO_STEP = "rrrrrriiii"
 
 # The first line of `post`, fields from 0, and codes of element quantities.
@@ -266,33 +266,15 @@ class MarcDeck:
     shape that no real deck has, or holds less than it announces.
     """
 
-    path: Path | None
     options: tuple[Option, ...]
     includes: tuple[Include, ...]
-    elements: tuple[Elements, ...] = field(init=False)
-    coordinates: Coordinates = field(init=False)
-    tables: tuple[MarcTable, ...] = field(init=False)
+    elements: tuple[Elements, ...]
+    coordinates: Coordinates
+    tables: tuple[MarcTable, ...]
 
-    def __post_init__(self) -> None:
-        model = Section.MODEL
-        elements = tuple(_elements(self.find("connectivity", model)))
-        object.__setattr__(self, "elements", elements)
-        object.__setattr__(self, "coordinates", _coordinates(self.find("coordinates", model)))
-        tables = tuple(map(_table, self.find("table", model)))
-        object.__setattr__(self, "tables", tables)
-        self._check_sizes()
-
-    def find(
-        self, keyword: str, section: Section | None = None, case: int | None = None
-    ) -> tuple[Option, ...]:
-        """The options of that keyword, of one section, of one load case."""
-        return tuple(
-            option
-            for option in self.options
-            if option.keyword == keyword
-            and section in (None, option.section)
-            and case in (None, option.case)
-        )
+    def find(self, keyword: str, section: Section = Section.MODEL) -> list[Option]:
+        """The options of that keyword in one section."""
+        return _find(self.options, keyword, section)
 
     @property
     def version(self) -> int | None:
@@ -304,13 +286,11 @@ class MarcDeck:
     @property
     def mentat(self) -> str | None:
         """The program that wrote the deck, as the deck says."""
-        for option in self.options:
-            if option.section is not Section.PARAMETER:
-                break
-            for line in option.lines:
-                found = _MENTAT.match(line.text)
-                if found is not None:
-                    return found[1]
+        parameters = (each for each in self.options if each.section is Section.PARAMETER)
+        for line in (line for option in parameters for line in option.lines):
+            found = _MENTAT.match(line.text)
+            if found is not None:
+                return found[1]
         return None
 
     @property
@@ -324,6 +304,11 @@ class MarcDeck:
         return None
 
     @property
+    def element_count(self) -> int:
+        """How many elements are listed."""
+        return sum(len(each.number) for each in self.elements)
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What a user should know about the deck."""
         remarks = [
@@ -331,36 +316,53 @@ class MarcDeck:
             for each in self.includes
             if not each.followed
         ]
-        sizes, found = self.sizes, sum(len(each.number) for each in self.elements)
-        if sizes is not None and found != sizes[0]:
-            remarks.append(f"{found} elements, while `sizing` has room for {sizes[0]}")
+        if self.sizes is not None and self.element_count != self.sizes[0]:
+            room = self.sizes[0]
+            remarks.append(f"{self.element_count} elements, while `sizing` has room for {room}")
         return tuple(remarks)
 
     def sets(self) -> dict[str, NamedSet]:
-        """Sets by name, all sections."""
-        return _sets(self.find("define"))
+        """Sets by name, of all sections; a set may name sets before it."""
+        found: dict[str, NamedSet] = {}
+        members: dict[bool, dict[str, list[Member]]] = {False: {}, True: {}}
+        for option in (each for each in self.options if each.keyword == "define"):
+            kind, name = _kind_and_name(option)
+            paired = kind.startswith(("edge", "face"))
+            listed = read_list(option.data, paired=paired, earlier=members[paired])
+            members[not paired].pop(name, None)
+            members[paired][name] = listed
+            shape = (len(listed), 2) if paired else (len(listed),)
+            found[name] = NamedSet(name, kind, np.array(listed, dtype=np.int64).reshape(shape))
+        return found
 
     def materials(self) -> list[Isotropic]:
         """The isotropic materials."""
         listed = (self.version or 0) <= _LISTED_IN_MATERIAL
         driven = bool(self.find("table", Section.PARAMETER))
-        options = self.find("isotropic", Section.MODEL)
+        options = self.find("isotropic")
         return [each for option in options for each in _materials(option, listed, driven)]
 
     def conditions(self) -> list[Condition]:
         """All conditions of the model definition."""
-        options = [each for each in self.options if each.keyword in CONDITIONS]
-        options = [each for each in options if each.section is Section.MODEL]
-        return [each for option in options for each in _conditions(option)]
+        options = (each for each in self.options if each.section is Section.MODEL)
+        families = [each for each in options if each.keyword in CONDITIONS]
+        return [each for option in families for each in _conditions(option)]
 
     def bodies(self) -> list[Body]:
         """The contact bodies, none of a deck without contact."""
-        found = self.find("contact", Section.MODEL)
-        return _bodies(found[0]) if found else []
+        return [body for option in self.find("contact")[:1] for body in _bodies(option)]
 
     def interactions(self) -> list[Interaction]:
-        """All contact interactions."""
-        return [_interaction(option) for option in self.find("con intera", Section.MODEL)]
+        """All contact interactions: a name, kinds, numbers, then reals and their tables."""
+        interactions = []
+        for option in self.find("con intera"):
+            rows = option.data
+            if len(rows) < _BEFORE_PAIRS + 2:
+                raise option.head.refuse("a contact interaction cut short")
+            tables = [each for row in rows[_BEFORE_PAIRS + 1 :: 2] for each in row.integers()]
+            name = rows[0].fields("iit")[2]
+            interactions.append(Interaction(name, tuple(tables), option.head))
+        return interactions
 
     def load_cases(self) -> list[LoadCase]:
         """All load cases."""
@@ -369,22 +371,8 @@ class MarcDeck:
 
     def post(self) -> Post | None:
         """The last ``post`` of the model definition; None of a deck without."""
-        found = self.find("post", Section.MODEL)
+        found = self.find("post")
         return _post(found[-1]) if found else None
-
-    def _check_sizes(self) -> None:
-        """Compare counts: Mentat says how many there are, others how much room is."""
-        generated = any(option.keyword in _GENERATORS for option in self.options)
-        sizes = self.sizes
-        if sizes is None or generated or not all(each.followed for each in self.includes):
-            return
-        found = sum(len(each.number) for each in self.elements)
-        if found > sizes[0] or (found < sizes[0] and self.mentat is not None):
-            places = [each.head.place for each in self.find("connectivity", Section.MODEL)]
-            where = f" ({', '.join(places)})" if places else ""
-            raise self.find("sizing", Section.PARAMETER)[0].head.refuse(
-                f"`sizing` has {sizes[0]} elements, but the deck holds {found}{where}"
-            )
 
 
 def read_marc_deck(
@@ -408,7 +396,30 @@ def read_marc_deck(
         No Marc deck, cut short, or its counts do not agree; names the line.
     """
     options, includes = read_options(data, path, resolver)
-    return MarcDeck(path, tuple(options), tuple(includes))
+    connectivity = _find(options, "connectivity", Section.MODEL)
+    deck = MarcDeck(
+        tuple(options),
+        tuple(includes),
+        tuple(_elements(connectivity)),
+        _coordinates(_find(options, "coordinates", Section.MODEL)),
+        tuple(map(_table, _find(options, "table", Section.MODEL))),
+    )
+    generated = any(option.keyword in _GENERATORS for option in options)
+    if deck.sizes is None or generated or not all(each.followed for each in includes):
+        return deck
+    # Mentat says how many elements there are, others how much room is.
+    found, said = deck.element_count, deck.sizes[0]
+    if found > said or (found < said and deck.mentat is not None):
+        places = [each.head.place for each in connectivity]
+        where = f" ({', '.join(places)})" if places else ""
+        raise deck.find("sizing", Section.PARAMETER)[0].head.refuse(
+            f"`sizing` has {said} elements, but the deck holds {found}{where}"
+        )
+    return deck
+
+
+def _find(options: Iterable[Option], keyword: str, section: Section) -> list[Option]:
+    return [each for each in options if each.keyword == keyword and each.section is section]
 
 
 def beside(path: Path) -> Resolver:
@@ -440,17 +451,17 @@ def describe_marc_deck(path: Path) -> Table:
     deck = read_marc_deck(data, path, beside(path))
     remarks = list(deck.remarks)
 
-    def read(view: Callable[[], Any], otherwise: Any) -> Any:  # noqa: ANN401 - a JSON value
+    def read(view: Callable[[], Iterable[Any]], words: Callable[[Any], Any]) -> list[Any]:
         try:
-            return view()
+            return [words(each) for each in view()]
         except DeckError as error:
             remarks.append(f"not read: {error}")
-            return otherwise
+            return []
 
     kinds: Counter[int] = Counter()
     for each in deck.elements:
         kinds[each.kind] += len(each.number)
-    held: Table = {
+    return {
         "format": "marc-deck",
         "bytes": len(data),
         "lines": sum(len(option.lines) for option in deck.options),
@@ -458,59 +469,48 @@ def describe_marc_deck(path: Path) -> Table:
         "written_by": deck.mentat,
         "elements": {str(kind): count for kind, count in sorted(kinds.items())},
         "nodes": len(deck.coordinates.number),
-        "sets": read(
-            lambda: {
-                name: {"kind": each.kind, "members": len(each.member)}
-                for name, each in deck.sets().items()
-            },
-            {},
-        ),
-        "tables": [_described_table(each) for each in deck.tables],
-        "conditions": read(
-            lambda: [
-                {"family": each.family, "name": each.name, "on": each.where}
-                for each in deck.conditions()
-            ],
-            [],
-        ),
-        "contact_bodies": read(
-            lambda: [
-                {"name": each.name, "kind": _BODY_KINDS.get(each.kind, str(each.kind))}
-                for each in deck.bodies()
-            ],
-            [],
-        ),
-        "load_cases": read(
-            lambda: [
-                {
-                    "name": each.name,
-                    "stepping": each.stepping and each.stepping.keyword,
-                    "increments": each.increments,
-                    "period": each.period,
-                }
-                for each in deck.load_cases()
-            ],
-            [],
-        ),
-        "post": read(lambda: _described_post(deck.post()), None),
+        "sets": dict(read(lambda: deck.sets().values(), _set_words)),
+        "tables": [_table_words(each) for each in deck.tables],
+        "conditions": read(deck.conditions, _condition_words),
+        "contact_bodies": read(deck.bodies, _body_words),
+        "load_cases": read(deck.load_cases, _case_words),
+        "post": next(iter(read(lambda: [deck.post()], _post_words)), None),
         "sections": dict(Counter(o.keyword for o in deck.options if o.keyword)),
+        "remarks": remarks,
     }
-    held["remarks"] = remarks
-    return held
 
 
-_BODY_KINDS = {DEFORMABLE: "deformable", RIGID: "rigid", SYMMETRY: "symmetry"}
+def _set_words(named: NamedSet) -> tuple[str, Table]:
+    return named.name, {"kind": named.kind, "members": len(named.member)}
 
 
-def _described_table(table: MarcTable) -> Table:
-    held: Table = {"name": table.name, "number": table.number, "line": table.line.number}
+def _table_words(table: MarcTable) -> Table:
+    words: Table = {"name": table.name, "number": table.number, "line": table.line.number}
     if table.points is not None and len(table.points):
         first, last = table.points[0].tolist(), table.points[-1].tolist()
-        held |= {"points": len(table.points), "first": first, "last": last}
-    return held
+        words |= {"points": len(table.points), "first": first, "last": last}
+    return words
 
 
-def _described_post(post: Post | None) -> Table | None:
+def _condition_words(condition: Condition) -> Table:
+    return {"family": condition.family, "name": condition.name, "on": condition.where}
+
+
+def _body_words(body: Body) -> Table:
+    kinds = {DEFORMABLE: "deformable", RIGID: "rigid", SYMMETRY: "symmetry"}
+    return {"name": body.name, "kind": kinds.get(body.kind, str(body.kind))}
+
+
+def _case_words(case: LoadCase) -> Table:
+    return {
+        "name": case.name,
+        "stepping": case.stepping and case.stepping.keyword,
+        "increments": case.increments,
+        "period": case.period,
+    }
+
+
+def _post_words(post: Post | None) -> Table | None:
     if post is None:
         return None
     return {
@@ -606,21 +606,6 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
         np.array(places).reshape(len(places), widest),
         options[0].head if options else None,
     )
-
-
-def _sets(options: Sequence[Option]) -> dict[str, NamedSet]:
-    """All ``define`` options; a set may name sets before it."""
-    found: dict[str, NamedSet] = {}
-    members: dict[bool, dict[str, list[Member]]] = {False: {}, True: {}}
-    for option in options:
-        kind, name = _kind_and_name(option)
-        paired = kind.startswith(("edge", "face"))
-        listed = read_list(option.data, paired=paired, earlier=members[paired])
-        members[not paired].pop(name, None)
-        members[paired][name] = listed
-        shape = (len(listed), 2) if paired else (len(listed),)
-        found[name] = NamedSet(name, kind, np.array(listed, dtype=np.int64).reshape(shape))
-    return found
 
 
 def _kind_and_name(option: Option) -> tuple[str, str]:
@@ -823,15 +808,6 @@ def _bodies(option: Option) -> list[Body]:
         kind = block[1].first_integer()
         bodies.append(Body(name, kind, control, tuple(motion), tuple(tables), block[4]))
     return bodies
-
-
-def _interaction(option: Option) -> Interaction:
-    """An interaction: a name, kinds of the bodies, numbers, then reals and their tables."""
-    rows = option.data
-    if len(rows) < _BEFORE_PAIRS + 2:
-        raise option.head.refuse("a contact interaction cut short")
-    tables = [each for row in rows[_BEFORE_PAIRS + 1 :: 2] for each in row.integers()]
-    return Interaction(rows[0].fields("iit")[2], tuple(tables), option.head)
 
 
 # ---- Load cases and output

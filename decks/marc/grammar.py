@@ -371,12 +371,13 @@ weld fill, weld path, work hard
 """
 
 
-def _listed(text: str) -> tuple[str, ...]:
+def names(text: str) -> tuple[str, ...]:
+    """The names in a text, between commas."""
     return tuple(name.strip() for name in text.replace("\n", " ").split(","))
 
 
-KNOWN = _listed(_KNOWN)
-CONDITIONS = _listed(_CONDITIONS)
+KNOWN = names(_KNOWN)
+CONDITIONS = names(_CONDITIONS)
 
 
 def significant(text: str) -> str:
@@ -384,7 +385,7 @@ def significant(text: str) -> str:
     return text.partition(",")[0].expandtabs(8)[:_SIGNIFICANT].rstrip().lower()
 
 
-_NAMES = {significant(name): name for name in (*KNOWN, *CONDITIONS, *_listed(_OTHERS))}
+_NAMES = {significant(name): name for name in (*KNOWN, *CONDITIONS, *names(_OTHERS))}
 
 
 # ---- Options
@@ -495,7 +496,7 @@ def read_list(
     DeckError
         A word that is no part of a list; names its line.
     """
-    names = {name.lower(): members for name, members in (earlier or {}).items()}
+    known = {name.lower(): members for name, members in (earlier or {}).items()}
     words: _Words = deque()
     for line in lines:
         parts = line.text.replace(",", " ").split()
@@ -509,8 +510,8 @@ def read_list(
         if word.lower() in _JOINING:
             joining = words.popleft()[1].lower()
             continue
-        if word.lower() in names:
-            members = names[words.popleft()[1].lower()]
+        if word.lower() in known:
+            members = known[words.popleft()[1].lower()]
         else:
             members = _span(words, paired)
         if len(found) + len(members) > _MOST:

@@ -437,7 +437,7 @@ def _raise_limits(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Motion
     """Let ``control`` allow all increments; whether it counts a case or all is open."""
     needed = motion.increments + sum(each.increments or 0 for each in chosen.before)
     remarks = []
-    for option in deck.find("control"):
+    for option in (*deck.find("control"), *deck.find("control", Section.HISTORY)):
         if option.case > chosen.case.number or not option.data:
             continue
         line = option.data[0]
@@ -460,7 +460,7 @@ def _set_output(edits: _Edits, deck: MarcDeck, case: int, results: str | None) -
         kind = found.head[POST_KIND] if results is None else POST_KINDS[results]
         remarks = _changed_post(edits, found, kind)
     else:
-        end = deck.find("end option", Section.MODEL)[0].head
+        end = deck.find("end option")[0].head
         lines = post_lines(_WANTED, POST_KINDS[results or "binary"], end.layout)
         edits.insert(end, *lines)
         remarks = [f"{end.place}: `post` put before it, with codes {VON_MISES}, {STRESS}"]

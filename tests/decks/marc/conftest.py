@@ -1,6 +1,7 @@
 """Our decks cut by a plain reader that shares no code with the grammar; small own decks."""
 
 from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -64,16 +65,6 @@ def cut(text):
     return options
 
 
-def integers(line):
-    assert len(line) % 10 == 0, line
-    return [int(line[k : k + 10]) for k in range(0, len(line), 10)]
-
-
-def reals(line):
-    assert len(line) % 20 == 0, line
-    return [real(line[k : k + 20]) for k in range(0, len(line), 20)]
-
-
 def real(text):
     """Read a real that may lack the letter of its exponent."""
     at = max(text.rfind("+"), text.rfind("-"))
@@ -101,19 +92,31 @@ class Deck:
         (option,) = self.all(keyword, word)
         return option
 
+    @staticmethod
+    def integers(line):
+        assert len(line) % 10 == 0, line
+        return [int(line[k : k + 10]) for k in range(0, len(line), 10)]
+
+    @staticmethod
+    def reals(line):
+        assert len(line) % 20 == 0, line
+        return [real(line[k : k + 20]) for k in range(0, len(line), 20)]
+
+    @cached_property
     def elements(self):
         """Type and nodes by number."""
         found = {}
         for block in self.all("connectivity"):
             for row in block.rows[1:]:
-                number, *rest = integers(row)
+                number, *rest = self.integers(row)
                 assert number not in found
                 found[number] = rest
         return found
 
+    @cached_property
     def nodes(self):
         rows = self.one("coordinates").rows[1:]
-        found = {int(row[:10]): reals(row[10:]) for row in rows}
+        found = {int(row[:10]): self.reals(row[10:]) for row in rows}
         assert len(found) == len(rows)
         return found
 
@@ -175,16 +178,7 @@ def read_deck():
 def sample():
     """Give a real deck by its name."""
 
-    def read(name):
-        return Deck((SAMPLES / f"{name}.dat").read_text(encoding="ascii"))
-
-    return read
-
-
-@pytest.fixture(scope="session")
-def columns():
-    """Give the functions that read whole numbers and reals by column."""
-    return integers, reals
+    return cache(lambda name: Deck((SAMPLES / f"{name}.dat").read_text(encoding="ascii")))
 
 
 @dataclass(frozen=True)

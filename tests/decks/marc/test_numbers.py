@@ -120,7 +120,7 @@ def test_mentats_coordinates_come_out_of_our_writer_but_for_a_last_digit(sample,
     deck = sample(name)
     _, *rows = deck.one("coordinates").rows
     same = 0
-    for row, (number, (x, y, z)) in zip(rows, deck.nodes().items(), strict=True):
+    for row, (number, (x, y, z)) in zip(rows, deck.nodes.items(), strict=True):
         assert z == 0
         (line,) = _node_lines(np.array([[x, y]]), number)
         same += line == row

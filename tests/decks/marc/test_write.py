@@ -57,71 +57,12 @@ def test_the_history_has_the_order_of_a_real_one(built, sample):
 PARAMETERS = ("title", "extended", "alloc", "table", "processor", "all points")
 
 
-@pytest.mark.parametrize("keyword", [*PARAMETERS, "large stra", "no echo", "version"])
-def test_parameters_are_those_of_a_real_deck(built, sample, keyword):
-    _, _, deck = built
-    ours, theirs = deck.all(keyword)[0], sample(PFL).all(keyword)[0]
-    assert ours.line == theirs.line
-    assert ours.rows == theirs.rows
-
-
-def widths(option, count):
-    """Length of each line, without the name that some end in."""
-    names = {"con intera": {0: 20}, "con table": {0: 30}, "contact": {4: 80}}
-    cuts = names.get(option.keyword, {})
-    rows = [row[: cuts.get(k)] for k, row in enumerate(option.rows[:count])]
-    return [len(row) for row in rows]
-
-
-# Lines of an option that do not depend on how much there is of something.
-FIXED_LINES = {"contact": 11, "con intera": 23, "con table": 7, "contact table": 2}
-
-
-@pytest.mark.parametrize("keyword", FIXED_LINES)
-def test_contact_has_as_many_fields_a_line_as_a_real_deck(built, sample, keyword):
-    _, _, deck = built
-    ours, theirs = deck.all(keyword)[0], sample(PFL).all(keyword)[0]
-    count = FIXED_LINES[keyword]
-    assert len(widths(ours, count)) == count
-    assert widths(ours, count) == widths(theirs, count)
-
-
-def test_geometry_and_table_have_as_many_fields_as_in_a_real_deck(built, sample):
+def test_parameters_and_what_no_one_chose_are_those_of_a_real_deck(built, sample):
     _, _, deck = built
     real = sample(PFL)
-    ours, theirs = deck.one("geometry"), real.one("geometry")
-    assert ours.rows[:2] == theirs.rows[:2]  # plane strain
-    assert ours.widths[3:] == theirs.widths[3:] == [140, 0]
-    ours, theirs = deck.one("table", "waveform"), real.all("table")[1]
-    assert ours.rows[0] == theirs.rows[0]
-    assert ours.widths[1:3] == theirs.widths[1:3] == [160, 40]
-
-
-def test_fixed_nodes_are_written_as_in_a_real_deck(built, sample):
-    _, _, deck = built
-    ours, theirs = deck.one("fixed disp").rows, sample(PFL).one("fixed disp").rows
-    assert ours[1][:60] == theirs[1][:60]
-    assert ours[2:6] == theirs[2:6]
-    assert (ours[1][60:], ours[6]) == ("held", "held_nodes")
-    assert (theirs[1][60:], theirs[6]) == ("apply1", "apply1_nodes")
-
-
-def test_materials_have_the_fields_of_a_real_one(built, sample):
-    _, _, deck = built
-    theirs = sample(NOUR).one("isotropic")
-    for ours in deck.all("isotropic"):
-        assert ours.line == theirs.line
-        assert ours.rows[0] == theirs.rows[0]
-        assert ours.rows[1][10:90].split() == ["elastic", "10", "0", "0", "0"]
-        assert ours.rows[1][50:90] == theirs.rows[1][50:90]
-        assert ours.widths[2:] == theirs.widths[2:]
-        assert ours.rows[3] == "         0" * 8
-        assert ours.rows[4:] == theirs.rows[4:]
-
-
-def test_what_no_one_chose_is_mentats(built, sample):
-    _, _, deck = built
-    real = sample(PFL)
+    for keyword in (*PARAMETERS, "large stra", "no echo", "version"):
+        ours, theirs = deck.all(keyword)[0], real.all(keyword)[0]
+        assert (ours.line, ours.rows) == (theirs.line, theirs.rows)
     for ours, theirs in zip(deck.all("parameters"), real.all("parameters"), strict=True):
         assert ours.rows == theirs.rows
     assert deck.one("contact").rows[1:4] == real.one("contact").rows[1:4]
@@ -129,45 +70,74 @@ def test_what_no_one_chose_is_mentats(built, sample):
     assert ours.line == theirs.line
     changed = [k for k in range(len(theirs.rows)) if ours.rows[k] != theirs.rows[k]]
     assert set(changed) <= {0, 2, 5}  # name, type of the second body, friction
-    ours, theirs = deck.one("con table"), real.one("con table")
-    assert ours.rows[2:] == theirs.rows[2:]
+    assert deck.one("con table").rows[2:] == real.one("con table").rows[2:]
     assert deck.one("optimize").line == real.one("optimize").line
     assert deck.one("solver").rows == sample(NOUR).one("solver").rows
 
 
-def test_sizes_count_a_pressure_node_an_element(built, columns):
+# Lines of an option that do not depend on how much there is of something, and where a
+# name ends one of them.
+FIXED_LINES = {
+    "contact": (11, {4: 80}),
+    "con intera": (23, {0: 20}),
+    "con table": (7, {0: 30}),
+    "contact table": (2, {}),
+}
+
+
+def test_options_have_as_many_fields_a_line_as_in_a_real_deck(built, sample):
+    def widths(option):
+        count, names = FIXED_LINES[option.keyword]
+        return [len(row[: names.get(k)]) for k, row in enumerate(option.rows[:count])]
+
+    _, _, deck = built
+    real = sample(PFL)
+    for keyword, (count, _) in FIXED_LINES.items():
+        ours, theirs = deck.all(keyword)[0], real.all(keyword)[0]
+        assert len(widths(ours)) == count
+        assert widths(ours) == widths(theirs)
+    ours, theirs = deck.one("geometry"), real.one("geometry")
+    assert ours.rows[:2] == theirs.rows[:2]  # plane strain
+    assert ours.widths[3:] == theirs.widths[3:] == [140, 0]
+    ours, theirs = deck.one("table", "waveform"), real.all("table")[1]
+    assert ours.rows[0] == theirs.rows[0]
+    assert ours.widths[1:3] == theirs.widths[1:3] == [160, 40]
+    ours, theirs = deck.one("fixed disp").rows, real.one("fixed disp").rows
+    assert ours[1][:60] == theirs[1][:60]
+    assert ours[2:6] == theirs[2:6]
+    assert (ours[1][60:], ours[6]) == ("held", "held_nodes")
+    assert (theirs[1][60:], theirs[6]) == ("apply1", "apply1_nodes")
+    theirs = sample(NOUR).one("isotropic")
+    for ours in deck.all("isotropic"):
+        assert (ours.line, ours.rows[0]) == (theirs.line, theirs.rows[0])
+        assert ours.rows[1][10:90].split() == ["elastic", "10", "0", "0", "0"]
+        assert ours.rows[1][50:90] == theirs.rows[1][50:90]
+        assert ours.widths[2:] == theirs.widths[2:]
+        assert ours.rows[3] == "         0" * 8
+        assert ours.rows[4:] == theirs.rows[4:]
+
+
+def test_sizes_count_a_pressure_node_an_element(built):
     model, _, deck = built
-    integers, _ = columns
-    zero, elements, nodes, last = integers(deck.one("sizing").line[30:])
+    zero, elements, nodes, last = deck.integers(deck.one("sizing").line[30:])
     assert (zero, last) == (0, 0)
-    assert elements == len(deck.elements())
+    assert elements == len(deck.elements)
     pressures = elements if model.element in ("CPE4H", "CPE4RH") else 0
-    assert nodes == len(deck.nodes()) + pressures
-    highest = max(node for _, *nodes_ in deck.elements().values() for node in nodes_)
+    assert nodes == len(deck.nodes) + pressures
+    highest = max(node for _, *nodes_ in deck.elements.values() for node in nodes_)
     assert highest == nodes
 
 
-def test_the_real_deck_counts_its_nodes_in_the_same_way(sample, columns):
-    integers, _ = columns
+def test_the_real_deck_counts_its_nodes_in_the_same_way(sample):
     deck = sample(PFL)
-    _, elements, nodes, _ = integers(deck.one("sizing").line[30:])
-    assert (elements, nodes - len(deck.nodes())) == (2461, 2461)
-
-
-def test_the_papers_mesh_less_its_pressures_would_be_its_corners(make_model, columns):
-    """36 346 nodes of 17 815 elements leave 18 531: as many more as here, of 18 000."""
-    model = make_model()
-    integers, _ = columns
-    text = marc_deck(model)
-    (line,) = [row for row in text.splitlines() if row.startswith("sizing")]
-    _, elements, nodes, _ = integers(line[30:])
-    assert nodes - elements == len(model.mesh.node_mm)
+    _, elements, nodes, _ = deck.integers(deck.one("sizing").line[30:])
+    assert (elements, nodes - len(deck.nodes)) == (2461, 2461)
 
 
 def test_each_type_of_element_is_declared_once(built):
     model, _, deck = built
     declared = [int(option.word) for option in deck.all("elements")]
-    used = {kind for kind, *_ in deck.elements().values()}
+    used = {kind for kind, *_ in deck.elements.values()}
     assert sorted(declared) == sorted(used)
     assert TYPES[model.element] == declared[0]
 
@@ -190,7 +160,7 @@ def test_every_node_has_its_number_and_its_place(built):
     node_mm = model.node_mm
     if probe == "meshed":
         node_mm = np.concatenate([node_mm, model.probe_node_mm])
-    nodes = deck.nodes()
+    nodes = deck.nodes
     assert list(nodes) == list(range(1, len(node_mm) + 1))
     assert_allclose(np.array([*nodes.values()])[:, :2], node_mm, rtol=1e-15, atol=0)
     assert not np.array([*nodes.values()])[:, 2].any()
@@ -199,7 +169,7 @@ def test_every_node_has_its_number_and_its_place(built):
 def test_every_element_has_its_type_and_nodes_and_a_pressure_of_its_own(built):
     model, probe, deck = built
     sections = [*model.layers, *([model.probe] if probe == "meshed" else [])]
-    elements = deck.elements()
+    elements = deck.elements
     assert len(elements) == sum(len(section.number) for section in sections)
     pressures = []
     for section in sections:
@@ -208,26 +178,26 @@ def test_every_element_has_its_type_and_nodes_and_a_pressure_of_its_own(built):
             if kind in PRESSURE_TYPES:
                 pressures.append(nodes.pop())
             assert nodes == wanted
-    count = len(deck.nodes())
+    count = len(deck.nodes)
     assert sorted(pressures) == list(range(count + 1, count + 1 + len(pressures)))
 
 
 def test_corners_run_counter_clockwise_and_mid_sides_lie_between_them(built):
-    _, _, deck = built
-    nodes = deck.nodes()
-    for kind, *members in deck.elements().values():
-        corner = np.array([nodes[number][:2] for number in members[:4]])
-        across, up = corner[2] - corner[0], corner[3] - corner[1]
-        assert across[0] * up[1] - across[1] * up[0] > 0
-        if kind in (27, 54):
-            middle = np.array([nodes[number][:2] for number in members[4:]])
-            between = 0.5 * (corner + np.roll(corner, -1, axis=0))
-            assert_allclose(middle, between, atol=1e-12)
+    model, _, deck = built
+    place = np.full((max(deck.nodes) + 1, 2), np.nan)
+    place[list(deck.nodes)] = np.array([*deck.nodes.values()])[:, :2]
+    for layer in model.layers:
+        members = np.array([deck.elements[number][1:] for number in layer.number.tolist()])
+        corner = place[members[:, :4]]
+        across, up = np.moveaxis([corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]], 2, 1)
+        assert (across[0] * up[1] > across[1] * up[0]).all()
+        if members.shape[1] == 8:
+            between = 0.5 * (corner + np.roll(corner, -1, axis=1))
+            assert_allclose(place[members[:, 4:]], between, atol=1e-12)
 
 
-def test_one_block_a_layer_names_its_material_and_body(built, columns):
+def test_one_block_a_layer_names_its_material_and_body(built):
     model, probe, deck = built
-    integers, _ = columns
     blocks = deck.all("connectivity")
     names = [layer.name for layer in model.layers]
     bodies = [1] * len(names)
@@ -235,8 +205,8 @@ def test_one_block_a_layer_names_its_material_and_body(built, columns):
         names, bodies = [*names, "probe_body"], [*bodies, 2]
     assert len(blocks) == len(names)
     for k, (block, name, body) in enumerate(zip(blocks, names, bodies, strict=True)):
-        assert integers(block.rows[0]) == [0, 0, 1, 0, 1, k + 1, 0, body, 0]
-        members = [integers(row)[0] for row in block.rows[1:]]
+        assert deck.integers(block.rows[0]) == [0, 0, 1, 0, 1, k + 1, 0, body, 0]
+        members = [deck.integers(row)[0] for row in block.rows[1:]]
         assert deck.members("element", name) == members
         assert deck.all("isotropic")[k].rows[1][90:] == name
 
@@ -245,17 +215,9 @@ def test_a_meshed_probe_has_the_fingers_type_or_one_of_four_nodes(make_model, re
     for element, kind in (("CPE4H", 80), ("CPE4", 11), ("CPE4RH", 118), ("CPE8", 11)):
         model = make_model(element)
         deck = read_deck(marc_deck(model, probe="meshed"))
-        elements = deck.elements()
+        elements = deck.elements
         kinds = {elements[number][0] for number in model.probe.number.tolist()}
         assert kinds == {kind}
-
-
-def test_a_rigid_probe_has_no_node_and_no_element(make_model, read_deck):
-    model = make_model()
-    deck = read_deck(marc_deck(model))
-    assert max(deck.elements()) == len(model.mesh.quad)
-    assert not [option for option in deck.all("define") if "probe" in option.word]
-    assert len(deck.nodes()) == len(model.mesh.node_mm)
 
 
 # ---- Sets, materials, geometry
@@ -275,14 +237,13 @@ def test_sets_hold_fixed_nodes_the_afferents_and_the_apex(built):
         assert deck.members("node", "probe_nodes") == wanted
 
 
-def test_materials_are_those_of_table_1(built, columns):
+def test_materials_are_those_of_table_1(built):
     model, _, deck = built
-    integers, reals = columns
     found = {}
     for option in deck.all("isotropic"):
-        young, poisson, *rest = reals(option.rows[2])
+        young, poisson, *rest = deck.reals(option.rows[2])
         assert not any(rest)
-        assert not any(integers(option.rows[3]))
+        assert not any(deck.integers(option.rows[3]))
         found[option.rows[1][90:]] = (young, poisson)
     for layer in model.layers:
         wanted = TABLE_1[layer.name]
@@ -290,30 +251,28 @@ def test_materials_are_those_of_table_1(built, columns):
     assert set(found) - {"probe_body"} == set(TABLE_1)
 
 
-def test_plain_four_node_elements_alone_have_constant_dilatation(built, columns):
+def test_plain_four_node_elements_alone_have_constant_dilatation(built):
     model, _, deck = built
-    _, reals = columns
     _, kind, name, row, blank = deck.one("geometry").rows
     assert kind[:20] == "         1         2"  # plane strain
     assert (name, blank) == ("plane_strain", "")
     plain_quad = float(model.element == "CPE4")
-    assert reals(row) == [1.0, plain_quad, 0, 0, 0, 0, 0]
+    assert deck.reals(row) == [1.0, plain_quad, 0, 0, 0, 0, 0]
 
 
 # ---- Motion
 
 
-def table_of(deck, columns):
-    integers, reals = columns
+def table_of(deck):
     head, variable, *rows = deck.one("table", "waveform").rows
-    assert integers(head) == [1, 1, 0, 0, 2]
-    assert integers(variable) == [1, len(rows), 2, *[0, 0, 2] * 3, 0, 0, 0, 0]
-    return np.array([reals(row) for row in rows]).T
+    assert deck.integers(head) == [1, 1, 0, 0, 2]
+    assert deck.integers(variable) == [1, len(rows), 2, *[0, 0, 2] * 3, 0, 0, 0, 0]
+    return np.array([deck.reals(row) for row in rows]).T
 
 
-def test_the_table_is_the_stimulus_to_its_last_digit(make_model, read_deck, columns):
+def test_the_table_is_the_stimulus_to_its_last_digit(make_model, read_deck):
     deck = read_deck(marc_deck(make_model(stimulus=NOISE)))
-    time_s, depth_mm = table_of(deck, columns)
+    time_s, depth_mm = table_of(deck)
     assert len(time_s) == 501
     assert_array_equal(np.round(time_s, 7), np.round(NOISE.times_ms * 1e-3, 7))
     assert_allclose(depth_mm * 1e3, NOISE.displacement_um, rtol=1e-15, atol=1e-15)
@@ -321,36 +280,40 @@ def test_the_table_is_the_stimulus_to_its_last_digit(make_model, read_deck, colu
 
 @pytest.mark.parametrize(("stimulus", "count"), [(NOISE, 500), (PRESSED, 520)])
 def test_there_is_one_fixed_increment_a_sample_and_none_is_cut_back(
-    stimulus, count, make_model, read_deck, columns
+    stimulus, count, make_model, read_deck
 ):
-    integers, reals = columns
     deck = read_deck(marc_deck(make_model(stimulus=stimulus)))
-    assert integers(deck.one("auto load").rows[0]) == [count, 0, 0, 0, 0]
-    ((dt_s,),) = [reals(row) for row in deck.one("time step").rows]
+    assert deck.integers(deck.one("auto load").rows[0]) == [count, 0, 0, 0, 0]
+    ((dt_s,),) = [deck.reals(row) for row in deck.one("time step").rows]
     assert dt_s == 0.0005
     assert "auto step" not in deck.keywords
-    time_s, _ = table_of(deck, columns)
+    time_s, _ = table_of(deck)
     assert_allclose(time_s[-1], count * dt_s, rtol=1e-15)
-    assert integers(deck.one("control").rows[0])[0] >= count
+    assert deck.integers(deck.one("control").rows[0])[0] >= count
 
 
-def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_deck, columns):
+def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_deck):
     deck = read_deck(marc_deck(make_model(stimulus=PRESSED)))
-    _, depth_mm = table_of(deck, columns)
+    _, depth_mm = table_of(deck)
     assert depth_mm[0] == 0.0
     assert_allclose(np.diff(depth_mm[:21]), 0.025, rtol=1e-9)
     assert_allclose(depth_mm[20:] * 1e3, PRESSED.displacement_um, atol=1e-12)
     assert "$....up to 0.01 s: the ramp to the pre-indentation" in deck.text
 
 
-def test_fixed_nodes_do_not_move_and_a_meshed_probe_moves_by_the_table(built, columns):
+def test_fixed_nodes_do_not_move_and_a_meshed_probe_moves_by_the_table(built):
     _, probe, deck = built
-    integers, reals = columns
     blank, *rows = deck.one("fixed disp").rows
     assert blank == ""
     conditions = [rows[k : k + 6] for k in range(0, len(rows), 6)]
     found = {
-        head[60:]: (reals(value), integers(table), integers(dof), kind.strip(), nodes)
+        head[60:]: (
+            deck.reals(value),
+            deck.integers(table),
+            deck.integers(dof),
+            kind.strip(),
+            nodes,
+        )
         for head, value, table, dof, kind, nodes in conditions
     }
     wanted = {"held": ([0.0, 0.0], [0, 0], [1, 2], "2", "held_nodes")}
@@ -363,26 +326,13 @@ def test_fixed_nodes_do_not_move_and_a_meshed_probe_moves_by_the_table(built, co
         assert active == list(wanted)
 
 
-def test_convergence_is_of_force_and_displacement(built, columns):
-    _, _, deck = built
-    integers, reals = columns
-    counts, force, displacement = deck.one("control").rows
-    assert deck.one("control").word == "structural"
-    _, recycles, least, criterion, _, newton, *_ = integers(counts)
-    assert (recycles, least, criterion, newton) == (40, 0, 5, 1)
-    assert reals(force) == reals(displacement) == [1e-3, 0, 0, 0, 0, 0, -1.0, 0]
-
-
 # ---- Output
 
 
 @pytest.mark.parametrize(("results", "number"), [("binary", 0), ("text", 1), ("both", 2)])
-def test_stress_and_von_mises_are_posted_every_increment(
-    make_model, read_deck, columns, results, number
-):
-    integers, _ = columns
+def test_stress_and_von_mises_are_posted_every_increment(make_model, read_deck, results, number):
     deck = read_deck(marc_deck(make_model(), results=results))
-    head, *codes = [integers(row) for row in deck.one("post").rows]
+    head, *codes = [deck.integers(row) for row in deck.one("post").rows]
     assert codes == [[311, 0], [17, 0]]
     nodal = [int(option.word) for option in deck.all("nodal")]
     assert nodal == [1, 5, 35, 38]
@@ -402,22 +352,20 @@ def edges_of(elements, kinds):
     return [edge for edge, owners in count.items() if owners == 1]
 
 
-def test_the_real_deck_has_as_many_boundary_nodes_as_its_outline_has(sample, columns):
-    integers, _ = columns
+def test_the_real_deck_has_as_many_boundary_nodes_as_its_outline_has(sample):
     deck = sample("pfl_example_model_0")
-    outline = frozenset().union(*edges_of(deck.elements(), {118}))
-    assert integers(deck.one("contact").rows[0])[2] == len(outline) == 242
+    outline = frozenset().union(*edges_of(deck.elements, {118}))
+    assert deck.integers(deck.one("contact").rows[0])[2] == len(outline) == 242
 
 
-def test_boundary_nodes_are_those_of_the_outline_mid_sides_included(built, columns):
+def test_boundary_nodes_are_those_of_the_outline_mid_sides_included(built):
     model, _, deck = built
-    integers, _ = columns
-    finger = dict(list(deck.elements().items())[: len(model.mesh.quad)])
+    finger = dict(list(deck.elements.items())[: len(model.mesh.quad)])
     kind = TYPES[model.element]
     edges = edges_of(finger, {kind})
     count = len(frozenset().union(*edges))
     count += len(edges) if kind in (27, 54) else 0
-    first = integers(deck.one("contact").rows[0])
+    first = deck.integers(deck.one("contact").rows[0])
     assert first[2] == count
     assert first[13] == (-1 if kind in (27, 54) else 0)
 
@@ -430,46 +378,44 @@ def bodies_of(deck):
     return {rows[start][80:]: rows[start:end] for start, end in zip(starts, ends, strict=True)}
 
 
-def test_the_finger_is_the_first_body_and_deformable(built, columns):
+def test_the_finger_is_the_first_body_and_deformable(built):
     _, _, deck = built
-    integers, reals = columns
     bodies = bodies_of(deck)
     assert list(bodies) == ["finger", "probe"]
-    assert integers(deck.one("contact").rows[0])[0] == 2
+    assert deck.integers(deck.one("contact").rows[0])[0] == 2
     head, kind, *rest = bodies["finger"]
-    assert integers(head[:80]) == [1, 0, 0, 0, 0, 0, 0, -1]
-    assert integers(kind)[:4] == [1, 1, 0, 0]
+    assert deck.integers(head[:80]) == [1, 0, 0, 0, 0, 0, 0, -1]
+    assert deck.integers(kind)[:4] == [1, 1, 0, 0]
     assert [len(row) for row in rest] == [140, 80, 160, 80, 40, 0]
-    assert not any(reals(rest[2]) + integers(rest[3]))
+    assert not any(deck.reals(rest[2]) + deck.integers(rest[3]))
 
 
-def test_a_rigid_probe_is_moved_by_the_table_in_position_control(built, columns):
+def test_a_rigid_probe_is_moved_by_the_table_in_position_control(built):
     _, probe, deck = built
-    integers, reals = columns
     if probe == "meshed":
         head, kind, *rest = bodies_of(deck)["probe"]
-        assert integers(head[:80]) == [2, 0, 0, 0, 0, 0, 0, -1]
-        assert integers(kind)[:4] == [1, 1, 0, 0]
+        assert deck.integers(head[:80]) == [2, 0, 0, 0, 0, 0, 0, -1]
+        assert deck.integers(kind)[:4] == [1, 1, 0, 0]
         assert rest[-1] == ""
         return
     head, kind, _, _, motion, tables, growth, *curves = bodies_of(deck)["probe"]
-    assert integers(head[:80]) == [2, len(curves) // 9, 0, 0, 1, -1, 0, -1]
-    assert integers(kind)[:4] == [2, 0, 0, 0]
-    assert reals(motion) == [0.0, -1.0, 0, 0, 0, 0, 0, 0]
-    assert integers(tables) == [0, 1, 0, 0, 0, 0, 0, 0]
-    assert integers(growth) == [0, 0, 0, 0]
-    assert integers(deck.all("table", "waveform")[0].rows[0])[0] == 1
+    assert deck.integers(head[:80]) == [2, len(curves) // 9, 0, 0, 1, -1, 0, -1]
+    assert deck.integers(kind)[:4] == [2, 0, 0, 0]
+    assert deck.reals(motion) == [0.0, -1.0, 0, 0, 0, 0, 0, 0]
+    assert deck.integers(tables) == [0, 1, 0, 0, 0, 0, 0, 0]
+    assert deck.integers(growth) == [0, 0, 0, 0]
+    assert deck.integers(deck.all("table", "waveform")[0].rows[0])[0] == 1
 
 
-def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_deck, columns):
+def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_deck):
     model = make_model()
-    integers, reals = columns
-    curves = bodies_of(read_deck(marc_deck(model)))["probe"][7:]
+    deck = read_deck(marc_deck(model))
+    curves = bodies_of(deck)["probe"][7:]
     side = []
     for k in range(0, len(curves), 9):
-        assert integers(curves[k]) == [9, 2, 2, 1]
-        side.append([reals(curves[k + 1]), reals(curves[k + 2])])
-        weights_and_knots = [reals(row) for row in curves[k + 3 : k + 9]]
+        assert deck.integers(curves[k]) == [9, 2, 2, 1]
+        side.append([deck.reals(curves[k + 1]), deck.reals(curves[k + 2])])
+        weights_and_knots = [deck.reals(row) for row in curves[k + 3 : k + 9]]
         assert weights_and_knots == [[1.0], [1.0], [0.0], [0.0], [1.0], [1.0]]
     side = np.array(side)
     assert_array_equal(side[1:, 0], side[:-1, 1])  # each goes on where one ended
@@ -477,16 +423,15 @@ def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_d
     assert_allclose(side[-1, 1], model.lower_side_mm[-1], rtol=1e-15)
 
 
-def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(built, columns):
+def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(built):
     model, probe, deck = built
-    _, reals = columns
     if probe == "meshed":
         return
     curves = bodies_of(deck)["probe"][7:]
     inside = model.probe_node_mm.mean(axis=0)
     skin = model.node_mm[model.contact_node - 1]
     for k in range(0, len(curves), 9):
-        start, end = np.array([reals(curves[k + 1]), reals(curves[k + 2])])
+        start, end = np.array([deck.reals(curves[k + 1]), deck.reals(curves[k + 2])])
         along = end - start
 
         def left(points, start=start, along=along):
@@ -499,25 +444,23 @@ def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right
 
 
 @pytest.mark.parametrize("probe", ["rigid", "meshed"])
-def test_friction_is_bilinear_coulombs_by_the_interaction(make_model, read_deck, columns, probe):
-    integers, reals = columns
+def test_friction_is_bilinear_coulombs_by_the_interaction(make_model, read_deck, probe):
     for friction, first in ((0.4, [6, 1]), (0.0, [0, 0])):
         model = make_model(contact=Contact(friction=friction))
         deck = read_deck(marc_deck(model, probe=probe))
-        assert integers(deck.one("contact").rows[0])[3:5] == first
+        assert deck.integers(deck.one("contact").rows[0])[3:5] == first
         touch = deck.one("con intera").rows
         assert touch[0] == "         1         0touch"
         second = [1, 1, 0, 0] if probe == "meshed" else [2, 0, 0, 0]
-        assert [integers(row) for row in touch[1:3]] == [[1, 1, 0, 0], second]
-        assert reals(touch[5])[:4] == [0.0, 0.0, friction, 0.0]
+        assert [deck.integers(row) for row in touch[1:3]] == [[1, 1, 0, 0], second]
+        assert deck.reals(touch[5])[:4] == [0.0, 0.0, friction, 0.0]
 
 
-def test_the_only_pair_is_finger_and_probe_by_that_interaction(built, columns):
+def test_the_only_pair_is_finger_and_probe_by_that_interaction(built):
     _, _, deck = built
-    integers, _ = columns
     rows = deck.one("con table").rows
     assert rows[0] == "         1         1         0contact_pairs"
-    assert integers(rows[1]) == [1, 2, 1, 0, 0]
+    assert deck.integers(rows[1]) == [1, 2, 1, 0, 0]
     for option in deck.all("contact table"):
-        assert [integers(row) for row in option.rows] == [[0, 4], [1]]
+        assert [deck.integers(row) for row in option.rows] == [[0, 4], [1]]
     assert len(deck.all("contact table")) == 2
