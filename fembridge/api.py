@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     import pandas
 
     from fembridge.fitting.fit import FitRun
+    from fembridge.report.validate import Validation
     from fembridge.simulation import Simulation
     from fembridge.solver.verdict import Outcome
     from fembridge.sweep.sweep import Sweep
-    from fembridge.validation.study import Study
 
 Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
 """Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
@@ -468,16 +468,16 @@ def validate(
     observed: PathLike | None = None,
     parameters: str = "fitted",
     log: Callable[[str], None] = lambda line: None,
-) -> "Study":
+) -> "Validation":
     """The paper's figures and tables against the model; with `output` as a page there."""
     from fembridge.observed import read_observed
-    from fembridge.validation.judged_model import judged_models
-    from fembridge.validation.study import validate as validate_models
+    from fembridge.report.validate import judged_models
+    from fembridge.report.validate import validate as validate_models
 
     rates = None if observed is None else read_observed(Path(observed), complete=False)
     study = validate_models(read_finger(finger), judged_models(parameters), rates, log)
     if output is not None:
-        from fembridge.validation.report import write_report
+        from fembridge.report.validation_page import write_report
 
         write_report(Path(output), study, "fembridge validate")
     return study
