@@ -153,12 +153,6 @@ def test_a_linear_field_comes_back_at_every_node(traces):
         assert (found[node].start_ms, found[node].dt_ms) == (0.0, 0.5)
 
 
-@pytest.mark.parametrize(("unit", "pa"), [("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)])
-def test_the_unit_of_the_file_is_the_users_to_say(traces, unit, pa):
-    found = traces("--nodes", 70, "--unit", unit)
-    assert found[70].stress_pa[0] == pytest.approx(1.0 * pa)
-
-
 def test_translate_takes_the_nearest_point_and_average_the_mean(traces):
     """At node 70 only the left element has a say."""
     field = linear(0.0)
@@ -236,10 +230,6 @@ def test_a_pressure_node_is_never_the_nearest_and_is_refused_by_number(traces, e
     ran = export("--nodes", 900)
     assert (ran.returncode, ran.stdout) == (1, "")
     assert "node 900 has no value in element 7: a pressure node?" in ran.stderr
-
-
-def test_a_place_within_a_set_keeps_to_that_set(traces):
-    assert list(traces("--near", "0,0", "--within", "right")) == [10]
 
 
 def test_a_first_increment_without_values_is_left_out_and_told(traces, export):
@@ -330,15 +320,6 @@ def test_another_mesh_is_looked_through_again_and_told(export, tmp_path):
     expected_mpa = [linear(DT_S * k)(0, 0) for k in range(TIMES)]
     trace = by_node(tmp_path / "job_traces.csv")[70]
     assert_allclose(trace.stress_pa, 1e6 * np.array(expected_mpa), rtol=1e-8)
-
-
-def test_times_of_single_precision_do_not_spoil_the_grid(traces):
-    rounded = model()
-    for position in rounded["positions"]:
-        position["time"] = float(np.float32(position["time"] + 0.2))
-    trace = traces("--nodes", 70, of=rounded)[70]
-    assert trace.start_ms == 200.0
-    assert trace.times_ms[-1] == pytest.approx(202.0, abs=1e-9)
 
 
 def test_the_list_shows_positions_labels_and_sets(export):

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fembridge.results.extrapolation import (
-    DOCUMENTED,
     ELEMENT_TYPES,
     METHODS,
     node_places,
@@ -145,11 +144,6 @@ def test_in_a_mixed_mesh_an_element_takes_its_own_points_alone():
     assert node_weights(6, 3, 4, "translate").tolist() == [[1, 0, 0, 0]] * 3
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_one_stored_point_is_the_mean_of_the_element(method):
-    assert node_weights(11, 4, 1, method).tolist() == [[1.0]] * 4
-
-
 def test_what_is_not_known_is_refused_and_average_is_left():
     with pytest.raises(ValueError, match="element type 999: where its integration"):
         node_weights(999, 5, 2, "linear")
@@ -160,12 +154,3 @@ def test_what_is_not_known_is_refused_and_average_is_left():
         node_weights(27, 4, 9, "average")
     with pytest.raises(ValueError, match="extrapolation 'cubic', expected linear"):
         node_weights(11, 4, 4, "cubic")
-
-
-def test_weights_cannot_be_written_to():
-    with pytest.raises(ValueError, match="read-only"):
-        weights_of(11, "linear")[0, 0] = 1.0
-
-
-def test_documented_types_are_known_types():
-    assert set(ELEMENT_TYPES) >= DOCUMENTED

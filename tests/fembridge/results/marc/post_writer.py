@@ -15,13 +15,11 @@ FIELDS_A_LINE = 6
 
 @dataclass(frozen=True)
 class Storage:
-    """How a file stores numbers; `piece_bytes` splits records of nodal values."""
+    """How a file stores numbers."""
 
     binary: bool = True
     big_endian: bool = False
     real_bytes: int = 4
-    word_bytes: int = 4
-    piece_bytes: int = 0
     line_end: str = "\n"
 
     @property
@@ -70,8 +68,7 @@ class BinarySink:
         self.parts += [marker, payload, marker]
 
     def characters(self, text):
-        filler = " " * (self.storage.word_bytes - 1)
-        return "".join(c + filler for c in text).encode("latin-1")
+        return "".join(c + "   " for c in text).encode("latin-1")
 
     def word(self, text):
         if text in ("****", "----", "++++"):
@@ -83,8 +80,7 @@ class BinarySink:
         self.record(self.characters(text.ljust(width)))
 
     def packed_integers(self, values):
-        kind = "i" if self.storage.word_bytes == 4 else "q"
-        return struct.pack(f"{self.order}{len(values)}{kind}", *values)
+        return struct.pack(f"{self.order}{len(values)}i", *values)
 
     def packed_reals(self, values):
         kind = "f" if self.storage.real_bytes == 4 else "d"
@@ -102,18 +98,7 @@ class BinarySink:
         self.mixed(words[18:], ())
 
     def flow(self, reals):
-        payload, size = self.packed_reals(reals), self.storage.piece_bytes
-        if not size or len(payload) <= size:
-            self.record(payload)
-            return
-        pieces = [payload[at : at + size] for at in range(0, len(payload), size)]
-        for place, piece in enumerate(pieces):
-            more, later = place + 1 < len(pieces), place > 0
-            self.parts += [
-                struct.pack(f"{self.order}i", -len(piece) if more else len(piece)),
-                piece,
-                struct.pack(f"{self.order}i", -len(piece) if later else len(piece)),
-            ]
+        self.record(self.packed_reals(reals))
 
 
 class TextSink:

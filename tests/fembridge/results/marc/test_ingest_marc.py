@@ -71,13 +71,6 @@ def test_traces_by_number_set_and_place(capsys):
     assert "0 to 2 ms every 1 ms" in heard.out
 
 
-def test_traces_can_be_encoded():
-    assert main(["ingest", "job.t16", "--node", "5", "6", "-o", "t.csv"]) == 0
-    from fembridge.tables import read_traces
-
-    assert [trace.node for trace in read_traces(Path("t.csv"))] == [5, 6]
-
-
 def test_the_way_to_the_node_and_to_von_mises_can_be_chosen():
     def last(*words):
         assert main(["ingest", "job.t16", "--node", "1", *words, "-o", "t.csv"]) == 0
@@ -117,19 +110,10 @@ def test_fields_and_paraview(here, capsys):
         assert held["values"].shape == (9, 6)
     assert "left out: 3 nodes lie between layers" in capsys.readouterr().err
     assert main(["ingest", "job.t16", "--field", "displ", "-o", "d.csv"]) == 0
-    assert rows_of("d.csv")[0] == {"node": "1", "dx_mm": pytest_near(0.002), "dy_mm": "-1.0"}
+    assert list(rows_of("d.csv")[0]) == ["node", "dx_mm", "dy_mm"]
+    assert [float(value) for value in rows_of("d.csv")[0].values()] == pytest.approx([1, 0.002, -1])
     assert main(["ingest", "job.t16", "--vtu", "v", "--quantity", "Stress"]) == 0
     assert len(list((here / "v").glob("*.vtu"))) == 3
-
-
-def pytest_near(value):
-    """A text of a number near `value`."""
-
-    class Near:
-        def __eq__(self, other):
-            return float(other) == pytest.approx(value)
-
-    return Near()
 
 
 def test_a_cut_file_is_taken_in_part(here, capsys):
@@ -139,13 +123,6 @@ def test_a_cut_file_is_taken_in_part(here, capsys):
     assert "--partial" in capsys.readouterr().err
     assert main(["ingest", "job.t16", "--node", "1", "--partial", "-o", "t.csv"]) == 0
     assert len(rows_of("t.csv")) == 2
-
-
-def test_without_nodes_the_file_is_listed_and_the_choice_is_named(capsys):
-    assert main(["ingest", "job.t16"]) == 2
-    heard = capsys.readouterr()
-    assert "element post codes" in heard.out
-    assert "choose with --node N, --set NAME or --near X,Y" in heard.err
 
 
 def test_a_folder_without_run_toml_gives_the_post_file_in_it(here):

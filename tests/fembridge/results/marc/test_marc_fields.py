@@ -63,15 +63,6 @@ def test_a_stress_field_has_the_nodes_inside_layers_and_says_what_it_left(path, 
         assert_allclose(values, exact, rtol=0, atol=1e3)
 
 
-def test_a_field_across_materials_is_the_mean_that_traces_take(path, plane):
-    options = ReadOptions(across_materials=True)
-    field = read_field(path, "stress", options=options)
-    nodes = sorted(plane.bearing)
-    assert sorted(field.nodes.tolist()) == nodes
-    _, tensor_pa = read_stress_tensor(path, nodes, options)
-    assert_allclose(field.at(nodes), tensor_pa[-1], rtol=1e-12, atol=1e-6)
-
-
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     kind=st.sampled_from([11, 27, 54, 80, 118]),
@@ -114,22 +105,6 @@ def test_names_are_as_short_as_they_are_clear(path):
         read_field(path, "heat")
     with pytest.raises(UsageError, match="'' may be Displacement or Equivalent"):
         read_field(path, "")
-
-
-def test_an_increment_that_is_not_there_is_refused_with_those_there(path):
-    with pytest.raises(ResultError, match="no increment 7 of Stress, it has 0:0 to 0:2"):
-        read_field(path, "Stress", "7")
-
-
-def test_increments_of_one_number_are_told_apart_by_their_sub_increment(plane, write_post):
-    increments = [
-        replace(one, number=4, sub=k)
-        for k, one in enumerate(plane.increments(linear_stress, TIMES_S))
-    ]
-    path = write_post(writer.Storage(), plane.model(), increments)
-    with pytest.raises(UsageError, match="increment 4 is in 3 steps: 0:4, 1:4, 2:4"):
-        read_field(path, "Displacement", "4")
-    assert read_field(path, "Displacement", "1:4").time_ms == pytest.approx(1.0)
 
 
 def test_the_nearest_node_is_one_with_elements(path, plane):

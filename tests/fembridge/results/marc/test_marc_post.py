@@ -194,20 +194,6 @@ def check_increment(storage, model, expected, post, found):
 
 
 @pytest.mark.parametrize("binary", [True, False])
-def test_a_quantity_or_element_values_that_are_not_there_are_named(binary, write_post):
-    displacement = writer.Quantity("Displacement", 1, 2, np.ones((4, 2)))
-    increment = writer.Increment(number=3, time_s=0.5, nodal=(displacement,))
-    path = write_post(writer.Storage(binary), writer.Model(), [increment])
-    with PostFile(path) as post:
-        with pytest.raises(Exception, match="no nodal quantity 'Velocity'; it has Dis"):
-            post.nodal_values(0, "Velocity")
-        with pytest.raises(Exception, match=r"increment 3 \(time 0.5 s\) has no elem"):
-            post.element_values(0, np.array([0]))
-        with pytest.raises(IndexError):
-            post.nodal_values(0, "Displacement", np.array([4]))
-
-
-@pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize(
     ("revision", "code", "found"),
     [(14, (311, 2), (311, 2)), (14, (2311, 0), (311, 2)), (12, (2311, 0), (311, 2))],
@@ -662,28 +648,29 @@ def read_all(post):
 
 
 @pytest.mark.parametrize("how", STORAGES)
-@pytest.mark.parametrize("word", range(30))
 @pytest.mark.parametrize("count", [-1, 0, 2**31 - 1])
-def test_a_count_that_lies_takes_no_memory(how, word, count, write_post, small_run):
+def test_a_count_that_lies_takes_no_memory(how, count, write_post, small_run):
     """Any of the verification integers, put to the least and most they can be."""
-    model, increments = small_run()
     storage = writer.Storage(**how)
-    path = write_post(storage, model, increments)
-    whole = bytearray(path.read_bytes())
-    if storage.binary:
-        begin = b"=   b   e   g   =   5   0   2"
-        at = whole.index(begin) - 4 + 288 + 4 + 4 * word + 8 * (word >= 18)
-        whole[at : at + 4] = struct.pack(">i" if storage.big_endian else "<i", count)
-    else:
-        at = whole.index(b"\n", whole.index(b"=beg=50200")) + 1
-        at += 13 * word + word // 6
-        whole[at : at + 13] = f"{count:13d}".encode()
-    path.write_bytes(whole)
-    try:
-        with PostFile(path) as post:
-            read_all(post)
-    except ResultError as error:
-        assert str(path) in str(error)
+    path = write_post(storage, *small_run())
+    whole = path.read_bytes()
+    for word in range(30):
+        changed = bytearray(whole)
+        if storage.binary:
+            begin = b"=   b   e   g   =   5   0   2"
+            at = whole.index(begin) - 4 + 288 + 4 + 4 * word + 8 * (word >= 18)
+            changed[at : at + 4] = struct.pack(">i" if storage.big_endian else "<i", count)
+        else:
+            at = whole.index(b"\n", whole.index(b"=beg=50200")) + 1
+            at += 13 * word + word // 6
+            changed[at : at + 13] = f"{count:13d}".encode()
+        path.unlink()
+        path.write_bytes(changed)
+        try:
+            with PostFile(path) as post:
+                read_all(post)
+        except ResultError as error:
+            assert str(path) in str(error)
 
 
 def test_a_file_without_its_end_may_still_be_written(write_post, small_run):
@@ -752,14 +739,6 @@ def test_a_record_that_moved_inside_a_table_is_no_number(write_post):
         assert_array_equal(post.element_values(0, np.array([1, 3])), element[[1, 3]])
         with pytest.raises(ResultError, match=r"where .* is expected"):
             post.element_values(0, np.array([2]))
-
-
-def test_bytes_behind_the_end_are_counted(write_post, small_run):
-    path = write_post(writer.Storage(), *small_run())
-    path.write_bytes(path.read_bytes() + b"more")
-    with PostFile(path) as post:
-        assert post.unread_bytes == 4
-        assert post.remarks == ["4 bytes behind the end of the file"]
 
 
 @pytest.mark.parametrize(

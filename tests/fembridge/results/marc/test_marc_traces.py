@@ -259,28 +259,6 @@ def test_a_file_without_one_stress_tensor_says_what_it_has(codes, told, write_po
         read_stress_tensor(path, [1])
 
 
-def test_the_unit_of_the_file_scales_the_stress(write_post):
-    plane = models.Plane(11, *models.grid(1, 1))
-    path = write_post(writer.Storage(), plane.model(), plane.increments(linear_stress, TIMES_S))
-    mpa = read(path, [1])[0].stress_pa
-    assert_allclose(read(path, [1], stress_unit="kPa")[0].stress_pa, mpa / 1e3)
-
-
-def test_words_for_points_mean_nothing_to_nodal_files(samples_frd):
-    with pytest.raises(UsageError, match="ccx-frd holds stress at nodes"):
-        read(samples_frd, [11], extrapolate="average")
-    with pytest.raises(UsageError, match="extrapolation 'cubic', expected linear"):
-        ReadOptions(extrapolate="cubic")
-    with pytest.raises(UsageError, match="von Mises of 'both', expected tensor"):
-        ReadOptions(von_mises="both")
-
-
-@pytest.fixture
-def samples_frd(marc_samples):
-    """A file of CalculiX."""
-    return marc_samples.parent / "frd_samples" / "cpe4_ascii.frd"
-
-
 def test_a_recorded_run_without_stress_says_what_it_holds(marc_samples):
     with pytest.raises(ResultError, match="holds Plastic Strain in Global System"):
         read(marc_samples / "nour_plastic.t16", [1])
@@ -312,12 +290,6 @@ def file_of(plane, write_post, **changes):
 def last_mpa(path, node, **options):
     tensor_pa = read_stress_tensor(path, [node], ReadOptions(**options))[1]
     return tensor_pa[-1, 0, 0] / 1e6
-
-
-def test_a_node_inside_a_layer_has_that_layer_s_stress(two_layers, write_post):
-    path = file_of(two_layers, write_post)
-    assert last_mpa(path, INSIDE) == pytest.approx(SOFT_MPA)
-    assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
 
 
 def test_a_node_between_layers_is_refused_with_both_names(two_layers, write_post):
@@ -600,13 +572,6 @@ def test_a_new_mesh_with_other_post_codes_is_refused(write, increments, plane):
         read(write((*increments[:2], again)), [1])
 
 
-def test_a_file_that_is_none_is_named(tmp_path):
-    path = tmp_path / "job.t16"
-    path.write_bytes(b"no post file at all, but long enough to look at")
-    with pytest.raises(ResultError, match="no result file we read: begins with b'no p"):
-        read(path, [1])
-
-
 @pytest.mark.parametrize("kind", ["t16", "t19"])
 @pytest.mark.parametrize("dt_s", [0.0005, 1 / 3000])
 def test_even_times_are_even_again_without_their_rounding(kind, dt_s, write, plane):
@@ -698,19 +663,6 @@ def test_afferents_have_the_stress_of_their_own_layer(run, finger):
         assert trace.start_ms == 0.0
         assert trace.dt_ms == pytest.approx(0.5, rel=1e-6)
         assert_allclose(trace.stress_pa, exact, rtol=1e-5, atol=1)
-
-
-def test_a_node_on_the_boundary_of_two_layers_is_refused_by_their_names(run, finger):
-    _, quads, layers = finger
-    epidermis, dermis = LAYERS.index("epidermis"), LAYERS.index("dermis")
-    in_layer = {
-        n: {node for quad, x in zip(quads, layers, strict=True) if x == n for node in quad}
-        for n in range(len(LAYERS))
-    }
-    others = set().union(*(s for n, s in in_layer.items() if n not in (epidermis, dermis)))
-    shared = sorted((in_layer[epidermis] & in_layer[dermis]) - others)
-    with pytest.raises(ResultError, match=f"node {shared[0]} lies between epidermis an"):
-        read(run, [shared[0]])
 
 
 def test_the_deck_s_run_must_have_reached_its_end(run, tmp_path):
