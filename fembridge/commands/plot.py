@@ -6,16 +6,10 @@ suffix names: .png, .pdf, .svg and others that Matplotlib knows.
 
 import argparse
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from fembridge.commands.plot_options import (
-    add_mesh,
-    add_raster,
-    add_response,
-    add_sensitivity,
-    add_stimulus,
-    add_trace,
-)
+from fembridge.commands.options import add_finger_options
 
 if TYPE_CHECKING:
     from fembridge.response.response_map import ResponseMap
@@ -24,23 +18,26 @@ if TYPE_CHECKING:
 
 EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
 
+_Pictures: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+_TABLES = (".csv", ".md")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands: a picture, then its own options."""
     pictures = parser.add_subparsers(
         dest="picture", metavar="PICTURE", required=True, title="pictures"
     )
-    add_mesh(pictures)
-    add_response(pictures)
-    add_trace(pictures)
-    add_raster(pictures)
-    add_stimulus(pictures)
-    add_sensitivity(pictures)
+    _add_mesh(pictures)
+    _add_response(pictures)
+    _add_trace(pictures)
+    _add_raster(pictures)
+    _add_stimulus(pictures)
+    _add_sensitivity(pictures)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw; the summary holds what is in the picture and where it is."""
-    from fembridge.plots.picture import check_suffix
+    from fembridge.plots.style import check_suffix
 
     check_suffix(args.output)
     draw = {
@@ -51,10 +48,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "stimulus": _draw_stimulus,
         "sensitivity": _draw_sensitivity,
     }[args.picture]
-    told = draw(args)
+    summary = draw(args)
     if not args.json:
         print(args.output)
-    return {"picture": args.picture, "file": str(args.output), **told}
+    return {"picture": args.picture, "file": str(args.output), **summary}
 
 
 def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:
@@ -171,9 +168,50 @@ def _draw_stimulus(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
-    from fembridge.commands.plot_sensitivity import draw_sensitivity
+    """Draw; the summary holds every number of the tables."""
+    from fembridge.errors import UsageError
+    from fembridge.plots.sensitivity import draw_effects, draw_regressions
+    from fembridge.sensitivity import (
+        csv_text,
+        effect_rows,
+        effects_markdown,
+        is_one_at_a_time,
+        rank_regressions,
+        read_swept,
+        regression_rows,
+        regressions_markdown,
+        single_effects,
+        swept_text,
+    )
+    from fembridge.store import write_text
 
-    return draw_sensitivity(args)
+    if args.effects is not None and args.effects.suffix.lower() not in _TABLES:
+        raise UsageError(f"{args.effects}: expected {' or '.join(_TABLES)}")
+    swept = read_swept(args.table)
+    for cause in swept.causes:
+        print(f"{args.table}: a finger is left out: {cause}", file=sys.stderr)
+    single = is_one_at_a_time(swept)
+    if single:
+        effects = single_effects(swept)
+        rows, people = effect_rows(effects), effects_markdown(swept, effects)
+        draw_effects(swept, effects, args.output)
+    else:
+        regressions = rank_regressions(swept)
+        rows = regression_rows(swept, regressions)
+        people = regressions_markdown(swept, regressions)
+        draw_regressions(swept, regressions, args.output)
+    if args.effects is not None:
+        is_csv = args.effects.suffix.lower() == ".csv"
+        write_text(args.effects, csv_text(rows) if is_csv else people)
+    if args.fingers is not None:
+        write_text(args.fingers, swept_text(swept))
+    return {
+        "kind": "one-at-a-time" if single else "rank regression",
+        "fingers": len(swept.value),
+        "left_out": len(swept.causes),
+        "parameters": list(swept.names),
+        "effects": rows,
+    }
 
 
 def _stimuli(
@@ -196,3 +234,161 @@ def _one_stimulus(word: str) -> "Stimulus":
 
 def _ids(trains: "list[SpikeTrain]") -> list[str]:
     return list(dict.fromkeys(train.stimulus for train in trains))
+
+
+def _add_mesh(pictures: _Pictures) -> None:
+    """Which finger, and which probe on it."""
+    parser = _add_picture(
+        pictures,
+        "mesh",
+        "the finger's layers and elements, its afferents, and the probe",
+        "fembridge plot mesh --finger paper -o mesh.pdf",
+    )
+    add_finger_options(parser)
+
+
+def _add_response(pictures: _Pictures) -> None:
+    """Which response map."""
+    parser = _add_picture(
+        pictures,
+        "response",
+        "stress at each afferent and the probe's force against its depth",
+        "fembridge plot response --finger quick -o response.pdf",
+    )
+    parser.add_argument(
+        "file",
+        nargs="?",
+        type=Path,
+        metavar="FILE",
+        help="a response.toml, as `fembridge simulate` leaves it",
+    )
+    parser.add_argument(
+        "--finger",
+        metavar="NAME",
+        help="the stored response of this finger (default, without FILE: quick)",
+    )
+
+
+def _add_trace(pictures: _Pictures) -> None:
+    """Which table, and what made it."""
+    parser = _add_picture(
+        pictures,
+        "trace",
+        "stress over time, a panel an afferent",
+        "fembridge plot trace traces.csv --stimulus sine_20_250",
+    )
+    parser.add_argument("table", type=Path, metavar="CSV", help="table of traces")
+    parser.add_argument("--stimulus", metavar="ID", help="draw the waveform that made them above")
+
+
+def _add_raster(pictures: _Pictures) -> None:
+    """Which table, rows and panels."""
+    parser = _add_picture(
+        pictures,
+        "raster",
+        "spikes: a panel a class, a row a stimulus",
+        "fembridge plot raster spikes.csv --stimulus sine_20",
+    )
+    parser.add_argument("table", type=Path, metavar="CSV", help="table of spikes")
+    parser.add_argument(
+        "--stimulus",
+        action="append",
+        metavar="ID",
+        help="rows from top to bottom, silent ones too; a single one is drawn above "
+        "(default: those of the table)",
+    )
+    parser.add_argument(
+        "--afferent",
+        choices=("SA", "RA", "PC"),
+        nargs="+",
+        help="panels from left to right (default: those of the table)",
+    )
+    parser.add_argument(
+        "--window-ms",
+        type=float,
+        nargs=2,
+        metavar=("START", "END"),
+        help="leave white only the time in which spikes were counted",
+    )
+
+
+def _add_stimulus(pictures: _Pictures) -> None:
+    """Which waveforms."""
+    parser = _add_picture(
+        pictures,
+        "stimulus",
+        "the probe's depth over time, a panel a stimulus",
+        "fembridge plot stimulus noise_25_250 sine_20_250 -o waveforms.svg",
+    )
+    parser.add_argument(
+        "ids",
+        nargs="+",
+        metavar="ID",
+        help="sine_20_250, a set as sine_20, noise or all; commas join several",
+    )
+    parser.add_argument(
+        "--preindent-um",
+        type=float,
+        default=0.0,
+        metavar="DEPTH",
+        help="depth of the probe before time 0 (default: 0)",
+    )
+    parser.add_argument("--seed", type=int, help="draw other noise than the catalogue's (>= 0)")
+
+
+def _add_sensitivity(pictures: _Pictures) -> None:
+    """Which sweep, and where its tables go."""
+    parser = _add_picture(
+        pictures,
+        "sensitivity",
+        "which parameter of a sweep's fingers moves rates and stress how much",
+        "fembridge plot sensitivity sweep/results.csv --table effects.md",
+    )
+    parser.add_argument(
+        "table",
+        type=Path,
+        metavar="CSV",
+        help="results.csv of a sweep with a design (docs/sweeps.md), or its --fingers",
+    )
+    parser.add_argument(
+        "--table",
+        dest="effects",
+        type=Path,
+        metavar="FILE",
+        help="write the numbers too: .csv has all, .md a table a class",
+    )
+    parser.add_argument(
+        "--fingers",
+        type=Path,
+        metavar="FILE.csv",
+        help="write a row a finger: parameters, and mean answers by set of stimuli",
+    )
+
+
+def _add_picture(
+    pictures: _Pictures, name: str, shows: str, example: str
+) -> argparse.ArgumentParser:
+    parser = pictures.add_parser(
+        name,
+        help=shows,
+        description=f"{shows[0].upper()}{shows[1:]}.",
+        epilog=f"example: {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path(f"{name}.png"),
+        metavar="FILE",
+        help=f"its suffix chooses the format (default: {name}.png)",
+    )
+    # The verb has it too; unset here, so as not to undo it there.
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        default=argparse.SUPPRESS,
+        help="print a summary a program can read",
+    )
+    return parser

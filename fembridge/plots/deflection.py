@@ -8,8 +8,18 @@ import numpy as np
 
 from fembridge.deflection.profile import PAPER_STEP_MM, Deflection
 from fembridge.errors import UsageError
-from fembridge.plots.palette import DPI, FAINT, HAIR_PT, INK, LINE_PT, PAGE_WIDTH_IN, SMALL_TEXT_PT
-from fembridge.plots.picture import make_plain, save_figure
+from fembridge.plots.style import (
+    DPI,
+    FAINT,
+    HAIR_PT,
+    INK,
+    LINE_PT,
+    PAGE_WIDTH_IN,
+    SMALL_TEXT_PT,
+    make_plain,
+    name_axes,
+    save_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,7 +103,7 @@ def _draw_profiles(panel: "Axes", meshes: list[Deflection]) -> None:
     deepest_mm = max(float(mesh.deflection_mm.max()) for mesh in meshes)
     panel.set_xlim(0.0, np.floor(last_mm / PAPER_STEP_MM) * PAPER_STEP_MM)
     panel.set_ylim(_ROOM_SHARE * deepest_mm, -0.02 * deepest_mm)
-    _name_axes(panel, "Distance from the probe (mm)", "Deflection (mm)")
+    name_axes(panel, "Distance from the probe (mm)", "Deflection (mm)")
     panel.legend(
         loc="lower right", frameon=False, fontsize=SMALL_TEXT_PT, labelcolor=INK, handlelength=2.6
     )
@@ -108,7 +118,7 @@ def _draw_differences(panel: "Axes", meshes: list[Deflection]) -> None:
         differ_um = _UM_PER_MM * (mesh.at(here_mm) - finest.at(here_mm))
         panel.plot(here_mm, differ_um, **_style(k, len(meshes)))
     panel.set_xlim(0.0, np.floor(last_mm / PAPER_STEP_MM) * PAPER_STEP_MM)
-    _name_axes(panel, "Distance from the probe (mm)", f"Difference from {finest.name} (µm)")
+    name_axes(panel, "Distance from the probe (mm)", f"Difference from {finest.name} (µm)")
 
 
 def _draw_force(panel: "Axes", meshes: list[Deflection]) -> None:
@@ -117,7 +127,7 @@ def _draw_force(panel: "Axes", meshes: list[Deflection]) -> None:
         panel.plot(mesh.loading_mm, force_mn_per_mm, **_style(k, len(meshes)))
     panel.set_xlim(0.0, max(mesh.depth_mm for mesh in meshes))
     panel.set_ylim(bottom=0.0)
-    _name_axes(panel, "Depth of the probe (mm)", "Force on the probe (mN/mm)")
+    name_axes(panel, "Depth of the probe (mm)", "Force on the probe (mN/mm)")
 
 
 def _style(k: int, count: int) -> dict[str, Any]:
@@ -125,11 +135,6 @@ def _style(k: int, count: int) -> dict[str, Any]:
     if k == count - 1:
         return {"color": INK, "linewidth": LINE_PT}
     return {"color": _COLOURS[k], "linewidth": 1.4 * LINE_PT, "dashes": _DASHES[k], "zorder": 3}
-
-
-def _name_axes(panel: "Axes", along: str, up: str) -> None:
-    panel.set_xlabel(along, fontsize=SMALL_TEXT_PT, color=INK)
-    panel.set_ylabel(up, fontsize=SMALL_TEXT_PT, color=INK)
 
 
 def _thousands(count: int) -> str:

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.plots.palette import (
+from fembridge.plots.style import (
     AFFERENT_COLOURS,
     DPI,
     FAINT,
@@ -19,9 +19,10 @@ from fembridge.plots.palette import (
     SMALL_TEXT_PT,
     TEXT_PT,
     TINY_TEXT_PT,
+    make_plain,
+    save_figure,
 )
 from fembridge.stimulus import Stimulus
-from fembridge.store import replacing
 from fembridge.tables import SpikeTrain
 
 if TYPE_CHECKING:
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
 # Inches. A few rows are tall enough to see single spikes; many share a page.
 _ROW_IN, _LEAST_ROW_IN, _TALL_ROWS = 0.26, 0.104, 10
 _WAVEFORM_IN, _AROUND_IN = 0.5, 0.62
-
-# Text stays text in vector formats, and nothing in a file is random.
-_SETTINGS: dict[Any, Any] = {"svg.hashsalt": "fembridge", "pdf.fonttype": 42, "ps.fonttype": 42}
 
 # A longer name of a stimulus is cut, or it would leave no room for its spikes.
 _NAME_LETTERS = 28
@@ -83,16 +81,6 @@ def draw_raster(
     OutputError
         A place where nothing can be written.
     """
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    suffix = path.suffix.removeprefix(".").lower()
-    known = FigureCanvasAgg.get_supported_filetypes()
-    if suffix not in known:
-        raise UsageError(
-            f"{path}: cannot draw {path.suffix or 'a file without suffix'}, "
-            f"expected one of {', '.join(sorted(known))}"
-        )
     figure = raster_figure(
         trains,
         stimuli=stimuli,
@@ -101,11 +89,7 @@ def draw_raster(
         window_ms=window_ms,
         waveform=waveform,
     )
-    # No dates: the same spikes give the same bytes.
-    dated = {"svg": "Date", "svgz": "Date", "pdf": "CreationDate"}
-    metadata = {dated[suffix]: None} if suffix in dated else None
-    with rc_context(_SETTINGS), replacing(path) as draft:
-        figure.savefig(draft, format=suffix, dpi=dpi, metadata=metadata)
+    save_figure(figure, path, dpi)
 
 
 def raster_figure(
@@ -242,14 +226,14 @@ def _draw_ground(
             panel.axhline(row - 0.5, color=FAINT, linewidth=LINE_PT, zorder=-1)
         elif series[row] != series[row - 1] and len(rows) > _TALL_ROWS:
             panel.axhline(row - 0.5, color=FAINT, linewidth=HAIR_PT / 2, zorder=-1)
-    _plain(panel)
+    make_plain(panel)
     panel.tick_params(axis="y", length=0.0)
     panel.set_xlabel("Time (ms)", fontsize=SMALL_TEXT_PT, color=INK)
 
 
 def _draw_waveform(panel: "Axes", waveform: Stimulus) -> None:
     panel.plot(waveform.times_ms, waveform.displacement_um, color=INK, linewidth=HAIR_PT + 0.2)
-    _plain(panel)
+    make_plain(panel)
     panel.spines["bottom"].set_visible(False)
     panel.tick_params(axis="x", bottom=False, labelbottom=False)
 
@@ -262,11 +246,3 @@ def _label_rows(panel: "Axes", rows: Sequence[str], row_in: float) -> None:
 
 def _short(name: str) -> str:
     return name if len(name) <= _NAME_LETTERS else f"{name[: _NAME_LETTERS - 1]}…"
-
-
-def _plain(panel: "Axes") -> None:
-    for side, spine in panel.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_linewidth(HAIR_PT)
-        spine.set_color(INK)
-    panel.tick_params(labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.plots.palette import (
+from fembridge.plots.style import (
     AFFERENT_COLOURS,
     DPI,
     INK,
@@ -14,9 +14,10 @@ from fembridge.plots.palette import (
     PAGE_WIDTH_IN,
     SMALL_TEXT_PT,
     TEXT_PT,
+    make_plain,
+    save_figure,
+    spread,
 )
-from fembridge.plots.picture import make_plain, save_figure
-from fembridge.plots.window import spread
 from fembridge.response.response_map import ResponseMap
 from fembridge.results.stress import von_mises_pa
 from fembridge.typing import FloatArray

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.palette import (
+from fembridge.plots.style import (
     AFFERENT_COLOURS,
     HAIR_PT,
     INK,
@@ -19,8 +19,9 @@ from fembridge.plots.palette import (
     SHADE,
     SMALL_TEXT_PT,
     TEXT_PT,
+    make_plain,
+    save_figure,
 )
-from fembridge.plots.picture import make_plain, save_figure
 from fembridge.sensitivity import (
     ALL,
     QUANTITIES,

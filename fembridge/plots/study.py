@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.fitting.study import ModelStudy, fitted_rmse_ips, held_out_rmse_ips
-from fembridge.plots.palette import (
+from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
     HAIR_PT,
@@ -12,8 +12,9 @@ from fembridge.plots.palette import (
     PAGE_WIDTH_IN,
     SMALL_TEXT_PT,
     TEXT_PT,
+    make_plain,
+    save_figure,
 )
-from fembridge.plots.picture import make_plain, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -221,3 +221,31 @@ def legend_above(
         handler_map={tuple: HandlerTuple(ndivide=None, pad=pad)},
         **spacing,
     )
+
+
+def spread(wanted: Sequence[float], step: float, bottom: float, top: float) -> list[float]:
+    """Move falling heights apart by `step` or more, each as little as it can be.
+
+    They stay between `bottom` and `top` where there is room for all; in groups
+    that push each other, the middle stays where it was.
+    """
+    groups: list[list[float]] = []
+
+    def middle(group: Sequence[float]) -> float:
+        half = 0.5 * step * (len(group) - 1)
+        mean = sum(group) / len(group)
+        return min(max(mean, bottom + half), top - half)
+
+    for height in wanted:
+        group = [height]
+        while groups:
+            reach = 0.5 * step * (len(groups[-1]) + len(group))
+            if middle(groups[-1]) - middle(group) >= reach:
+                break
+            group = groups.pop() + group
+        groups.append(group)
+    return [
+        middle(group) + step * (0.5 * (len(group) - 1) - k)
+        for group in groups
+        for k in range(len(group))
+    ]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.palette import (
+from fembridge.plots.style import (
     AFFERENT_COLOURS,
     DPI,
     INK,
@@ -13,8 +13,9 @@ from fembridge.plots.palette import (
     PAGE_WIDTH_IN,
     SMALL_TEXT_PT,
     TEXT_PT,
+    make_plain,
+    save_figure,
 )
-from fembridge.plots.picture import make_plain, save_figure
 from fembridge.plots.waveform import draw_waveform
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace

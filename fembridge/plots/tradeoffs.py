@@ -7,21 +7,13 @@ against amplitude, with those of the candidate that was taken.
 
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fembridge.fitting.fit import Fit, FitRun
 from fembridge.fitting.judged_rates import JudgedRates
-from fembridge.plots.fitted_rates import (
-    CHOSEN_STYLE,
-    DOT_PT,
-    OBSERVED_STYLE,
-    PUBLISHED_STYLE,
-    draw_rates,
-    level_name,
-)
-from fembridge.plots.palette import (
+from fembridge.plots.style import (
     AFFERENT_COLOURS,
     DPI,
     FAINT,
@@ -29,8 +21,11 @@ from fembridge.plots.palette import (
     LINE_PT,
     SMALL_TEXT_PT,
     TEXT_PT,
+    log_axis,
+    make_plain,
+    name_axes,
+    save_figure,
 )
-from fembridge.plots.picture import make_plain, save_figure
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -44,11 +39,31 @@ _PANEL_GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
 _LEGEND_DOWN_IN = 0.08
 # A group is at least this wide; of more than these, names are written aslant.
 _GROUP_IN, _MOST_LEVEL_NAMES = 0.42, 6
-_ROOM = 1.08
 _RING_PT = 7.0
 _MOST_OPAQUE, _LEAST_OPAQUE = 0.45, 0.10
 _RMSE = "RMSE (impulses/s)"
 _PUBLISHED_NAME = "Table 2 of the paper"
+
+_ROOM, _AMPLITUDE_ROOM = 1.08, 1.4
+DOT_PT = 3.0
+
+PUBLISHED_STYLE: dict[str, Any] = {
+    "color": "#777777",
+    "linewidth": LINE_PT,
+    "dashes": (4, 2),
+    "zorder": 3,
+}
+CHOSEN_STYLE: dict[str, Any] = {"color": INK, "linewidth": 2 * LINE_PT, "zorder": 4}
+OBSERVED_STYLE: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": DOT_PT,
+    "markerfacecolor": "white",
+    "markeredgecolor": INK,
+    "markeredgewidth": 0.8,
+    "clip_on": False,
+    "zorder": 5,
+}
 
 
 def draw_tradeoffs(run: FitRun, path: Path, *, dpi: float = DPI) -> None:
@@ -96,7 +111,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
             panel(rates_left_in + k * (_RATES_IN + _RATES_GAP_IN), _RATES_IN)
             for k in range(len(columns))
         ]
-        draw_rates(panels, columns, fit)
+        _draw_rates(panels, columns, fit)
         if not row:
             _head(lines, "Error of each candidate")
             _head(pair, "Strongest trade-off")
@@ -107,7 +122,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
             figure.text(
                 middle_in / width_in,
                 0.06 / height_in,
-                level_name(fit.fitted),
+                _level_name(fit.fitted),
                 ha="center",
                 va="bottom",
                 fontsize=TEXT_PT,
@@ -144,7 +159,7 @@ def _draw_lines(panel: "Axes", fit: Fit) -> None:
     panel.set_xlim(-0.15, len(along) - 0.85)
     highest_ips = max(float(rmse_ips.max()), float(published_ips.max()), 1.0)
     panel.set_ylim(0.0, _ROOM * highest_ips)
-    _name_axes(panel, "", _RMSE)
+    name_axes(panel, "", _RMSE)
     panel.annotate(
         fit.afferent,
         (0.0, 0.5),
@@ -204,7 +219,7 @@ def _draw_pair(panel: "Axes", fit: Fit) -> None:
     )
     panel.set_xlim(0.0, _ROOM * max(float(across_ips.max()), 1.0))
     panel.set_ylim(0.0, _ROOM * max(float(up_ips.max()), 1.0))
-    _name_axes(panel, f"RMSE at {names[first]} (impulses/s)", f"RMSE at {names[second]}")
+    name_axes(panel, f"RMSE at {names[first]} (impulses/s)", f"RMSE at {names[second]}")
 
 
 def _draw_legend(figure: "Figure", height: float) -> None:
@@ -244,6 +259,36 @@ def _head(panel: "Axes", text: str) -> None:
     panel.set_title(text, fontsize=TEXT_PT, color=INK, pad=6)
 
 
-def _name_axes(panel: "Axes", along: str, up: str) -> None:
-    panel.set_xlabel(along, fontsize=SMALL_TEXT_PT, color=INK, labelpad=2)
-    panel.set_ylabel(up, fontsize=SMALL_TEXT_PT, color=INK)
+def _draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
+    """Draw observed rates, and predicted ones, against amplitude; one scale a row."""
+    highest_ips = max(
+        1.0, float(fit.fitted.observed_ips.max()), float(fit.fitted.predicted_ips.max())
+    )
+    shown = [name in fit.problem.group_names for name in columns]
+    first = panels[shown.index(True)]
+    for panel, name in zip(panels, columns, strict=True):
+        if name not in fit.problem.group_names:
+            panel.set_axis_off()
+            continue
+        for judged, style in ((fit.published, PUBLISHED_STYLE), (fit.fitted, CHOSEN_STYLE)):
+            mine = judged.of_group(name)
+            levels = np.array([entry.level_um for entry in mine.entries])
+            order = levels.argsort(kind="stable")
+            panel.plot(levels[order], mine.predicted_ips[order], **style)
+        panel.plot(levels, mine.observed_ips, **OBSERVED_STYLE)
+        log_axis(panel, levels.min() / _AMPLITUDE_ROOM, levels.max() * _AMPLITUDE_ROOM)
+        panel.set_ylim(0.0, _ROOM * highest_ips)
+        if panel is not first:
+            panel.tick_params(labelleft=False)
+    first.set_ylabel("Rate (impulses/s)", fontsize=SMALL_TEXT_PT, color=INK)
+
+
+def _level_name(judged: JudgedRates) -> str:
+    """Name the axis of the levels of these stimuli."""
+    families = {entry.family for entry in judged.entries}
+    words = {
+        "sine": "Amplitude (µm)",
+        "diharm": "Amplitude of component 1 (µm)",
+        "noise": "RMS amplitude (µm)",
+    }
+    return words[families.pop()] if len(families) == 1 else "Amplitude (µm)"

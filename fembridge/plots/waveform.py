@@ -6,8 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.palette import DPI, FAINT, HAIR_PT, INK, PAGE_WIDTH_IN, SHADE, SMALL_TEXT_PT
-from fembridge.plots.picture import make_plain, save_figure
+from fembridge.plots.style import (
+    DPI,
+    FAINT,
+    HAIR_PT,
+    INK,
+    PAGE_WIDTH_IN,
+    SHADE,
+    SMALL_TEXT_PT,
+    make_plain,
+    save_figure,
+)
 from fembridge.stimulus import Stimulus
 
 if TYPE_CHECKING:

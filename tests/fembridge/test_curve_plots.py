@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import UsageError
-from fembridge.plots.palette import AFFERENT_COLOURS, INK
 from fembridge.plots.response import closure_text, response_figure
+from fembridge.plots.style import AFFERENT_COLOURS, INK
 from fembridge.plots.trace import MOST_PANELS, trace_figure
 from fembridge.plots.waveform import scale_ticks, waveform_figure
 from fembridge.response.response_map import ResponseMap

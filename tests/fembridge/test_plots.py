@@ -17,12 +17,18 @@ from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import OutputError, UsageError
-from fembridge.plots.layer_palette import LAYER_COLOURS, line_colour
-from fembridge.plots.mesh import afferent_nodes, boundaries, draw_mesh, mesh_figure, probe_outline
-from fembridge.plots.mesh_annotations import modulus_text, poisson_text
-from fembridge.plots.picture import save_figure
+from fembridge.plots.mesh import (
+    afferent_nodes,
+    boundaries,
+    close_window,
+    draw_mesh,
+    mesh_figure,
+    modulus_text,
+    poisson_text,
+    probe_outline,
+)
+from fembridge.plots.style import LAYER_COLOURS, line_colour, save_figure, spread
 from fembridge.plots.waveform import waveform_figure
-from fembridge.plots.window import close_window, spread
 
 # Machado, Oliveira & Fernandes 2009, IEEE TVCG 15:1291: linear RGB as it is seen
 # without one class of cones.

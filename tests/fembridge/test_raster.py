@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fembridge.errors import OutputError, UsageError
-from fembridge.plots.palette import AFFERENT_COLOURS
 from fembridge.plots.raster import draw_raster, raster_figure
+from fembridge.plots.style import AFFERENT_COLOURS
 from fembridge.stimulus import Stimulus
 from fembridge.tables import SpikeTrain
 
