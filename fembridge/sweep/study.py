@@ -23,7 +23,7 @@ stay below it. What contacts leave open follows the ladder of `fembridge.respons
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -34,7 +34,7 @@ from fembridge.errors import FembridgeError, UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.response.solve import LADDER
 from fembridge.simulation import METHODS
-from fembridge.store import read_toml, structure
+from fembridge.store import changed, read_toml, structure
 from fembridge.sweep.fingers import (
     CONTACT_KEYS,
     FingersTable,
@@ -231,10 +231,9 @@ def ladder_of(asked: Asked) -> tuple[Contact, ...]:
         A name or a value that no contact model has.
     """
     try:
-        rungs = [replace(rung, **asked) for rung in LADDER]  # type: ignore[arg-type]
-    except (TypeError, FembridgeError) as error:
+        return tuple(dict.fromkeys(changed(rung, asked, UsageError) for rung in LADDER))
+    except UsageError as error:
         raise UsageError(f"contacts: {error}") from error
-    return tuple(dict.fromkeys(rungs))
 
 
 def _rows(
@@ -262,9 +261,10 @@ def _probe(row: Mapping[str, Value], where: str) -> Probe:
         widest_mm = _FILLET_SHARE * abs(diameter_mm)
         entries.setdefault("fillet_mm", min(Probe().fillet_mm, widest_mm))
     try:
-        return Probe(**entries)  # type: ignore[arg-type]
-    except FembridgeError as error:
+        structure(entries, Probe, UsageError)
+    except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
+    return Probe(**entries)  # type: ignore[arg-type] # as it is written: 1 stays 1
 
 
 def _parameters(word: str, folder: Path) -> ParameterSet:

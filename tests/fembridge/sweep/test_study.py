@@ -146,7 +146,7 @@ HOSTILE = {
     "stimuli = 'sine_20_250'\nfingers = [{rows = []}]": "fingers 1: rows: none",
     "stimuli = 'sine_20_250'\nfingers = [{rows = [{}], grid = {}}]": "grid and rows",
     "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = -1}]}]": (
-        r"fingers 1: skin.dermis_mm = -1: \[skin\] dermis_mm must be 0.02 to 50"
+        "fingers 1: skin.dermis_mm = -1: .*dermis_mm"
     ),
     "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = nan}]}]": (
         "fingers 1: row 1: skin.dermis_mm: nan, expected a finite number"
@@ -158,7 +158,7 @@ HOSTILE = {
         "unknown key 'dermis', .* did you mean dermis_mm"
     ),
     "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis_mm = ['__import__']}]": (
-        "dermis_mm must be a number, got '__import__'"
+        "dermis_mm: '__import__'"
     ),
     "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]": (
         "fingers 1: grid: skin.dermis_mm: 1.0: a duplicate"
@@ -169,14 +169,14 @@ HOSTILE = {
     "skin.dermis_mm = [1.1]": "skin.dermis_mm: a duplicate",
     "stimuli = 'sine_20_250'\nprobes = [{diameter_mm = -1}]": "probes 1: diameter_mm",
     "stimuli = 'sine_20_250'\nprobes = [{diameter = 1}]": "did you mean diameter_mm",
-    "stimuli = 'sine_20_250'\nprobes = [{x_mm = '../'}]": "x_mm must be a number",
+    "stimuli = 'sine_20_250'\nprobes = [{x_mm = '../'}]": "x_mm",
     "stimuli = 'sine_20_250'\nprobes = [{fillet_mm = 0.1}]": "fillet_mm is for shape",
     "stimuli = 'sine_20_250'\nprobes = [{shape = 'round'}]": "probe shape 'round'",
     "stimuli = 'sine_20_250'\nprobes = []": "probes: none",
     "stimuli = 'sine_20_250'\nprobes = [{}, {}]": "probes: .*: a duplicate",
     "stimuli = 'sine_20_250'\ncontacts = [{friction = -0.1}]": "contacts: friction",
     "stimuli = 'sine_20_250'\ncontacts = [{fricton = 0.1}]": "did you mean friction",
-    "stimuli = 'sine_20_250'\ncontacts = [{friction = '0.4'}]": "must be a number",
+    "stimuli = 'sine_20_250'\ncontacts = [{friction = '0.4'}]": "friction: '0.4'",
     "stimuli = 'sine_20_250'\nstored = true\nmethods = ['transient']": "no transient",
     "stimuli = 'sine_20_250'\nstored = true\ncontacts = [{friction = 0}]": "its own",
     "stimuli = ": "not readable as TOML",
