@@ -21,7 +21,7 @@ from fembridge.build import model_of
 from fembridge.report.indent import indent
 from fembridge.report.runs import Runs
 from fembridge.sensitivity import parameter_words, signed
-from fembridge.sweep import Variant, read_study
+from fembridge.sweeps import Variant, read_study
 
 
 def finer(resolution: Resolution) -> Resolution:

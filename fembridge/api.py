@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fembridge.report.validate import Validation
     from fembridge.simulation import Simulation
     from fembridge.solver.verdict import Outcome
-    from fembridge.sweep.sweep import Sweep
+    from fembridge.sweeps.sweep import Sweep
 
 Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
 """Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
@@ -411,7 +411,7 @@ def sweep(
     Goes on where an earlier sweep into `output` ended. ``results`` of what comes back is
     the path of its table, ``failed`` lists items without an answer, ``causes`` why.
     """
-    from fembridge.sweep import run_sweep
+    from fembridge.sweeps import run_sweep
 
     return run_sweep(Path(study), Path(output), jobs=jobs, threads=threads)
 

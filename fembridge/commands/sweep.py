@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import add_output_option
 
 if TYPE_CHECKING:
-    from fembridge.sweep import Sweep
+    from fembridge.sweeps import Sweep
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
     from pathlib import Path
 
-    from fembridge.sweep import run_sweep
+    from fembridge.sweeps import run_sweep
 
     sweep = run_sweep(
         Path(args.study),

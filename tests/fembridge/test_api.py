@@ -1,6 +1,7 @@
 """What the commands do, as functions: the examples of their docstrings, and the files."""
 
 import doctest
+import importlib.util
 
 import pandas
 import pytest
@@ -77,3 +78,9 @@ def test_a_trace_of_no_class_is_not_encoded():
     trace = fb.StressTrace([0.0, 1.0], 0.5, node=12)
     with pytest.raises(fb.FembridgeError, match="node 12"):
         fb.encode([trace])
+
+
+def test_no_module_hides_a_public_function():
+    """A submodule that was imported is an attribute of its package, whatever it hides."""
+    for name in fb.__all__:
+        assert importlib.util.find_spec(f"fembridge.{name}") is None

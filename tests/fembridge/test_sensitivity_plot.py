@@ -20,7 +20,7 @@ from fembridge.sensitivity import (
     single_effects,
     unit_of,
 )
-from fembridge.sweep.design import Range, latin_hypercube, one_at_a_time
+from fembridge.sweeps.design import Range, latin_hypercube, one_at_a_time
 
 PNG = b"\x89PNG\r\n\x1a\n"
 NAMES = ("skin.dermis_mm", "materials.dermis.young_mpa", "contact.friction")

@@ -16,7 +16,7 @@ import pytest
 import fembridge
 from fembridge import cli
 from fembridge.machine import CCX_VARIABLE
-from fembridge.sweep import sweep
+from fembridge.sweeps import sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
 RECORDED = ROOT / "fixtures" / "response_quick"

@@ -18,7 +18,7 @@ import pytest
 import fembridge
 from fembridge import executor
 from fembridge.errors import MissingError, UsageError
-from fembridge.sweep import run_sweep
+from fembridge.sweeps import run_sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
 
@@ -33,7 +33,7 @@ from pathlib import Path
 
 def main(study, folder):
     from distributed import LocalCluster
-    from fembridge.sweep import run_sweep
+    from fembridge.sweeps import run_sweep
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:

@@ -25,8 +25,8 @@ from fembridge.sensitivity import (
     single_effects,
     swept_text,
 )
-from fembridge.sweep import read_study
-from fembridge.sweep.design import Range, hypercube_shares, one_at_a_time
+from fembridge.sweeps import read_study
+from fembridge.sweeps.design import Range, hypercube_shares, one_at_a_time
 
 HEADER = (
     "finger,skin.dermis_mm,contact.friction,probe_x_mm,method,"

@@ -15,11 +15,17 @@ from decks.finger import AfferentSite, Papillae, Ridges, Skin
 from decks.presets import PRESETS, QUICK
 from decks.probe import Probe
 from fembridge.errors import FingerError, UsageError
-from fembridge.sweep import read_study, run_sweep
-from fembridge.sweep.design import Range, hypercube_shares, latin_hypercube, one_at_a_time, range_of
-from fembridge.sweep.fingers import MOST_POINTS, Anchor, anchor_of, anchored, combinations
-from fembridge.sweep.study import study_from
-from fembridge.sweep.sweep import plan_of
+from fembridge.sweeps import read_study, run_sweep
+from fembridge.sweeps.design import (
+    Range,
+    hypercube_shares,
+    latin_hypercube,
+    one_at_a_time,
+    range_of,
+)
+from fembridge.sweeps.fingers import MOST_POINTS, Anchor, anchor_of, anchored, combinations
+from fembridge.sweeps.study import study_from
+from fembridge.sweeps.sweep import plan_of
 
 LEAST = {"stimuli": ["sine_20_250"]}
 

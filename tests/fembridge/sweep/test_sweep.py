@@ -14,12 +14,12 @@ from fembridge.build import model_of
 from fembridge.errors import UsageError
 from fembridge.simulation import simulate
 from fembridge.stimulus import Stimulus
-from fembridge.sweep import Study, Variant, run_sweep
-from fembridge.sweep import sweep as module
-from fembridge.sweep import work as work_module
-from fembridge.sweep.study import study_from
-from fembridge.sweep.sweep import plan_of
-from fembridge.sweep.work import STUDY_FILE, read_answers, solver_version, work
+from fembridge.sweeps import Study, Variant, run_sweep
+from fembridge.sweeps import sweep as module
+from fembridge.sweeps import work as work_module
+from fembridge.sweeps.study import study_from
+from fembridge.sweeps.sweep import plan_of
+from fembridge.sweeps.work import STUDY_FILE, read_answers, solver_version, work
 from neural import parameter_set
 from neural.rate import spikes_inside
 

@@ -16,11 +16,11 @@ from decks.stimuli import CATALOGUE, resolve
 from fembridge.errors import FembridgeError
 from fembridge.response.solve import LADDER
 from fembridge.store import folder_lock
-from fembridge.sweep import Study, Variant, run_sweep
-from fembridge.sweep import work as module
-from fembridge.sweep.study import ladder_of, study_from
-from fembridge.sweep.sweep import plan_of
-from fembridge.sweep.work import STUDY_FILE, Item, Response, work
+from fembridge.sweeps import Study, Variant, run_sweep
+from fembridge.sweeps import work as module
+from fembridge.sweeps.study import ladder_of, study_from
+from fembridge.sweeps.sweep import plan_of
+from fembridge.sweeps.work import STUDY_FILE, Item, Response, work
 from neural import parameter_set
 
 QUICK = Variant("quick", PRESETS["quick"])

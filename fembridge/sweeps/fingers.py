@@ -39,7 +39,7 @@ from decks.section import DepthOfArc, Section, section_of
 from fembridge.errors import FembridgeError, FingerError, UsageError
 from fembridge.response.solve import LADDER
 from fembridge.store import near_hint
-from fembridge.sweep.design import (
+from fembridge.sweeps.design import (
     DESIGNS,
     LATIN_HYPERCUBE,
     ONE_AT_A_TIME,

@@ -35,7 +35,7 @@ from fembridge.response.response_map import reading_energy
 from fembridge.response.solve import LADDER
 from fembridge.simulation import METHODS
 from fembridge.store import changed, read_toml, structure
-from fembridge.sweep.fingers import (
+from fembridge.sweeps.fingers import (
     CONTACT_KEYS,
     FingersTable,
     Value,

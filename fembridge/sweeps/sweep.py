@@ -32,9 +32,9 @@ from fembridge.progress import Bars, words_of
 from fembridge.response.acceptance import depth_for
 from fembridge.solver.ccx import Progress, SolverSettings, signals_as_exits
 from fembridge.store import make_folder, write_text
-from fembridge.sweep.fingers import Value, Variant
-from fembridge.sweep.study import Asked, Study, read_study
-from fembridge.sweep.work import (
+from fembridge.sweeps.fingers import Value, Variant
+from fembridge.sweeps.study import Asked, Study, read_study
+from fembridge.sweeps.work import (
     ANSWER_COLUMNS,
     STORED,
     STUDY_FILE,

@@ -60,7 +60,7 @@ from fembridge.store import (
     write_sealed,
     write_text,
 )
-from fembridge.sweep.study import Asked, ladder_of
+from fembridge.sweeps.study import Asked, ladder_of
 from fembridge.tables import write_spikes, write_table
 from fembridge.typing import Table
 from neural import AfferentParameters, Parameters, parameters_to_table, spikes_inside

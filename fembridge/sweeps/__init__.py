@@ -4,8 +4,8 @@
 table says about parameters of the finger is in `fembridge.sensitivity`.
 """
 
-from fembridge.sweep.fingers import Variant
-from fembridge.sweep.study import Study, read_study
-from fembridge.sweep.sweep import Sweep, run_sweep
+from fembridge.sweeps.fingers import Variant
+from fembridge.sweeps.study import Study, read_study
+from fembridge.sweeps.sweep import Sweep, run_sweep
 
 __all__ = ["Study", "Sweep", "Variant", "read_study", "run_sweep"]
