@@ -47,12 +47,12 @@ _MARKS = (INCREMENT, INCREMENT_END, FILE_END)
 _TITLE, _VERIFICATION, _DOMAIN, _CODES, _CONNECTIVITY, _COORDINATES, _SETS = (
     501, 502, 505, 506, 507, 508, 513,
 )  # fmt: skip
-_LOAD_CASE, _INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL = 516, 517, 518, 523, 524
+_INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL = 517, 518, 523, 524
 _MODEL_READ = (_VERIFICATION, _CODES, _CONNECTIVITY, _COORDINATES, _SETS)
-_READ = (*_MODEL_READ, _LOAD_CASE, _INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL)
+_READ = (*_MODEL_READ, _INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL)
 _MODEL = range(502, 515)  # what comes again with a new mesh
 # Others that real files have, or that are documented.
-_SKIPPED = (501, 504, 505, 510, 514, 515, 519, 520, 529, *range(530, 537), *range(540, 544))
+_SKIPPED = (501, 504, 505, 510, 514, 515, 516, 519, 520, 529, *range(530, 537), *range(540, 544))
 _SEEN_REVISIONS = (12, 14)
 
 _SET_KINDS = {0: "element", 1: "node", 12: "edge", 13: "face", 18: "edge", 19: "face"}
@@ -110,14 +110,13 @@ class PostCode:
 class PostSet:
     """A named set: `kind` is "node", "element", "edge", "face" or "type N".
 
-    `members` ``(M,)`` are numbers of nodes, or of elements; of edges and faces `sides`
-    ``(M,)`` says which one of its element, from 0.
+    `members` ``(M,)`` are numbers of nodes, or of elements; of edges and faces those of
+    their elements.
     """
 
     name: str
     kind: str
     members: IntArray
-    sides: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +165,6 @@ class PostIncrement(NamedTuple):
     increment: int
     sub_increment: int
     time_s: float
-    title: str
     mesh: int
     harmonic: int
     frequency: float
@@ -386,36 +384,26 @@ class PostFile:
             self._repeats.forget()
         else:
             self._repeats.add(layout, records.at, records.free)
-        title = ""
-        if layout.title is not None:
-            first, last = layout.title
-            title = records.decoded_text(records.file.take(first, last - first))
         integers = layout.integers.values(records.file)[0].tolist()
         reals = layout.reals.values(records.file)[0].tolist()
-        self._append(layout, 0, integers, reals, title)
+        self._append(layout, 0, integers, reals)
         self._whole_bytes = records.at
 
     def _repeated(self, repeat: "_Repeat") -> None:
-        """Append increments that look like one before; they share a few titles."""
+        """Append increments that look like one before."""
         at = self._records.at
-        titles = {raw: self._records.decoded_text(raw) for raw in set(repeat.titles)}
-        for words, reals, raw in zip(
-            repeat.integers.tolist(), repeat.reals.tolist(), repeat.titles, strict=True
-        ):
-            self._append(repeat.layout, at - repeat.layout.start, words, reals, titles[raw])
+        for words, reals in zip(repeat.integers.tolist(), repeat.reals.tolist(), strict=True):
+            self._append(repeat.layout, at - repeat.layout.start, words, reals)
             at += repeat.length
         self._records.at = self._whole_bytes = at
 
-    def _append(
-        self, layout: "_Layout", offset: int, words: list[int], reals: list[float], title: str
-    ) -> None:
+    def _append(self, layout: "_Layout", offset: int, words: list[int], reals: list[float]) -> None:
         self.increments.append(
             PostIncrement(
                 row=len(self.increments),
                 increment=words[1],
                 sub_increment=words[2],
                 time_s=reals[0],
-                title=title,
                 mesh=len(self._models) - 1,
                 harmonic=words[6],
                 frequency=reals[1],
@@ -639,17 +627,9 @@ class _BinaryRecords:
         """Go behind the word that is here."""
         self.at += self._record() + 2 * _MARKER
 
-    def text(self, free: bool = False) -> str:
+    def text(self) -> str:
         """A record of text, without blanks at its ends."""
-        start = self.at
-        raw = self._payload()
-        if free:
-            self.free.append((start + _MARKER, self.at - _MARKER))
-        return self._decoded(raw)
-
-    def decoded_text(self, record: bytes) -> str:
-        """The text of a whole record that is in memory."""
-        return self._decoded(record[_MARKER:-_MARKER])
+        return self._decoded(self._payload())
 
     def label(self) -> tuple[list[int], str]:
         """A record of integers and a text: an element post code."""
@@ -797,15 +777,8 @@ class _TextRecords:
         found = self.file.line(self.at)
         self.at = found[1] if found else self.file.size  # no end behind the last word
 
-    def text(self, free: bool = False) -> str:
-        start = self.at
-        line = self._line()
-        if free:
-            self.free.append((start, start + len(line)))
-        return self.decoded_text(line)
-
-    def decoded_text(self, record: bytes) -> str:
-        return record.decode("latin-1").strip()
+    def text(self) -> str:
+        return self._line().decode("latin-1").strip()
 
     def label(self) -> tuple[list[int], str]:
         start, line = self.at, self._line()
@@ -999,7 +972,6 @@ class _SetPlace(NamedTuple):
     name: str
     kind: int
     members: _Numbers | None
-    sides: _Numbers | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -1071,10 +1043,11 @@ def _set(records: _Records, revision: int) -> _SetPlace:
         records.integers(4)
     if count == 0:
         records.skip_empty()
-        return _SetPlace(name, kind, None, None)
+        return _SetPlace(name, kind, None)
     members, _ = records.table(1, count, 0)
-    sides = records.table(1, count, 0)[0] if kind in _WITH_SIDES else None
-    return _SetPlace(name, kind, members, sides)
+    if kind in _WITH_SIDES:
+        records.table(1, count, 0)
+    return _SetPlace(name, kind, members)
 
 
 def _counts(records: _Records, number: int) -> list[int]:
@@ -1096,9 +1069,7 @@ def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
     if model.nodes and ids is None:
         raise ResultError(f"{model.nodes} nodes and no block of them", file.path)
 
-    def row(numbers: _Numbers | None) -> IntArray:
-        return np.empty(0, dtype=np.int64) if numbers is None else numbers.values(file)[0]
-
+    nothing = np.empty(0, dtype=np.int64)
     table = np.empty((0, 3), dtype=np.int64)
     if model.connectivity is not None:
         table = model.connectivity.values(file)
@@ -1116,7 +1087,7 @@ def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
         )
     corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
     return PostMesh(
-        node_ids=np.empty(0, np.int64) if ids is None else ids.values(file)[:, 0],
+        node_ids=nothing if ids is None else ids.values(file)[:, 0],
         coordinates_mm=mm,
         element_ids=table[:, 0].copy(),
         element_types=table[:, 1].copy(),
@@ -1126,8 +1097,7 @@ def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
             PostSet(
                 one.name,
                 _SET_KINDS.get(one.kind, f"type {one.kind}"),
-                row(one.members),
-                row(one.sides),
+                nothing if one.members is None else one.members.values(file)[0],
             )
             for one in model.sets
         ),
@@ -1141,13 +1111,12 @@ def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
 class _Layout:
     """Where the parts of an increment are that begins at byte `start`.
 
-    `title` is (first byte, last + 1); `integers` and `reals` are its verification data;
-    `nodal_values` has one entry for each of `nodal`, None where the file has no data.
-    Increments of a run are alike to the byte, but for their values: one layout serves all.
+    `integers` and `reals` are its verification data; `nodal_values` has one entry for each of
+    `nodal`, None where the file has no data. Increments of a run are alike to the byte, but for
+    their values: one layout serves all.
     """
 
     start: int
-    title: tuple[int, int] | None = None
     integers: _Numbers | None = None
     reals: _Numbers | None = None
     element_values: _Numbers | None = None
@@ -1157,10 +1126,6 @@ class _Layout:
 
 def _read_increment_block(records: _Records, base: int, model: _Model, layout: _Layout) -> _Layout:
     """`layout` with where the block's values are that `records` is in."""
-    if base == _LOAD_CASE:
-        start = records.at
-        records.text(free=True)
-        return replace(layout, title=(start, records.at))
     if base == _INTEGERS:
         return replace(layout, integers=records.table(1, _INCREMENT_WORDS, 0)[0])
     if base == _REALS:
@@ -1212,7 +1177,6 @@ class _Repeat(NamedTuple):
     length: int
     integers: IntArray
     reals: FloatArray
-    titles: list[bytes]
 
 
 class _Part(NamedTuple):
@@ -1256,10 +1220,8 @@ class _Repeats:
             places = np.concatenate([np.arange(*span) for span in group]) - first
             raw = np.frombuffer(self._file.take(first, last - first), dtype=np.uint8)
             parts.append(_Part(first - start, last - first, places, raw[places]))
-        if layout.title is None or layout.integers is None or layout.reals is None:
-            return
-        heads = [layout.title[1], *(n.start + n.stride for n in (layout.integers, layout.reals))]
-        if max(heads) <= start + parts[0].length:
+        head = max(n.start + n.stride for n in (layout.integers, layout.reals) if n is not None)
+        if head <= start + parts[0].length:
             self._known = [(layout, end - start, parts), *self._known[: _TEMPLATES - 1]]
 
     def find(self, at: int) -> _Repeat | None:
@@ -1282,22 +1244,15 @@ class _Repeats:
         count = count if same.all() else int(np.argmin(same))
         if count == 0 or not all(self._compared(part, at, 1)[1][0] for part in parts[1:]):
             return None
-        assert layout.title is not None and layout.integers is not None  # as `add` checks
-        assert layout.reals is not None
-        rows = first[:count]
-
-        def part(begin: int, size: int) -> NDArray[np.uint8]:
-            return rows[:, begin - layout.start :][:, :size]
-
+        assert layout.integers is not None and layout.reals is not None  # as the walk saw to
         try:
             integers, reals = (
-                numbers.decode(part(numbers.start, numbers.stride))
+                numbers.decode(first[:count, numbers.start - layout.start :][:, : numbers.stride])
                 for numbers in (layout.integers, layout.reals)
             )
         except ValueError:
             return None  # the walk will say what is wrong
-        title = part(layout.title[0], layout.title[1] - layout.title[0])
-        return _Repeat(layout, length, integers, reals, [row.tobytes() for row in title])
+        return _Repeat(layout, length, integers, reals)
 
     def _compared(
         self, part: _Part, at: int, count: int

@@ -152,13 +152,11 @@ def check_model(storage, model, mesh, codes):
         assert not any(row[len(element[2]) :])
     if model.elements and not old:
         assert mesh.extras.tolist() == [list(element[3]) for element in model.elements]
-    for found, (name, kind, members, sides) in zip(mesh.sets, model.sets, strict=True):
+    for found, (name, kind, members, _) in zip(mesh.sets, model.sets, strict=True):
         assert (found.name, found.members.tolist()) == (name, list(members))
         known = {0: "element", 1: "node", 12: "edge", 13: "face"}
         ordered = {18: "edge", 19: "face"}
         assert found.kind == {**known, **ordered}.get(kind, f"type {kind}")
-        has_sides = kind in (12, 13, 18, 19)
-        assert found.sides.tolist() == (list(sides) if has_sides else [])
     assert [(code.code, code.label) for code in codes] == [
         (code, label[:24].strip()) for code, _, label in model.codes
     ]
@@ -167,7 +165,6 @@ def check_model(storage, model, mesh, codes):
 def check_increment(storage, model, expected, post, found):
     assert found.increment == expected.number
     assert found.sub_increment == expected.sub
-    assert found.title == expected.title
     assert found.time_s == storage.kept(expected.time_s)
     assert found.has_element_values == (expected.element is not None)
     if expected.element is not None:
@@ -253,7 +250,7 @@ def check(post, increments):
     for row, expected in enumerate(increments):
         found = post.increments[row]
         assert (found.row, found.increment) == (row, expected.number)
-        assert (found.time_s, found.title) == (expected.time_s, expected.title)
+        assert found.time_s == expected.time_s
         assert found.has_element_values == (expected.element is not None)
         if found.has_element_values:
             last = len(expected.element) - 1
