@@ -1,17 +1,28 @@
-"""The ladder of contact models, climbed by a solver that plays what it is told.
-
-Each rung's results are the recorded ones of the quick finger, put where the
-solver would leave them.
-"""
+"""The ladder of contact models, skin that slips, and models that have no map."""
 
 import dataclasses
+import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from decks.material import PronyTerm
+from decks.presets import PRESETS
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
+from fembridge.build import model_of
 from fembridge.errors import OutputError, ResponseError, SolverError, StimulusError
+from fembridge.response import solve
 from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
-from fembridge.response.solve import LADDER, solve_response
+from fembridge.response.solve import (
+    LADDER,
+    FrictionSlipError,
+    HysteresisError,
+    solve_response,
+    why_no_map,
+)
+from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import SolverSettings
 from fembridge.solver.verdict import Cause
 
@@ -187,3 +198,100 @@ def test_the_ladder_tries_what_was_measured_to_come_back_first():
     assert LADDER[0].formulation == "node-to-surface"
     assert LADDER[0].friction == 0.4
     assert len(set(LADDER)) == len(LADDER)
+
+
+def test_what_comes_back_without_friction_alone_is_skin_that_slips(
+    tmp_path, model, player, monkeypatch
+):
+    measured = solve.measured_response
+
+    def judge(run, *waveform):
+        if run.folder.name == "contact_2":
+            raise HysteresisError(f"{run.folder}: unloading differs by 1.5 %", 1.5)
+        return measured(run, *waveform)
+
+    monkeypatch.setattr(solve, "measured_response", judge)
+    player.plays[1] = Cause.DIVERGED
+
+    with pytest.raises(FrictionSlipError) as slip:
+        solve_response(tmp_path, model)
+
+    assert (slip.value.rung, slip.value.closure_percent) == (2, 1.5)
+    for words in ("skin slips", "friction 0.4", "by 1.5 %", "the probe's way"):
+        assert words in str(slip.value)
+    assert player.rungs == [1, 2]
+    [folder] = player.smooth
+    contact = read_run_folder(folder).inputs["contact"]
+    rough = read_run_folder(tmp_path / "contact_2").inputs["contact"]
+    assert contact == {**rough, "friction": 0.0}
+    assert not (tmp_path / MAP_FILE).exists()
+
+
+def test_a_rung_without_friction_has_no_frictionless_twin(tmp_path, model, player, remembering):
+    remembering.update({1, 2, 3})
+
+    solve_response(tmp_path, model)
+
+    assert [folder.name for folder in player.smooth] == ["frictionless_1", "frictionless_2"]
+
+
+def test_a_slip_is_still_itself_after_a_worker_raised_it():
+    slip = pickle.loads(pickle.dumps(FrictionSlipError("words", 1.5, 2)))
+
+    assert (str(slip), slip.closure_percent, slip.rung) == ("words", 1.5, 2)
+
+
+def test_no_indentation_is_solved_for_skin_that_relaxes(tmp_path, model, player):
+    dermis = dataclasses.replace(model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    materials = {**model.finger.materials, "dermis": dermis}
+    finger = dataclasses.replace(model.finger, materials=materials)
+
+    with pytest.raises(ResponseError, match="no response map: dermis relaxes"):
+        solve_response(tmp_path, dataclasses.replace(model, finger=finger))
+
+    assert player.rungs == []
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(PRESETS["quick"])
+
+
+@pytest.fixture(scope="module")
+def sine():
+    return make_stimulus(resolve(["sine_20_250"])[0])
+
+
+def relaxing(model, *layers):
+    materials = dict(model.finger.materials)
+    for layer in layers:
+        materials[layer] = replace(materials[layer], prony=(PronyTerm(0.4, 0.02),))
+    return replace(model, finger=replace(model.finger, materials=materials))
+
+
+def test_nothing_speaks_against_a_map_of_the_papers_model(model, sine):
+    assert why_no_map(model, [sine]) is None
+    assert not model.depends_on_time
+    assert model.at_once() is model
+
+
+def test_skin_that_relaxes_is_named(model, sine):
+    one = why_no_map(relaxing(model, "dermis"), [sine])
+    assert one.startswith("dermis relaxes: stress depends on time")
+    two = why_no_map(relaxing(model, "epidermis", "dermis"), [sine])
+    assert two.startswith("epidermis, dermis relax:")
+
+
+def test_inertia_and_a_slide_are_told(model, sine):
+    assert why_no_map(replace(model, inertia=True), [sine]).startswith("inertia")
+    slid = why_no_map(model, [sine, sine.sliding(5.0)])
+    assert slid.startswith("sine_20_250_slide_5: the probe slides")
+
+
+def test_the_contact_is_judged_on_the_model_that_does_not_know_of_time(model):
+    slow = replace(relaxing(model, "dermis"), inertia=True)
+    assert slow.depends_on_time
+    still = slow.at_once()
+    assert not still.depends_on_time
+    assert still.finger == model.finger
+    assert still.mesh is slow.mesh

@@ -1,4 +1,7 @@
-"""Stress against depth: at the map's own levels, between them, above and below."""
+"""The response map: its curves, what drives read of it, and those that are stored."""
+
+import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,9 +10,18 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import PchipInterpolator
 
+from decks.finger_file import finger_from
+from decks.material import TABLE_1
+from decks.presets import PRESETS, QUICK
+from decks.probe import Probe
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
-from fembridge.results.stress import von_mises_pa
+from fembridge.response import response_map
+from fembridge.response.response_map import FOLDER, read_map, stored_response
+from fembridge.results.stress import energy_stress_pa, von_mises_pa
 from fembridge.stimulus import Stimulus
+from neural import PUBLISHED, drive_named
 
 depths_below_300 = st.lists(st.floats(0.0, 300.0), min_size=2, max_size=40)
 
@@ -157,3 +169,111 @@ def test_a_map_lets_nobody_write(made_map):
     with pytest.raises(AttributeError):
         response.closure_percent = 0.0
     assert response.deepest_um == 300.0
+
+
+RESPONSE = read_map(FOLDER / "quick.toml")
+STIMULUS = make_stimulus(resolve("sine_20_250")[0], preindent_um=50.0)
+ENERGY = {name: drive_named("energy", name) for name in ("SA", "RA", "PC")}
+
+
+def test_models_that_read_von_mises_stress_get_the_traces_of_the_response():
+    expected = RESPONSE.traces(STIMULUS)
+    rising = {name: drive_named("rising", name) for name in ("SA", "RA")}
+    for models in ({}, rising, PUBLISHED):
+        found = RESPONSE.traces(STIMULUS, models)
+        assert [t.afferent for t in found] == [t.afferent for t in expected]
+        for one, other in zip(found, expected, strict=True):
+            assert_array_equal(one.stress_pa, other.stress_pa)
+            assert (one.node, one.dt_ms, one.start_ms) == (other.node, other.dt_ms, other.start_ms)
+
+
+def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
+    tensor_pa = RESPONSE.tensors(STIMULUS.displacement_um)
+    ratios = {"SA": 0.30, "RA": 0.30, "PC": 0.40}
+    for column, trace in enumerate(RESPONSE.traces(STIMULUS, ENERGY)):
+        ratio = ratios[trace.afferent]
+        assert RESPONSE.poisson_at(RESPONSE.places[column]) == ratio
+        assert TABLE_1[RESPONSE.places[column].layer].poisson == ratio
+        expected = energy_stress_pa(tensor_pa[:, column], ratio)
+        assert_array_equal(trace.stress_pa, expected)
+        assert expected.max() > 100.0
+
+
+def test_parameters_of_an_energy_drive_read_what_their_drive_reads():
+    parameters = {name: replace(one, drive="energy") for name, one in PUBLISHED.items()}
+    by_parameters = RESPONSE.traces(STIMULUS, parameters)
+    by_drive = RESPONSE.traces(STIMULUS, ENERGY)
+    for one, other in zip(by_parameters, by_drive, strict=True):
+        assert_array_equal(one.stress_pa, other.stress_pa)
+
+
+def test_each_class_reads_its_own():
+    mixed = {"SA": ENERGY["SA"], "RA": PUBLISHED["RA"]}
+    energy = RESPONSE.traces(STIMULUS, ENERGY)
+    plain = RESPONSE.traces(STIMULUS)
+    found = RESPONSE.traces(STIMULUS, mixed)
+    for one, other in zip(found, (energy[0], plain[1], plain[2]), strict=True):
+        assert_array_equal(one.stress_pa, other.stress_pa)
+    assert not np.array_equal(energy[0].stress_pa, plain[0].stress_pa)
+
+
+@pytest.mark.parametrize(
+    "origin", [{}, {"finger": "quick"}, {"finger": {"materials": {"epidermis": {}}}}]
+)
+def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(origin):
+    bare = replace(RESPONSE, origin=origin)
+    with pytest.raises(ResponseError, match="Poisson's ratio of epidermis, in which SA"):
+        bare.traces(STIMULUS, ENERGY)
+    assert len(bare.traces(STIMULUS, PUBLISHED)) == 3
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_each_preset_has_its_own_response(name):
+    response = stored_response(PRESETS[name], Probe(), "CPE4")
+    assert response.origin["finger"]["name"] == name
+
+
+def test_the_presets_respond_differently():
+    quick, paper = (stored_response(PRESETS[n], Probe(), "CPE4") for n in PRESETS)
+    assert not (quick.tensor_pa == paper.tensor_pa)[1:, :, :4].any()
+
+
+@pytest.mark.parametrize(
+    ("finger", "probe", "element", "told"),
+    [
+        (QUICK, Probe(diameter_mm=2.0), "CPE4", "diameter_mm 1.0, asked for is 2.0"),
+        (QUICK, Probe("flat"), "CPE4", "shape 'cylinder', asked for is 'flat'"),
+        (QUICK, Probe(x_mm=0.5), "CPE4", "x_mm 0.0, asked for is 0.5"),
+        (QUICK, Probe(), "CPE8R", "has 'CPE4', asked for is 'CPE8R'"),
+        (
+            finger_from({"materials": {"dermis": {"young_mpa": 0.5}}}, "quick"),
+            Probe(),
+            "CPE4",
+            "materials.dermis.young_mpa 0.05, asked for is 0.5",
+        ),
+        (
+            finger_from({"afferents": {"SA": {"depth_mm": 0.61}}}, "quick"),
+            Probe(),
+            "CPE4",
+            "asked for is 0.61",
+        ),
+    ],
+)
+def test_anything_else_is_refused_and_the_difference_named(finger, probe, element, told):
+    with pytest.raises(ResponseError, match="no response is stored for this") as caught:
+        stored_response(finger, probe, element)
+    assert told in str(caught.value)
+
+
+def test_a_finger_of_another_name_is_told_which_are_stored():
+    other = dataclasses.replace(QUICK, name="mine")
+    with pytest.raises(ResponseError, match="finger 'mine', only for paper, quick"):
+        stored_response(other, Probe(), "CPE4")
+
+
+def test_a_stored_map_that_was_edited_is_refused(tmp_path, monkeypatch):
+    text = (response_map.FOLDER / "quick.toml").read_text(encoding="utf-8")
+    (tmp_path / "quick.toml").write_text(text.replace("400.0", "500.0"), "utf-8")
+    monkeypatch.setattr(response_map, "FOLDER", tmp_path)
+    with pytest.raises(ResponseError, match="edited or cut"):
+        stored_response(QUICK, Probe(), "CPE4")

@@ -1,12 +1,14 @@
-"""Many folders: each has its outcome, whatever becomes of the others."""
+"""Many folders, each with its outcome, and the table of solvers that run them."""
 
+import importlib.metadata
 import threading
 
 import pytest
 
-from fembridge.errors import UsageError
-from fembridge.solver.batch import run_folders
-from fembridge.solver.ccx import SolverSettings
+from fembridge.errors import MissingError, UsageError
+from fembridge.solver import batch
+from fembridge.solver.batch import load_solver, run_folders
+from fembridge.solver.ccx import SolverSettings, run_ccx
 from fembridge.solver.verdict import Cause
 
 
@@ -112,3 +114,24 @@ def test_less_than_one_is_misuse(numbers):
 
 def test_no_folder_is_no_outcome():
     assert run_folders([]) == []
+
+
+def test_calculix_is_in_the_table():
+    assert load_solver("calculix") is run_ccx
+
+
+def test_another_package_can_add_a_solver(monkeypatch):
+    row = importlib.metadata.EntryPoint("mine", "math:hypot", batch.ENTRY_POINTS)
+    rows = importlib.metadata.EntryPoints([row])
+    monkeypatch.setattr(batch, "entry_points", lambda group: rows.select(group=group))
+
+    assert load_solver("mine")(3.0, 4.0) == 5.0
+    with pytest.raises(MissingError, match=r"no solver 'nine' here.*calculix, mine"):
+        load_solver("nine")
+
+
+def test_marc_and_abaqus_are_run_by_their_owners():
+    with pytest.raises(MissingError, match=r"run_marc -jid job_s2s, then"):
+        load_solver("marc")
+    with pytest.raises(MissingError, match=r"abaqus job=job, .* to fembridge encode"):
+        load_solver("abaqus")
