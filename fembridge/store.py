@@ -315,13 +315,13 @@ def _converter() -> "Converter":
         return _checked(lambda value, _: of_kind(made(value, _)), (list, tuple), "a list")
 
     converter.register_structure_hook_factory(is_dataclass, of_table)
-    converter.register_structure_hook_factory(_is_dict, of_mapping)
+    converter.register_structure_hook_factory(_is_mapping, of_mapping)
     converter.register_structure_hook_factory(_is_of_any_length, of_list)
     return converter
 
 
-def _is_dict(kind: Any) -> bool:  # noqa: ANN401 - any type
-    return get_origin(kind) is dict
+def _is_mapping(kind: Any) -> bool:  # noqa: ANN401 - any type
+    return get_origin(kind) in (dict, Mapping)
 
 
 def _is_of_any_length(kind: Any) -> bool:  # noqa: ANN401 - any type
@@ -367,12 +367,11 @@ def _first_problem(problem: BaseException, where: str = "") -> str:
         unknown = (each for each in problem.exceptions if isinstance(each, ForbiddenExtraKeysError))
         inner = next(unknown, problem.exceptions[0])  # often the misspelt key that is absent
         for note in getattr(inner, "__notes__", ()):
-            place = getattr(note, "name", None)
-            index = getattr(note, "index", None)
-            if place is not None:
+            place = getattr(note, "name", getattr(note, "index", None))
+            if isinstance(place, int):
+                where = f"{where} {place + 1}".strip()  # of a list
+            elif place is not None:
                 where = f"{where}.{place}" if where else str(place)
-            elif index is not None:
-                where = f"{where} {index + 1}"
         return _first_problem(inner, where)
     elif isinstance(problem, KeyError):
         found = "absent"

@@ -1,19 +1,39 @@
-"""Output files are whole or not there, and what is not a file stays what it is."""
+"""Files that are whole or not there, locks, digests, and TOML to values and back."""
 
 import errno
 import fcntl
+import hashlib
 import os
 import stat
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fembridge.errors import LockedError, OutputError
-from fembridge.store import filling, folder_lock, make_folder, replacing, write_text
+from fembridge.errors import LockedError, OutputError, ResponseError, UsageError
+from fembridge.store import (
+    canonical_text,
+    changed,
+    digest,
+    filling,
+    folder_lock,
+    make_folder,
+    read_sealed,
+    read_toml,
+    replacing,
+    structure,
+    unstructure,
+    write_sealed,
+    write_text,
+)
 
 HOLD = """
 from pathlib import Path
@@ -382,3 +402,148 @@ def test_a_file_system_without_locks_says_so_and_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(fcntl, "flock", no_lock)
     with pytest.warns(UserWarning, match="No locks"), folder_lock(tmp_path, ".lock"):
         pass
+
+
+@dataclass(frozen=True)
+class Layer:
+    name: str
+    young_mpa: float = 1.0
+    rows: int | None = None
+
+
+@dataclass(frozen=True)
+class Skin:
+    layers: list[Layer]
+    sizes_mm: tuple[float, ...] = ()
+    marks: dict[str, Any] = field(default_factory=dict)
+    named: Mapping[str, Layer] = field(default_factory=dict)
+    fixed: bool = False
+    seed: int | None = None
+
+
+def test_a_table_becomes_a_value_and_a_table_again():
+    table = {"layers": [{"name": "dermis", "young_mpa": 2}], "sizes_mm": [1, 0.5], "seed": 3}
+    skin = structure(table, Skin, UsageError)
+
+    assert skin == Skin([Layer("dermis", 2.0)], (1.0, 0.5), {}, seed=3)
+    assert structure(unstructure(skin), Skin, UsageError) == skin
+    assert "rows" not in unstructure(skin)["layers"][0]
+
+
+def test_what_a_table_says_is_put_over_a_value():
+    skin = Skin([Layer("dermis")], marks={"a": {"x": 1, "y": 2}})
+    assert changed(skin, {"marks": {"a": {"y": 3}}, "fixed": True}, UsageError) == Skin(
+        [Layer("dermis")], marks={"a": {"x": 1, "y": 3}}, fixed=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "place", "found"),
+    [
+        ({}, "layers", "absent"),
+        ({"layer": []}, "'layer'", "layers"),  # misspelt: the near one is named
+        ({"layers": "dermis"}, "layers", "'dermis'"),
+        ({"layers": [3]}, "layers 1", "3"),
+        ({"layers": [{"name": "x"}, {"name": 7}]}, r"layers 2\.name", "7"),
+        ({"layers": [{"nam": "x"}]}, "layers 1", "'nam'"),
+        ({"layers": [{"name": "x", "young_mpa": "2"}]}, r"layers 1\.young_mpa", "'2'"),
+        ({"layers": [{"name": "x", "young_mpa": True}]}, r"layers 1\.young_mpa", "True"),
+        ({"layers": [{"name": "x", "rows": 1.5}]}, r"layers 1\.rows", "1.5"),
+        ({"layers": [], "sizes_mm": [1, "b"]}, "sizes_mm 2", "'b'"),
+        ({"layers": [], "marks": 3}, "marks", "3"),
+        ({"layers": [], "named": {"top": {"name": 3}}}, r"named\.top\.name", "3"),
+        ({"layers": [], "fixed": "yes"}, "fixed", "'yes'"),
+        ({"layers": [], "sizes_mm": [10**400]}, "sizes_mm 1", "too large"),
+        (3, "", "3"),
+    ],
+)
+def test_a_table_of_another_kind_is_one_line_with_place_and_value(table, place, found):
+    with pytest.raises(UsageError, match=f"{place}.*{found}") as caught:
+        structure(table, Skin, UsageError)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (None, "No such file"),
+        (b"a = ", "a.toml"),
+        (b"a = '\xff'", "0xff"),
+        (b"a = " + b"[" * 5000, "a.toml"),
+        (b"a = 1 # " + b"x" * 100, "50 bytes"),
+    ],
+)
+def test_a_file_that_is_no_toml_is_one_line_with_its_name(tmp_path, content, found):
+    path = tmp_path / "a.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(UsageError, match=found) as caught:
+        read_toml(path, UsageError, 50 if found == "50 bytes" else 10_000)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_sealed_table_comes_back_and_an_edited_one_does_not(tmp_path):
+    path = tmp_path / "a.toml"
+    write_sealed(path, {"format": 1, "x": 0.1})
+    assert read_sealed(path, "map", 1)["x"] == 0.1
+    with pytest.raises(ResponseError, match=r"a\.toml: .*1"):
+        read_sealed(path, "map", 2)
+    path.write_text(path.read_text().replace("0.1", "0.2"))
+    with pytest.raises(ResponseError, match=r"a\.toml"):
+        read_sealed(path, "map", 1)
+
+
+KEYS = st.text(min_size=1, max_size=5)
+NUMBERS = st.one_of(st.integers(-(2**70), 2**70), st.floats(allow_nan=False, allow_infinity=False))
+LEAVES = st.one_of(NUMBERS, st.text(max_size=5), st.booleans(), st.none())
+TABLES = st.recursive(
+    st.dictionaries(KEYS, LEAVES, max_size=4),
+    lambda inner: st.dictionaries(KEYS, st.one_of(inner, st.lists(LEAVES)), max_size=4),
+    max_leaves=12,
+)
+
+
+def reversed_table(content):
+    if isinstance(content, dict):
+        return {key: reversed_table(content[key]) for key in reversed(content)}
+    return content
+
+
+@given(TABLES)
+def test_the_order_of_keys_makes_no_difference(table):
+    assert digest(reversed_table(table)) == digest(table)
+
+
+@given(TABLES, KEYS, NUMBERS, NUMBERS)
+def test_any_other_number_makes_a_difference(table, key, one, other):
+    same = one == other
+    assert (digest({**table, key: one}) == digest({**table, key: other})) == same
+
+
+@given(st.lists(NUMBERS, min_size=2, max_size=5))
+def test_the_order_of_a_list_makes_a_difference(values):
+    turned = values[::-1]
+    assert (digest(turned) == digest(values)) == (turned == values)
+
+
+def test_a_text_that_can_be_worked_out_by_hand():
+    table = {"b": (1, -0.0, 0.5), "a": {"x": True, "w": None}}
+    text = '{"a":{"w":null,"x":true},"b":[1.0,0.0,0.5]}'
+    assert canonical_text(table) == text
+    assert digest(table) == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize(("one", "other"), [("1", 1), (True, 1), (None, "null")])
+def test_a_word_is_no_number_and_a_truth_is_neither(one, other):
+    assert digest([one]) != digest([other])
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_a_number_that_is_not_finite_has_no_address(number):
+    with pytest.raises(ValueError, match="Out of range float"):
+        digest({"x": number})
+
+
+def test_what_toml_has_no_word_for_has_no_address():
+    with pytest.raises(TypeError, match="no canonical text"):
+        digest({"x": object()})
