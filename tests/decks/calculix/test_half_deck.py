@@ -36,7 +36,7 @@ def half_of(stimulus, finger=QUICK, **options):
     return analyse(finger, SKIN, stimulus, **asked)
 
 
-@pytest.fixture(params=["plain", "quadratic", "relaxing", "smooth", "flat"])
+@pytest.fixture(scope="module", params=["plain", "quadratic", "relaxing", "smooth", "flat"])
 def both(request, parse_deck, short):
     """Give what the parser reads in the deck of a whole, and of its half."""
     analysis = {
@@ -70,14 +70,6 @@ def test_nodes_and_elements_are_those_of_the_whole_right_of_the_axis(both):
         kept = [row for row in card[2] if right.issuperset(map(int, row[1:]))]
         assert half.one("ELEMENT", ELSET=name)[2] == kept
         assert 2 * len(kept) == len(card[2])
-
-
-def test_no_number_of_a_half_is_given_twice_and_none_is_without_element(both):
-    _, half = both
-    numbers = [int(row[0]) for card in half.all("ELEMENT") for row in card[2]]
-    assert len(numbers) == len(set(numbers))
-    used = {node for nodes in half.elements().values() for node in nodes}
-    assert used == set(half.nodes())
 
 
 def test_sets_of_a_half_name_nodes_that_are_there(both):
@@ -138,17 +130,6 @@ def test_all_nodes_on_the_axis_are_held_aside_in_each_step(both):
     assert len(fixed) == len(steps)
     assert all(["AXIS", "1", "1"] in rows for rows in fixed)
     assert not any(["AXIS", "1", "1"] in card[2] for card in whole.all("BOUNDARY"))
-
-
-def test_a_half_is_twice_as_thick_and_says_so(both):
-    for deck, thick in zip(both, (1, 2), strict=True):
-        assert {card[2][0][0] for card in deck.all("SOLID SECTION")} == {f"{thick}.0"}
-        words = f"Units: mm, N, s, MPa. Plane strain, {thick} mm thick."
-        assert words in deck.comments
-    whole, half = both
-    told = "Of this section the right half alone, x >= 0: finger, probe and"
-    assert told in half.comments
-    assert told not in whole.comments
 
 
 def test_what_cannot_be_halved_is_written_whole_to_the_byte(short):
