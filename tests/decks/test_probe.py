@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.finger import Ridges
 from decks.finger_file import finger_from
 from decks.mesh import scaled_jacobian
 from decks.presets import PRESETS, mesh_of
@@ -133,29 +132,25 @@ def test_a_narrow_probe_between_two_ridges_stands_lower():
     assert wide.node_mm[:, 1].min() > depth[1] + 0.02
 
 
-@pytest.mark.parametrize("x_mm", [-7.9, 7.7, 30.0, 1e9])
-def test_a_probe_beside_the_pad_is_refused(x_mm):
-    with pytest.raises(FingerError, match=r"probe spans x = .* expected inside the pad"):
-        mesh_probe(Probe(x_mm=x_mm), SKIN)
-
-
-def test_a_probe_wider_than_the_pad_is_refused():
-    with pytest.raises(FingerError, match="expected inside the pad, -7"):
-        mesh_probe(Probe(diameter_mm=18.0), SKIN)
+@pytest.mark.parametrize(
+    "probe", [*(Probe(x_mm=x) for x in (-7.9, 7.7, 30.0, 1e9)), Probe(diameter_mm=18.0)]
+)
+def test_a_probe_beside_or_wider_than_the_pad_is_refused(probe):
+    with pytest.raises(FingerError, match=r"-7\.98483 to 7\.98483 mm"):
+        mesh_probe(probe, SKIN)
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"shape": "cone"}, "probe shape 'cone', expected one of cylinder, flat"),
-        ({"shape": ["flat"]}, "probe shape"),
-        ({"diameter_mm": 0.0}, "diameter_mm must be 0.01 to 20, got 0"),
-        ({"diameter_mm": 21}, "diameter_mm must be 0.01 to 20, got 21"),
-        ({"diameter_mm": np.nan}, "diameter_mm must be finite"),
-        ({"fillet_mm": -0.1}, "fillet_mm must be >= 0, got -0.1"),
-        ({"shape": "flat", "fillet_mm": 0.51}, "fillet 0.51 mm, expected at most half"),
-        ({"shape": "flat", "fillet_mm": 1e-9}, "expected 0 .* or 0.001 mm and more"),
-        ({"x_mm": np.inf}, "x_mm must be finite"),
+        ({"shape": "cone"}, "cone"),
+        ({"diameter_mm": 0.0}, "diameter_mm .* 0.01 to 20, got 0"),
+        ({"diameter_mm": 21}, "diameter_mm .* got 21"),
+        ({"diameter_mm": np.nan}, "diameter_mm"),
+        ({"fillet_mm": -0.1}, "fillet_mm .* -0.1"),
+        ({"shape": "flat", "fillet_mm": 0.51}, "0.51 mm, .* 0.5 mm"),
+        ({"shape": "flat", "fillet_mm": 1e-9}, "0.001 mm"),
+        ({"x_mm": np.inf}, "x_mm"),
     ],
 )
 def test_a_probe_that_cannot_be_is_refused(wrong, words):
@@ -200,7 +195,3 @@ def test_a_probe_with_no_node_under_it_names_the_nearest():
     probe = Probe(diameter_mm=0.02, x_mm=float(0.6 * between[0] + 0.4 * between[1]))
     row = touched_node(mesh_probe(probe, SKIN), SKIN)
     assert SKIN.node_mm[row, 0] == between[0]
-
-
-def test_ridges_half_a_millimetre_apart_are_what_the_probes_above_stand_on():
-    assert PRESETS["quick"].ridges == Ridges(0.5, 0.1, 3.0)

@@ -22,115 +22,87 @@ def grid(columns, count=3, step=1.0):
     return Mesh(node_mm, quad, np.ones(len(quad), dtype=int))
 
 
-def refused(words, node_mm, quad, layer=None):
-    layer = np.ones(len(quad), dtype=int) if layer is None else layer
-    with pytest.raises(FingerError, match=words):
-        Mesh(node_mm, quad, layer)
-
-
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
 ONE = np.array([[0, 1, 2, 3]])
+LEAN = np.array([0.0, 0.0, 1.0, 1.0])[:, None] * [1.0, 0.0]
 
 
-def test_a_clockwise_quad_is_refused():
-    refused(r"element 1 at \(0\.500, 0\.500\) mm is clockwise", SQUARE, ONE[:, ::-1])
-
-
-def test_a_folded_quad_is_refused():
-    arrow = np.array([[0, 0], [1, 0], [0.2, 0.2], [0, 1]], dtype=float)
-    refused("element 1 .* is folded: scaled Jacobian -0", arrow, ONE)
-
-
-def test_a_quad_whose_edges_cross_is_refused():
-    refused("is folded", SQUARE[[0, 1, 3, 2]], ONE)
-
-
-def test_a_quad_with_a_flat_corner_is_refused():
-    triangle = np.array([[0, 0], [1, 0], [0.5, 0.5], [0, 1]], dtype=float)
-    refused("is folded: scaled Jacobian 0.00", triangle, ONE)
-
-
-def test_a_skewed_quad_is_refused_and_a_less_skewed_one_taken():
-    lean = np.array([0.0, 0.0, 1.0, 1.0])[:, None] * [1.0, 0.0]
-    refused("too skewed: scaled Jacobian 0.27", SQUARE + 3.5 * lean, ONE)
-    assert_allclose(Mesh(SQUARE + lean, ONE, [1]).scaled_jacobian(), 0.5**0.5)
-
-
-def test_a_hole_is_a_gap():
-    whole = grid(3)
-    holed = np.delete(whole.quad, 4, axis=0)
-    refused("not one closed line: layers leave a gap", whole.node_mm, holed)
-
-
-def test_two_pieces_are_a_gap():
-    apart = np.concatenate([SQUARE, SQUARE + 5])
-    refused("layers leave a gap", apart, np.concatenate([ONE, ONE + 4]))
-
-
-def test_two_pieces_that_share_one_node_are_a_gap():
-    nodes = np.concatenate([SQUARE, [[2, 1], [2, 2], [1, 2]]])
-    refused("layers leave a gap", nodes, [[0, 1, 2, 3], [2, 4, 5, 6]])
-
-
-def test_a_hanging_node_is_a_gap():
-    """A large square beside two small ones: their common node is in nobody's edge."""
-    nodes = [[0, 0], [2, 0], [2, 2], [0, 2], [3, 0], [3, 1], [2, 1], [3, 2]]
-    quads = [[0, 1, 2, 3], [1, 4, 5, 6], [6, 5, 7, 2]]
-    refused(r"layers leave a gap|layers overlap", nodes, quads)
-
-
-def test_two_elements_on_the_same_side_of_an_edge_overlap():
-    nodes = np.concatenate([SQUARE, [[1.2, 1.5], [-0.2, 1.5]]])
-    refused("same side of an edge: layers overlap", nodes, [[0, 1, 2, 3], [0, 1, 4, 5]])
-
-
-def test_elements_that_go_around_and_over_the_first_overlap():
-    """A ring that closes on itself without a common edge: every quad is sound."""
-    angle = np.radians(np.linspace(0, 410, 21))
+def ring(end_deg, count):
+    """Sound quads around a circle, from 0 to `end_deg`."""
+    angle = np.radians(np.linspace(0, end_deg, count + 1))
     around = np.stack([np.cos(angle), np.sin(angle)], -1)
-    nodes = np.concatenate([around, 2 * around])
-    start = np.arange(20)
-    quads = np.stack([start, start + 21, start + 22, start + 1], -1)
-    refused(r"the outline crosses itself near .* layers overlap", nodes, quads)
+    start = np.arange(count)
+    quads = np.stack([start, start + count + 1, start + count + 2, start + 1], -1)
+    return np.concatenate([around, 2 * around]), quads
+
+
+def with_node(place, node=2):
+    nodes = SQUARE.copy()
+    nodes[node] = place
+    return nodes
+
+
+# Nodes, quads, and what the message names.
+NO_MESH = {
+    "clockwise": (SQUARE, ONE[:, ::-1], r"element 1 at \(0\.500, 0\.500\) mm is clockwise"),
+    "folded": (with_node([0.2, 0.2]), ONE, "element 1 .* folded: scaled Jacobian -0"),
+    "crossed": (SQUARE[[0, 1, 3, 2]], ONE, "folded"),
+    "flat corner": (with_node([0.5, 0.5]), ONE, r"folded: scaled Jacobian 0\.00"),
+    "skewed": (SQUARE + 3.5 * LEAN, ONE, r"scaled Jacobian 0\.27"),
+    "hole": (grid(3).node_mm, np.delete(grid(3).quad, 4, axis=0), "gap"),
+    "two pieces": (np.concatenate([SQUARE, SQUARE + 5]), np.concatenate([ONE, ONE + 4]), "gap"),
+    "pieces that share a node": (
+        np.concatenate([SQUARE, [[2, 1], [2, 2], [1, 2]]]),
+        [[0, 1, 2, 3], [2, 4, 5, 6]],
+        "gap",
+    ),
+    "hanging node": (  # a large square beside two small ones
+        [[0, 0], [2, 0], [2, 2], [0, 2], [3, 0], [3, 1], [2, 1], [3, 2]],
+        [[0, 1, 2, 3], [1, 4, 5, 6], [6, 5, 7, 2]],
+        "gap|overlap",
+    ),
+    "both on one side of an edge": (
+        np.concatenate([SQUARE, [[1.2, 1.5], [-0.2, 1.5]]]),
+        [[0, 1, 2, 3], [0, 1, 4, 5]],
+        "overlap",
+    ),
+    "around and over the first": (*ring(410, 20), "crosses itself .* overlap"),
+    "unused node": (np.concatenate([SQUARE, [[9, 9]]]), ONE, "node 5 "),
+    "slit": (  # two squares side by side that do not share their nodes
+        np.concatenate([SQUARE, SQUARE + np.array([1, 0])]),
+        np.concatenate([ONE, ONE + 4]),
+        r"at \(1\.0+, 0\.0+\) mm",
+    ),
+    "no place": (with_node([1.0, np.nan]), ONE, "node 3 "),
+    "place at infinity": (with_node([1.0, np.inf]), ONE, "node 3 "),
+    "three coordinates": (np.zeros((4, 3)), ONE, r"\(4, 3\)"),
+    "triangles": (SQUARE, ONE[:, :3], r"\(1, 3\)"),
+    "no quads": (SQUARE, ONE[:0], r"\(0, 4\)"),
+    "node too many": (SQUARE, [[0, 1, 2, 4]], "1 to 5, there are 1 to 4"),
+    "node 0": (SQUARE, ONE - 1, "0 to 3"),
+}
+
+
+@pytest.mark.parametrize("kind", NO_MESH)
+def test_what_is_no_mesh_is_refused(kind):
+    node_mm, quad, words = NO_MESH[kind]
+    with pytest.raises(FingerError, match=words):
+        Mesh(node_mm, quad, np.ones(len(quad), dtype=int))
+
+
+@pytest.mark.parametrize("layer", [[1, 1], [6], [-1]])
+def test_layers_that_are_none_are_refused(layer):
+    with pytest.raises(FingerError, match="layer"):
+        Mesh(SQUARE, ONE, layer)
+
+
+def test_a_less_skewed_quad_is_taken():
+    assert_allclose(Mesh(SQUARE + LEAN, ONE, [1]).scaled_jacobian(), 0.5**0.5)
 
 
 def test_a_strip_may_go_around_without_touching_itself():
-    angle = np.radians(np.linspace(0, 340, 18))
-    around = np.stack([np.cos(angle), np.sin(angle)], -1)
-    start = np.arange(17)
-    quads = np.stack([start, start + 18, start + 19, start + 1], -1)
-    mesh = Mesh(np.concatenate([around, 2 * around]), quads, np.ones(17))
-    assert len(mesh.outline()[0]) == 36
-
-
-def test_a_node_that_no_element_uses_is_refused():
-    nodes = np.concatenate([SQUARE, [[9, 9]]])
-    refused("node 5 belongs to no element", nodes, ONE)
-
-
-def test_two_nodes_in_one_place_are_refused():
-    """Two squares side by side that do not share their nodes: a slit."""
-    nodes = np.concatenate([SQUARE, SQUARE + np.array([1, 0])])
-    words = r"two nodes in one place, at \(1\.0+, 0\.0+\) mm"
-    refused(words, nodes, np.concatenate([ONE, ONE + 4]))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_node_without_a_place_is_refused(value):
-    nodes = SQUARE.copy()
-    nodes[2, 1] = value
-    refused("node 3 is at", nodes, ONE)
-
-
-def test_tables_that_do_not_belong_together_are_refused():
-    refused(r"expected nodes \(N, 2\), got \(4, 3\)", np.zeros((4, 3)), ONE)
-    refused(r"expected quads \(E, 4\), got \(1, 3\)", SQUARE, ONE[:, :3])
-    refused(r"expected quads \(E, 4\), got \(0, 4\)", SQUARE, ONE[:0])
-    refused("quads name nodes 1 to 5, there are 1 to 4", SQUARE, [[0, 1, 2, 4]])
-    refused("quads name nodes 0 to 3", SQUARE, ONE - 1)
-    refused("expected a layer for 1 quads, got", SQUARE, ONE, [1, 1])
-    refused("layers 6 to 6, expected 0 to 5", SQUARE, ONE, [6])
-    refused("layers -1 to -1", SQUARE, ONE, [-1])
+    node_mm, quad = ring(340, 17)
+    assert len(Mesh(node_mm, quad, np.ones(17)).outline()[0]) == 36
 
 
 @given(st.integers(2, 6), st.integers(2, 6), st.integers(0, 2**32 - 1))
