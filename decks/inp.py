@@ -137,13 +137,13 @@ class Piece:
     stop: int
     line: int
 
-    def rows(self) -> Iterator[Row]:
-        """Its data lines, without comments and blank ones."""
+    def rows(self, splits: int = -1) -> Iterator[Row]:
+        """Its data lines, without comments and blank ones, split at the first commas."""
         data = self.text.data
         for offset, (first, last) in enumerate(self.text.lines(self.start, self.stop)):
-            said = data[first : self.text.end_of(first, last)].strip(_BLANK)
-            if said and not _COMMENT.match(said):
-                words = tuple(map(str.strip, said.decode("latin-1").split(",")))
+            said = data[first:last].partition(b"\r")[0].strip(_BLANK)
+            if said and not (said[:1] == b"*" and _COMMENT.match(said)):
+                words = tuple(map(str.strip, said.decode("latin-1").split(",", splits)))
                 yield Row(self.text, self.line + offset, first, last, words)
 
 
@@ -185,10 +185,10 @@ class Block:
         option = self.option(name)
         return "" if option is None else option.word
 
-    def rows(self) -> Iterator[Row]:
-        """The data lines."""
+    def rows(self, splits: int = -1) -> Iterator[Row]:
+        """The data lines, split at the first commas."""
         for piece in self.pieces:
-            yield from piece.rows()
+            yield from piece.rows(splits)
 
     def own_rows(self) -> list[Row]:
         """The data lines, all of which are in the deck itself.
@@ -411,7 +411,7 @@ def members(block: Block, known: Mapping[str, list[range]]) -> Iterator[range]:
     """
     listed = block.keyword in ("NSET", "ELSET")
     generated = block.option("GENERATE") is not None
-    for row in block.rows():
+    for row in block.rows() if listed else block.rows(splits=1):
         words = [word for word in (row.words if listed else row.words[:1]) if word]
         if listed and generated:
             first, last, step = (*(whole(word, row.where) for word in words), 1, 0, 0)[:3]
