@@ -46,7 +46,7 @@ class Model:
         return self.inertia or self.finger.relaxing_s > 0
 
     def at_once(self) -> "Model":
-        """Give the model whose stress does not depend on time, for its contact."""
+        """The model whose stress does not depend on time, for its contact."""
         if not self.depends_on_time:
             return self
         return replace(self, finger=self.finger.at_once(), inertia=False)
@@ -89,7 +89,7 @@ def build_run_folder(
     """Write deck, waveform and ``run.toml`` into `folder`.
 
     `solver` names one of `decks.dialects.DIALECTS`. ``run.toml`` takes its place
-    last: a folder that has one is whole. Where the same files stand already,
+    last: a folder that has one is whole. Where the same files are already,
     nothing is touched.
 
     Raises
@@ -119,9 +119,9 @@ def build_analysis_folder(
     solver: str = "calculix",
     options: DeckOptions = DeckOptions(),  # noqa: B008 - frozen
 ) -> RunFolder:
-    """Do what `build_run_folder` does for an analysis that was put together already.
+    """As `build_run_folder`, for an analysis that was put together already.
 
-    `inputs` tells in ``run.toml`` what it was made from; `stimulus` is what it
+    `inputs` is in ``run.toml`` what it was made from; `stimulus` is what it
     prescribes. Errors are the same.
     """
     dialect = dialect_named(solver)
@@ -167,7 +167,7 @@ def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
 
 
 def inputs_of(model: Model, stimulus: Stimulus) -> Table:
-    """Tell what a run is made from: element, stimulus, probe, contact, finger."""
+    """What a run is made from: element, stimulus, probe, contact, finger."""
     return {
         "element": model.element,
         "stimulus": stimulus_inputs(stimulus),
@@ -179,7 +179,7 @@ def inputs_of(model: Model, stimulus: Stimulus) -> Table:
 
 
 def stimulus_inputs(stimulus: Stimulus) -> Table:
-    """Tell what `stimulus` is: name, window, pre-indentation, origin."""
+    """What `stimulus` is: name, window, pre-indentation, origin."""
     origin: Mapping[str, object] = stimulus.origin
     return {
         "id": stimulus.id,

@@ -37,7 +37,7 @@ VERBS = {
     "verify": "hold the finite-element model against closed forms, with bounds",
     "deflect": "how far the skin goes down around a thin probe",
     "plot": "draw the mesh, a response, a raster",
-    "doctor": "tell what is installed and what is missing",
+    "doctor": "list what is installed and what is missing",
 }
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
@@ -99,7 +99,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
         prog="fembridge",
         description="From a probe on a fingertip to the spikes of its afferents."
         f"\n\nverbs:\n{listed}",
-        epilog="example: fembridge stimuli\nfembridge VERB --help tells more of a verb",
+        epilog="example: fembridge stimuli\nfembridge VERB --help says more about a verb",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

@@ -2,7 +2,7 @@
 
 ``csv``         ``time_ms,displacement_um``, a row a sample, shortest exact decimals
 ``npy``         displacement alone, ``(T,)`` float64 in um, one sample every `dt_ms`
-``wav``         16-bit mono; a file without units, so the scale is told on the side
+``wav``         16-bit mono; a file without units, so the scale is printed on the side
 ``marc-table``  a ``table`` of a Marc deck: time in s, displacement in mm
 
 Displacement is positive into the skin and holds the whole depth in all four.
@@ -28,7 +28,7 @@ PCM16_PEAK = 32767
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """One written file; `full_scale_um` is what a WAV's 32767 stands for."""
+    """One written file; `full_scale_um` is what a WAV's 32767 is."""
 
     stimulus: str
     format: str
@@ -91,7 +91,7 @@ def write_npy(stimulus: Stimulus, path: Path) -> None:
 
 
 def write_wav(stimulus: Stimulus, path: Path) -> float:
-    """Write 16-bit mono PCM; give the displacement in um that 32767 stands for."""
+    """Write 16-bit mono PCM; the displacement in um that 32767 is."""
     full_scale_um = float(np.abs(stimulus.displacement_um).max()) or 1.0  # flat
     pcm = np.rint(stimulus.displacement_um / full_scale_um * PCM16_PEAK)
     with replacing(path) as draft, wave.open(str(draft), "wb") as file:

@@ -38,7 +38,7 @@ PACKAGES = {
     "pandas": ((2, 2, 2), False, "tables"),
     "tomli-w": ((1, 0), True, "run folders"),
     "cattrs": ((23, 2), True, "TOML files"),
-    "filelock": ((3, 15), True, "run folders"),
+    "filelock": ((3, 24), True, "run folders"),
     "jinja2": ((3, 1), False, "report pages"),
     "matplotlib": ((3, 9), False, "plots"),
     "rich": ((13, 7), False, "progress bars"),
@@ -170,7 +170,7 @@ def check_ccx() -> Check:
     match = re.search(r"Version (\d+)\.(\d+)", answer.stdout)
     if match is None:
         said = (answer.stderr.strip() or answer.stdout.strip() or "nothing").split("\n")
-        found = f"{path} tells no version (exit {answer.returncode}): {said[0]}"
+        found = f"{path} prints no version (exit {answer.returncode}): {said[0]}"
         return Check("ccx", State.NOTE, found, remedy)
     found = f"{match[1]}.{match[2]}, {path}"
     if (int(match[1]), int(match[2])) != CCX_TRIED:

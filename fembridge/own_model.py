@@ -38,7 +38,7 @@ class BaseDeck:
         Raises
         ------
         DeckError
-            Something is missing or ambiguous; told with file and line.
+            Something is missing or ambiguous; the message has file and line.
         """
         from decks.marc.contents import beside
         from decks.own_model.inp import rebase_inp
@@ -86,7 +86,7 @@ def _dialect_in(data: bytes) -> str:
 def build_own_folder(
     folder: Path, base: BaseDeck, stimulus: Stimulus, request: Request, stress_unit: str = "MPa"
 ) -> tuple[RunFolder, tuple[str, ...]]:
-    """Write deck, waveform and ``run.toml`` into `folder`; tell what was changed.
+    """Write deck, waveform and ``run.toml`` into `folder`: the run, and what was changed.
 
     Files that the deck includes are copied beside it. `stress_unit` is the unit of
     its stresses: MPa for N and mm, Pa for N and m.
@@ -139,7 +139,7 @@ def build_own_folder(
 
 
 def _included(deck: Path, name: str) -> tuple[Path, str]:
-    """Give where an included file is, and its name in the run folder."""
+    """Where an included file is, and its name in the run folder."""
     if PurePosixPath(name.replace("\\", "/")).name != name or name in _OURS:
         raise DeckError(f"{deck}: includes {name!r}, expected a file beside it, by its name alone")
     source = deck.parent / name

@@ -6,7 +6,7 @@
 ``run.toml``      this value: which node is which afferent, times, inputs
 
 After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
-``job.cvg``) and ``solver.log`` stand beside them.
+``job.cvg``) and ``solver.log`` are beside them.
 """
 
 import csv
@@ -45,7 +45,7 @@ class AfferentNode:
 
     @classmethod
     def from_table(cls, afferent: str, table: Mapping[str, Any]) -> "AfferentNode":
-        """Make one of a section of TOML; what is wrong in it is a `ValueError`."""
+        """From a section of TOML; what is wrong in it is a `ValueError`."""
         node = table["node"]
         if not _is_whole(node, least=1):
             raise ValueError(f"{afferent}: node is {node!r}, expected 1 or more")
@@ -57,7 +57,7 @@ class AfferentNode:
         return cls(afferent, node, layer, *place)
 
     def to_table(self) -> Table:
-        """Give the section of TOML, without the afferent's name."""
+        """Section of TOML, without the afferent's name."""
         table = asdict(self)
         del table["afferent"]
         return {key: value for key, value in table.items() if value is not None}
@@ -74,12 +74,12 @@ class RunFolder:
     time, the way to the pre-indentation. Stress may be in another unit there.
     `solver_increments` is how many the solver makes in all, where that is another
     number: there are more than one to a sample, or steps before. 0: the same.
-    Where skin relaxes, `branches` tells of a node how many branches its stress is the
+    Where skin relaxes, `branches` is by node how many branches its stress is the
     sum of, whose mean the solver writes. Of a half of the section `on_axis` are the
     nodes on its axis, where shear is 0, whatever the solver writes of one half.
     `apex_node` is the skin's node under the probe: its displacement shows that the
     probe pushed (0 where unknown).
-    `inputs` tells what the deck was made from: for people, and for the origin of a
+    `inputs` is what the deck was made from: for people, and for the origin of a
     response map.
 
     Raises
@@ -152,7 +152,7 @@ class RunFolder:
         return next((path for path in paths if path.exists()), paths[0])
 
     def node_of(self) -> dict[str, int]:
-        """Give the node of each afferent by its name."""
+        """Node of each afferent by its name."""
         return {place.afferent: place.node for place in self.afferents}
 
     def write(self) -> None:

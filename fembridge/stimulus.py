@@ -15,10 +15,10 @@ class Stimulus:
 
     Positive is into the skin, 0 is first touch. `window_ms` is the time in
     which spikes are counted: start excluded, end included. `preindent_um` is
-    how deep the probe stands before time 0; the samples hold the whole depth,
+    how deep the probe is before time 0; the samples hold the whole depth,
     so the first of them equals it. `origin` says how the samples were made
     (family, frequencies, amplitudes, seed). `aside_um` ``(T,)`` is the probe's way
-    across the finger, along the skin, from where it stands before time 0; None, as
+    across the finger, along the skin, from where it is before time 0; None, as
     in all stimuli of the paper, where it does not slide.
     """
 
@@ -64,7 +64,7 @@ class Stimulus:
         return aside
 
     def sliding(self, speed_mm_per_s: float) -> "Stimulus":
-        """Give this stimulus while the probe also slides along x from time 0 on.
+        """The same stimulus while the probe also slides along x from time 0 on.
 
         Raises
         ------

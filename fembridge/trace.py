@@ -63,7 +63,7 @@ class StressTrace:
         path: Path,
         afferent: str | None = None,
     ) -> "StressTrace":
-        """Make a trace of ``(time_ms, stress_pa)`` samples ``(T, 2)`` of `path`.
+        """Trace of ``(time_ms, stress_pa)`` samples ``(T, 2)`` of `path`.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Press a 50 um probe 1 mm into the finger; tell how far the skin around goes down.
+"""Press a 50 um probe 1 mm into the finger: how far the skin around goes down.
 
 The paper's check of its finger, Fig. 2c. What was solved once on several meshes is
 stored and drawn by default; --solver run solves it here, which takes ccx and one to
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def table_text(deflections: "Sequence[Deflection]") -> str:
-    """Give the long table ``mesh,distance_mm,deflection_mm``, one row a node."""
+    """Long table ``mesh,distance_mm,deflection_mm``, one row a node."""
     lines = ["mesh,distance_mm,deflection_mm"]
     for mesh in deflections:
         pairs = zip(mesh.distance_mm.tolist(), mesh.deflection_mm.tolist(), strict=True)
@@ -133,7 +133,7 @@ def _finger(word: str) -> "Finger":
 
 
 def _compare(solved: "Deflection", stored: "Deflection") -> None:
-    """Tell how far what was solved here is from what is stored of the same mesh."""
+    """Print how far what was solved here is from what is stored of the same mesh."""
     if solved.depth_mm != stored.depth_mm:
         return
     differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
@@ -168,7 +168,7 @@ def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> N
 
 
 def _end(row: dict[str, Any]) -> str:
-    """Give the last step between meshes and the limit, if there is one."""
+    """The last step between meshes and the limit, if there is one."""
     limit = row["limit"]
-    told = f"{limit:>10.5f}" if limit == limit else f"{'-':>10}"
-    return f"{row['change_percent']:>8.2f} %{told}"
+    shown = f"{limit:>10.5f}" if limit == limit else f"{'-':>10}"
+    return f"{row['change_percent']:>8.2f} %{shown}"

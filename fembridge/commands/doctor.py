@@ -1,4 +1,4 @@
-"""Tell what is installed, what is missing, and the line that installs it.
+"""List what is installed, what is missing, and the line that installs it.
 
 "ok" is as it should be. "note" is absent or odd, and only some verbs care: the
 stored response needs neither CalculiX nor gmsh. "missing" keeps even that from
