@@ -108,9 +108,11 @@ class Simulation:
             write_rates(draft / RATES_FILE, self.mean_rates)
             write_text(draft / RECORD_FILE, tomli_w.dumps({**self.origin, "stimuli": stimuli}))
             if plot:
-                from fembridge.plots.raster import draw_raster
+                from fembridge.plots.raster import raster_figure
+                from fembridge.plots.style import save_figure
 
-                draw_raster(self.trains, draft / RASTER_FILE, **self._raster())
+                figure = raster_figure(self.trains, **self._raster())
+                save_figure(figure, draft / RASTER_FILE)
 
     def _raster(self) -> dict[str, Any]:
         """What a raster shows beside the spikes."""

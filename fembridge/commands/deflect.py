@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.errors import UsageError
-    from fembridge.plots.deflection import draw_deflections
+    from fembridge.plots.deflection import deflection_figure
+    from fembridge.plots.style import save_figure
     from fembridge.store import filling, write_text
 
     output = Path(args.output)
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     shown = _stored(args.finger) if args.solver is None else _solved(args, output)
     with filling(output, last=TABLE_FILE) as draft:
         write_text(draft / TABLE_FILE, table_text(shown))
-        draw_deflections(shown, draft / PICTURE_FILE)
+        save_figure(deflection_figure(shown), draft / PICTURE_FILE)
     rows = _rows(shown)
     if not args.json:
         _print_table(shown, rows)

@@ -153,13 +153,15 @@ def _write(
     write_spikes(files[0], trains)
     write_rates(files[1], rates)
     if not args.no_raster:
-        from fembridge.plots.raster import draw_raster
+        from fembridge.plots.raster import raster_figure
+        from fembridge.plots.style import save_figure
 
         files.append(folder / "raster.png")
         start_ms = min(trace.start_ms for trace in traces)
         end_ms = max(float(trace.times_ms[-1]) for trace in traces)
         window_ms = tuple(args.window_ms) if args.window_ms else None
-        draw_raster(trains, files[2], span_ms=(start_ms, end_ms), window_ms=window_ms)
+        figure = raster_figure(trains, span_ms=(start_ms, end_ms), window_ms=window_ms)
+        save_figure(figure, files[2])
     return files
 
 

@@ -191,14 +191,15 @@ def _write(
         write_fit,
     )
     from fembridge.fitting.provenance import fit_table
-    from fembridge.plots.tradeoffs import draw_tradeoffs
+    from fembridge.plots.style import save_figure
+    from fembridge.plots.tradeoffs import tradeoffs_figure
     from fembridge.store import filling
 
     name = "fit" if args.drive is None else f"fit_{args.drive}"
     table = fit_table(made, observed, source, _options(args))
     with filling(output, last=PARAMETERS_FILE) as draft:
         write_fit(draft, made, name, table)
-        draw_tradeoffs(made, draft / PICTURE_FILE)
+        save_figure(tradeoffs_figure(made), draft / PICTURE_FILE)
     fronts = [front_file(fit.afferent) for fit in made.fits]
     for other in set(FRONT_FILES) - set(fronts):
         (output / other).unlink(missing_ok=True)

@@ -58,11 +58,12 @@ def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:
     from decks.finger_file import read_finger
     from decks.presets import mesh_of
     from fembridge.commands.options import probe_from
-    from fembridge.plots.mesh import afferent_nodes, draw_mesh
+    from fembridge.plots.mesh import MESH_DPI, afferent_nodes, mesh_figure
+    from fembridge.plots.style import save_figure
 
     finger = read_finger(args.finger)
     mesh = mesh_of(finger)
-    draw_mesh(finger, mesh, probe_from(args), args.output)
+    save_figure(mesh_figure(finger, mesh, probe_from(args)), args.output, MESH_DPI)
     return {
         "finger": finger.name,
         "elements": len(mesh.quad),
@@ -80,10 +81,11 @@ def _draw_mesh(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _draw_response(args: argparse.Namespace) -> dict[str, Any]:
-    from fembridge.plots.response import draw_response
+    from fembridge.plots.response import response_figure
+    from fembridge.plots.style import save_figure
 
     response = _response(args)
-    draw_response(response, args.output)
+    save_figure(response_figure(response), args.output)
     return {
         "afferents": [place.afferent for place in response.places],
         "depths": response.depth_um.size,
@@ -109,12 +111,13 @@ def _response(args: argparse.Namespace) -> "ResponseMap":
 
 
 def _draw_trace(args: argparse.Namespace) -> dict[str, Any]:
-    from fembridge.plots.trace import draw_traces
+    from fembridge.plots.style import save_figure
+    from fembridge.plots.trace import trace_figure
     from fembridge.tables import read_traces
 
     traces = read_traces(args.table)
     waveform = _one_stimulus(args.stimulus) if args.stimulus else None
-    draw_traces(traces, args.output, waveform=waveform)
+    save_figure(trace_figure(traces, waveform=waveform), args.output)
     return {
         "traces": [
             {
@@ -129,7 +132,8 @@ def _draw_trace(args: argparse.Namespace) -> dict[str, Any]:
 
 def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.errors import UsageError
-    from fembridge.plots.raster import draw_raster
+    from fembridge.plots.raster import raster_figure
+    from fembridge.plots.style import save_figure
     from fembridge.tables import AFFERENTS, read_spikes
 
     trains = read_spikes(args.table)
@@ -144,9 +148,10 @@ def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
     window_ms = tuple(args.window_ms) if args.window_ms else None
     if window_ms is None and waveform is not None:
         window_ms = waveform.window_ms
-    draw_raster(
-        shown, args.output, stimuli=rows, afferents=classes, window_ms=window_ms, waveform=waveform
+    figure = raster_figure(
+        shown, stimuli=rows, afferents=classes, window_ms=window_ms, waveform=waveform
     )
+    save_figure(figure, args.output)
     silent = [name for name in rows if name not in _ids(shown)]
     if silent:
         print(
@@ -160,17 +165,19 @@ def _draw_raster(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _draw_stimulus(args: argparse.Namespace) -> dict[str, Any]:
-    from fembridge.plots.waveform import draw_waveforms
+    from fembridge.plots.style import save_figure
+    from fembridge.plots.waveform import waveform_figure
 
     stimuli = _stimuli(args.ids, args.preindent_um, args.seed)
-    draw_waveforms(stimuli, args.output)
+    save_figure(waveform_figure(stimuli), args.output)
     return {"stimuli": [stimulus.id for stimulus in stimuli]}
 
 
 def _draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
     """Draw; the summary holds every number of the tables."""
     from fembridge.errors import UsageError
-    from fembridge.plots.sensitivity import draw_effects, draw_regressions
+    from fembridge.plots.sensitivity import effects_figure, regressions_figure
+    from fembridge.plots.style import save_figure
     from fembridge.sensitivity import (
         csv_text,
         effect_rows,
@@ -194,12 +201,12 @@ def _draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
     if single:
         effects = single_effects(swept)
         rows, people = effect_rows(effects), effects_markdown(swept, effects)
-        draw_effects(swept, effects, args.output)
+        save_figure(effects_figure(swept, effects), args.output)
     else:
         regressions = rank_regressions(swept)
         rows = regression_rows(swept, regressions)
         people = regressions_markdown(swept, regressions)
-        draw_regressions(swept, regressions, args.output)
+        save_figure(regressions_figure(swept, regressions), args.output)
     if args.effects is not None:
         is_csv = args.effects.suffix.lower() == ".csv"
         write_text(args.effects, csv_text(rows) if is_csv else people)

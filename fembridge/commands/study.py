@@ -72,7 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.fitting.study import held_out_rmse_ips, study_models
     from fembridge.fitting.study_files import CASES_FILE, SUMMARY_FILE, cases_text, summary_text
     from fembridge.observed import read_observed
-    from fembridge.plots.study import draw_study
+    from fembridge.plots.study import study_figure
+    from fembridge.plots.style import save_figure
     from fembridge.store import filling, write_text
 
     observed = read_observed(Path(args.observed))
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     output = Path(args.output)
     with filling(output, last=SUMMARY_FILE) as draft:
         write_text(draft / CASES_FILE, cases_text(study))
-        draw_study(study, draft / PICTURE_FILE)
+        save_figure(study_figure(study), draft / PICTURE_FILE)
         write_text(draft / SUMMARY_FILE, summary_text(study))
     best = {name: study.best(name) for name in study.unfitted}
     if not args.json:

@@ -1,7 +1,6 @@
 """The skin's profile under a thin probe: on every mesh, how they differ, the force."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from fembridge.deflection.profile import PAPER_STEP_MM, Deflection
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
-    DPI,
     FAINT,
     HAIR_PT,
     INK,
@@ -18,7 +16,6 @@ from fembridge.plots.style import (
     SMALL_TEXT_PT,
     make_plain,
     name_axes,
-    save_figure,
 )
 
 if TYPE_CHECKING:
@@ -39,25 +36,17 @@ _ROOM_SHARE = 1.08
 _UM_PER_MM, _MN_PER_N = 1000.0, 1000.0
 
 
-def draw_deflections(deflections: Sequence[Deflection], path: Path, *, dpi: float = DPI) -> None:
-    """Draw profiles into a file; its suffix chooses the format.
+def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
+    """The skin's profile on every mesh, with dots every 0.5 mm as in the paper.
 
-    Left the profile, with dots every 0.5 mm as in the paper; in the middle how each
-    mesh differs from the finest, where there are two or more; right the force on
-    the probe on its way down.
+    In the middle how each mesh differs from the finest, where there are two or more;
+    right the force on the probe on its way down.
 
     Raises
     ------
     UsageError
-        No profile or more than five, or a suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
+        No profile or more than five.
     """
-    save_figure(deflection_figure(deflections), path, dpi)
-
-
-def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
-    """Make the figure that `draw_deflections` saves."""
     from matplotlib.figure import Figure
 
     if not 0 < len(deflections) <= MOST_MESHES:

@@ -6,7 +6,6 @@ view shows which node stands for which afferent.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +24,6 @@ from fembridge.plots.style import (
     SMALL_TEXT_PT,
     TEXT_PT,
     line_colour,
-    save_figure,
     spread,
 )
 from fembridge.run_folder import AfferentNode
@@ -99,39 +97,18 @@ class Window:
         return seen
 
 
-def draw_mesh(
-    finger: Finger, mesh: Mesh, probe: Probe, path: Path, *, dpi: float = MESH_DPI
-) -> None:
-    """Draw `mesh` with layers, afferents and probe into a file.
+def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
+    """The section and the pad close up, with layers, afferents and probe.
 
-    Parameters
-    ----------
-    finger
-        Whose materials and afferents are named.
-    mesh
-        Its mesh; see `decks.presets.mesh_of`.
-    probe
-        Set on the pad at first touch, nothing pressed.
-    path
-        Where to; the suffix chooses the format. In one of lines and text (PDF,
-        SVG) the elements are pixels, all else is lines and text.
-    dpi
-        Dots an inch.
+    The materials and afferents are those of `finger`; the probe is on the pad at first
+    touch, nothing pressed. Saved in a format of lines and text (PDF, SVG) the elements
+    are pixels of `MESH_DPI`, all else is lines and text.
 
     Raises
     ------
     FingerError
-        The probe stands beside the pad, or an afferent has no node.
-    UsageError
-        A suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
+        The probe is beside the pad, or an afferent has no node.
     """
-    save_figure(mesh_figure(finger, mesh, probe), path, dpi)
-
-
-def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
-    """Make the figure that `draw_mesh` saves; the arguments are the same."""
     from matplotlib.figure import Figure
 
     sites = afferent_nodes(finger, mesh)

@@ -1,7 +1,6 @@
 """Rasters of spikes: one panel a class, one row a stimulus."""
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
-    DPI,
     FAINT,
     HAIR_PT,
     INK,
@@ -20,7 +18,6 @@ from fembridge.plots.style import (
     TEXT_PT,
     TINY_TEXT_PT,
     make_plain,
-    save_figure,
 )
 from fembridge.stimulus import Stimulus
 from fembridge.tables import SpikeTrain
@@ -41,25 +38,21 @@ _FILL = 0.78
 _DENSE_LINE_PT = 0.65
 
 
-def draw_raster(
+def raster_figure(
     trains: Iterable[SpikeTrain],
-    path: Path,
     *,
     stimuli: Sequence[str] | None = None,
     afferents: Sequence[str] | None = None,
     span_ms: tuple[float, float] | None = None,
     window_ms: tuple[float, float] | None = None,
     waveform: Stimulus | None = None,
-    dpi: float = DPI,
-) -> None:
-    """Draw a raster into a file; its suffix chooses the format.
+) -> "Figure":
+    """Spikes: a panel a class, a row a stimulus.
 
     Parameters
     ----------
     trains
         Spikes; those of one stimulus and class share a row, a line a repeat.
-    path
-        Where to; any suffix that Matplotlib knows.
     stimuli
         Rows from top to bottom. Default: as they come in `trains`. Name them where
         some are silent in all classes.
@@ -71,37 +64,12 @@ def draw_raster(
         Where spikes were counted; what is outside gets a grey ground.
     waveform
         A stimulus to draw above the panels.
-    dpi
-        Dots an inch, for formats that have dots.
 
     Raises
     ------
     UsageError
-        A suffix that Matplotlib does not know, or nothing to draw.
-    OutputError
-        A place where nothing can be written.
+        Nothing to draw, or spikes that have no row.
     """
-    figure = raster_figure(
-        trains,
-        stimuli=stimuli,
-        afferents=afferents,
-        span_ms=span_ms,
-        window_ms=window_ms,
-        waveform=waveform,
-    )
-    save_figure(figure, path, dpi)
-
-
-def raster_figure(
-    trains: Iterable[SpikeTrain],
-    *,
-    stimuli: Sequence[str] | None = None,
-    afferents: Sequence[str] | None = None,
-    span_ms: tuple[float, float] | None = None,
-    window_ms: tuple[float, float] | None = None,
-    waveform: Stimulus | None = None,
-) -> "Figure":
-    """Make the figure that `draw_raster` saves; the arguments are the same."""
     from matplotlib.figure import Figure
 
     trains = list(trains)

@@ -1,21 +1,18 @@
 """A response map: stress at the afferents, and the probe's force, against depth."""
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
-    DPI,
     INK,
     LINE_PT,
     PAGE_WIDTH_IN,
     SMALL_TEXT_PT,
     TEXT_PT,
     make_plain,
-    save_figure,
     spread,
 )
 from fembridge.response.response_map import ResponseMap
@@ -39,24 +36,12 @@ _NAME_SHARE = 0.09
 _DEEP = ("PC",)
 
 
-def draw_response(response: ResponseMap, path: Path, *, dpi: float = DPI) -> None:
-    """Draw `response` into a file; its suffix chooses the format.
+def response_figure(response: ResponseMap) -> "Figure":
+    """Stress at each afferent and the probe's force against depth.
 
     Dots are the solved depths, lines what is interpolated between them. What the
-    load–unload run showed stands below.
-
-    Raises
-    ------
-    UsageError
-        A suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
+    load–unload run showed is written below.
     """
-    save_figure(response_figure(response), path, dpi)
-
-
-def response_figure(response: ResponseMap) -> "Figure":
-    """Make the figure that `draw_response` saves."""
     from matplotlib.figure import Figure
 
     deep = [k for k, place in enumerate(response.places) if place.afferent in _DEEP]

@@ -6,7 +6,6 @@ regression with their intervals.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
@@ -20,7 +19,6 @@ from fembridge.plots.style import (
     SMALL_TEXT_PT,
     TEXT_PT,
     make_plain,
-    save_figure,
 )
 from fembridge.sensitivity import (
     ALL,
@@ -52,36 +50,8 @@ _ROOM = 0.07
 _OTHER_COLOUR = "#555555"
 
 
-def draw_effects(swept: SweptFingers, effects: Sequence[Effect], path: Path) -> None:
-    """Draw one-at-a-time effects into a file; its suffix chooses the format.
-
-    Raises
-    ------
-    UsageError
-        Over `MOST_PARAMETERS`, or a suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
-    """
-    save_figure(effects_figure(swept, effects), path)
-
-
-def draw_regressions(
-    swept: SweptFingers, regressions: Sequence[RankRegression], path: Path
-) -> None:
-    """Draw rank regressions into a file; its suffix chooses the format.
-
-    Raises
-    ------
-    UsageError
-        Over `MOST_PARAMETERS`, or a suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
-    """
-    save_figure(regressions_figure(swept, regressions), path)
-
-
 def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
-    """Make the figure that `draw_effects` saves: rates above, stress below."""
+    """One-at-a-time effects: rates above, stress below; at most `MOST_PARAMETERS`."""
     order = effects_in_order(effects)
     found = {(each.parameter, each.output): each for each in effects}
     figure, panels = _panels(swept, len(QUANTITIES), len(order))
@@ -116,7 +86,7 @@ def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
 
 
 def regressions_figure(swept: SweptFingers, regressions: Sequence[RankRegression]) -> "Figure":
-    """Make the figure that `draw_regressions` saves."""
+    """Rank regressions of rate and stress on each parameter; at most `MOST_PARAMETERS`."""
     order = regressions_in_order(regressions)
     found = {each.output: each for each in regressions}
     figure, [panels] = _panels(swept, 1, len(order))

@@ -1,6 +1,5 @@
 """Held-out error of every model of a study, a panel a class, the best on top."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.fitting.study import ModelStudy, fitted_rmse_ips, held_out_rmse_ips
@@ -13,18 +12,12 @@ from fembridge.plots.style import (
     SMALL_TEXT_PT,
     TEXT_PT,
     make_plain,
-    save_figure,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ROW_IN = 0.17
-
-
-def draw_study(study: ModelStudy, path: Path) -> None:
-    """Draw into a file; its suffix chooses the format."""
-    save_figure(study_figure(study), path)
 
 
 def study_figure(study: ModelStudy) -> "Figure":

@@ -1,20 +1,17 @@
 """Stress histories: a panel a node, one below the other, on one time axis."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
-    DPI,
     INK,
     LINE_PT,
     PAGE_WIDTH_IN,
     SMALL_TEXT_PT,
     TEXT_PT,
     make_plain,
-    save_figure,
 )
 from fembridge.plots.waveform import draw_waveform
 from fembridge.stimulus import Stimulus
@@ -29,35 +26,17 @@ _PANEL_IN, _WAVEFORM_IN, _AROUND_IN = 0.85, 0.6, 0.42
 _PA_PER_KPA = 1000.0
 
 
-def draw_traces(
-    traces: Sequence[StressTrace], path: Path, *, waveform: Stimulus | None = None, dpi: float = DPI
-) -> None:
-    """Draw von Mises stress over time into a file; its suffix chooses the format.
+def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = None) -> "Figure":
+    """Von Mises stress over time: a panel a trace, from top to bottom.
 
-    Parameters
-    ----------
-    traces
-        Panels from top to bottom, twenty at most. All have the same unit, kPa, or
-        Pa where none reaches 1 kPa, and each its own scale.
-    path
-        Where to.
-    waveform
-        The stimulus that made them, to be drawn above.
-    dpi
-        Dots an inch, for formats that have dots.
+    All have the same unit, kPa, or Pa where none reaches 1 kPa, and each its own scale.
+    `waveform` is the stimulus that made them, to be drawn above.
 
     Raises
     ------
     UsageError
-        No trace or too many, or a suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
+        No trace, or more than `MOST_PANELS`.
     """
-    save_figure(trace_figure(traces, waveform=waveform), path, dpi)
-
-
-def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = None) -> "Figure":
-    """Make the figure that `draw_traces` saves; the arguments are the same."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 

@@ -6,7 +6,6 @@ against amplitude, with those of the candidate that was taken.
 """
 
 from itertools import combinations
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from fembridge.fitting.fit import Fit, FitRun
 from fembridge.fitting.judged_rates import JudgedRates
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
-    DPI,
     FAINT,
     INK,
     LINE_PT,
@@ -24,7 +22,6 @@ from fembridge.plots.style import (
     log_axis,
     make_plain,
     name_axes,
-    save_figure,
 )
 from fembridge.typing import FloatArray
 
@@ -66,21 +63,8 @@ OBSERVED_STYLE: dict[str, Any] = {
 }
 
 
-def draw_tradeoffs(run: FitRun, path: Path, *, dpi: float = DPI) -> None:
-    """Draw the fits of `run` into a file; its suffix chooses the format.
-
-    Raises
-    ------
-    UsageError
-        A suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
-    """
-    save_figure(tradeoffs_figure(run), path, dpi)
-
-
 def tradeoffs_figure(run: FitRun) -> "Figure":
-    """Make the figure that `draw_tradeoffs` saves."""
+    """The fits of `run`, a row a class."""
     from matplotlib.figure import Figure
 
     columns = list(dict.fromkeys(name for fit in run.fits for name in fit.problem.group_names))

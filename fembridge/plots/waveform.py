@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
-    DPI,
     FAINT,
     HAIR_PT,
     INK,
@@ -15,7 +13,6 @@ from fembridge.plots.style import (
     SHADE,
     SMALL_TEXT_PT,
     make_plain,
-    save_figure,
 )
 from fembridge.stimulus import Stimulus
 
@@ -33,32 +30,18 @@ _WAVE_PT = 0.6
 _CLEAR_SHARE = 0.22
 
 
-def draw_waveforms(stimuli: Sequence[Stimulus], path: Path, *, dpi: float = DPI) -> None:
-    """Draw the probe's depth over time, a panel a stimulus, into a file.
+def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
+    """The probe's depth over time, a panel a stimulus, in reading order.
 
-    Parameters
-    ----------
-    stimuli
-        Panels in reading order. Each has its own scale, since amplitudes of the
-        catalogue span three orders of magnitude; up is into the skin.
-        What lies outside the window in which spikes are counted gets a grey ground.
-    path
-        Where to; the suffix chooses the format.
-    dpi
-        Dots an inch, for formats that have dots.
+    Each has its own scale, since amplitudes of the catalogue span three orders of
+    magnitude; up is into the skin. What is outside the window in which spikes are counted
+    gets a grey ground.
 
     Raises
     ------
     UsageError
-        No stimulus, or a suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
+        No stimulus.
     """
-    save_figure(waveform_figure(stimuli), path, dpi)
-
-
-def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
-    """Make the figure that `draw_waveforms` saves; the argument is the same."""
     from matplotlib.figure import Figure
 
     if not stimuli:

@@ -314,15 +314,8 @@ def summary_of(
                 "iterations": finding.cost.iterations,
                 "cpu_s": round(finding.cost.cpu_s, 3),
                 "checks": [
-                    {
-                        "what": check.what,
-                        "found": None if math.isnan(check.found) else check.found,
-                        "side": check.side,
-                        "bound": check.bound,
-                        "unit": check.unit,
-                        "passed": check.passed,
-                    }
-                    for check in finding.checks
+                    {**check, "found": None if math.isnan(check["found"]) else check["found"]}
+                    for check in finding.to_frame().to_dict("records")
                 ],
             }
             for study in STUDIES
@@ -353,7 +346,9 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
         "span": _span,
         "oneline": lambda words: " ".join(words.split()),
         "markdown": _markdown,
-        "found": lambda check: _number(check.found, ".3g") + _unit(check),
+        "found": lambda check: (
+            _UNKNOWN if math.isnan(check.found) else f"{check.found:.3g}{_unit(check)}"
+        ),
         "bound": lambda check: (
             f"{'≤' if check.side == AT_MOST else '≥'} {check.bound:g}{_unit(check)}"
         ),
@@ -410,7 +405,7 @@ def _number(cell: Any, spec: str) -> str:  # noqa: ANN401 - a word or a number
 
 
 def _unit(check: Check) -> str:
-    return f" {check.unit}" if check.unit and not math.isnan(check.found) else ""
+    return f" {check.unit}" if check.unit else ""
 
 
 def _span(values: Sequence[float]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import fembridge
 from decks.presets import QUICK, mesh_of
@@ -183,10 +184,11 @@ def test_a_raster_of_one_class_counts_its_spikes(here, capsys):
 def raster_arguments(monkeypatch, *words):
     found = {}
 
-    def draw(trains, path, **options):
+    def figure(trains, **options):
         found.update(options)
+        return Figure(figsize=(1, 1))
 
-    monkeypatch.setattr("fembridge.plots.raster.draw_raster", draw)
+    monkeypatch.setattr("fembridge.plots.raster.raster_figure", figure)
     assert main(["plot", "raster", "spikes.csv", *words]) == 0
     return found
 

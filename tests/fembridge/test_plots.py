@@ -21,7 +21,6 @@ from fembridge.plots.mesh import (
     afferent_nodes,
     boundaries,
     close_window,
-    draw_mesh,
     mesh_figure,
     modulus_text,
     poisson_text,
@@ -239,7 +238,7 @@ def test_the_close_view_has_its_shape_and_all_that_matters_in_it(sites, x_mm, as
 
 def test_the_same_mesh_gives_the_same_bytes(tmp_path):
     for name in ("a.svg", "b.svg"):
-        draw_mesh(QUICK, mesh_of(QUICK), Probe(), tmp_path / name, dpi=60)
+        save_figure(mesh_figure(QUICK, mesh_of(QUICK), Probe()), tmp_path / name, dpi=60)
     first = (tmp_path / "a.svg").read_bytes()
     assert first == (tmp_path / "b.svg").read_bytes()
     assert first.count(b"<image") == 2

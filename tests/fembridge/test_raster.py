@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fembridge.errors import OutputError, UsageError
-from fembridge.plots.raster import draw_raster, raster_figure
-from fembridge.plots.style import AFFERENT_COLOURS
+from fembridge.plots.raster import raster_figure
+from fembridge.plots.style import AFFERENT_COLOURS, save_figure
 from fembridge.stimulus import Stimulus
 from fembridge.tables import SpikeTrain
 
@@ -130,7 +130,7 @@ def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
     first, second = tmp_path / f"first.{suffix}", tmp_path / f"second.{suffix}"
 
     for path in (first, second):
-        draw_raster([train()], path)
+        save_figure(raster_figure([train()]), path)
 
     assert first.read_bytes() == second.read_bytes()
     assert first.stat().st_size > 1000
@@ -138,7 +138,7 @@ def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
 
 
 def test_a_png_has_200_dots_an_inch(tmp_path):
-    draw_raster([train()], tmp_path / "raster.png")
+    save_figure(raster_figure([train()]), tmp_path / "raster.png")
 
     header = (tmp_path / "raster.png").read_bytes()[:24]
     assert header.startswith(b"\x89PNG")
@@ -148,7 +148,7 @@ def test_a_png_has_200_dots_an_inch(tmp_path):
 @pytest.mark.parametrize("name", ["raster.xyz", "raster"])
 def test_a_suffix_that_is_no_picture_is_refused_before_anything_is_written(tmp_path, name):
     with pytest.raises(UsageError, match=r"cannot draw .*expected one of .*png"):
-        draw_raster([train()], tmp_path / name)
+        save_figure(raster_figure([train()]), tmp_path / name)
 
     assert list(tmp_path.iterdir()) == []
 
@@ -166,16 +166,18 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
 
     with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
-        draw_raster([train()], tmp_path / "file" / "raster.png")
+        save_figure(raster_figure([train()]), tmp_path / "file" / "raster.png")
 
 
 def test_drawing_leaves_pyplot_and_its_global_state_alone(tmp_path):
     program = (
         "import sys; from pathlib import Path; import numpy as np; "
-        "from fembridge.plots.raster import draw_raster; "
+        "from fembridge.plots.raster import raster_figure; "
+        "from fembridge.plots.style import save_figure; "
         "from fembridge.tables import SpikeTrain; "
         "before = 'matplotlib' in sys.modules; "
-        "draw_raster([SpikeTrain('s', 'SA', np.array([1.0]))], Path(sys.argv[1])); "
+        "figure = raster_figure([SpikeTrain('s', 'SA', np.array([1.0]))]); "
+        "save_figure(figure, Path(sys.argv[1])); "
         "print(before, 'matplotlib.pyplot' in sys.modules)"
     )
 

@@ -179,12 +179,12 @@ def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
     result, earlier, capsys, monkeypatch
 ):
     from fembridge.errors import OutputError
-    from fembridge.plots import raster
+    from fembridge.plots import style
 
-    def disk_full(trains, path, **options):
+    def disk_full(figure, path, **options):
         raise OutputError("cannot write: No space left on device", path)
 
-    monkeypatch.setattr(raster, "draw_raster", disk_full)
+    monkeypatch.setattr(style, "save_figure", disk_full)
     assert main(["simulate", "--stimulus", "sine_20_250", "-o", "out"]) == 1
 
     last = capsys.readouterr().err.splitlines()[-1]

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.deflection.profile import stored_deflections
 from fembridge.errors import UsageError
-from fembridge.plots.deflection import MOST_MESHES, deflection_figure, draw_deflections
+from fembridge.plots.deflection import MOST_MESHES, deflection_figure
+from fembridge.plots.style import save_figure
 
 STORED = stored_deflections()
 
@@ -72,8 +73,8 @@ def test_colours_differ_from_mesh_to_mesh():
 
 
 def test_the_order_in_which_meshes_come_changes_no_byte(tmp_path):
-    draw_deflections(STORED, tmp_path / "a.svg")
-    draw_deflections(STORED[::-1], tmp_path / "b.svg")
+    save_figure(deflection_figure(STORED), tmp_path / "a.svg")
+    save_figure(deflection_figure(STORED[::-1]), tmp_path / "b.svg")
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 

@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge.errors import UsageError
 from fembridge.fitting.fit import fit_afferents
 from fembridge.fitting.settings import FitSettings
-from fembridge.plots.tradeoffs import draw_tradeoffs, strongest_tradeoff, tradeoffs_figure
+from fembridge.plots.style import save_figure
+from fembridge.plots.tradeoffs import strongest_tradeoff, tradeoffs_figure
 from neural import drive_named
 
 
@@ -123,11 +124,11 @@ def test_one_group_has_nothing_to_trade(observed, response):
 
 def test_the_same_run_gives_the_same_bytes_and_an_odd_suffix_none(run, tmp_path):
     alone = replace(run, fits=run.fits[:1], asked=run.asked[:1])
-    draw_tradeoffs(alone, tmp_path / "a.svg")
-    draw_tradeoffs(alone, tmp_path / "b.svg")
+    save_figure(tradeoffs_figure(alone), tmp_path / "a.svg")
+    save_figure(tradeoffs_figure(alone), tmp_path / "b.svg")
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     with pytest.raises(UsageError, match="cannot draw"):
-        draw_tradeoffs(run, tmp_path / "a.docx")
+        save_figure(tradeoffs_figure(run), tmp_path / "a.docx")
 
 
 def test_the_strongest_trade_off_is_between_the_groups_that_rank_opposite():
