@@ -717,8 +717,8 @@ class _Reader:
                 span = (start, stop) if behind is None else (behind, behind)
                 text = text.removesuffix("\r")
                 line = Line(number, text, *span, self.layout, path, included)
-                if _INCLUDE.match(text):
-                    self._include(line, opened)
+                if found := _INCLUDE.match(text):
+                    self._include(line, found["name"], opened)
                 else:
                     self._take(line)
             start = stop
@@ -738,10 +738,8 @@ class _Reader:
         elif self.keyword == _CONTINUE:
             self.case += 1
 
-    def _include(self, line: Line, opened: Sequence[str]) -> None:
-        found = _INCLUDE.match(line.text)
-        assert found is not None
-        name = found["name"].strip().strip(",").strip().strip("\"'")
+    def _include(self, line: Line, written: str, opened: Sequence[str]) -> None:
+        name = written.strip().strip(",").strip().strip("\"'")
         inner = None if self.resolver is None else self.resolver(name)
         self.includes.append(Include(name, line, inner is not None))
         if inner is None:

@@ -1,7 +1,7 @@
 """A Mentat procedure that sets segment-to-segment contact and writes the deck again.
 
 Which number of a deck asks for segment-to-segment contact is not known; the command of
-Mentat that does is. So Mentat reads our deck, is told, and writes its own. Each command
+Mentat that does is. So Mentat reads our deck, sets it, and writes its own. Each command
 is one of public procedures, two of them from their comments; none was run here, since no
 Mentat was at hand.
 """
