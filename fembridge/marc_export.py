@@ -33,7 +33,7 @@ NO_PY_POST = """py_post cannot be imported by this Python, %s (%s): %s
 Run this file with the Python that came with Mentat, on Windows for instance
   "C:\\Program Files\\MSC.Software\\Marc\\2024.1.0\\mentat2024.1\\python\\WIN8664\\\
 python.exe" export.py ...
-and if that does not find py_post either, tell where Mentat is:
+and if that does not find py_post either, name the folder of Mentat:
   --mentat "C:\\Program Files\\MSC.Software\\Marc\\2024.1.0\\mentat2024.1\""""
 
 
@@ -48,20 +48,20 @@ class Quantity:
         self.kind, self.label = kind, label or LABELS[kind]
 
     def labels(self, post):
-        """Give the names of all such quantities at this position."""
+        """Names of all such quantities at this position."""
         if self.kind == "scalar":
             return [post.element_scalar_label(k) for k in range(post.element_scalars())]
         return [post.element_tensor_label(k) for k in range(post.element_tensors())]
 
     def index(self, post):
-        """Tell which of them it is, or None."""
+        """Which of them it is, or None."""
         for index, label in enumerate(self.labels(post)):
             if label.strip().lower() == self.label.strip().lower():
                 return index
         return None
 
     def entries(self, post, element, index):
-        """Give node number and components, as py_post extrapolated them."""
+        """Node number and components, as py_post extrapolated them."""
         if self.kind == "scalar":
             found = post.element_scalar(element, index)
             return [(entry.id, (entry.value,)) for entry in found]
@@ -93,7 +93,7 @@ class Neighbourhood:
                 self.elements.append((index, here))
 
     def holds(self, post):
-        """Tell whether the elements are still these: not after a remeshing."""
+        """Whether the elements are still these: not after a remeshing."""
         return post.elements() == self.count and all(
             here.issubset(post.element(index).items) for index, here in self.elements
         )
@@ -123,7 +123,7 @@ def export(post, args):
     nodes = sorted({node for _, node in places})
     around = Neighbourhood(post, nodes, args.within)
     if args.within is None:
-        tell_borders(post, around, nodes)
+        note_borders(post, around, nodes)
     times_ms, stress = [], {node: [] for node in nodes}
     for position in range(start, post.increments()):
         moved(post, position)
@@ -137,7 +137,7 @@ def export(post, args):
         found = sample(post, around, quantity, "position %d" % position)
         for node in nodes:
             stress[node].append(found[node] * PA_PER_UNIT[args.unit])
-    tell_steps(times_ms)
+    check_steps(times_ms)
     stem = os.path.splitext(os.path.basename(args.post_file))[0]
     output = args.output or stem + "_traces.csv"
     rows = [COLUMNS]
@@ -151,7 +151,7 @@ def export(post, args):
 
 
 def sample(post, around, quantity, where):
-    """Give the stress at each node of `around`, here, in the file's unit."""
+    """Stress at each node of `around`, here, in the file's unit."""
     index = quantity.index(post)
     if index is None:
         raise ExportError("%s: no %s here" % (where, quantity.label))
@@ -195,7 +195,7 @@ def first_position(post, quantity):
 
 
 def chosen_places(post, args, quantity):
-    """Give afferent ("" for none) and node number, each pair once."""
+    """Afferent ("" for none) and node number, each pair once."""
     nodes = list(args.nodes)
     for name in args.set:
         nodes += set_named(post, name, "node")
@@ -212,7 +212,7 @@ def chosen_places(post, args, quantity):
 
 
 def nearest(post, place, around, quantity):
-    """Give the node nearest to `place` at which an element has a value."""
+    """The node nearest to `place` at which an element has a value."""
     first = {}
     for element, here in around.elements:
         for node in here:
@@ -231,7 +231,7 @@ def nearest(post, place, around, quantity):
 
 
 def set_named(post, name, kind):
-    """Give the members of a set of nodes or of elements."""
+    """Members of a set of nodes or of elements."""
     held = [post.set(k) for k in range(post.sets())]
     for each in held:
         if each.name.strip() == name and each.type == kind:
@@ -241,7 +241,7 @@ def set_named(post, name, kind):
 
 
 def why_none(post, around, node):
-    """Say why there is no value at a node."""
+    """Why there is no value at a node."""
     elements = [post.element_id(k) for k, here in around.elements if node in here]
     if elements:
         return "node %d has no value in element %d: a pressure node?" % (node, elements[0])
@@ -249,8 +249,8 @@ def why_none(post, around, node):
     return "node %d belongs to no element%s" % (node, inside)
 
 
-def tell_borders(post, around, nodes):
-    """Say where the mean is over elements of different sets: layers, by all signs."""
+def note_borders(post, around, nodes):
+    """Note where the mean is over elements of different sets: layers, by all signs."""
     held = [post.set(k) for k in range(post.sets())]
     held = [(s.name.strip(), set(s.items)) for s in held if s.type == "element"]
     for node in nodes:
@@ -267,7 +267,7 @@ def tell_borders(post, around, nodes):
             )
 
 
-def tell_steps(times_ms):
+def check_steps(times_ms):
     """Refuse times that do not rise; say when their step is uneven."""
     if len(times_ms) < 2:
         raise ExportError("one time with results, a trace needs two or more")
@@ -344,7 +344,7 @@ def write(path, text):
 
 
 def note(words):
-    """Tell something that is no error."""
+    """Print a remark."""
     print("note: %s" % words, file=sys.stderr)
 
 
