@@ -37,7 +37,7 @@ PACKAGES = {
     "scipy": ((1, 13), True, "interpolating stored responses"),
     "pandas": ((2, 2, 2), False, "tables"),
     "tomli-w": ((1, 0), True, "run folders"),
-    "cattrs": ((23, 2), True, "TOML files"),
+    "cattrs": ((24, 1), True, "TOML files"),
     "filelock": ((3, 24), True, "run folders"),
     "jinja2": ((3, 1), False, "report pages"),
     "matplotlib": ((3, 9), False, "plots"),
