@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fembridge.observed import read_observed as read_observed
     from fembridge.response.response_map import ResponseMap
     from fembridge.results import read
-    from fembridge.results.frd_format.field import read_fields
+    from fembridge.results.frd_fields import read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
     from fembridge.touchsim import touchsim_rates as touchsim_rates
@@ -64,7 +64,7 @@ _HOMES = {
     ),
     "make_stimulus": "decks.waveform",
     "read": "fembridge.results",
-    "read_fields": "fembridge.results.frd_format.field",
+    "read_fields": "fembridge.results.frd_fields",
     "read_observed": "fembridge.observed",
     "resolve": "decks.stimuli",
     "touchsim_rates": "fembridge.touchsim",

@@ -23,7 +23,7 @@ from fembridge.deflection.profile import PROFILE_FILE, Deflection, write_profile
 from fembridge.errors import OutputError, ResponseError, UsageError
 from fembridge.response.acceptance import PROBE_SET, check_times
 from fembridge.results.frd import read_displacement
-from fembridge.results.printed.dat import read_total_force
+from fembridge.results.printed import read_total_force
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import DEFAULTS, SolverSettings, finished_outcome, solve_once
 from fembridge.stimulus import Stimulus

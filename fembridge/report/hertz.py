@@ -38,7 +38,7 @@ from fembridge.report.extrapolation import extrapolation
 from fembridge.report.runs import Runs
 from fembridge.report.study import AT_LEAST, Check, Finding, exact, finish, line, panels
 from fembridge.results.frd import read_stress_tensor
-from fembridge.results.printed.dat import read_node_print
+from fembridge.results.printed import read_node_print
 from fembridge.results.stress import von_mises_pa
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray

@@ -27,7 +27,7 @@ from fembridge.report.mesh_convergence import LIMIT_KPA, member
 from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
 from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding, finish, line, panels
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.printed import read_point_stress
 from fembridge.results.stress import von_mises_pa
 from fembridge.typing import FloatArray, IntArray
 

@@ -11,7 +11,7 @@ from decks.dialects import JOB
 from fembridge.build import Model, inputs_of
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.results.frd import read_stress_and_displacement
-from fembridge.results.printed.dat import read_total_force
+from fembridge.results.printed import read_total_force
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import LOG_FILE

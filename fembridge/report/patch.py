@@ -16,7 +16,7 @@ from fembridge.report.plane import NEO_HOOKEAN, PRINTED, PlaneProblem, uniform_s
 from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding
 from fembridge.results.frd import read_displacement
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.printed import read_point_stress
 
 MATERIAL = TABLE_1["dermis"]
 SMALL = np.array([[2e-3, -1e-3], [4e-3, 1.5e-3]])

@@ -19,7 +19,7 @@ from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
 from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding
 from fembridge.results.frd import read_displacement
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.printed import read_point_stress
 from fembridge.typing import FloatArray, IntArray
 
 ELEMENTS = ("CPE4", "CPE8R")

@@ -18,7 +18,7 @@ from decks.stimuli import MAX_AMPLITUDE_UM
 from fembridge.errors import ResponseError, ResultError, StimulusError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.frd import read_stress_and_displacement
-from fembridge.results.printed.dat import read_total_force
+from fembridge.results.printed import read_total_force
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RunFolder, read_run_folder, read_waveform

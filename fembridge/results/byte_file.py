@@ -1,14 +1,14 @@
-"""A file read at offsets: what a walk from block to block needs.
+"""A file read at offsets, and the lines of a text file.
 
 ``pread`` and not ``mmap``: a mapped file that another process cuts short kills
 the reader with SIGBUS; here it is an error with words. The size is taken once,
 when the file is opened: a run that is still writing does not move the end, and
-`change` tells that it was.
+`change` says that it was.
 """
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +17,9 @@ from fembridge.errors import ResultError
 
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
+LONGEST_LINE = 1 << 16
 _SMALL_BYTES = 1024  # up to so many, look into the window first
+_BLOCK_BYTES = 1 << 18
 
 
 class ByteFile:
@@ -52,13 +54,7 @@ class ByteFile:
         os.close(self._handle)
 
     def take(self, offset: int, length: int) -> bytes:
-        """Give exactly `length` bytes from `offset`.
-
-        Raises
-        ------
-        ResultError
-            The file has no such bytes, or has become shorter since it was opened.
-        """
+        """Exactly `length` bytes from `offset`, which the file must have."""
         if offset < 0 or length < 0 or offset + length > self.size:
             raise ResultError(
                 f"{length} bytes expected at byte {offset}, the file has {self.size}", self.path
@@ -73,7 +69,7 @@ class ByteFile:
         return found
 
     def peek(self, offset: int, length: int) -> bytes:
-        """Give up to `length` bytes from `offset`; fewer at the end."""
+        """Up to `length` bytes from `offset`; fewer at the end."""
         length = max(0, min(length, self.size - offset))
         if length > _SMALL_BYTES:
             return self._pread(offset, length)
@@ -84,14 +80,14 @@ class ByteFile:
         return self._window[start : start + length]
 
     def holds(self, offset: int, text: bytes) -> bool:
-        """Whether `text` stands at `offset`."""
+        """Whether `text` is at `offset`."""
         start = offset - self._window_at
         if start < 0 or start + len(text) > len(self._window):
             return self.peek(offset, len(text)) == text
         return self._window.startswith(text, start)
 
     def line(self, offset: int) -> tuple[bytes, int] | None:
-        """Give the line at `offset` without its end, and where the next begins.
+        """The line at `offset` without its end, and where the next begins.
 
         None when no line end follows within `WINDOW_BYTES`: `why_no_line` says
         whether the line is cut by the end of the file, or this is no text.
@@ -108,7 +104,7 @@ class ByteFile:
         return line.removesuffix(b"\r"), self._window_at + end + 1
 
     def why_no_line(self, offset: int) -> str:
-        """Say why `line` found none at `offset`."""
+        """Why `line` found none at `offset`."""
         if self.size - offset > WINDOW_BYTES:
             return f"a line of more than {WINDOW_BYTES} bytes, which is no line"
         return "cut inside a line"
@@ -128,7 +124,7 @@ class ByteFile:
         )
 
     def find(self, markers: Sequence[bytes], offset: int) -> tuple[int, bytes] | None:
-        """Give the first place from `offset` where one of `markers` stands."""
+        """The first place from `offset` with one of `markers`, and which."""
         overlap = max(map(len, markers)) - 1
         length = WINDOW_BYTES  # the place is often near
         while offset < self.size:
@@ -148,7 +144,7 @@ class ByteFile:
         return None
 
     def count(self, marker: bytes, offset: int, end: int) -> int:
-        """Count `marker` from `offset` to `end`; it must not overlap itself."""
+        """How often `marker`, which does not overlap itself, is between `offset` and `end`."""
         total, overlap = 0, len(marker) - 1
         while offset < end:
             length = min(CHUNK_BYTES + overlap, end - offset)
@@ -171,6 +167,32 @@ class ByteFile:
         except OSError as error:
             raise ResultError(f"cannot be read: {error.strerror}", self.path) from error
         return found
+
+
+def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
+    """Number, text and whether a line end closes it, for each line, in bounded memory.
+
+    Bytes are read as Latin-1. What has no line ends (something else under a known
+    name, a hole that a full disk left) is refused after `LONGEST_LINE` bytes.
+    """
+    with ByteFile(path) as file:
+        number, rest = 0, b""
+        for at in range(0, file.size, _BLOCK_BYTES):
+            block = rest + file.take(at, min(_BLOCK_BYTES, file.size - at))
+            *lines, rest = block.split(b"\n")
+            for place, line in enumerate((*lines, rest), start=number + 1):
+                if len(line) > LONGEST_LINE:
+                    raise ResultError(
+                        f"a line of more than {LONGEST_LINE} bytes beginning with "
+                        f"{line[:12]!r}: no text of a solver",
+                        path,
+                        place,
+                    )
+            for line in lines:
+                number += 1
+                yield number, line.decode("latin-1").rstrip("\r"), True
+        if rest:
+            yield number + 1, rest.decode("latin-1"), False
 
 
 def _near(path: Path) -> str:

@@ -1,62 +1,541 @@
-"""Stress and displacement at nodes, from a ``.frd`` of CalculiX.
+"""Results of CalculiX, ``.frd``: text or binary, read by seeking from header to header.
 
-Stress at a node is the mean over the elements there. On a layer boundary that
-mean belongs to neither layer (0.011 MPa measured between 0.0005 and 0.022), so
-such a node is refused unless ``across_materials`` asks for it.
+    1PSTEP                         2           1           1
+  100CL  101 5.00000E-04          47                     0    1           1
+ -4  STRESS      6    1
+ -5  SXX         1    4    1    1
+ -1         1 1.08234E-03 1.03144E-03 9.28155E-04-1.29059E-03 0.00000E+00 0.00000E+00
+ -3
+
+Flags, the last number of a ``100CL`` line: 0 text with ids of 5 characters, 1 text with
+10, 2 float32, 3 float64. A block says how many records it has and how long they are, so
+the walk reads headers and jumps over the rest; of wanted nodes only their records are
+read. Markers are never sought inside binary records, which may hold any byte. A block is
+whole when what has to follow it does follow; counts are compared with the size of the
+file before anything trusts them. Text blocks end in a line `` -3``, where the walk
+resynchronises after records of unequal length or a cut. Values touch when they are
+negative: a field is cut by its columns, never split at blanks.
+
+Stress at a node is the mean over the elements there. On a layer boundary that mean
+belongs to neither layer (0.011 MPa measured between 0.0005 and 0.022), so such a node is
+refused unless ``across_materials`` asks for it. Quantities are joined by step and
+increment, never by position: a run that diverged has one more DISP than STRESS, and that
+last one never converged.
 
 CalculiX has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
-from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.block import FrdBlock, FrdOutput
-from fembridge.results.frd_format.ending import why_not_whole
-from fembridge.results.frd_format.history import NodeHistory, Want, read_history
-from fembridge.results.frd_format.index import FrdIndex, index_frd
-from fembridge.results.frd_format.mesh import MeshBlock, materials_at
-from fembridge.results.frd_format.records import node_at, node_ids
+from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
+from fembridge.results.printed import StaRow, read_sta
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
-from fembridge.typing import FloatArray, Table
+from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
-STRESS, STRESS_COMPONENTS = "STRESS", ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX")
-_SXY = STRESS_COMPONENTS.index("SXY")
-DISPLACEMENT, DISPLACEMENT_COMPONENTS = "DISP", ("D1", "D2", "D3")
+STRESS, DISPLACEMENT = "STRESS", "DISP"
+COMPONENTS = {
+    STRESS: ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
+    DISPLACEMENT: ("D1", "D2", "D3"),
+}
+# Nodes of each element type: he8 pe6 te4 he20 pe15 te10 tr3 tr6 qu4 qu8 be2 be3.
+NODES_OF_TYPE = {
+    1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 2, 12: 3,
+}  # fmt: skip
+UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
+
+_FIRST_BYTES, _STEP, _END_LINE = b"    1C", b"    1PSTEP", b" 9999"
+_AFTER_A_BLOCK = (b"    1P", _END_LINE, b"  100C", b"    2C", b"    3C")
+_STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
+_TIME = re.compile(rb"\d+\.\d*(?:[Ee][+-]\d{2,3})?")
+_STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
+_MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
+_KEPT_NAMES = 32
+_VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
+_FORM = bytes.maketrans(b"0123456789e-", b"0000000000E+")  # of a usual field
+_SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
+_SOME_PROBLEMS = 3  # that a message names
 _DEFAULTS = ReadOptions()
 
+Key = tuple[int, int]  # step and increment
+Output = dict[str, "FrdBlock"]  # blocks of one increment, by quantity
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StressAndDisplacement:
-    """Both at the same increments: `times_ms` ``(T,)``, `tensor_pa`
-    ``(T, node, 6)`` in Pa, order xx yy zz xy yz zx, `displacement_mm`
-    ``(T, node, 3)``; each in the order in which its nodes were asked for.
-    """  # noqa: D205 - one sentence
 
-    times_ms: FloatArray
-    tensor_pa: FloatArray
-    displacement_mm: FloatArray
+class NotFiniteError(ResultError):
+    """A NaN or an infinite value, which a partial reading may leave out."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrdBlock:
+    """One quantity at one increment, and where in the file its records are.
+
+    `value` is the number that the ``100CL`` line holds: the total time over all steps in
+    s, or the frequency of a mode, or its buckling factor. `components` are those stored
+    (``ALL``, the length of a vector, is announced and not stored). `free` marks text
+    records of unequal length (exponents of three digits). `modal` marks a mode of a
+    frequency or buckling analysis: its `increment` is the number of the mode.
+    """
+
+    name: str
+    step: int
+    increment: int
+    value: float
+    records: int
+    components: tuple[str, ...]
+    flag: int
+    offset: int
+    line_end: int = 1
+    analysis: int = _STATIC
+    modal: bool = False
+    free: bool = False
+
+    @property
+    def binary(self) -> bool:
+        """Whether the records are packed numbers."""
+        return self.flag >= 2
+
+    @property
+    def id_width(self) -> int:
+        """Characters of a node's number in a text record."""
+        return 5 if self.flag == 0 else 10
+
+    @property
+    def record_bytes(self) -> int:
+        """Length of one record: every record of a block has the same."""
+        values = len(self.components)
+        if self.flag >= 2:
+            return 4 + (4 if self.flag == 2 else 8) * values
+        lines = -(-values // _VALUES_A_LINE)
+        width = 5 if self.flag == 0 else 10
+        return lines * (_MARK + width + self.line_end) + _FIELD * values
+
+    @property
+    def end(self) -> int:
+        """Where the records end, if their length is regular."""
+        return self.offset + self.records * self.record_bytes
+
+    @property
+    def key(self) -> Key:
+        """Step and increment: what joins the blocks of one output."""
+        return self.step, self.increment
+
+    @property
+    def time_ms(self) -> float:
+        """Total time over all steps; of a mode no time at all."""
+        return self.value * MS_PER_S
+
+    @property
+    def over_time(self) -> bool:
+        """Whether `value` is a time: in static and dynamic steps alone."""
+        return not self.modal and self.analysis in (_STATIC, _DYNAMIC)
+
+    @property
+    def axis(self) -> str:
+        """What `value` is."""
+        if self.analysis == _BUCKLING:
+            return "buckling factor"
+        if self.modal:
+            return "frequency in cycles per time"
+        return "total time" if self.over_time else "number of the analysis"
+
+    def __str__(self) -> str:
+        if not self.step:  # the node block
+            return self.name
+        what = "mode" if self.modal else "increment"
+        return f"{self.name} of step {self.step}, {what} {self.increment}"
+
+
+@dataclass(frozen=True, slots=True)
+class MeshBlock:
+    """Where the records of a node or element block are, and where it ends."""
+
+    records: int
+    flag: int
+    offset: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class FrdDamage:
+    """What is wrong at `offset`; in which step and increment and block, where known.
+
+    `records` counts the records of `block` before a cut.
+    """
+
+    problem: str
+    offset: int
+    key: Key | None = None
+    block: FrdBlock | None = None
+    records: int = 0
+
+
+class FrdIndex:
+    """What a ``.frd`` holds and where: one walk through `file`.
+
+    `blocks` are the whole ones in file order, `nodes` and `elements` the mesh,
+    `materials` names by number. `ended` says whether the line `` 9999`` closes the file:
+    CalculiX writes it only when the job ends normally. `damage` is noted, not raised:
+    who reads decides what to do about it. `remarks` are oddities that do no harm.
+    """
+
+    def __init__(self, file: ByteFile) -> None:
+        start = file.peek(0, len(_FIRST_BYTES))
+        if start != _FIRST_BYTES:
+            problem = f"no .frd: begins with {start!r}, expected {_FIRST_BYTES!r}"
+            raise ResultError(problem if start else "empty: 0 bytes", file.path)
+        self.file, self.size = file, file.size
+        self.blocks: list[FrdBlock] = []
+        self.nodes: MeshBlock | None = None
+        self.elements: MeshBlock | None = None
+        self.materials: dict[int, str] = {}
+        self.ended = False
+        self.damage: list[FrdDamage] = []
+        self.remarks: list[str] = []
+        self._key: Key | None = None
+        self._mode: int | None = None
+        self._seen_binary = False
+        # Text, name, components and line end of the -4 and -5 lines of a quantity,
+        # which every increment repeats.
+        self._names: list[tuple[bytes, str, tuple[str, ...], int]] = []
+        self._names_at = 0
+        at: int | None = 0
+        while at is not None and at < file.size:
+            at = self._next(at)
+
+    def named(self, name: str) -> list[FrdBlock]:
+        """Blocks of one quantity, in file order."""
+        return [block for block in self.blocks if block.name == name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Quantities held, in order of first appearance."""
+        return tuple(dict.fromkeys(block.name for block in self.blocks))
+
+    def problem(self) -> str | None:
+        """What is wrong with a file that is not whole; None if it is whole."""
+        if self.ended and not self.damage:
+            return None
+        if not self.blocks and not self.damage:
+            where = "look in the .sta file and the solver's log for its reason"
+            if self.nodes is not None:
+                return f"mesh only, no results: the solver stopped at its start; {where}"
+            size = f"header only ({self.size} bytes)"
+            return f"{size}: the solver stopped before its first output; {where}"
+        words = [harm.problem for harm in self.damage]
+        if len(words) > _SOME_PROBLEMS:
+            words[_SOME_PROBLEMS:] = [f"and {len(words) - _SOME_PROBLEMS} places more"]
+        names: dict[Key, set[str]] = {}  # of whole increments
+        for block in self.blocks:
+            names.setdefault(block.key, set()).add(block.name)
+        for harm in self.damage:
+            names.pop(harm.key or (0, 0), None)
+        before, last = (list(names)[-2:][0], list(names)[-1]) if names else (None, None)
+        # The increment at which a run diverged has DISP and no STRESS; one that was cut
+        # lacks what was not written yet.
+        if before and last and not self.ended and before[0] == last[0]:
+            last = last if names[before] <= names[last] else before
+        if not self.ended:
+            words.append("no end line 9999: the run did not end normally")
+            attempts = _attempts(self.file.path)
+            if attempts and attempts[-1].failed:
+                row = attempts[-1]
+                words.append(
+                    f"increment {row.increment} of step {row.step} did not converge "
+                    f"(.sta: attempt {row.attempt} failed)"
+                )
+            elif last and not self.damage and self.blocks[-1].key != last:
+                step, increment = self.blocks[-1].key
+                held = [block.name for block in self.blocks if block.key == (step, increment)]
+                absent = sorted(names[last] - set(held))
+                words.append(
+                    f"increment {increment} of step {step} has {', '.join(dict.fromkeys(held))} "
+                    f"and no {', '.join(absent)}: it did not converge"
+                )
+        if last:
+            block = next(block for block in self.blocks if block.key == last)
+            words.append(
+                f"last whole increment: {block.increment} of step {block.step}, "
+                f"{block.time_ms:g} ms"
+            )
+        elif self.blocks:
+            words.append("no whole increment")
+        return "; ".join(words)
+
+    def _next(self, at: int) -> int | None:
+        """Read what begins at `at`; where the next begins, None where the walk ends."""
+        found = self.file.line(at)
+        line, after = found or (self.file.peek(at, 80), self.file.size)
+        if line.startswith(_END_LINE):
+            self.ended = True
+            rest = self.file.peek(at, 80)[len(_END_LINE) :].strip()
+            if rest:
+                self._harm(f"bytes after the end line: {rest[:12]!r}", at)
+            return None
+        if found is None:
+            self._harm(self.file.why_no_line(at), at)
+            return None
+        if line.startswith(b"  100C"):
+            return self._block(line, at, after)
+        if line.startswith((b"    2C", b"    3C")):
+            return self._mesh(line, at, after)
+        if not line.startswith(b"    1"):
+            self._harm(f"{line[:24]!r} where a block should begin", at)
+            return self._resume(at)
+        try:
+            if line.startswith(_STEP):
+                self._key = self._mode = None
+                iterations = _STEP_OF_ITERATIONS.match(line, 24)
+                if iterations:
+                    step, increment = int(iterations[1]), int(iterations[2])
+                else:
+                    step, increment = _count(line[48:60]), _count(line[36:48])
+                self._key = step, increment
+                if line[24:27] == b"STP" and not self.remarks:
+                    self.remarks.append(
+                        f"iterations of increment {increment} of step {step}, "
+                        "no history (LAST ITERATIONS)"
+                    )
+            elif line.startswith(b"    1PMODE"):
+                self._mode = _count(line[24:36])
+            elif line.startswith(b"    1UMAT") and line[9:14].strip().isdigit():
+                name = line[14:].decode("latin-1").strip()
+                self.materials.setdefault(int(line[9:14]), name)
+        except ValueError as error:
+            self._harm(f"{line[4:10].decode()} line cannot be read: {error}", at)
+        return after
+
+    def _mesh(self, line: bytes, at: int, after: int) -> int | None:
+        """Find the end of a node or element block; a count that lies makes it unusable."""
+        file, kind = self.file, "node" if line.startswith(b"    2C") else "element"
+        count, flag = line[24:36].strip(), line[73:75].strip()
+        announced = int(count) if count.isdigit() else 0
+        unreadable = f"header {line!r} cannot be read" if count and not count.isdigit() else ""
+        if flag in (b"0", b"1"):
+            found = file.find((b"\n -3",), after - 1)
+            last = None if found is None else file.line(found[0] + 1)
+            if found is None or last is None or last[0].strip() != b"-3":
+                self._harm(f"{kind} block: cut: its end line -3 is missing", at)
+                return None
+            present = file.count(b"\n -1", after - 1, found[0])
+            problem = unreadable
+            if count and present != announced:
+                problem = problem or f"{announced} records announced, {present} present"
+            layers, rest = divmod(present, announced) if announced else (0, 1)
+            if problem and kind == "element" and layers > 1 and rest == 0:
+                self.remarks.append(
+                    f"element block announces {announced} elements and holds {layers} "
+                    "times as many: layers of composite shells"
+                )
+            elif problem:
+                self._harm(f"{kind} block: {problem}", at)
+                return last[1]
+            block = MeshBlock(present, int(flag), after, last[1])
+        else:
+            end, problem = after, unreadable
+            if flag not in (b"2", b"3"):
+                problem = f"header {line!r} cannot be read"
+            elif not count:
+                problem = "binary, and without a count"
+            elif kind == "node":
+                end += announced * (28 if flag == b"3" else 16)
+            if end > file.size or after + 16 * announced > file.size:
+                problem = problem or f"cut: {announced} {kind}s announced"
+            if not problem and kind == "element":
+                try:
+                    for _, end in packed_elements(file, after, announced):  # noqa: B007 - the last
+                        pass
+                except ResultError as error:
+                    problem = error.problem
+            if problem:
+                self._harm(f"{kind} block: {problem}", at)
+                return None
+            block = MeshBlock(announced, int(flag), after, end)
+        if kind == "node":
+            self.nodes = block
+        else:
+            self.elements = block
+        if block.flag >= 2 and not self._boundary(block.end):
+            self._harm(f"{kind} block: its count does not lead to its end", at)
+            return None
+        return block.end
+
+    def _block(self, line: bytes, at: int, after: int) -> int | None:
+        """Read the header of a result block at its ``100CL`` line; find its end."""
+        if self._key is None:
+            self._harm("100CL without a 1PSTEP line that gives step and increment", at)
+            return self._resume(at)
+        step, increment = self._key
+        where = f"block header of step {step}, increment {increment}"
+        try:
+            text, word = line[12:24].strip(), line[56:58].strip()
+            if not _TIME.fullmatch(text):
+                raise ValueError(f"time {line[12:24]!r}")
+            analysis = _count(word) if word else _STATIC
+            modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
+            flag = _count(line[73:75])
+            if flag > 3:
+                raise ValueError(f"format flag {flag}")
+            blank = flag < 2 and not line[24:36].strip()
+            records = -1 if blank else _count(line[24:36])
+            if modal:
+                increment = _count(line[58:63]) if self._mode is None else self._mode
+            header, name, components, line_end = self._name_lines(after, where)
+        except ValueError as error:  # also UnicodeDecodeError
+            self._harm(f"{where} at byte {at} cannot be read: {error}", at)
+            return None
+        except ResultError as error:
+            self._harm(error.problem, at)
+            return None
+        self._key = None
+        block = FrdBlock(
+            name=name,
+            step=step,
+            increment=increment,
+            value=float(text),
+            records=records,
+            components=components,
+            flag=flag,
+            offset=after + len(header),
+            line_end=line_end,
+            analysis=analysis,
+            modal=modal,
+        )
+        self._seen_binary |= block.binary
+        return self._packed_end(block) if block.binary else self._text_end(block)
+
+    def _name_lines(self, offset: int, where: str) -> tuple[bytes, str, tuple[str, ...], int]:
+        """The ``-4`` and ``-5`` lines at `offset`: text, name, components, line end."""
+        known = len(self._names)
+        for place in range(self._names_at + 1, self._names_at + 1 + known):
+            names = self._names[place % known]  # quantities follow in turn
+            if self.file.holds(offset, names[0]):
+                self._names_at = place % known
+                return names
+        name, announced, line_end, at = "-4", 0, 1, offset
+        components: list[str] = []
+        row = -1
+        while row < announced:
+            found = self.file.line(at)
+            if found is None:
+                raise ResultError(
+                    f"{where} is cut in its {name} lines, at byte {at} of "
+                    f"{self.size}: {self.file.why_no_line(at)}",
+                    self.file.path,
+                )
+            line = found[0]
+            if row < 0:
+                name, announced = line[5:13].decode("ascii").strip(), _count(line[13:18])
+                if not line.startswith(b" -4") or not name:
+                    raise ValueError(f"{line[:40]!r} where a name is expected")
+                if announced > _MOST_COMPONENTS:
+                    raise ValueError(f"{name} announces {announced} components")
+            elif not line.startswith(b" -5"):
+                raise ValueError(f"{name} announces {announced} components, then {line[:40]!r}")
+            else:
+                if line[33:38].strip() != b"1":
+                    components.append(line[5:13].decode("ascii").strip())
+                line_end = found[1] - at - len(line)
+            at, row = found[1], row + 1
+        if not components:
+            raise ValueError(f"{name} without components")
+        names = self.file.take(offset, at - offset), name, tuple(components), line_end
+        del self._names[: 1 - _KEPT_NAMES]
+        self._names.append(names)
+        self._names_at = len(self._names) - 1
+        return names
+
+    def _packed_end(self, block: FrdBlock) -> int | None:
+        if block.end > self.size:
+            whole = (self.size - block.offset) // block.record_bytes
+            self._cut(block, whole, self.size)
+            return None
+        if not self._boundary(block.end):
+            found = self.file.peek(block.end, 12)
+            self._harm(
+                f"{block} is followed by {found!r} at byte {block.end}: its count, "
+                f"{block.records}, is wrong or bytes are missing",
+                block.end,
+                block,
+            )
+            return None
+        self.blocks.append(block)
+        return block.end
+
+    def _text_end(self, block: FrdBlock) -> int | None:
+        closing = b"\n -3\r\n" if block.line_end == 2 else b"\n -3\n"
+        if block.records >= 0 and self.file.holds(block.end - 1, closing):
+            self.blocks.append(block)
+            return block.end - 1 + len(closing)
+        found = self.file.find((b"\n -3", _STEP, b"\n" + _END_LINE), block.offset - 1)
+        at, marker = found or (self.size, b"")
+        last = self.file.line(at + 1) if marker == b"\n -3" else None
+        if last is not None:
+            records = self.file.count(b"\n -1", block.offset - 1, at)
+            if block.records < 0:
+                block = replace(block, records=records)
+            if block.end == at + 1:
+                self.blocks.append(block)
+            elif records == block.records > 0:
+                self.blocks.append(replace(block, free=True))
+            else:
+                words = f"{block} announces {block.records} records and has {records}"
+                self._harm(words, at, block, records)
+            return last[1]
+        begun = self.file.count(b"\n -1", block.offset - 1, at)
+        whole = min((at - block.offset) // block.record_bytes, begun)
+        self._cut(block, whole if block.records < 0 else min(whole, block.records), at)
+        if marker == _STEP:
+            return at
+        return at + 1 if marker.endswith(_END_LINE) else None
+
+    def _boundary(self, at: int) -> bool:
+        """Whether what follows a block begins at `at`, or the file ends there."""
+        found = self.file.peek(at, 6)
+        return found.startswith(_AFTER_A_BLOCK) or any(
+            marker.startswith(found) for marker in _AFTER_A_BLOCK
+        )
+
+    def _resume(self, at: int) -> int | None:
+        """Find the next step in text; among binary records it is not sought."""
+        if self._seen_binary or (self.nodes is not None and self.nodes.flag >= 2):
+            return None
+        found = self.file.find((_STEP,), at + 1)
+        return None if found is None else found[0]
+
+    def _cut(self, block: FrdBlock, records: int, at: int) -> None:
+        of = "" if block.records < 0 else f"{block.records} "
+        words = f"{block} is cut at byte {at}, after {records} of {of}records"
+        self._harm(words, at, block, records)
+
+    def _harm(self, problem: str, at: int, block: FrdBlock | None = None, records: int = 0) -> None:
+        if block is None and "byte" not in problem:
+            problem = f"{problem} (byte {at} of {self.size})"
+        key = self._key if block is None else block.key
+        self.damage.append(FrdDamage(problem, at, key, block, records))
+        if block is None:
+            self._key = None
 
 
 def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
-    """Read the von Mises stress at `nodes`, in that order.
+    """Von Mises stress at `nodes`, in that order.
 
     A trace begins with the first increment of the file; what came before it,
     the rest state among it, a ``.frd`` does not hold.
     """
     times_ms, tensor_pa = read_stress_tensor(path, nodes, options)
     kept = options.kept(times_ms)
-    times_ms, tensor_pa = times_ms[kept], tensor_pa[kept]
-    times_ms = unrounded(times_ms)
+    times_ms = unrounded(times_ms[kept])
     with np.errstate(over="ignore"):  # a trace refuses what is not finite
-        stress_pa = von_mises_pa(tensor_pa)
+        stress_pa = von_mises_pa(tensor_pa[kept])
     return [
         StressTrace.on_grid(node, np.stack([times_ms, column], -1), path)
         for node, column in zip(nodes, stress_pa.T, strict=True)
@@ -74,25 +553,32 @@ def read_stress_tensor(
     ------
     ResultError
         The file is absent, empty, foreign or cut; the run did not end normally;
-        no STRESS in it; a node has none, or sits between two materials; a value
+        no STRESS in it; a node has none, or is between two materials; a value
         is no finite number.
     """
-    history = _read(path, {STRESS: nodes}, options)
-    return history.times_ms, _in_pa(history, nodes, options, path)
+    times_ms, values = read_history(path, {STRESS: nodes}, options)
+    return times_ms, values[STRESS]
 
 
 def read_displacement(
     path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
 ) -> tuple[FloatArray, FloatArray]:
-    """Displacement of `nodes`: ``(T,)`` in ms and ``(T, node, 3)`` in mm.
+    """Displacement of `nodes`: ``(T,)`` in ms and ``(T, node, 3)`` in mm."""
+    times_ms, values = read_history(path, {DISPLACEMENT: nodes}, options)
+    return times_ms, values[DISPLACEMENT]
 
-    Raises
-    ------
-    ResultError
-        As for `read_stress_tensor`, but for the materials.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StressAndDisplacement:
+    """Both at the same increments, each in the order in which its nodes were asked for.
+
+    `times_ms` is ``(T,)``, `tensor_pa` ``(T, node, 6)``, `displacement_mm`
+    ``(T, node, 3)``.
     """
-    history = _read(path, {DISPLACEMENT: nodes}, options)
-    return history.times_ms, history.values[DISPLACEMENT]
+
+    times_ms: FloatArray
+    tensor_pa: FloatArray
+    displacement_mm: FloatArray
 
 
 def read_stress_and_displacement(
@@ -101,51 +587,86 @@ def read_stress_and_displacement(
     displacement_nodes: Sequence[int],
     options: ReadOptions = _DEFAULTS,
 ) -> StressAndDisplacement:
-    """Read both, joined by step and increment.
+    """Both, joined by step and increment."""
+    wanted = {STRESS: stress_nodes, DISPLACEMENT: displacement_nodes}
+    times_ms, values = read_history(path, wanted, options)
+    return StressAndDisplacement(times_ms, values[STRESS], values[DISPLACEMENT])
+
+
+def read_history(
+    path: Path, nodes_of: Mapping[str, Sequence[int]], options: ReadOptions = _DEFAULTS
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """STRESS or DISP or both, at the increments that have all of them.
+
+    Returns
+    -------
+    times_ms, values
+        ``(T,)``; by quantity ``(T, node, component)``, in Pa and in mm, in the order of
+        its nodes.
 
     Raises
     ------
     ResultError
-        As for `read_stress_tensor`; also an increment that has only one of the
-        two (`options.partial` leaves it out).
+        As for `read_stress_tensor`; also an increment that has only one of two
+        (`options.partial` leaves it out).
     """
-    wanted = {STRESS: stress_nodes, DISPLACEMENT: displacement_nodes}
-    history = _read(path, wanted, options)
-    return StressAndDisplacement(
-        times_ms=history.times_ms,
-        tensor_pa=_in_pa(history, stress_nodes, options, path),
-        displacement_mm=history.values[DISPLACEMENT],
-    )
+    with ByteFile(path) as file:
+        index = FrdIndex(file)
+        outputs = _over_time(index, outputs_of(index, options), tuple(nodes_of), options)
+        values = {
+            name: _at_nodes(file, [output[name] for output in outputs], nodes)
+            for name, nodes in nodes_of.items()
+        }
+        outputs, values = _finite(file, outputs, values, nodes_of, options)
+        if not outputs:
+            raise ResultError("no whole, converged increment is left", path)
+        times_ms = np.array([next(iter(output.values())).time_ms for output in outputs])
+        back = np.flatnonzero(~(np.diff(times_ms) > 0))
+        if back.size:
+            row = int(back[0]) + 1
+            step, increment = next(iter(outputs[row].values())).key
+            raise ResultError(
+                f"step {step}, increment {increment} at {times_ms[row]:g} ms comes after "
+                f"{times_ms[row - 1]:g} ms: times do not rise",
+                path,
+            )
+        check_unchanged(file, options)
+        if STRESS in nodes_of:
+            nodes = [int(node) for node in nodes_of[STRESS]]
+            if not options.across_materials:
+                _check_materials(index, nodes, options.branches)
+            # In relaxing skin the sum over branches, not their mean; on the axis of a
+            # half no shear: see `ReadOptions`.
+            branches = np.array([options.branches.get(node, 1) for node in nodes], dtype=np.float64)
+            summed = values[STRESS] * branches[:, None]
+            summed[:, [node in options.on_axis for node in nodes], 3] = 0.0
+            values[STRESS] = in_pa(summed, options, path)
+        return times_ms, values
 
 
 def describe(path: Path) -> Table:
-    """Tell what the file holds: mesh, quantities, increments, what is wrong.
-
-    Raises
-    ------
-    ResultError
-        There is no file, it is empty, or no ``.frd``.
-    """
+    """What the file holds: mesh, quantities, increments, what is wrong."""
     with ByteFile(path) as file:
-        index = index_frd(file)
+        index = FrdIndex(file)
+        words = (file.change, index.problem())
         return {
             "format": "ccx-frd",
             "bytes": index.size,
-            "mesh_nodes": _count(file, index.nodes),
-            "elements": _count(file, index.elements),
+            "mesh_nodes": None if index.nodes is None else index.nodes.records,
+            "elements": None if index.elements is None else index.elements.records,
             "materials": dict(sorted(index.materials.items())),
-            "quantities": [_quantity(file, index, name) for name in index.names],
+            "quantities": [_quantity(index, name) for name in index.names],
             "remarks": list(index.remarks),
-            "problem": _problem(file, index),
+            "problem": "; ".join(word for word in words if word) or None,
         }
 
 
 def unrounded(times_ms: FloatArray) -> FloatArray:
-    """Take the rounding of the print out of an even time axis, ``(T,)``.
+    """An even time axis, ``(T,)``, without the rounding of the print.
 
     Below one second a ``.frd`` prints six digits, above it ten: an even step of
-    1/3 ms looks uneven. If all times are even within their last printed digit,
-    give the even ones; otherwise what was there.
+    1/3 ms looks uneven. Times that are not all even within their last printed digit
+    stay as they are.
     """
     if times_ms.size < 2:
         return times_ms
@@ -157,70 +678,534 @@ def unrounded(times_ms: FloatArray) -> FloatArray:
     return even if (np.abs(even - times_ms) <= rounding_ms).all() else times_ms
 
 
-def _read(path: Path, nodes_of: dict[str, Sequence[int]], options: ReadOptions) -> NodeHistory:
-    components = {STRESS: STRESS_COMPONENTS, DISPLACEMENT: DISPLACEMENT_COMPONENTS}
-    with ByteFile(path) as file:
-        index = index_frd(file)
-        wants = [
-            Want(name, components[name], tuple(int(node) for node in nodes))
-            for name, nodes in nodes_of.items()
-        ]
-        history = read_history(file, index, wants, options)
-        if STRESS in nodes_of and not options.across_materials:
-            _check_materials(file, index, nodes_of[STRESS], options.branches)
-        return history
+def outputs_of(index: FrdIndex, options: ReadOptions) -> list[Output]:
+    """Blocks of each output that counts, in file order.
 
+    An output is what CalculiX writes at one increment (or of one mode): blocks with the
+    same step and increment that follow each other. A run that did not end well may close
+    with one that never converged: stress is written of converged increments alone, so a
+    STRESS block shows convergence; without one the ``.sta`` file has to.
 
-def _in_pa(
-    history: NodeHistory, nodes: Sequence[int], options: ReadOptions, path: Path
-) -> FloatArray:
-    """Give stress in Pa; in relaxing skin the sum over branches, not their mean.
-
-    On the axis of a half of a section there is no shear in it: see `ReadOptions`.
+    Raises
+    ------
+    ResultError
+        The run did not end well and `options.partial` is not set, or the file
+        holds no results.
     """
-    counts = [options.branches.get(int(node), 1) for node in nodes]
-    summed = history.values[STRESS] * np.array(counts, dtype=np.float64)[:, None]
-    summed[:, [int(node) in options.on_axis for node in nodes], _SXY] = 0.0
-    return in_pa(summed, options, path)
+    file, problem = index.file, index.problem()
+    for remark in index.remarks:
+        options.note(remark)
+    if problem is not None:
+        words = "; ".join(filter(None, (file.change, *index.remarks, problem)))
+        if not (options.partial and index.blocks):
+            hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
+            raise ResultError(words + hint, file.path)
+        options.note(words)
+    if not index.blocks:
+        raise ResultError("no results in it", file.path)
+    outputs: list[Output] = []
+    last = (0, 0)
+    for block in index.blocks:
+        if not outputs or block.name in outputs[-1] or block.key != last:
+            outputs.append({})
+        outputs[-1][block.name], last = block, block.key
+    if not index.ended:
+        failed = {(row.step, row.increment): row.failed for row in _attempts(file.path)}
+        if failed.get(last, STRESS not in outputs[-1]):
+            options.note(f"dropped step {last[0]}, increment {last[1]}: not converged")
+            outputs.pop()
+    if not outputs:
+        raise ResultError("no whole, converged increment is left", file.path)
+    return outputs
 
 
-def _check_materials(
-    file: ByteFile, index: FrdIndex, nodes: Sequence[int], branches: Mapping[int, int]
+def having(
+    index: FrdIndex, outputs: Sequence[Output], names: Sequence[str], options: ReadOptions
+) -> list[Output]:
+    """Outputs that have all quantities `names`, and these alone.
+
+    Raises
+    ------
+    ResultError
+        No output has one of them; or one has some and not all, and
+        `options.partial` is not set.
+    """
+    path, held = index.file.path, dict.fromkeys(name for output in outputs for name in output)
+    for name in names:
+        if name not in held:
+            raise ResultError(f"no {name} in it, it holds {', '.join(held) or 'nothing'}", path)
+    found = []
+    for output in outputs:
+        absent = [name for name in names if name not in output]
+        if not absent:
+            found.append({name: output[name] for name in names})
+        elif len(absent) < len(names):
+            step, increment = next(iter(output.values())).key
+            words = f"step {step}, increment {increment} has no {absent[0]}"
+            if not options.partial:
+                raise ResultError(words, path)
+            options.note(f"dropped: {words}")
+    if not found:
+        raise ResultError(f"no increment has all of {', '.join(names)}", path)
+    return found
+
+
+def check_unchanged(file: ByteFile, options: ReadOptions) -> None:
+    """Refuse, or with `partial` note, a file that changed while it was read."""
+    if file.change is not None and not options.partial:
+        raise ResultError(f"{file.change}; read it again when the run has ended", file.path)
+    if file.change is not None:
+        options.note(file.change)
+
+
+def no_records(block: FrdBlock, path: Path) -> ResultError:
+    """The error of a block without a record."""
+    return ResultError(
+        f"{block} has 0 records: with OUTPUT=3D CalculiX writes none for an "
+        "NSET of a plane model; use OUTPUT=2D",
+        path,
+    )
+
+
+def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
+    """Numbers of the nodes of `block`, in its order, ``(record,)``.
+
+    Raises
+    ------
+    ResultError
+        A record does not begin like one.
+    """
+    if block.free:
+        return irregular_records(file, block)[0]
+    step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
+    parts = [np.empty(0, dtype=np.int64)]
+    for first in range(0, block.records, step):
+        some = min(step, block.records - first)
+        raw = file.take(block.offset + first * block.record_bytes, some * block.record_bytes)
+        ids, fine = record_ids(block, raw)
+        check_records(file, block, raw, fine, first)
+        parts.append(ids)
+    return np.concatenate(parts)
+
+
+def record_ids(block: FrdBlock, raw: bytes) -> tuple[IntArray, BoolArray]:
+    """The node of each record in `raw`, and which records look like one."""
+    if block.binary:
+        ids = np.frombuffer(raw, dtype=_packed(block))["node"].astype(np.int64)
+        return ids, ids > 0
+    characters = np.frombuffer(raw, dtype=np.uint8).reshape(-1, block.record_bytes)
+    ids, fine = integers(characters[:, _MARK : _MARK + block.id_width])
+    mark = b" -1"
+    for start, _, line_feed in _lines(block):
+        head = start - block.id_width - _MARK
+        for place, character in enumerate(mark, start=head):
+            fine &= characters[:, place] == character
+        fine &= characters[:, line_feed] == ord("\n")
+        mark = b" -2"  # on every line but the first
+    return ids, fine
+
+
+def record_values(file: ByteFile, block: FrdBlock, raw: bytes) -> FloatArray:
+    """Values in `raw`, ``(record, component)``, as the file has them: float32 stays so.
+
+    Raises
+    ------
+    ResultError
+        A field is no number. NaN and infinite values are values.
+    """
+    count = len(block.components)
+    if block.binary:
+        # Copied as one void: faster than value by value.
+        table = np.frombuffer(raw, [("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
+        packed = np.ascontiguousarray(table["values"]).view("<f4" if block.flag == 2 else "<f8")
+        single_or_double: FloatArray = packed.reshape(-1, count)
+        return single_or_double
+    characters = np.frombuffer(raw, dtype=np.uint8).reshape(-1, block.record_bytes)
+    fields = [characters[:, start:end] for start, end, _ in _lines(block)]
+    try:
+        return floats(np.concatenate(fields, axis=1).reshape(-1, count, _FIELD))
+    except ValueError as error:
+        row, column, problem = error.args
+        node = int(record_ids(block, raw)[0][row])
+        where = f"{block}, node {node}, {block.components[column]}"
+        raise ResultError(f"{where}: {problem}", file.path) from error
+
+
+def check_records(
+    file: ByteFile, block: FrdBlock, raw: bytes, fine: BoolArray, first: int = 0
 ) -> None:
+    """Refuse `raw`, records from number `first` on, unless all are `fine`."""
+    if not fine.all():
+        row = int(np.argmin(fine))
+        start = raw[row * block.record_bytes :][: _MARK + 10]
+        raise ResultError(
+            f"{block}: record {first + row + 1} of {block.records} begins with {start!r}, "
+            "or is not as long as the others",
+            file.path,
+        )
+
+
+def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
+    """Nodes and values of a text block whose lines are of unequal length.
+
+    Some builds print exponents of three digits, ``-5.28012E-003``: one character too
+    many for the field, so that nothing is where it should be. A field then is what has
+    the form of a number; there is a blank or a sign in front of it, or nothing.
+    """
+    found = file.find((b"\n -3",), block.offset - 1)
+    text = file.take(block.offset, (file.size if found is None else found[0] + 1) - block.offset)
+    # Two digits may be followed by the next number, which begins with a digit: 3.067.
+    number_field = (
+        rb"(?: *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
+        rb"| *[+-]?(?:1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?))"
+    )
+    width, count, record = block.id_width, len(block.components), b""
+    for first in range(0, count, _VALUES_A_LINE):
+        record += b" -2" + b" " * width if first else b" -1([ 0-9]{%d})" % width
+        record += number_field + b"{%d} *\r?\n" % min(_VALUES_A_LINE, count - first)
+    nodes, fields, place = [], list[bytes](), 0
+    for match in re.finditer(record, text):
+        if match.start() != place or not match[1].strip().isdigit():
+            break
+        nodes.append(int(match[1]))
+        fields += re.findall(number_field, match[0][_MARK + width :])
+        place = match.end()
+    if place != len(text) or len(nodes) != block.records:
+        raise ResultError(
+            f"{block}: record {len(nodes) + 1} of {block.records} begins with "
+            f"{text[place : place + 24]!r}",
+            file.path,
+        )
+    values = np.array([_number(one) for one in fields], dtype=np.float64)
+    return np.array(nodes, dtype=np.int64), values.reshape(-1, count)
+
+
+def integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
+    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``.
+
+    The second array says which rows are such integers; elsewhere the value
+    means nothing.
+    """
+    digit = (characters >= ord("0")) & (characters <= ord("9"))
+    fine = (digit | (characters == ord(" "))).all(axis=1) & digit[:, -1]
+    fine &= (digit[:, :-1] <= digit[:, 1:]).all(axis=1)  # no blank after a digit
+    value = np.zeros(len(characters), dtype=np.int64)
+    for column in range(characters.shape[1]):
+        value *= 10
+        value += np.where(digit[:, column], characters[:, column] - ord("0"), 0)
+    return value, fine
+
+
+def floats(fields: NDArray[np.uint8]) -> FloatArray:
+    """E12.5 fields, ``(row, column, 12)`` -> ``(row, column)``; NaN and INF are read as such.
+
+    Raises
+    ------
+    ValueError
+        A field is no number: its row, its column, and what it is.
+    """
+    text = fields.tobytes()
+    texts = np.frombuffer(text, dtype=f"S{_FIELD}")
+    form = np.frombuffer(text.translate(_FORM), dtype=f"S{_FIELD}")
+    usual = (form == b" 0.00000E+00") | (form == b"+0.00000E+00")
+    if usual.all():
+        values: FloatArray = texts.astype(np.float64)
+        return values.reshape(fields.shape[:2])
+    values = np.empty(texts.shape)
+    values[usual] = texts[usual].astype(np.float64)
+    for row in np.flatnonzero(~usual).tolist():
+        try:
+            values[row] = _number(text[row * _FIELD : (row + 1) * _FIELD])
+        except ValueError as error:
+            raise ValueError(*divmod(row, fields.shape[1]), str(error)) from error
+    return values.reshape(fields.shape[:2])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementRows:
+    """Elements of one type: `ids` and `material` ``(M,)``, `corners` ``(M, k)``.
+
+    Nodes are in the order of the file: corners, then mid-sides; he20 and pe15 have the
+    mid-sides of the bottom, the ones between, and then those of the top (deck nodes
+    1-12, 17-20, 13-16; 1-9, 13-15, 10-12).
+    """
+
+    type: int
+    ids: IntArray
+    material: IntArray
+    corners: IntArray
+
+
+def element_rows(file: ByteFile, elements: MeshBlock) -> Iterator[ElementRows]:
+    """The elements, in tables of one type; a record that is none is a `ResultError`."""
+    if elements.flag >= 2:
+        found = packed_elements(file, elements.offset, elements.records)
+        return (rows for rows, _ in found)
+    return _printed_elements(file, elements)
+
+
+def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple[ElementRows, int]]:
+    """Packed elements, and the offset behind them.
+
+    Elements of one type are together and have one length: the run grows as long as the
+    types agree.
+    """
+    at, done = offset, 0
+    while done < records:
+        head = file.peek(at, 8)
+        kind = int.from_bytes(head[4:], "little")
+        if len(head) == 8 and kind not in NODES_OF_TYPE:
+            raise ResultError(f"element type {kind} at byte {at} is unknown", file.path)
+        width = 4 * (4 + NODES_OF_TYPE.get(kind, 0))  # id, type, 0, material
+        if at + width > file.size:
+            raise ResultError(f"cut: {records} elements announced", file.path)
+        look, same = 16, 1
+        while same and done < records and at + width <= file.size:
+            some = min(look, records - done, CHUNK_BYTES // width, (file.size - at) // width)
+            words = np.frombuffer(file.take(at, some * width), "<i4").reshape(some, -1)
+            alike = words[:, 1] == kind
+            same = some if alike.all() else int(np.argmin(alike))
+            if same:
+                rows = words[:same].astype(np.int64)
+                at, done = at + same * width, done + same
+                yield ElementRows(kind, rows[:, 0], rows[:, 3], rows[:, 4:]), at
+            look *= 4
+
+
+def _printed_elements(file: ByteFile, elements: MeshBlock) -> Iterator[ElementRows]:
+    """Elements as text, a chunk of whole elements at a time.
+
+    -1         1    9    0    1
+    -2         1         2         9         8
+    """
+    width, at = 5 if elements.flag == 0 else 10, elements.offset
+    while at < elements.end:
+        text = file.take(at, min(CHUNK_BYTES, elements.end - at))
+        if at + len(text) < elements.end:  # a chunk ends before the head of an element
+            text = text[: text.rfind(b"\n -1") + 1]
+        lines = text.split(b"\n")[:-1]
+        if lines and at + len(text) == elements.end:
+            lines.pop()  # -3
+        if not text:
+            raise ResultError(f"element block: no element at byte {at}", file.path)
+        at += len(text)
+        if lines:
+            yield from _elements_of_lines(lines, width, file.path)
+
+
+def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
+    table = np.array(lines)
+    size = max(table.itemsize, _MARK + max(width + 15, 10 * width))
+    characters = table.astype(f"S{size}").view(np.uint8).reshape(-1, size)
+    heads = (characters[:, :_MARK] == np.frombuffer(b" -1", np.uint8)).all(axis=1)
+    tails = (characters[:, :_MARK] == np.frombuffer(b" -2", np.uint8)).all(axis=1)
+    at_type = _MARK + width
+    ids, fine = integers(characters[heads, _MARK:at_type])
+    kind, good = integers(characters[heads, at_type : at_type + 5])
+    material, known = integers(characters[heads, at_type + 10 : at_type + 15])
+    material[~known] = UNKNOWN_MATERIAL
+    # Fields of a line that are not blank, and to which element they belong.
+    fields = characters[tails, _MARK : _MARK + 10 * width].reshape(-1, width)
+    filled = ((fields != ord(" ")) & (fields != ord("\r")) & (fields != 0)).any(axis=1)
+    nodes, whole = integers(fields[filled])
+    element = np.repeat(np.cumsum(heads)[tails] - 1, 10)[filled]
+    counts = np.bincount(element[element >= 0], minlength=kind.size)
+    checks = (heads[:1], heads | tails, fine, good, whole, counts > 0)
+    if not all(one.all() for one in checks):
+        odd = int(np.argmin(heads | tails))
+        raise ResultError(f"element block: {lines[odd][:80]!r} is no element", path)
+    for one in dict.fromkeys(zip(kind.tolist(), counts.tolist(), strict=True)):
+        rows = (kind == one[0]) & (counts == one[1])
+        corners = nodes[rows[element]].reshape(-1, one[1])
+        yield ElementRows(one[0], ids[rows], material[rows], corners)
+
+
+def _over_time(
+    index: FrdIndex, outputs: Sequence[Output], names: Sequence[str], options: ReadOptions
+) -> list[Output]:
+    """Outputs of static and dynamic steps that have all of `names`: modes have no time."""
+    path = index.file.path
+    for name in names:
+        blocks = [output[name] for output in outputs if name in output]
+        others = [block for block in blocks if not block.over_time]
+        if others:
+            first, last = others[0], others[-1]
+            what = "results of another kind than static or dynamic"
+            if first.modal:
+                what = f"{len(others)} modes ({first.axis} {first.value:g}"
+                what += f" to {last.value:g})" if last.value != first.value else ")"
+            words = f"{name} of step {first.step} holds {what}, no history over time"
+            if len(others) == len(blocks):
+                raise ResultError(f"{words}: there is no trace to take", path)
+            options.note(f"left out: {words}")
+        if any(f"{name}I" in out for out in outputs if name in out and out[name].over_time):
+            raise ResultError(
+                f"{name} has an imaginary part, {name}I: amplitudes over frequency, no "
+                "history over time; there is no trace to take",
+                path,
+            )
+    timed = [{n: block for n, block in out.items() if block.over_time} for out in outputs]
+    found = having(index, timed, names, options)
+    seen: set[Key] = set()
+    for output in found:
+        for name, block in output.items():
+            absent = [one for one in COMPONENTS[name] if one not in block.components]
+            if absent:
+                held = ", ".join(block.components)
+                raise ResultError(f"{block} has no component {absent[0]}: it holds {held}", path)
+            if block.key in seen:
+                raise ResultError(
+                    f"{block} is duplicate: iterations, not increments, or two runs in one file",
+                    path,
+                )
+        seen.add(block.key)
+    return found
+
+
+def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
+    """Values of STRESS or DISP at `nodes`, ``(T, node, component)``.
+
+    Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
+    wanted nodes are found once and tried on the next blocks; the id in front of each
+    record says whether they are still right, and if not they are sought again.
+    """
+    wanted = np.array([int(node) for node in nodes], dtype=np.int64)
+    names = COMPONENTS[blocks[0].name]
+    values = np.empty((len(blocks), wanted.size, len(names)))
+    if not wanted.size:
+        return values
+    rows = np.empty(0, dtype=np.int64)
+    at, look = 0, 1
+    while at < len(blocks):
+        first = blocks[at]
+        columns = [first.components.index(name) for name in names]
+        if first.free:
+            ids, table = irregular_records(file, first)
+            values[at] = table[_find_rows(file, first, ids, wanted)][:, columns]
+            at, rows = at + 1, rows[:0]
+            continue
+        sought = not rows.size or rows.max() >= first.records
+        if sought:
+            rows = _find_rows(file, first, node_ids(file, first), wanted)
+        layout = (first.flag, first.components, first.line_end, False)
+        end = at + 1
+        for block in blocks[end : at + look]:
+            alike = (block.flag, block.components, block.line_end, block.free) == layout
+            if not alike or block.records <= rows.max():
+                break
+            end += 1
+        raw = b"".join([_gather(file, block, rows) for block in blocks[at:end]])
+        ids, fine = record_ids(first, raw)
+        right = (fine & (ids == np.tile(wanted, end - at))).reshape(end - at, -1).all(axis=1)
+        same = end - at if right.all() else int(np.argmin(right))
+        if sought and not same:
+            raise ResultError(f"{first}: records changed while read", file.path)
+        size = wanted.size * first.record_bytes
+        if same:
+            found = record_values(file, first, raw[: same * size])
+            values[at : at + same] = found.reshape(same, wanted.size, -1)[:, :, columns]
+        if same < end - at:
+            rows, look = rows[:0], 1
+        else:
+            look = min(4 * look, max(1, CHUNK_BYTES // size))
+        at += same
+    return values
+
+
+def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> bytes:
+    """The records at `rows`, one after the other in that order."""
+    length, first, last = block.record_bytes, int(rows.min()), int(rows.max())
+    span = (last - first + 1) * length
+    if span <= _SEEK_BYTES or span <= 4 * rows.size * length:
+        raw = file.take(block.offset + first * length, span)
+        return np.frombuffer(raw, dtype=np.uint8).reshape(-1, length)[rows - first].tobytes()
+    take, offset = file.take, block.offset
+    return b"".join([take(offset + row * length, length) for row in rows.tolist()])
+
+
+def _find_rows(file: ByteFile, block: FrdBlock, ids: IntArray, nodes: IntArray) -> IntArray:
+    """Row of each of `nodes` among `ids`, of duplicates the first."""
+    if ids.size == 0:
+        raise no_records(block, file.path)
+    order = np.argsort(ids, kind="stable")
+    place = np.minimum(np.searchsorted(ids[order], nodes), ids.size - 1)
+    rows: IntArray = order[place]
+    absent = nodes[ids[rows] != nodes]
+    if absent.size:
+        held = np.unique(ids)
+        near = held[np.argsort(np.abs(held - absent[0]), kind="stable")[:3]]
+        raise ResultError(
+            f"node {absent[0]} has no record in {block}: {held.size} nodes, "
+            f"{held[0]} to {held[-1]}; nearest {', '.join(map(str, np.sort(near)))}",
+            file.path,
+        )
+    return rows
+
+
+def _finite(
+    file: ByteFile,
+    outputs: Sequence[Output],
+    values: Mapping[str, FloatArray],
+    nodes_of: Mapping[str, Sequence[int]],
+    options: ReadOptions,
+) -> tuple[list[Output], dict[str, FloatArray]]:
+    """Refuse a NaN or an infinite value, or with `partial` leave its increment out."""
+    keep = np.ones(len(outputs), dtype=np.bool_)
+    for name, found in values.items():
+        for row, node, column in np.argwhere(~np.isfinite(found)).tolist():
+            block = outputs[row][name]
+            problem = (
+                f"node {nodes_of[name][node]} at {block.time_ms:g} ms: {name} "
+                f"{COMPONENTS[name][column]} is {found[row, node, column]}"
+            )
+            if not options.partial:
+                raise NotFiniteError(problem, file.path)
+            if keep[row]:
+                step, increment = block.key
+                options.note(f"dropped step {step}, increment {increment}: {problem}")
+            keep[row] = False
+    if keep.all():
+        return list(outputs), dict(values)
+    kept = [output for output, fine in zip(outputs, keep, strict=True) if fine]
+    return kept, {name: found[keep] for name, found in values.items()}
+
+
+def _check_materials(index: FrdIndex, nodes: Collection[int], branches: Mapping[int, int]) -> None:
+    """Refuse nodes with elements of more materials than their stress has branches."""
     if index.elements is None or not nodes:
         return
-    for node, numbers in materials_at(file, index.elements, nodes).items():
+    wanted = np.unique(np.fromiter(nodes, dtype=np.int64))
+    materials: dict[int, set[int]] = {int(node): set() for node in wanted}
+    for rows in element_rows(index.file, index.elements):
+        corners = rows.corners.ravel()
+        place = np.minimum(np.searchsorted(wanted, corners), wanted.size - 1)
+        hits = np.flatnonzero(wanted[place] == corners)
+        found = rows.material[hits // rows.corners.shape[1]]
+        for node, number in zip(corners[hits].tolist(), found.tolist(), strict=True):
+            materials[node].add(number)
+    for node, numbers in materials.items():
         if len(numbers) > branches.get(node, 1):
             names = " and ".join(
                 index.materials.get(number, f"material {number}") for number in sorted(numbers)
             )
             raise ResultError(
-                f"node {node} lies between {names}: its stress is a mean over both "
+                f"node {node} is between {names}: its stress is a mean over both "
                 "and belongs to neither; take a node inside one layer, or ask for "
                 "it with --across-materials (across_materials=True)",
-                file.path,
+                index.file.path,
             )
 
 
-def _count(file: ByteFile, block: MeshBlock | None) -> int | None:
-    if block is None or block.records is not None:
-        return None if block is None else block.records
-    return file.count(b"\n -1", block.offset - 1, block.end)
-
-
-def _problem(file: ByteFile, index: FrdIndex) -> str | None:
-    words = (file.change, why_not_whole(index, file.path))
-    return "; ".join(word for word in words if word) or None
-
-
-def _quantity(file: ByteFile, index: FrdIndex, name: str) -> Table:
+def _quantity(index: FrdIndex, name: str) -> Table:
+    """One quantity of a description; outputs of modes and steady states have no time."""
     blocks = index.named(name)
-    complex_of = {name, f"{name}I", name.removesuffix("I")} & set(index.names)
-    timed = [b for b in blocks if b.output.over_time and len(complex_of) == 1]
-    others = [] if timed else [b.output for b in blocks]
-    if timed:
-        others = [b.output for b in blocks if not b.output.over_time]
-    lowest, highest, nodes = _span(file, index, blocks[0])
+    complex_parts = {name, f"{name}I", name.removesuffix("I")} & set(index.names)
+    timed = [block for block in blocks if block.over_time and len(complex_parts) == 1]
+    others = blocks if not timed else [block for block in blocks if not block.over_time]
+    axis = "total time"
+    if others:
+        axis = "frequency in cycles per time" if others[0].over_time else others[0].axis
+    lowest, highest, nodes = _span(index, blocks[0])
     return {
         "name": name,
         "components": list(blocks[0].components),
@@ -228,7 +1213,7 @@ def _quantity(file: ByteFile, index: FrdIndex, name: str) -> Table:
         "first_ms": timed[0].time_ms if timed else None,
         "last_ms": timed[-1].time_ms if timed else None,
         "modes": len(others),
-        "axis": _axis(others),
+        "axis": axis,
         "first_value": others[0].value if others else None,
         "last_value": others[-1].value if others else None,
         "steps": sorted({block.step for block in blocks}),
@@ -239,26 +1224,63 @@ def _quantity(file: ByteFile, index: FrdIndex, name: str) -> Table:
     }
 
 
-def _axis(others: Sequence[FrdOutput]) -> str:
-    """Say what the values of outputs without time are: of steady states, too."""
-    if not others:
-        return "total time"
-    return "frequency in cycles per time" if others[0].over_time else others[0].axis
-
-
-def _span(file: ByteFile, index: FrdIndex, block: FrdBlock) -> tuple[int | None, int | None, int]:
+def _span(index: FrdIndex, block: FrdBlock) -> tuple[int | None, int | None, int]:
     """Lowest and highest node and their count, with little reading.
 
-    A block of the whole mesh ascends, so its ends tell; one of a set is in the
-    order of the deck, with duplicates, and is read if it is not large.
+    A block of the whole mesh ascends, so its ends are enough; one of a set is in the
+    order of the deck, with duplicates, and is read.
     """
-    mesh = None if index.nodes is None else index.nodes.records
+    file, mesh = index.file, None if index.nodes is None else index.nodes.records
     if not block.free and block.records and block.records == mesh:
-        first = node_at(file, block, 0)
-        last = node_at(file, block, block.records - 1)
-        if first is not None and last is not None and first <= last:
-            return first, last, block.records
+        ends = (block.offset, block.end - block.record_bytes)
+        raw = b"".join(file.take(at, block.record_bytes) for at in ends)
+        ids, fine = record_ids(block, raw)
+        if fine.all() and ids[0] <= ids[1]:
+            return int(ids[0]), int(ids[1]), block.records
     ids = node_ids(file, block)
     if not ids.size:
         return None, None, 0
     return int(ids.min()), int(ids.max()), len(np.unique(ids))
+
+
+def _attempts(path: Path) -> list[StaRow]:
+    """Attempts at increments in the ``.sta`` beside; none where it cannot be read."""
+    beside = path.with_suffix(".sta")
+    try:
+        return read_sta(beside) if beside.exists() else []
+    except (ResultError, OSError):
+        return []
+
+
+def _packed(block: FrdBlock) -> np.dtype[np.void]:
+    number_type = "<f4" if block.flag == 2 else "<f8"
+    return np.dtype([("node", "<i4"), ("values", number_type, (len(block.components),))])
+
+
+def _lines(block: FrdBlock) -> Iterator[tuple[int, int, int]]:
+    """For each line of a record where values start, end, and its LF is."""
+    at = 0
+    for first in range(0, len(block.components), _VALUES_A_LINE):
+        start = at + _MARK + block.id_width
+        end = start + _FIELD * min(_VALUES_A_LINE, len(block.components) - first)
+        at = end + block.line_end
+        yield start, end, at - 1
+
+
+def _count(field: bytes) -> int:
+    text = field.strip()
+    if not text.isdigit():
+        raise ValueError(f"{field.decode('latin-1')!r} where a count is expected")
+    return int(text)
+
+
+def _number(field: bytes) -> float:
+    """One field that may be a NaN, infinite or with a long exponent."""
+    if re.fullmatch(rb" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3} *", field):
+        return float(field)
+    if re.fullmatch(rb" *[+-]?(nan.*|1\.#(ind|qnan|snan).*)", field, re.IGNORECASE):
+        return float("nan")
+    infinite = re.fullmatch(rb" *([+-]?)(inf|infinity|1\.#inf.*) *", field, re.IGNORECASE)
+    if infinite:
+        return float(infinite[1] + b"inf")
+    raise ValueError(f"{field.decode('latin-1')!r} is no number")

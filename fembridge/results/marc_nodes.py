@@ -18,7 +18,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.extrapolation import DOCUMENTED, ELEMENT_TYPES, FRD_ORDER, node_weights
-from fembridge.results.field_source import Scene, SceneCells
+from fembridge.results.fields import Scene, SceneCells
 from fembridge.results.marc_deck import materials_beside
 from fembridge.results.marc_post import PostMesh
 from fembridge.typing import BoolArray, FloatArray, IntArray

@@ -13,9 +13,7 @@ from types import TracebackType
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.derived import DERIVED, derived_of
-from fembridge.results.field_source import Frame, Key
-from fembridge.results.frd_format.field import Field
+from fembridge.results.fields import Field, Frame, Key
 from fembridge.results.marc import check_whole
 from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints
 from fembridge.results.marc_post import NodalQuantity, PostFile, PostIncrement
@@ -28,6 +26,7 @@ from fembridge.results.marc_quantity import (
     nodal_unit,
 )
 from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.stress import DERIVED, derived_of
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
@@ -35,7 +34,7 @@ _Quantity = NodalQuantity | ElementQuantity
 
 
 class MarcSource:
-    """An open post file, see `fembridge.results.field_source.FieldSource`."""
+    """An open post file, see `fembridge.results.fields.FieldSource`."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self._options = path, options

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.printed.text_lines import text_lines
+from fembridge.results.byte_file import text_lines
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.store import replacing
 from fembridge.trace import MS_PER_S, StressTrace

@@ -1,11 +1,11 @@
 """Stress at a node as each layer has it: the two sides of a layer boundary.
 
 A ``.frd`` holds one stress a node, the mean over all elements there. What the
-solver computed stands in the ``.dat``, at integration points inside elements
+solver computed is in the ``.dat``, at integration points inside elements
 (``*EL PRINT, ELSET=...`` with S): here they are extrapolated to the node, element
 by element, and averaged over the elements of one material, never over two.
 
-The points of an element lie as those of the brick that CalculiX makes of it: x
+The points of an element are those of the brick that CalculiX makes of it: x
 fastest, then y, then z. In a plane element the layers through the thickness are
 equal but for rounding, and their mean is taken. Values are the element's own
 system where it has one (``*ORIENTATION``); without one they are global.
@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results import result_file
 from fembridge.results.extrapolation import brick_weights
-from fembridge.results.frd_format.grid import Cells, Grid, read_grid
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.frd_fields import read_grid
+from fembridge.results.printed import read_point_stress
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import result_file
 from fembridge.results.stress import TENSOR, von_mises_pa
 from fembridge.store import write_text
 from fembridge.typing import FloatArray, IntArray
@@ -92,7 +92,13 @@ def one_sided_stress(
     """
     path = result_file(path)
     grid = read_grid(path)
-    around = _elements_at(grid, node, path)
+    around = [
+        (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
+        for cells in grid.cells
+        for row, corner in np.argwhere(cells.corners == node).tolist()
+    ]
+    if not around:
+        raise ResultError(f"node {node} is at no element of the mesh", path)
     beside = path.with_suffix(".dat") if dat is None else Path(dat)
     times_ms, points, tensor_pa = read_point_stress(beside, set_name, options)
     sides: dict[int, list[tuple[int, FloatArray]]] = {}
@@ -118,21 +124,6 @@ def one_sided_stress(
         )
         for material in sorted(sides)
     )
-
-
-def _elements_at(grid: Grid, node: int, path: Path) -> list[tuple[int, int, str, int]]:
-    """Element, material, kind and place of the node in it, for each at `node`."""
-    found = [hit for cells in grid.cells for hit in _hits(cells, node)]
-    if not found:
-        raise ResultError(f"node {node} is at no element of the mesh", path)
-    return found
-
-
-def _hits(cells: Cells, node: int) -> list[tuple[int, int, str, int]]:
-    return [
-        (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
-        for row, corner in np.argwhere(cells.corners == node).tolist()
-    ]
 
 
 def _weights(kind: str, corner: int, order: IntArray, element: int, path: Path) -> FloatArray:

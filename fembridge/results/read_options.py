@@ -18,13 +18,12 @@ VON_MISES = ("tensor", "scalar")
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """How strictly to read, in which unit, and whom to tell what was left out.
+    """How strictly to read, in which unit, and where remarks go.
 
-    `partial` takes what is whole of a run that did not end well, and tells
-    `tell` what it dropped; without it such a file is refused. `across_materials`
-    lets through the stress of a node on a layer boundary. `stress_unit` is the
-    unit of the file: CalculiX and Marc have none, the deck decides; N and mm
-    give MPa.
+    `partial` takes what is whole of a run that did not end well, and says to `log`
+    what it dropped; without it such a file is refused. `across_materials` allows the
+    stress of a node on a layer boundary. `stress_unit` is the unit of the file:
+    CalculiX and Marc have none, the deck decides; N and mm give MPa.
 
     Of a file that holds integration points (Marc's): `extrapolate` is how their
     values are carried to nodes, one of `extrapolation.METHODS`, None for "linear".
@@ -34,7 +33,7 @@ class ReadOptions:
     A trace begins at `since_ms` of solver time: steps of someone's own model before
     the stimulus need not have its time step.
 
-    `branches` tells of nodes in relaxing skin how many branches their stress is the
+    `branches` says of nodes in relaxing skin how many branches their stress is the
     sum of: a ``.frd`` holds the mean, over elements of that many materials.
 
     `on_axis` are nodes on the axis of a half of a section. There is no shear in it:
@@ -44,7 +43,7 @@ class ReadOptions:
     partial: bool = False
     across_materials: bool = False
     stress_unit: str = "MPa"
-    tell: Callable[[str], None] | None = None
+    log: Callable[[str], None] | None = None
     extrapolate: str | None = None
     von_mises: str | None = None
     since_ms: float = -math.inf
@@ -70,23 +69,17 @@ class ReadOptions:
         return PA_PER_UNIT[self.stress_unit]
 
     def kept(self, times_ms: FloatArray) -> slice:
-        """Give the samples, of increasing times ``(T,)``, that a trace is made of."""
+        """The samples, of increasing times ``(T,)``, that a trace is made of."""
         return slice(int(np.searchsorted(times_ms, self.since_ms)), None)
 
     def note(self, words: str) -> None:
-        """Pass `words` on to whoever wants to know."""
-        if self.tell is not None:
-            self.tell(words)
+        """Pass the remark `words` on to `log`."""
+        if self.log is not None:
+            self.log(words)
 
 
 def in_pa(stress: FloatArray, options: ReadOptions, path: Path) -> FloatArray:
-    """Give stress of a file in Pa.
-
-    Raises
-    ------
-    ResultError
-        A number is too large to be one.
-    """
+    """Stress of a file in Pa; a number too large to be one is a `ResultError`."""
     with np.errstate(over="ignore"):
         stress_pa: FloatArray = stress * options.pa_per_unit
     if not np.isfinite(stress_pa).all():

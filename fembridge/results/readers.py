@@ -9,14 +9,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from fembridge.errors import ResultError
+from decks.dialects import JOB
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
 from fembridge.results.read_options import ReadOptions
+from fembridge.run_folder import RUN_FILE, read_run_folder
 from fembridge.trace import StressTrace
 from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.readers"
+
 _FIRST_BYTES = 64
 _PRINTS = (".dat", ".sta", ".cvg")
 _KNOWN_STARTS = (
@@ -38,11 +43,11 @@ class Reader:
 
     `first_bytes` may be several, of which a file has one, or none: any text.
     `target` is ``module:function``, called as ``(path, nodes, options)`` with
-    `ReadOptions` and giving one `StressTrace` a node, in that order. A function
-    ``describe(path)`` in that module tells what a file holds. `source` is
-    ``module:class`` of a `field_source.FieldSource`, "" for a format without whole
-    fields; `points` says that the file holds integration points, so that the way to a
-    node can be chosen.
+    `ReadOptions` and giving one `StressTrace` a node, in that order. That module may
+    have ``describe(path)``, what a file holds, and ``nodes_in(path)``, the nodes that a
+    file of curves names itself. `source` is ``module:class`` of a `fields.FieldSource`,
+    "" for a format without whole fields; `points` says that the file holds integration
+    points, so that the way to a node can be chosen.
     """
 
     name: str
@@ -62,19 +67,33 @@ class Reader:
         others = [other for other in READERS if other.first_bytes]
         return b"\0" not in start and not any(other.takes(start) for other in others)
 
+    def check(self, path: Path, options: ReadOptions) -> None:
+        """Refuse options that only a file with integration points can follow."""
+        if not self.points and (options.extrapolate or options.von_mises):
+            raise UsageError(
+                f"{path}: {self.name} holds values at nodes; how they are extrapolated "
+                "there is asked of a Marc post file"
+            )
+
     def load(self) -> Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]:
-        """Import the reading function."""
-        module, _, function = self.target.partition(":")
+        """The reading function."""
         found: Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]
-        found = getattr(import_module(module), function)
+        found = getattr(self._module(), self.target.partition(":")[2])
         return found
 
     def describe(self, path: Path) -> Table:
-        """Tell what `path` holds, as far as this format can."""
-        module = import_module(self.target.partition(":")[0])
-        tell: Any = getattr(module, "describe", None)
-        found: Table = {"format": self.name} if tell is None else tell(path)
+        """What `path` holds, as far as this format can say."""
+        describe: Any = getattr(self._module(), "describe", None)
+        found: Table = {"format": self.name} if describe is None else describe(path)
         return found
+
+    def named_nodes(self, path: Path) -> Sequence[int]:
+        """Nodes that a file of curves names itself; none of other files."""
+        names: Callable[[Path], Sequence[int]] = getattr(self._module(), "nodes_in", lambda _: ())
+        return names(path)
+
+    def _module(self) -> ModuleType:
+        return import_module(self.target.partition(":")[0])
 
 
 # A binary post file of Marc begins with the length of its first record: 70 words of
@@ -82,15 +101,10 @@ class Reader:
 _T16_STARTS = tuple(
     length.to_bytes(4, order) for length in (280, 560) for order in ("little", "big")
 )
-_MARC, _MARC_SOURCE = ("fembridge.results.marc:read", ("fembridge.results.marc_source:MarcSource"))
+_FRD, _FRD_SOURCE = "fembridge.results.frd:read", "fembridge.results.frd_fields:FrdSource"
+_MARC, _MARC_SOURCE = "fembridge.results.marc:read", "fembridge.results.marc_source:MarcSource"
 READERS = (
-    Reader(
-        "ccx-frd",
-        ".frd",
-        b"    1C",
-        "fembridge.results.frd:read",
-        "fembridge.results.frd_source:FrdSource",
-    ),
+    Reader("ccx-frd", ".frd", b"    1C", _FRD, _FRD_SOURCE),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:read"),
@@ -98,25 +112,40 @@ READERS = (
 
 
 def reader_of(path: Path) -> Reader:
-    """Give the reader for `path`, by suffix and first bytes.
+    """The reader for `path`, by suffix and first bytes.
 
     Raises
     ------
     ResultError
         No such file, it is empty, or no reader takes it.
     """
-    from fembridge.results.byte_file import ByteFile
-
     with ByteFile(path) as file:
         start = file.peek(0, _FIRST_BYTES)
     if not start:
         raise ResultError("empty: 0 bytes", path)
-    for table in (lambda _: READERS, _plugged):
-        for reader in table(path):
-            same = path.suffix.lower() == reader.suffix
-            if same and reader.takes(start):
-                return reader
+    suffix = path.suffix.lower()
+    for reader in READERS:
+        if suffix == reader.suffix and reader.takes(start):
+            return reader
+    for reader in _plugged(path):
+        if suffix == reader.suffix and reader.takes(start):
+            return reader
     raise ResultError(_foreign(path, start), path)
+
+
+def result_file(path: Path | str) -> Path:
+    """The result file that `path` is, or that the run folder `path` holds.
+
+    Of a folder: what the solver in its ``run.toml`` writes, the binary file first;
+    without a ``run.toml``, what is there.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return path
+    if (path / RUN_FILE).exists():
+        return read_run_folder(path).results
+    places = [path / f"{JOB}{reader.suffix}" for reader in READERS]
+    return next((place for place in places if place.exists()), places[0])
 
 
 def _foreign(path: Path, start: bytes) -> str:
@@ -132,36 +161,27 @@ def _foreign(path: Path, start: bytes) -> str:
                 f"begins like {reader.name} and is named {path.suffix or 'nothing'}: "
                 f"rename it to {reader.suffix}"
             )
-    kind = kinds[0] if kinds else ""
+    starts = {reader.suffix: reader.first_bytes for reader in READERS if reader.first_bytes}
     wanted = "; ".join(
-        f"{reader.suffix} begins with {_first(reader)!r}"
-        for reader in READERS
-        if reader.first_bytes
+        f"{suffix} begins with {(first if isinstance(first, bytes) else first[0])!r}"
+        for suffix, first in starts.items()
     )
+    kind = kinds[0] if kinds else ""
     return f"no result file we read: begins with {start[:12]!r}{kind}; {wanted}"
 
 
-def _first(reader: Reader) -> bytes:
-    starts = reader.first_bytes
-    return starts if isinstance(starts, bytes) else starts[0]
-
-
-def _plugged(path: Path) -> tuple[Reader, ...]:
+def _plugged(path: Path) -> list[Reader]:
     from importlib.metadata import entry_points
 
     found = []
     for point in entry_points(group=ENTRY_POINTS):
+        where = f"reader {point.name} ({point.value})"
         try:
             reader = point.load()
         except Exception as error:  # whatever another package does wrong
-            raise ResultError(
-                f"reader {point.name} ({point.value}) cannot be loaded: {error!r}", path
-            ) from error
+            raise ResultError(f"{where} cannot be loaded: {error!r}", path) from error
         if not isinstance(reader, Reader):
-            raise ResultError(
-                f"reader {point.name} ({point.value}) is a {type(reader).__name__}, "
-                "expected a fembridge.results.Reader",
-                path,
-            )
+            kind = type(reader).__name__
+            raise ResultError(f"{where} is a {kind}, expected a fembridge.results.Reader", path)
         found.append(reader)
-    return tuple(found)
+    return found

@@ -1,16 +1,30 @@
-"""Stress tensors and the one number an afferent feels.
+"""Stress tensors and what follows from them: one number an afferent feels, or three.
 
 A tensor is six components in the order of a ``.frd``: xx, yy, zz, xy, yz, zx.
 The trap: a ``.dat`` prints xx, yy, zz, xy, xz, yz. Von Mises stress does not
 tell the two apart (the shears enter alike), everything else does; the ``.dat``
 reader reorders, so that downstream there is one order.
+
+The shears of a strain are tensor components, half the engineering angle: so
+CalculiX prints them (measured: a shear u = 0.002 y gives EXY 0.001, and the energy
+below then is the ENER of the same file).
 """
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fembridge.errors import UsageError
 from fembridge.typing import FloatArray
 
+if TYPE_CHECKING:
+    from fembridge.results.fields import Field
+
 TENSOR = ("xx", "yy", "zz", "xy", "yz", "zx")
+_NORMAL = 3
+_ROWS_AT_ONCE = 1 << 15  # matrices in memory
+_IN_ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))  # component at row and column
 
 
 def von_mises_pa(tensor_pa: FloatArray) -> FloatArray:
@@ -21,10 +35,7 @@ def von_mises_pa(tensor_pa: FloatArray) -> FloatArray:
     ``sqrt(((xx-yy)² + (yy-zz)² + (zz-xx)²)/2 + 3(xy² + yz² + zx²))``: |s| in
     uniaxial stress s, sqrt(3) τ in pure shear τ, 0 under hydrostatic pressure.
     """
-    tensor = np.asarray(tensor_pa, dtype=np.float64)
-    if tensor.shape[-1:] != (len(TENSOR),):
-        raise ValueError(f"expected (..., 6), got {tensor.shape}")
-    xx, yy, zz, xy, yz, zx = np.moveaxis(tensor, -1, 0)
+    xx, yy, zz, xy, yz, zx = np.moveaxis(np.asarray(tensor_pa, dtype=np.float64), -1, 0)
     normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
     shear = xy**2 + yz**2 + zx**2
     stress: FloatArray = np.sqrt(0.5 * normal + 3.0 * shear)
@@ -48,15 +59,114 @@ def energy_stress_pa(tensor_pa: FloatArray, poisson: float) -> FloatArray:
     Hooke's law put into ``W = σ:ε/2``. Young's modulus drops out. |s| in uniaxial
     stress s; unlike von Mises stress it feels pressure, ``√(3(1 − 2ν)) p``.
     """
-    tensor = np.asarray(tensor_pa, dtype=np.float64)
-    if tensor.shape[-1:] != (len(TENSOR),):
-        raise ValueError(f"expected (..., 6), got {tensor.shape}")
     if not -1.0 <= poisson <= 0.5:
         raise ValueError(f"poisson is {poisson}, expected -1 to 0.5")
-    xx, yy, zz, xy, yz, zx = np.moveaxis(tensor, -1, 0)
+    xx, yy, zz, xy, yz, zx = np.moveaxis(np.asarray(tensor_pa, dtype=np.float64), -1, 0)
     normal = xx**2 + yy**2 + zz**2 - 2.0 * poisson * (xx * yy + yy * zz + zz * xx)
     shear = xy**2 + yz**2 + zx**2
     twice_ew = normal + 2.0 * (1.0 + poisson) * shear
     # Never below 0, but for rounding: pressure in a material of ν = 0.5.
     stress: FloatArray = np.sqrt(np.maximum(twice_ew, 0.0))
     return stress
+
+
+def principal_stresses_pa(tensor_pa: FloatArray) -> FloatArray:
+    """Principal stresses, ``(..., 3)`` in Pa, largest first, of ``(..., 6)`` in Pa.
+
+    Notes
+    -----
+    Eigenvalues of the symmetric matrix, by LAPACK and not by the closed form: that
+    one loses half its digits where two of them are close, as in a layer pressed
+    flat.
+    """
+    tensor = np.asarray(tensor_pa, dtype=np.float64)
+    rows = tensor.reshape(-1, len(TENSOR))
+    values = np.empty((len(rows), 3), dtype=np.float64)
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        some = slice(first, first + _ROWS_AT_ONCE)
+        values[some] = np.linalg.eigvalsh(rows[some][:, _IN_ROWS])[:, ::-1]
+    return values.reshape(*tensor.shape[:-1], 3)
+
+
+def max_shear_pa(tensor_pa: FloatArray) -> FloatArray:
+    """Greatest shear stress on any plane, ``(...)`` in Pa: half of largest less least.
+
+    It is what Tresca's rule compares.
+    """
+    principal = principal_stresses_pa(tensor_pa)
+    shear: FloatArray = 0.5 * (principal[..., 0] - principal[..., 2])
+    return shear
+
+
+def mean_stress_pa(tensor_pa: FloatArray) -> FloatArray:
+    """Mean normal stress, ``(...)`` in Pa: less than 0 under pressure."""
+    mean: FloatArray = np.asarray(tensor_pa)[..., :_NORMAL].mean(axis=-1)
+    return mean
+
+
+def strain_energy_density_pa(tensor_pa: FloatArray, strain: FloatArray) -> FloatArray:
+    """Elastic energy in a volume, ``(...)`` in Pa, which is J/m³.
+
+    Parameters
+    ----------
+    tensor_pa, strain
+        ``(..., 6)`` each, of one place and time; strain with tensor shears.
+
+    Notes
+    -----
+    ``σ:ε/2``, each shear counted twice. It is the energy of a linear elastic
+    material at small strain. With NLGEOM a ``.frd`` has Cauchy stress and Lagrange
+    strain, whose product is not energy: ask the solver for ENER then.
+    """
+    product = np.asarray(tensor_pa) * np.asarray(strain)
+    normal = product[..., :_NORMAL].sum(axis=-1)
+    energy: FloatArray = 0.5 * normal + product[..., _NORMAL:].sum(axis=-1)
+    return energy
+
+
+# By name: the quantities it takes, and what is computed of them.
+DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[..., FloatArray]]] = {
+    "von_mises": (("STRESS",), von_mises_pa),
+    "principal": (("STRESS",), principal_stresses_pa),
+    "max_shear": (("STRESS",), max_shear_pa),
+    "mean_stress": (("STRESS",), mean_stress_pa),
+    "strain_energy_density": (("STRESS", "TOSTRAIN"), strain_energy_density_pa),
+}
+
+
+def derived_of(name: str, fields: Mapping[str, "Field"]) -> FloatArray:
+    """The quantity `name` of `DERIVED` from fields of one increment.
+
+    Raises
+    ------
+    UsageError
+        The fields are at other nodes, or one is no tensor.
+    """
+    takes, function = DERIVED[name]
+    first = fields[takes[0]]
+    for quantity in takes[1:]:
+        if not np.array_equal(fields[quantity].nodes, first.nodes):
+            raise UsageError(f"{name}: {takes[0]} and {quantity} are at other nodes")
+    return function(*(tensor_of(fields[quantity]) for quantity in takes))
+
+
+def tensor_of(field: "Field") -> FloatArray:
+    """A stress or strain field as ``(N, 6)`` in the order of this module.
+
+    Raises
+    ------
+    UsageError
+        The field is no tensor.
+    """
+    letter = field.components[0][:1]
+    wanted = tuple(f"{letter}{place.upper()}" for place in TENSOR)
+    if field.components == wanted:
+        return field.values
+    absent = [name for name in wanted if name not in field.components]
+    if absent:
+        raise UsageError(
+            f"{field.name} has no component {absent[0]}: it is no tensor, it has "
+            f"{', '.join(field.components)}"
+        )
+    tensor: FloatArray = field.values[:, [field.components.index(name) for name in wanted]]
+    return tensor

@@ -2,7 +2,7 @@
 
 One file an increment, compressed; the PVD has the times, in ms. Only one
 increment is in memory. This is the one module that knows meshio; of result formats
-it knows none, see `fembridge.results.field_source`.
+it knows none, see `fembridge.results.fields`.
 
 Point data: each quantity of the increment, its components in the file's order
 (that of a symmetric tensor is VTK's too), what is derived from it, the numbers of
@@ -20,9 +20,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fembridge.errors import MissingError, ResultError, UsageError
-from fembridge.results.derived import DERIVED
-from fembridge.results.field_source import Scene, open_source
+from fembridge.results.fields import Scene, open_source
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import DERIVED
 from fembridge.store import filling
 from fembridge.typing import FloatArray
 
@@ -53,25 +53,25 @@ def write_vtu_series(
     partial: bool = False,
     stress_unit: str = "MPa",
     extrapolate: str | None = None,
-    tell: Callable[[str], None] | None = None,
+    log: Callable[[str], None] | None = None,
 ) -> Path:
-    """Write the results in `path` as VTU files in `folder`; give the PVD's path.
+    """Write the results in `path` as VTU files in `folder`; the PVD's path.
 
     Parameters
     ----------
     path
         A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
     folder
-        Made where it is not there. Files of the same name are replaced, all when
+        Made where it is absent. Files of the same name are replaced, all when
         all are written; others are not touched.
     quantities
         Names in the file ("STRESS", "DISP", ...). None takes what each increment
         holds.
     derived
-        Names of `fembridge.results.derived.DERIVED`: computed in the increments
+        Names of `fembridge.results.stress.DERIVED`: computed in the increments
         that have what they take.
-    partial, stress_unit, tell
-        As for `read_fields`. `tell` also hears how many nodes have no value.
+    partial, stress_unit, log
+        As for `read_fields`. `log` also gets how many nodes have no value.
     extrapolate
         As for `fembridge.read`, of a Marc file.
 
@@ -87,7 +87,7 @@ def write_vtu_series(
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
     options = ReadOptions(
-        partial=partial, stress_unit=stress_unit, tell=tell, extrapolate=extrapolate
+        partial=partial, stress_unit=stress_unit, log=log, extrapolate=extrapolate
     )
     with open_source(path, options) as source:
         path, folder = source.path, Path(folder)
@@ -162,7 +162,7 @@ def _pvd(entries: Sequence[tuple[float, str]]) -> str:
 
 
 def _plain(name: str) -> str:
-    """Give a name that XML and ParaView can hold."""
+    """`name` in letters that XML and ParaView can hold."""
     return re.sub(r"[^A-Za-z0-9_.+%() -]", "_", name)
 
 

@@ -30,8 +30,7 @@ from typing import TypeVar
 from decks.dialects import JOB
 from fembridge.errors import LockedError, MissingError, OutputError, ResultError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
-from fembridge.results.printed.cvg import CvgRow, read_cvg
-from fembridge.results.printed.sta import StaRow, read_sta
+from fembridge.results.printed import CvgRow, StaRow, read_cvg, read_sta
 from fembridge.run_folder import SOLVER_FILE, RunFolder
 from fembridge.solver import guard
 from fembridge.solver.verdict import Cause, Failure, Outcome, judge, read_solver_log

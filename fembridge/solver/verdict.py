@@ -19,8 +19,8 @@ from pathlib import Path
 from decks.dialects import JOB
 from fembridge.errors import ResultError, SolverError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.index import FrdIndex, index_frd
-from fembridge.results.printed.sta import StaRow, read_sta
+from fembridge.results.frd import FrdIndex
+from fembridge.results.printed import StaRow, read_sta
 from fembridge.run_folder import RunFolder
 from fembridge.solver.guard import CANNOT_RUN
 
@@ -408,7 +408,7 @@ def _whole_results(work: Path) -> FrdIndex | Failure:
     path = work / f"{JOB}.frd"
     try:
         with ByteFile(path) as file:
-            index = index_frd(file)
+            index = FrdIndex(file)
     except ResultError as error:
         if path.exists():  # empty, or cut before its first line was whole
             return _disk_full(work, f"{path.name}: {error.problem}")

@@ -135,7 +135,7 @@ def test_partial_takes_what_is_whole_and_says_on_stderr_what_is_not(here, capsys
 def test_a_node_on_a_boundary_needs_a_word_of_consent(here, capsys):
     words = ["ingest", str(SAMPLES / "cpe4_ascii.frd"), "--node", "18"]
     assert main(words) == 1
-    assert "node 18 lies between EPI and DER" in capsys.readouterr().err
+    assert "node 18 is between EPI and DER" in capsys.readouterr().err
     assert main([*words, "--across-materials"]) == 0
 
 

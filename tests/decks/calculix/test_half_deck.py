@@ -17,7 +17,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder, model_of
 from fembridge.results import read
-from fembridge.results.printed.dat import read_total_force
+from fembridge.results.printed import read_total_force
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import SolverSettings, run_ccx
 

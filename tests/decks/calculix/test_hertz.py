@@ -51,7 +51,7 @@ from decks.presets import QUICK
 from decks.probe import Probe, mesh_probe, touched_node
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_stress_tensor
-from fembridge.results.printed.dat import read_node_print, read_total_force
+from fembridge.results.printed import read_node_print, read_total_force
 from fembridge.results.stress import von_mises_pa
 from fembridge.stimulus import Stimulus
 

@@ -13,7 +13,7 @@ from decks.material import TABLE_1
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
 from fembridge.machine import find_ccx
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.printed import read_point_stress
 
 SKIN = mesh_of(QUICK)
 SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")

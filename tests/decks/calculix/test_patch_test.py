@@ -22,7 +22,7 @@ from decks.keyword_deck import element_lines, node_lines, real
 from decks.mesh import Mesh
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_stress_and_displacement
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.printed import read_point_stress
 
 pytestmark = pytest.mark.solver
 

@@ -21,7 +21,7 @@ from decks.material import Material, PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
 from fembridge.machine import find_ccx
-from fembridge.results.printed.dat import read_point_stress
+from fembridge.results.printed import read_point_stress
 
 SKIN = mesh_of(QUICK)
 TERMS = (PronyTerm(0.4, 0.02), PronyTerm(0.25, 0.005))

@@ -25,7 +25,7 @@ from fembridge.results.mentat import (
     read_sts,
     write_plot_table,
 )
-from fembridge.results.printed.print_tables import print_table_of, write_print_table
+from fembridge.results.printed import print_table_of, write_print_table
 from fembridge.results.read_options import ReadOptions
 
 COPIED = (
@@ -87,7 +87,7 @@ def test_nodes_are_given_in_the_order_in_which_they_are_asked_for(text):
 def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(text):
     path = text(NINE_LINES)
     heard = []
-    trace = read(path, [12], ReadOptions(tell=heard.append))[0]
+    trace = read(path, [12], ReadOptions(log=heard.append))[0]
     assert trace.node == 12
     assert_allclose(trace.stress_pa, [0.0, 12500.0, 25000.0], rtol=1e-15)
     assert "taken as time in s and von Mises stress; above them: 'History" in heard[0]
@@ -122,7 +122,7 @@ def test_a_path_plot_is_a_table_and_no_trace(text, tmp_path):
 def test_what_is_no_von_mises_stress_is_left_out_and_told(text):
     path = text(COPIED.replace("Mises Stress Node 12", "X Displacement Node 12"))
     heard = []
-    traces = read(path, (), ReadOptions(tell=heard.append))
+    traces = read(path, (), ReadOptions(log=heard.append))
     assert [trace.node for trace in traces] == [7]
     assert heard == ["no von Mises stress, left out: 'Equivalent Von X Displacement Node 12'"]
     none = COPIED.replace("Mises", "Nothing")
@@ -386,8 +386,8 @@ def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
     path = SAMPLES / "nour_plastic.sts"
     table = print_table_of(path)
     heard = []
-    options = ReadOptions(tell=heard.append)
-    assert write_print_table(table, path, tmp_path / "t.csv", options) == 24
+    options = ReadOptions(log=heard.append)
+    assert write_print_table(table, path, tmp_path / "t.csv", options)[1] == 24
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
@@ -400,7 +400,7 @@ def test_a_table_of_a_job_that_failed_is_written_and_told(sts, tmp_path):
     path = sts(HEAD + ROW + END.replace("3004", "3002"))
     table = print_table_of(path)
     heard = []
-    write_print_table(table, path, tmp_path / "t.csv", ReadOptions(tell=heard.append))
+    write_print_table(table, path, tmp_path / "t.csv", ReadOptions(log=heard.append))
     assert "exit number 3002" in heard[0]
     assert "exit number 3002" in table.describe(path)["problem"]
 

@@ -18,10 +18,10 @@ from numpy.testing import assert_array_equal
 from fembridge.errors import ResultError
 from fembridge.results import frd
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd_format.index import index_frd
-from fembridge.results.frd_format.records import NodeRecords, node_ids
-from fembridge.results.node_sets import read_node_sets
-from fembridge.results.printed.dat_section import dat_sections
+from fembridge.results.frd import FrdIndex, node_ids
+from fembridge.results.frd_fields import read_fields
+from fembridge.results.nodes import read_node_sets
+from fembridge.results.printed import dat_sections
 from fembridge.results.read_options import ReadOptions
 
 FOLDER = Path("/usr/share/doc/calculix-ccx-test/examples/test")
@@ -67,14 +67,15 @@ def test_every_value_of_every_file_is_what_a_plain_reader_reads(name, tmp_path):
     path = unpacked(name, tmp_path)
     expected = slow_blocks(path)
     with ByteFile(path) as file:
-        index = index_frd(file)
-        assert (index.ended, index.damage) == (True, ())
+        index = FrdIndex(file)
+        assert (index.ended, index.damage) == (True, [])
         assert [block.name for block in index.blocks] == [name for name, _ in expected]
-        for block, (_, table) in zip(index.blocks, expected, strict=True):
-            nodes = node_ids(file, block)
-            assert_array_equal(nodes, list(table))
-            values = NodeRecords(file, nodes.tolist()).read(block)
-            assert_array_equal(values, np.array(list(table.values())))
+    for name in index.names:
+        tables = [table for quantity, table in expected if quantity == name and table]
+        fields = read_fields(path, name, stress_unit="Pa")
+        for field, table in zip(fields, tables, strict=True):
+            assert_array_equal(field.nodes, list(table))
+            assert_array_equal(field.values, np.array(list(table.values())))
 
 
 @HERE
@@ -99,7 +100,7 @@ def test_every_file_is_described_and_has_a_mesh(name, tmp_path):
 def test_modes_are_refused_as_a_history_and_increments_are_not(name, words, tmp_path):
     path = unpacked(name, tmp_path)
     with ByteFile(path) as file:
-        node = int(node_ids(file, index_frd(file).named("STRESS")[0])[0])
+        node = int(node_ids(file, FrdIndex(file).named("STRESS")[0])[0])
     if words is None:
         assert frd.read_stress_tensor(path, [node], LENIENT)[1].shape[1:] == (1, 6)
         return

@@ -10,9 +10,8 @@ from numpy.testing import assert_array_equal
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import OutputError, ResultError, UsageError
-from fembridge.results.derived import principal_stresses_pa, tensor_of
-from fembridge.results.frd_format.grid import read_grid
-from fembridge.results.stress import von_mises_pa
+from fembridge.results.frd_fields import read_grid
+from fembridge.results.stress import principal_stresses_pa, tensor_of, von_mises_pa
 
 # Pairs of nodes between which the later nodes of each VTK cell lie, in its order
 # (vtkCellType.h and the pages of the classes).
@@ -74,16 +73,16 @@ def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
 
 def test_nodes_between_materials_are_marked_and_told(samples, tmp_path):
     path, said = samples / "interface_cpe8r.frd", []
-    (entry,) = written(write_vtu_series(path, tmp_path, tell=said.append))
+    (entry,) = written(write_vtu_series(path, tmp_path, log=said.append))
     mesh = meshio.read(entry[1])
     met = mesh.point_data["materials"]
     assert_array_equal(met == 2, mesh.points[:, 1] == 0.5)
-    assert "9 nodes lie between materials" in said[0]
+    assert "9 nodes are between materials" in said[0]
 
 
 def test_a_node_without_a_value_is_nan_and_told(samples, tmp_path):
     path, said = samples / "cpe4_nset_unsorted_dup.frd", []
-    series = written(write_vtu_series(path, tmp_path, tell=said.append))
+    series = written(write_vtu_series(path, tmp_path, log=said.append))
     mesh = meshio.read(series[0][1])
     values = mesh.point_data["STRESS"]
     field = next(read_fields(path))
@@ -98,7 +97,7 @@ def test_a_node_without_a_value_is_nan_and_told(samples, tmp_path):
 def test_blocks_without_records_leave_nothing_to_write(samples, tmp_path):
     said = []
     with pytest.raises(ResultError, match="no increment with a value is left"):
-        write_vtu_series(samples / "cpe8r_3d_nset_zero.frd", tmp_path / "out", tell=said.append)
+        write_vtu_series(samples / "cpe8r_3d_nset_zero.frd", tmp_path / "out", log=said.append)
     assert any("STRESS of step 1, increment 1 has 0 records" in words for words in said)
     assert list((tmp_path / "out").iterdir()) == []
 
@@ -159,7 +158,7 @@ def test_a_run_that_ended_badly_is_written_as_far_as_it_is_whole(samples, tmp_pa
     with pytest.raises(ResultError, match="no end line 9999"):
         write_vtu_series(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    series = write_vtu_series(path, tmp_path / "out", partial=True, tell=said.append)
+    series = write_vtu_series(path, tmp_path / "out", partial=True, log=said.append)
     assert [time_ms for time_ms, _ in written(series)] == [0.5]
     assert any("not converged" in words for words in said)
 
@@ -190,7 +189,7 @@ def test_a_value_that_is_not_finite_is_refused_or_leaves_its_increment_out(
     with pytest.raises(ResultError, match="node 1 at 2 ms: STRESS SXX is nan"):
         write_vtu_series(path, tmp_path / "out")
     said = []
-    series = write_vtu_series(path, tmp_path / "out", partial=True, tell=said.append)
+    series = write_vtu_series(path, tmp_path / "out", partial=True, log=said.append)
     assert [time_ms for time_ms, _ in written(series)] == [1.0, 3.0]
     assert any("dropped step 1, increment 2" in words for words in said)
 

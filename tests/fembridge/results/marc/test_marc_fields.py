@@ -17,10 +17,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge import read, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
-from fembridge.results.field_file import column_names, read_field
+from fembridge.results.fields import column_names, read_field
 from fembridge.results.marc import read_one_sided, read_stress_tensor
-from fembridge.results.near_node import near_nodes
-from fembridge.results.node_choice import NodeChoice
+from fembridge.results.nodes import choose_nodes, near_nodes
 from fembridge.results.read_options import ReadOptions
 
 TIMES_S = (0.0, 0.001, 0.002)
@@ -51,7 +50,7 @@ def path(plane, write_post):
 
 def test_a_stress_field_has_the_nodes_inside_layers_and_says_what_it_left(path, plane):
     said = []
-    field = read_field(path, "Stress", "1", ReadOptions(tell=said.append))
+    field = read_field(path, "Stress", "1", ReadOptions(log=said.append))
     between = {n for n in plane.bearing if plane.nodes[n][0] == 2.0}
     assert set(field.nodes.tolist()) == plane.bearing - between
     assert f"left out: {len(between)} nodes lie between layers" in "; ".join(said)
@@ -117,12 +116,12 @@ def test_the_nearest_node_is_one_with_elements(path, plane):
 
 def test_nodes_of_a_set_of_the_file_are_found_case_blind(path):
     said = []
-    assert NodeChoice(sets=["PROBES"]).resolve(path, said.append) == [3, 9]
+    assert choose_nodes(path, sets=["PROBES"], log=said.append) == [3, 9]
     assert said == [f"set PROBES of {path.name}: 2 nodes, 3, 9"]
     with pytest.raises(ResultError, match="set empty holds no nodes"):
-        NodeChoice(sets=["empty"]).resolve(path)
+        choose_nodes(path, sets=["empty"])
     with pytest.raises(UsageError, match="no node set 'soft'; it has probes, empty"):
-        NodeChoice(sets=["soft"]).resolve(path)
+        choose_nodes(path, sets=["soft"])
 
 
 def test_a_set_of_a_deck_can_be_named(path, tmp_path):
@@ -130,10 +129,10 @@ def test_a_set_of_a_deck_can_be_named(path, tmp_path):
     words = f"{'define':20}{'node':20}{'set':20}"
     marc.write_text(f"title\nextended\nend\n{words}tip\n{4:10}{2:10}\nend option\n")
     abaqus.write_text("*NSET, NSET=FOOT\n1, 2\n")
-    assert NodeChoice(sets=["TIP"], deck=marc).resolve(path) == [4, 2]
-    assert NodeChoice(sets=["foot"], deck=abaqus).resolve(path) == [1, 2]
+    assert choose_nodes(path, sets=["TIP"], deck=marc) == [4, 2]
+    assert choose_nodes(path, sets=["foot"], deck=abaqus) == [1, 2]
     with pytest.raises(UsageError, match=r"mine.dat: no node set 'x'; it has tip"):
-        NodeChoice(sets=["x"], deck=marc).resolve(path)
+        choose_nodes(path, sets=["x"], deck=marc)
 
 
 def entries(path):
@@ -198,7 +197,7 @@ def test_unknown_elements_are_left_out_of_pictures_and_that_is_told(write_post, 
     increments = plane.increments(linear_stress, (0.0,))
     model = plane.model(elements=elements)
     path, said = write_post(writer.Storage(), model, increments), []
-    series = write_vtu_series(path, tmp_path, quantities=["Displacement"], tell=said.append)
+    series = write_vtu_series(path, tmp_path, quantities=["Displacement"], log=said.append)
     assert len(meshio.read(entries(series)[0][1]).cells[0].data) == 1
     assert "left out: elements of unknown type 998" in said
     assert read_field(path, "Displacement").nodes.size == 6
@@ -260,7 +259,7 @@ WAYS = {
     "stress": lambda path: read_field(path, "Stress", options=PARTIAL),
     "moved": lambda path: read_field(path, "Displacement", options=PARTIAL),
     "near": lambda path: near_nodes(path, [(0.4, 0.4)]),
-    "set": lambda path: NodeChoice(sets=["probes"]).resolve(path),
+    "set": lambda path: choose_nodes(path, sets=["probes"]),
     "vtu": lambda path: write_vtu_series(path, path.parent / "vtu", partial=True),
 }
 

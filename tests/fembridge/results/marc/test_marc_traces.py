@@ -15,7 +15,7 @@ from decks.finger import LAYERS
 from decks.presets import QUICK, mesh_of
 from fembridge import read
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.field_file import read_field
+from fembridge.results.fields import read_field
 from fembridge.results.marc import read as read_marc
 from fembridge.results.marc import read_one_sided, read_stress_tensor
 from fembridge.results.read_options import ReadOptions
@@ -140,7 +140,7 @@ def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(wri
     stored = (stored[0], replace(stored[1], element=odd))
     path = write_post(writer.Storage(), plane.model(), stored)
     said = []
-    options = ReadOptions(von_mises="scalar", extrapolate="translate", tell=said.append)
+    options = ReadOptions(von_mises="scalar", extrapolate="translate", log=said.append)
     assert read_marc(path, [1], options)[0].stress_pa[1] == pytest.approx(7e6)
     assert "Equivalent Von Mises Stress (code 17)" in said[0]
     bare = [replace(one, element=[[v[1:] for v in row] for row in one.element]) for one in stored]
@@ -159,7 +159,7 @@ def test_von_mises_below_zero_is_told(write_post):
     increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
     path = write_post(writer.Storage(), plane.model(), increments)
     said = []
-    options = ReadOptions(von_mises="scalar", tell=said.append)
+    options = ReadOptions(von_mises="scalar", log=said.append)
     assert read_marc(path, [1], options)[0].stress_pa[0] == pytest.approx(-1e6)
     assert any("von Mises stress is below 0 at 0 ms" in words for words in said)
 
@@ -220,7 +220,7 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(write_post):
         return write_post(writer.Storage(), model, increments)
 
     said = []
-    options = ReadOptions(tell=said.append)
+    options = ReadOptions(log=said.append)
     only = read_stress_tensor(file(codes, [1, 2, 3, 4, 5, 6]), [1], options)[1]
     assert_allclose(only[0, 0], [1e6, 2e6, 3e6, 4e6, 5e6, 6e6])
     assert said[-1].startswith("stress: Cauchy Stress (codes 341 to 346)")
@@ -336,7 +336,7 @@ def test_a_file_that_tells_no_layers_is_read_and_that_is_said(two_layers, write_
     path = file_of(two_layers, write_post, revision=12)
     said = []
     mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
-    assert last_mpa(path, BETWEEN, tell=said.append) == pytest.approx(mean)
+    assert last_mpa(path, BETWEEN, log=said.append) == pytest.approx(mean)
     assert "the file does not tell the materials of its elements" in said
 
 
@@ -402,7 +402,7 @@ def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(write_post)
     found = read_stress_tensor(path, [2], options)[1][0, 0] / 1e6
     second = (values[1, 0, 1:] + values[1, 1, 1:]) / 2
     assert_allclose(found, (values[0, 1, 1:] + second) / 2, rtol=1e-12)
-    from fembridge.results.field_file import read_field
+    from fembridge.results.fields import read_field
 
     field = read_field(path, "Stress", options=options)
     assert_allclose(field.at([2])[0] / 1e6, found, rtol=1e-12)
@@ -476,7 +476,7 @@ def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
     with pytest.raises(ResultError, match=r"; --partial .partial=True. takes what is"):
         read(path, [1])
     said = []
-    (trace,) = read(path, [1], partial=True, tell=said.append)
+    (trace,) = read(path, [1], partial=True, log=said.append)
     assert_allclose(trace.stress_pa, [0, 1e6, 2e6], rtol=1e-6, atol=1)
     assert any("increment" in words for words in said)
 
@@ -485,7 +485,7 @@ def test_increments_without_element_values_are_left_out_and_told(write, incremen
     first = replace(increments[0], element=None)
     path = write((first, *increments[1:]))
     said = []
-    (trace,) = read(path, [1], tell=said.append)
+    (trace,) = read(path, [1], log=said.append)
     assert trace.start_ms == pytest.approx(1.0)
     assert "left out: increments without element values, 0" in said
     bare = tuple(replace(one, element=None) for one in increments)
@@ -512,7 +512,7 @@ def test_stress_that_is_not_finite_is_refused_or_its_increment_dropped(value, wr
     (trace,) = read(path, [9])
     assert trace.stress_pa.size == 4
     said = []
-    options = ReadOptions(partial=True, tell=said.append)
+    options = ReadOptions(partial=True, log=said.append)
     times_ms, _ = read_stress_tensor(path, [1], options)
     assert_allclose(times_ms, [0, 1, 3], rtol=1e-6)
     assert any("dropped increment 2: node 1" in words for words in said)
@@ -526,10 +526,10 @@ def test_points_that_no_element_has_may_hold_anything(write_post):
     increments = [writer.Increment(number=0, element=values)]
     path = write_post(writer.Storage(), plane.model(points=9), increments)
     said = []
-    tensor_pa = read_stress_tensor(path, [2], ReadOptions(tell=said.append))[1]
+    tensor_pa = read_stress_tensor(path, [2], ReadOptions(log=said.append))[1]
     assert_allclose(tensor_pa[0, 0, 0], 1e6, rtol=1e-6)
     assert any("the file stores 9 for each element: the first 4" in w for w in said)
-    from fembridge.results.field_file import read_field
+    from fembridge.results.fields import read_field
 
     assert_allclose(read_field(path, "Stress").values[:, 0], 1e6, rtol=1e-6)
 
@@ -592,10 +592,10 @@ def test_a_job_that_gave_up_is_told_from_its_status_file(write, increments, marc
     path.write_bytes(write(increments).read_bytes())
     status = (marc_samples / "nour_plastic.sts").read_text()
     path.with_suffix(".sts").write_text(status)
-    read(path, [1], tell=said.append)
+    read(path, [1], log=said.append)
     assert not any("job.sts" in words for words in said)
     path.with_suffix(".sts").write_text(status.replace("3004", "3002"))
-    read(path, [1], tell=said.append)
+    read(path, [1], log=said.append)
     assert any("job.sts: the job ended" in words for words in said)
     path.with_suffix(".sts").write_text("something else\n")
     assert read(path, [1])[0].stress_pa.size == 4

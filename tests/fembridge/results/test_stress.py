@@ -1,30 +1,135 @@
-"""What follows from a tensor: closed forms, and the two sides of a layer boundary."""
+"""Stress tensors against closed forms; what follows from them, and both sides of a boundary."""
 
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge.errors import ResultError, UsageError
+from fembridge.errors import ResultError
 from fembridge.machine import find_ccx
-from fembridge.results.derived import (
-    DERIVED,
+from fembridge.results.extrapolation import brick_weights
+from fembridge.results.frd_fields import read_fields
+from fembridge.results.one_sided import one_sided_stress
+from fembridge.results.stress import (
     derived_of,
+    energy_stress_pa,
     max_shear_pa,
     mean_stress_pa,
     principal_stresses_pa,
     strain_energy_density_pa,
     tensor_of,
+    von_mises_pa,
 )
-from fembridge.results.extrapolation import brick_weights
-from fembridge.results.frd_format.field import read_fields, read_joined_fields
-from fembridge.results.one_sided import one_sided_stress
-from fembridge.results.stress import von_mises_pa
+
+STRESS = st.floats(-1e9, 1e9)
+SQUARE_UNDERFLOWS = 1e-150  # Pa
+
+
+def tensor(xx=0.0, yy=0.0, zz=0.0, xy=0.0, yz=0.0, zx=0.0):
+    return np.array([xx, yy, zz, xy, yz, zx])
+
+
+@settings(deadline=None)
+@given(stress=STRESS, axis=st.sampled_from(["xx", "yy", "zz"]))
+def test_uniaxial_stress_is_its_size(stress, axis):
+    assert_allclose(
+        von_mises_pa(tensor(**{axis: stress})), abs(stress), rtol=1e-12, atol=SQUARE_UNDERFLOWS
+    )
+
+
+@settings(deadline=None)
+@given(pressure=STRESS)
+def test_pressure_from_all_sides_is_none(pressure):
+    assert von_mises_pa(tensor(pressure, pressure, pressure)) == 0.0
+
+
+@settings(deadline=None)
+@given(tau=STRESS, plane=st.sampled_from(["xy", "yz", "zx"]))
+def test_pure_shear_is_root_three_times_it(tau, plane):
+    found = von_mises_pa(tensor(**{plane: tau}))
+    assert_allclose(found, np.sqrt(3.0) * abs(tau), rtol=1e-12, atol=SQUARE_UNDERFLOWS)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_turning_the_axes_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    full = rng.standard_normal((3, 3))
+    full = full + full.T
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    pick = ([0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0])
+    before, after = von_mises_pa(full[pick]), von_mises_pa((turn @ full @ turn.T)[pick])
+    assert_allclose(after, before, rtol=1e-10)
+
+
+def test_leading_axes_are_kept():
+    assert von_mises_pa(np.ones((4, 3, 6))).shape == (4, 3)
+
+
+POISSON = st.floats(0.0, 0.499)
+FOUR_TENSORS = hnp.arrays(np.float64, (4, 6), elements=st.floats(-1e5, 1e5))
+
+
+@given(stress=st.floats(-1e6, 1e6), poisson=POISSON, along=st.integers(0, 2))
+def test_energy_stress_of_uniaxial_stress_is_itself(stress, poisson, along):
+    tensor = np.zeros(6)
+    tensor[along] = stress
+    found = energy_stress_pa(tensor, poisson)
+    assert_allclose(found, abs(stress), rtol=1e-12, atol=SQUARE_UNDERFLOWS)
+
+
+@given(shear=st.floats(-1e6, 1e6), poisson=POISSON, plane=st.integers(3, 5))
+def test_pure_shear_is_as_much_as_shear_and_young_s_modulus_have_it(shear, poisson, plane):
+    """W = τ²/2G with G = E/2(1 + ν)."""
+    tensor = np.zeros(6)
+    tensor[plane] = shear
+    expected = abs(shear) * np.sqrt(2.0 * (1.0 + poisson))
+    found = energy_stress_pa(tensor, poisson)
+    assert_allclose(found, expected, rtol=1e-12, atol=SQUARE_UNDERFLOWS)
+
+
+@given(pressure=st.floats(0.0, 1e6), poisson=POISSON)
+def test_pressure_is_felt_as_much_as_the_material_gives(pressure, poisson):
+    """W = p²/2K with K = E/3(1 − 2ν)."""
+    tensor = np.array([-pressure] * 3 + [0.0] * 3)
+    expected = pressure * np.sqrt(3.0 * (1.0 - 2.0 * poisson))
+    found = energy_stress_pa(tensor, poisson)
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_pressure_on_what_cannot_be_compressed_is_nothing():
+    tensor = np.array([-1e5 / 3, -1e5 / 3, -1e5 / 3, 0.0, 0.0, 0.0])
+    assert_allclose(energy_stress_pa(tensor, 0.5), 0.0, atol=1e-2)
+
+
+@given(tensor=FOUR_TENSORS, poisson=POISSON, young_pa=st.floats(1e3, 1e9))
+def test_energy_stress_is_the_energy_that_hooke_s_law_gives_each_tensor(tensor, poisson, young_pa):
+    trace = tensor[:, :3].sum(axis=1, keepdims=True)
+    strain = (1.0 + poisson) * tensor / young_pa
+    strain[:, :3] -= poisson * trace / young_pa
+    energy_pa = strain_energy_density_pa(tensor, strain)
+    expected = np.sqrt(np.maximum(2.0 * young_pa * energy_pa, 0.0))
+    found = energy_stress_pa(tensor, poisson)
+    assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * (1 + abs(tensor).max()))
+
+
+@given(tensor=FOUR_TENSORS)
+def test_energy_stress_without_change_of_volume_it_is_von_mises_stress(tensor):
+    """At ν = 1/2 all energy is of shape: 2EW = σ²."""
+    scale = 1 + abs(tensor).max()
+    assert_allclose(energy_stress_pa(tensor, 0.5), von_mises_pa(tensor), atol=1e-6 * scale)
+
+
+@pytest.mark.parametrize("poisson", [0.51, -1.1, float("nan")])
+def test_a_ratio_that_no_material_has_is_refused(poisson):
+    with pytest.raises(ValueError):
+        energy_stress_pa(np.zeros(6), poisson)
+
 
 TENSORS = hnp.arrays(np.float64, (7, 6), elements=st.floats(-1e6, 1e6))
 BOUNDARY = (29, 30, 31, 32, 33, 34, 35, 36, 37)  # nodes of interface_cpe8r at y = 0.5
@@ -113,7 +218,8 @@ def test_strain_energy_is_the_ener_of_a_recorded_shear(write_frd, block):
         block("ENER", 1, 1.0, [(1, [1.44225e-3])], components=("ENER",)),
     ]
     quantities = ("STRESS", "TOSTRAIN", "ENER")
-    fields = next(read_joined_fields(write_frd(blocks), quantities))
+    path = write_frd(blocks)
+    fields = {name: next(read_fields(path, name)) for name in quantities}
     assert fields["ENER"].units == ("Pa",)
     energy_pa = derived_of("strain_energy_density", fields)
     assert_allclose(energy_pa, fields["ENER"].component("ENER"), rtol=1e-4)
@@ -160,7 +266,7 @@ def test_calculix_prints_tensor_shears_and_the_energy_that_follows(tmp_path):
     command = [str(find_ccx()), "-i", "cube"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
     quantities = ("STRESS", "TOSTRAIN", "ENER")
-    (fields,) = read_joined_fields(tmp_path / "cube.frd", quantities)
+    fields = {name: next(read_fields(tmp_path / "cube.frd", name)) for name in quantities}
     shear = fields["TOSTRAIN"].component("EXY")
     assert_allclose(shear, 0.001, rtol=1e-4)  # u = 0.002 y
     energy_pa = derived_of("strain_energy_density", fields)
@@ -168,23 +274,11 @@ def test_calculix_prints_tensor_shears_and_the_energy_that_follows(tmp_path):
 
 
 def test_many_tensors_are_taken_in_blocks_of_any_shape(monkeypatch):
-    monkeypatch.setattr("fembridge.results.derived._ROWS_AT_ONCE", 4)
+    monkeypatch.setattr("fembridge.results.stress._ROWS_AT_ONCE", 4)
     tensor = np.random.default_rng(5).normal(size=(3, 5, 6))
     expected = np.linalg.eigvalsh(matrices_of(tensor))[..., ::-1]
     assert_array_equal(principal_stresses_pa(tensor), expected)
     assert principal_stresses_pa(tensor[:0]).shape == (0, 5, 3)
-
-
-def test_wrong_shapes_and_names_are_refused(samples):
-    with pytest.raises(ValueError, match=r"expected \(\.\.\., 6\), got \(3,\)"):
-        principal_stresses_pa(np.zeros(3))
-    disp = next(read_fields(samples / "cpe4_ascii.frd", "DISP"))
-    with pytest.raises(UsageError, match="it is no tensor"):
-        tensor_of(disp)
-    with pytest.raises(UsageError, match="von_mises takes STRESS"):
-        derived_of("von_mises", {"DISP": disp})
-    with pytest.raises(UsageError, match=f"there are {', '.join(DERIVED)}"):
-        derived_of("tresca", {})
 
 
 def test_components_in_another_order_are_put_in_order(write_frd, block):

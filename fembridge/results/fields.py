@@ -1,0 +1,275 @@
+"""Whole fields of any result format: a quantity at all nodes, one increment at a time.
+
+A `Reader` names under `source` the class that opens its format as a `FieldSource`; the
+views on whole fields (`read_field`, `nodes.near_nodes`, `vtu`) know no format.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import reader_of, result_file
+from fembridge.store import replacing
+from fembridge.typing import BoolArray, FloatArray, IntArray
+
+Key = tuple[int, int]  # step and increment
+
+LAST = "last"
+FIELD_SUFFIXES = (".npz", ".csv")
+_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
+_UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """A quantity at all its nodes: `values` ``(N, component)`` at `nodes` ``(N,)``.
+
+    Nodes are in file order: not always sorted, and some duplicate, where the deck
+    restricts the output to a set. `units` has one word a component, "" where the
+    quantity names none (values then are the file's). A mode of a frequency or
+    buckling analysis has no time: its `time_ms` is NaN, `increment` the number of
+    the mode, `axis_value` its frequency or factor, and `axis` says which.
+    A field that comes in parts begins at record `first_row`. Arrays are read-only.
+    """
+
+    name: str
+    step: int
+    increment: int
+    time_ms: float
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    nodes: IntArray
+    values: FloatArray
+    axis: str = "total time"
+    axis_value: float = float("nan")
+    first_row: int = 0
+
+    def __post_init__(self) -> None:
+        nodes, values = self.nodes.view(), self.values.view()
+        nodes.flags.writeable = values.flags.writeable = False
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def key(self) -> Key:
+        """Step and increment: what joins the fields of one output."""
+        return self.step, self.increment
+
+    def component(self, name: str) -> FloatArray:
+        """Values of one component, ``(N,)``."""
+        if name not in self.components:
+            held = ", ".join(self.components)
+            raise UsageError(f"{self.name} has no component {name!r}, it has {held}")
+        column: FloatArray = self.values[:, self.components.index(name)]
+        return column
+
+    def at(self, nodes: Sequence[int]) -> FloatArray:
+        """Values at `nodes`, ``(node, component)``; of duplicates the first."""
+        rows = rows_of(np.asarray(nodes, dtype=np.int64), self.nodes)
+        if (rows < 0).any():
+            raise UsageError(
+                f"{self.name} of step {self.step}, increment {self.increment} has no node "
+                f"{nodes[int(np.argmin(rows))]}; it has {self.nodes.size} nodes"
+            )
+        values: FloatArray = self.values[rows]
+        return values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneCells:
+    """Elements of one `kind` (``qu4``, see `frd_fields.Grid`) as rows of points.
+
+    `ids` and `material` are ``(M,)``, `rows` ``(M, k)`` in the order of a ``.frd``.
+    """
+
+    kind: str
+    ids: IntArray
+    material: IntArray
+    rows: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A mesh for pictures: `points_mm` ``(P, 3)`` with the numbers `nodes` ``(P,)``.
+
+    A node may be a point of each material there. `met` ``(P,)`` counts them;
+    `materials` names them.
+    """
+
+    points_mm: FloatArray
+    nodes: IntArray
+    cells: tuple[SceneCells, ...]
+    met: IntArray
+    materials: Mapping[int, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One increment: `time_ms`, or the value of its axis, and values at the points.
+
+    Each of `values` is ``(P,)`` or ``(P, component)``, NaN where there is none.
+    """
+
+    time_ms: float
+    scene: Scene
+    values: Mapping[str, FloatArray]
+
+
+class FieldSource(AbstractContextManager["FieldSource"], Protocol):
+    """An open result file; a context manager that closes it."""
+
+    path: Path
+
+    def keys(self, quantity: str) -> Sequence[Key]:
+        """Step and increment of each output of `quantity`, in file order."""
+
+    def field(self, quantity: str, key: Key) -> Field:
+        """`quantity` at one of its `keys`."""
+
+    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
+
+    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
+        """Increments one by one; the file is looked through at once."""
+
+
+def open_source(path: Path | str, options: ReadOptions) -> FieldSource:
+    """Open a result file, or that of a run folder.
+
+    Raises
+    ------
+    UsageError
+        Its format gives no whole fields.
+    ResultError
+        No such file, or no reader takes it.
+    """
+    path = result_file(path)
+    reader = reader_of(path)
+    if not reader.source:
+        raise UsageError(f"{path}: {reader.name} gives traces, no whole fields")
+    reader.check(path, options)
+    module, _, name = reader.source.partition(":")
+    found: FieldSource = getattr(import_module(module), name)(path, options)
+    return found
+
+
+def read_field(
+    path: Path,
+    quantity: str,
+    increment: str = LAST,
+    options: ReadOptions = ReadOptions(),  # noqa: B008 - frozen
+) -> Field:
+    """Read `quantity` at one increment, without reading those before it.
+
+    Parameters
+    ----------
+    path
+        A ``.frd``, ``.t16`` or ``.t19`` file.
+    quantity
+        Its name in the file: "STRESS", "DISP", ...; of a Marc file "Displacement",
+        "Stress", or a beginning that is one quantity's alone, case-blind.
+    increment
+        "last", an increment's number, or ``STEP:INCREMENT`` where steps begin
+        anew. Of a frequency or buckling step it is the number of the mode. Marc
+        has sub-increments in the place of steps.
+
+    Raises
+    ------
+    UsageError
+        `increment` is no such word, or is in more than one step.
+    ResultError
+        As for `read_fields`; also an increment that is absent.
+    """
+    chosen = _INCREMENT.fullmatch(increment)
+    if increment != LAST and chosen is None:
+        raise UsageError(f"increment {increment!r}, expected last, N or STEP:N")
+    with open_source(path, options) as source:
+        held = source.keys(quantity)
+        keys = list(held)
+        if chosen is not None:
+            number = int(chosen[2])
+            step = None if chosen[1] is None else int(chosen[1])
+            keys = [key for key in keys if key[1] == number and step in (None, key[0])]
+            if len(keys) > 1:
+                steps = ", ".join(f"{key[0]}:{key[1]}" for key in keys)
+                raise UsageError(f"increment {number} is in {len(keys)} steps: {steps}")
+        if not keys:
+            first, last = held[0], held[-1]
+            raise ResultError(
+                f"no increment {increment} of {quantity}, it has {first[0]}:{first[1]} "
+                f"to {last[0]}:{last[1]}",
+                path,
+            )
+        return source.field(quantity, keys[-1])
+
+
+def write_field(path: Path, field: Field) -> None:
+    """Write `field` as ``.npz`` or ``.csv``, as the suffix says.
+
+    A CSV has a row for each node, with units in the names of its columns. An NPZ
+    has ``nodes``, ``values``, ``components``, ``units``, ``quantity``, ``step``,
+    ``increment``, ``axis``, ``axis_value`` and ``time_ms``.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in FIELD_SUFFIXES:
+        raise UsageError(f"{path}: expected a name in {' or '.join(FIELD_SUFFIXES)}")
+    with replacing(path) as draft:
+        if suffix == ".npz":
+            with draft.open("wb") as out:
+                np.savez_compressed(
+                    out,
+                    quantity=np.array(field.name),
+                    step=np.array(field.step),
+                    increment=np.array(field.increment),
+                    time_ms=np.array(field.time_ms),
+                    axis=np.array(field.axis),
+                    axis_value=np.array(field.axis_value),
+                    components=np.array(field.components),
+                    units=np.array(field.units),
+                    nodes=field.nodes,
+                    values=field.values,
+                )
+            return
+        with draft.open("w", newline="", encoding="utf-8") as text:
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow(["node", *column_names(field)])
+            for node, values in zip(field.nodes.tolist(), field.values, strict=True):
+                writer.writerow([node, *values.tolist()])
+
+
+def column_names(field: Field) -> list[str]:
+    """A name for each component that carries its unit: ``sxx_pa``."""
+    names = []
+    for component, unit in zip(field.components, field.units, strict=True):
+        word = _UNIT_WORDS.get(unit, unit.lower())
+        plain = re.sub(r"\W+", "_", component.lower()).strip("_")
+        names.append(f"{plain}_{word}" if word else plain)
+    return names
+
+
+def rows_of(wanted: IntArray, held: IntArray) -> IntArray:
+    """Row in `held` of each of `wanted`, any shape; -1 where absent, of duplicates the first."""
+    if not held.size:
+        return np.full(wanted.shape, -1, dtype=np.int64)
+    order = np.argsort(held, kind="stable")
+    place = np.searchsorted(held, wanted, sorter=order)
+    rows: IntArray = order[np.minimum(place, order.size - 1)]
+    return np.where(held[rows] == wanted, rows, -1)
+
+
+def spread(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
+    """Each value in its row, NaN in the others; one component as ``(size,)``."""
+    flat = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
+    there = np.full((size, *flat.shape[1:]), np.nan)
+    fine = rows >= 0
+    there[rows[fine]] = flat[fine]
+    return there

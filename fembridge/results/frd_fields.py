@@ -1,0 +1,461 @@
+"""Whole fields of a ``.frd``, and its mesh: every node, one increment at a time.
+
+>>> for field in read_fields("job.frd", "STRESS"):  # doctest: +SKIP
+...     print(field.time_ms, field.component("SXX").max())
+
+In memory are the increment that is read and, as long as the caller keeps it, the one
+before, whatever the size of the file; with `nodes_at_once` a part of one. Times are the
+solver's, over all steps.
+
+CalculiX names no units, its quantities do: decks speak mm, N and s, stress is in what
+the reader's options say. What leaves here is Pa for stresses and for energy densities
+(1 Pa is 1 J/m³), mm, mm/s, N. A quantity that is not listed is left as the file has it,
+with the unit "".
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.fields import Field, Frame, Scene, SceneCells, rows_of, spread
+from fembridge.results.frd import (
+    NODES_OF_TYPE,
+    STRESS,
+    ElementRows,
+    FrdBlock,
+    FrdIndex,
+    Key,
+    MeshBlock,
+    NotFiniteError,
+    Output,
+    check_records,
+    check_unchanged,
+    element_rows,
+    having,
+    irregular_records,
+    no_records,
+    node_ids,
+    outputs_of,
+    record_ids,
+    record_values,
+)
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import result_file
+from fembridge.results.stress import DERIVED, derived_of
+from fembridge.typing import BoolArray, FloatArray, IntArray
+
+KIND_OF_TYPE = {
+    1: "he8", 2: "pe6", 3: "te4", 4: "he20", 5: "pe15", 6: "te10",
+    7: "tr3", 8: "tr6", 9: "qu4", 10: "qu8", 11: "be2", 12: "be3",
+}  # fmt: skip
+
+_TEXT_BYTES = 3 << 17  # taken at a time
+# An array of this size is made and dropped, untouched, before fields are read: glibc
+# then keeps memory of up to that size for the next field, instead of handing its
+# pages back and faulting them in again at each increment (benchmarks: half the time
+# of a float64 file, a quarter of a text one). Elsewhere it does nothing.
+_KEPT_BYTES = 1 << 23
+
+_PA = "Pa"
+# By quantity; one that ends in I is the imaginary part of the same.
+_UNIT_OF_QUANTITY = {
+    "DISP": "mm", "VELO": "mm/s", "FORC": "N",
+    "STRESS": _PA, "STRPOS": _PA, "STRMID": _PA, "STRNEG": _PA, "ZZSTR": _PA,
+    "MSTRESS": _PA, "ENER": _PA,
+    "TOSTRAIN": "1", "MESTRAIN": "1", "PE": "1", "ERROR": "%",
+}  # fmt: skip
+# By component, in quantities that mix units.
+_UNIT_OF_COMPONENT = {
+    "COPEN": "mm", "CSLIP1": "mm", "CSLIP2": "mm",
+    "CPRESS": _PA, "CSHEAR1": _PA, "CSHEAR2": _PA,
+}  # fmt: skip
+_UNIT_OF_MAGNITUDE = {"PDISP": "mm", "PSTRESS": _PA}
+
+
+def read_fields(
+    path: Path | str,
+    quantity: str = STRESS,
+    *,
+    partial: bool = False,
+    stress_unit: str = "MPa",
+    log: Callable[[str], None] | None = None,
+    nodes_at_once: int | None = None,
+) -> Iterator[Field]:
+    """One quantity, an increment at a time, in file order.
+
+    Stress comes in Pa; it is CalculiX's nodal stress, which at the boundary of two
+    materials is a mean over both: `one_sided.one_sided_stress` gives each side's.
+
+    Parameters
+    ----------
+    path
+        A ``.frd`` file, or a run folder.
+    quantity
+        Its name in the file: "STRESS", "DISP", "TOSTRAIN", "FORC", ...
+    partial
+        Take what is whole of a run that did not end well; `log` gets what was left
+        out.
+    stress_unit
+        Unit of the file: "MPa" (N and mm), "kPa" or "Pa".
+    nodes_at_once
+        Give an increment in fields of so many records at most. With `partial` one
+        that turns out not to be finite has then been given as far as it is.
+
+    Raises
+    ------
+    ResultError
+        At once: the file is absent, foreign, cut, or has no such quantity. While
+        it is read: a record or a number is none, or is not finite.
+    """
+    if nodes_at_once is not None and nodes_at_once < 1:
+        raise UsageError(f"nodes_at_once is {nodes_at_once}, expected 1 or more")
+    path = result_file(path)
+    options = ReadOptions(partial=partial, stress_unit=stress_unit, log=log)
+    with ByteFile(path) as file:
+        index = FrdIndex(file)
+        wanted = having(index, outputs_of(index, options), (quantity,), options)
+        size = file.size
+    blocks = [output[quantity] for output in wanted]
+    return _fields(path, size, blocks, options, nodes_at_once)
+
+
+def _fields(
+    path: Path, size: int, blocks: Sequence[FrdBlock], options: ReadOptions, at_once: int | None
+) -> Iterator[Field]:
+    with ByteFile(path) as file:
+        if file.size != size:
+            raise ResultError(f"had {size} bytes, now {file.size}: it changes", path)
+        np.empty(_KEPT_BYTES, dtype=np.uint8)
+        nodes = np.empty(0, dtype=np.int64)
+        for block in blocks:
+            try:
+                for part in _parts(file, block, options, at_once or max(1, block.records), nodes):
+                    nodes = part.nodes
+                    yield part
+                    del part  # kept by the caller alone
+            except NotFiniteError as error:
+                if not options.partial:
+                    raise
+                _note_dropped(block, error, options)
+        check_unchanged(file, options)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Elements of one `kind`, in file order.
+
+    `ids` and `material` are ``(M,)``, `corners` ``(M, k)`` numbers of nodes in the order
+    of `frd.ElementRows`. Material -1 is an unknown one.
+    """
+
+    kind: str
+    ids: IntArray
+    material: IntArray
+    corners: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """A mesh: `nodes` ``(N,)``, `coordinates_mm` ``(N, 3)``, `cells` by kind.
+
+    Lengths are taken as mm. Plane elements (tr3, tr6, qu4, qu8) are at z = 0.
+    `materials` names material numbers, as far as the file does.
+    """
+
+    nodes: IntArray
+    coordinates_mm: FloatArray
+    cells: tuple[Cells, ...]
+    materials: Mapping[int, str] = field(default_factory=dict)
+
+    def materials_met(self) -> IntArray:
+        """How many materials meet at each node, ``(N,)``: stress is a mean over them.
+
+        1 inside a layer, 2 on its boundary, 0 at a node of no element.
+        """
+        met = np.zeros(self.nodes.size, dtype=np.int64)
+        for number in np.unique(np.concatenate([[0], *(cells.material for cells in self.cells)])):
+            touched = np.zeros(self.nodes.size, dtype=np.bool_)
+            for cells in self.cells:
+                touched[rows_of(cells.corners[cells.material == number], self.nodes)] = True
+            met += touched
+        return met
+
+
+def read_grid(path: Path | str) -> Grid:
+    """The mesh of a ``.frd``, or of a run folder's.
+
+    Raises
+    ------
+    ResultError
+        The file is absent, foreign, has no mesh, or its mesh is damaged.
+    """
+    with ByteFile(result_file(path)) as file:
+        return _grid(FrdIndex(file))
+
+
+def _grid(index: FrdIndex) -> Grid:
+    file = index.file
+    if index.nodes is None or index.elements is None:
+        kind = "nodes" if index.nodes is None else "elements"
+        words = "; ".join(harm.problem for harm in index.damage)
+        raise ResultError(f"no whole block of {kind}{words and ': '}{words}", file.path)
+    if not index.nodes.records:
+        raise ResultError("node block: no nodes", file.path)
+    block = _node_block(file, index.nodes)
+    nodes, coordinates_mm = next(_tables(file, block, (1.0,) * 3, block.records))
+    if np.unique(nodes).size != nodes.size:
+        raise ResultError("node block: a node is duplicate", file.path)
+    parts: dict[int, list[ElementRows]] = {}
+    for rows in element_rows(file, index.elements):
+        expected = NODES_OF_TYPE.get(rows.type)
+        if expected != rows.corners.shape[1]:
+            raise ResultError(
+                f"element {rows.ids[0]} of type {rows.type} has "
+                f"{rows.corners.shape[1]} nodes, expected {expected or 'another type'}",
+                file.path,
+            )
+        absent = rows.corners[rows_of(rows.corners, nodes) < 0]
+        if absent.size:
+            raise ResultError(f"an element has node {absent[0]}, which the mesh has not", file.path)
+        parts.setdefault(rows.type, []).append(rows)
+    cells = [
+        Cells(
+            KIND_OF_TYPE[kind],
+            np.concatenate([rows.ids for rows in parts[kind]]),
+            np.concatenate([rows.material for rows in parts[kind]]),
+            np.concatenate([rows.corners for rows in parts[kind]]),
+        )
+        for kind in sorted(parts)
+    ]
+    return Grid(nodes, coordinates_mm, tuple(cells), dict(index.materials))
+
+
+class FrdSource:
+    """An open ``.frd``, see `fembridge.results.fields.FieldSource`."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self._options = path, options
+        self._file = ByteFile(path)
+        try:
+            self._index = FrdIndex(self._file)
+        except ResultError:
+            self._file.__exit__(None, None, None)
+            raise
+
+    def __enter__(self) -> "FrdSource":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.__exit__(kind, error, trace)
+
+    def keys(self, quantity: str) -> list[Key]:
+        """Step and increment of each output of `quantity`, in file order."""
+        outputs = outputs_of(self._index, self._options)
+        held = having(self._index, outputs, (quantity,), self._options)
+        return list(dict.fromkeys(output[quantity].key for output in held))
+
+    def field(self, quantity: str, key: Key) -> Field:
+        """`quantity` at one of its `keys`."""
+        block = [one for one in self._index.named(quantity) if one.key == key][-1]
+        return next(_parts(self._file, block, self._options, max(1, block.records)))
+
+    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
+        file, index = self._file, self._index
+        blocks = [block for block in index.named(STRESS) if block.records]
+        if not blocks:
+            held = ", ".join(index.names) or "nothing"
+            raise ResultError(f"no {STRESS} in it, it holds {held}", self.path)
+        if index.nodes is None or not index.nodes.records:
+            raise ResultError("no node block, so no coordinates", self.path)
+        held_by = np.unique(node_ids(file, blocks[0]))
+        block = _node_block(file, index.nodes)
+        for nodes, at_mm in _tables(file, block, (1.0,) * 3, block.records):
+            yield nodes, at_mm, np.isin(nodes, held_by)
+
+    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
+        """Increments one by one; the file is looked through at once."""
+        index, options = self._index, self._options
+        outputs = outputs_of(index, options)
+        if quantities is not None:
+            outputs = having(index, outputs, quantities, options)
+        grid = _grid(index)
+        scene = Scene(
+            points_mm=grid.coordinates_mm,
+            nodes=grid.nodes,
+            cells=tuple(
+                SceneCells(one.kind, one.ids, one.material, rows_of(one.corners, grid.nodes))
+                for one in grid.cells
+            ),
+            met=grid.materials_met(),
+            materials=grid.materials,
+        )
+        between = int((scene.met > 1).sum())
+        if between:
+            options.note(
+                f"{between} nodes are between materials ('materials' is 2 or "
+                "more there): nodal stress and strain are a mean over them and belong "
+                "to none"
+            )
+        return self._frames(outputs, scene, derived)
+
+    def _frames(
+        self, outputs: Sequence[Output], scene: Scene, derived: Sequence[str]
+    ) -> Iterator[Frame]:
+        for output in outputs:
+            fields = {}
+            try:
+                for name, block in output.items():
+                    if block.records:
+                        fields[name] = next(_parts(self._file, block, self._options, block.records))
+                    else:
+                        self._options.note(f"left out: {block} has 0 records")
+            except NotFiniteError as error:
+                if not self._options.partial:
+                    raise
+                _note_dropped(block, error, self._options)
+                continue
+            if fields:
+                first = next(iter(output.values()))
+                time = first.value if first.modal else first.time_ms
+                yield Frame(time, scene, self._at_points(fields, scene, derived))
+
+    def _at_points(
+        self, fields: Mapping[str, Field], scene: Scene, derived: Sequence[str]
+    ) -> dict[str, FloatArray]:
+        """All values of an increment at the nodes of the mesh."""
+        points, rows, size = {}, {}, scene.nodes.size
+        for name, one in fields.items():
+            rows[name] = rows_of(one.nodes, scene.nodes)
+            points[name] = spread(one.values, rows[name], size)
+            held = np.unique(rows[name][rows[name] >= 0]).size
+            where = f"{name} of step {one.step}, increment {one.increment}"
+            if held < size:
+                self._options.note(f"{where} has {held} of {size} nodes; the others are NaN")
+            strange = one.nodes[rows[name] < 0]
+            if strange.size:
+                self._options.note(
+                    f"left out: {where} has {strange.size} nodes that the mesh has not, "
+                    f"{strange[0]} among them"
+                )
+        for name in derived:
+            takes = DERIVED[name][0]
+            if all(quantity in fields for quantity in takes):
+                with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
+                    points[name] = spread(derived_of(name, fields), rows[takes[0]], size)
+        return points
+
+
+def _note_dropped(block: FrdBlock, error: NotFiniteError, options: ReadOptions) -> None:
+    options.note(f"dropped step {block.step}, increment {block.increment}: {error.problem}")
+
+
+def _parts(
+    file: ByteFile,
+    block: FrdBlock,
+    options: ReadOptions,
+    most_rows: int,
+    known: IntArray | None = None,
+) -> Iterator[Field]:
+    """`block` in fields of `most_rows` records at most; nodes that are `known` are kept once."""
+    if block.records == 0:
+        raise no_records(block, file.path)
+    units = tuple(_unit(block.name, component) for component in block.components)
+    scales = [options.pa_per_unit if unit == _PA else 1.0 for unit in units]
+    first_row = 0
+    for nodes, values in _tables(file, block, scales, most_rows):
+        yield Field(
+            name=block.name,
+            step=block.step,
+            increment=block.increment,
+            time_ms=float("nan") if block.modal else block.time_ms,
+            components=block.components,
+            units=units,
+            nodes=nodes if known is None or not np.array_equal(nodes, known) else known,
+            values=values,
+            axis=block.axis,
+            axis_value=block.value,
+            first_row=first_row,
+        )
+        first_row += len(nodes)
+        del nodes, values
+
+
+def _tables(
+    file: ByteFile, block: FrdBlock, scales: Sequence[float], most_rows: int
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Nodes ``(rows,)`` and values ``(rows, component)``, in file order.
+
+    Each part but the last has `most_rows` records. `scales` are the factors by which the
+    numbers of each component are multiplied. Text is taken some hundred kilobytes at a
+    time: what is in memory beside the arrays does not grow with the block.
+
+    Raises
+    ------
+    ResultError
+        A record is not one, or a field no number.
+    NotFiniteError
+        A number is NaN or infinite.
+    """
+    if block.free:
+        every, table = irregular_records(file, block)
+    length = block.record_bytes
+    step = max(1, _TEXT_BYTES // length)
+    for first in range(0, block.records, most_rows):
+        rows = min(most_rows, block.records - first)
+        if block.free:
+            nodes, values = every[first : first + rows], table[first : first + rows]
+        else:
+            nodes = np.empty(rows, dtype=np.int64)
+            values = np.empty((rows, len(block.components)), dtype=np.float64)
+            for at in range(0, rows, step):
+                some = slice(at, min(at + step, rows))
+                start = block.offset + (first + at) * length
+                raw = file.take(start, (some.stop - at) * length)
+                nodes[some], fine = record_ids(block, raw)
+                check_records(file, block, raw, fine, first + at)
+                values[some] = record_values(file, block, raw)
+        with np.errstate(over="ignore"):  # a number that overflows is not finite
+            if set(scales) != {1.0}:
+                values *= scales if len(set(scales)) > 1 else scales[0]
+        if not np.isfinite(values).all():
+            row, column = np.argwhere(~np.isfinite(values))[0].tolist()
+            when = f"{block.axis} {block.value:g}" if block.modal else f"{block.time_ms:g} ms"
+            raise NotFiniteError(
+                f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
+                f"{values[row, column]}",
+                file.path,
+            )
+        yield nodes, values
+        del nodes, values
+
+
+def _node_block(file: ByteFile, nodes: MeshBlock) -> FrdBlock:
+    """The node block as what it is: records of three numbers."""
+    line_end = 2 if nodes.flag < 2 and file.peek(nodes.offset - 2, 1) == b"\r" else 1
+    described = ("node block", 0, 0, 0.0, nodes.records, ("x", "y", "z"), nodes.flag, nodes.offset)
+    block = FrdBlock(*described, line_end)
+    regular = nodes.flag >= 2 or block.end + len(b" -3") + line_end == nodes.end
+    return block if regular else FrdBlock(*described, line_end, free=True)
+
+
+def _unit(name: str, component: str) -> str:
+    """The unit of a component, once its values are scaled."""
+    if component in _UNIT_OF_COMPONENT:
+        return _UNIT_OF_COMPONENT[component]
+    if name in _UNIT_OF_MAGNITUDE:
+        if component.startswith("MAG"):
+            return _UNIT_OF_MAGNITUDE[name]
+        return "deg" if component.startswith("PHA") else ""
+    plain = _UNIT_OF_QUANTITY.get(name.removesuffix("I"), "")
+    return _UNIT_OF_QUANTITY.get(name, plain)

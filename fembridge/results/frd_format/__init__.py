@@ -1,1 +1,0 @@
-"""The ``.frd``, block by block; `fembridge.results.frd` reads traces through it."""

@@ -1,0 +1,730 @@
+"""What CalculiX prints beside its results: ``.dat``, ``.sta``, ``.cvg``, and long tables.
+
+A ``.sta`` has one line an attempt at an increment, a ``.cvg`` one an iteration. Both are
+flushed line by line, so they may be read while the run goes on; a last line without its
+end is still being written and is left out.
+
+A ``.dat`` has what ``*NODE PRINT`` and ``*EL PRINT`` asked for, in sections: one
+quantity of one set at one time.
+
+ stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and time  0.5000000E-03
+
+         1   1  1.082338E-03  1.031436E-03  9.281549E-04 -1.290587E-03 ...
+
+A section does not say how long it is. One that was cut shows itself by a last line
+without an end, or by fewer records than the section before it had. Headers are Fortran
+texts that have grown over the years (``forset X``, ``pe)for set X``, ``eneset X``, no
+columns at all); values are the last fields of a line, 14 characters each, and touch each
+other. Tensors are printed xx yy zz xy xz yz and leave here in the order of the ``.frd``,
+xx yy zz xy yz zx.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import astuple, dataclass, fields
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import ResultError
+from fembridge.results.byte_file import text_lines
+from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.stress import von_mises_pa
+from fembridge.store import replacing
+from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.typing import FloatArray, IntArray, Table
+
+STRESSES = "stresses"
+ALL_CONTACT = "all contact elements"
+POINTS_AN_ELEMENT = 100  # no element has more; makes one number of element and point
+_FRD_ORDER = [0, 1, 2, 3, 5, 4]  # xx yy zz xy yz zx of xx yy zz xy xz yz
+_DEFAULTS = ReadOptions()
+
+_REAL = re.compile(r" *[+-]?\d*\.\d+(?:[Ee][+-]?\d{2,3}|[+-]\d{3})? *")
+_OVERFLOW = re.compile(r" *\*+ *")
+_NOT_FINITE = re.compile(r" *[+-]?(nan|inf|infinity) *", re.IGNORECASE)
+_STA_HEADER_LINES, _CVG_HEADER_LINES = 2, 4
+
+
+@dataclass(frozen=True, slots=True)
+class StaRow:
+    """One attempt at an increment.
+
+    If it `failed`, `total_time_ms` and `step_time_ms` are those at the start of
+    the increment and `increment_time_ms` is the size that was tried.
+    """
+
+    step: int
+    increment: int
+    attempt: int
+    failed: bool
+    iterations: int
+    total_time_ms: float
+    step_time_ms: float
+    increment_time_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class CvgRow:
+    """One iteration: active contact springs, residuals and corrections in percent.
+
+    `iteration` is None beyond 9999, where CalculiX prints asterisks. Residuals
+    may be NaN or infinite: a run that diverges says so here first.
+    """
+
+    step: int
+    increment: int
+    attempt: int
+    iteration: int | None
+    contact_springs: int | None
+    force_residual_percent: float
+    displacement_correction_percent: float
+    flux_residual_percent: float
+    temperature_correction_percent: float
+
+
+def read_sta(path: Path) -> list[StaRow]:
+    """The attempts so far; an empty list before the first.
+
+    Raises
+    ------
+    ResultError
+        There is no such file, or a whole line is no attempt.
+    """
+    rows = []
+    for number, line in _whole_lines(path, skip=_STA_HEADER_LINES):
+        try:
+            if line[23:24] not in ("U", " "):
+                raise ValueError(f"{line[23:24]!r} where U or a blank is expected")
+            rows.append(
+                StaRow(
+                    step=_count(line[1:6]),
+                    increment=_count(line[6:17]),
+                    attempt=_count(line[17:23]),
+                    failed=line[23:24] == "U",
+                    iterations=_count(line[24:29]),
+                    total_time_ms=_real(line[29:43]) * MS_PER_S,
+                    step_time_ms=_real(line[43:57]) * MS_PER_S,
+                    increment_time_ms=_real(line[57:71]) * MS_PER_S,
+                )
+            )
+        except ValueError as error:
+            raise ResultError(f"no increment: {line[:80]!r}", path, number) from error
+    return rows
+
+
+def read_cvg(path: Path) -> list[CvgRow]:
+    """The iterations so far.
+
+    Raises
+    ------
+    ResultError
+        There is no such file, or a whole line is no iteration.
+    """
+    rows = []
+    for number, line in _whole_lines(path, skip=_CVG_HEADER_LINES):
+        counts = [line[at:to] for at, to in ((0, 6), (6, 12), (12, 18), (18, 24), (24, 33))]
+        try:
+            rows.append(
+                CvgRow(
+                    *map(_count, counts[:3]),
+                    *(None if _OVERFLOW.fullmatch(one) else _count(one) for one in counts[3:]),
+                    *(_percent(line[at : at + 12]) for at in (33, 45, 57, 69)),
+                )
+            )
+        except ValueError as error:
+            raise ResultError(f"no iteration: {line[:80]!r}", path, number) from error
+    return rows
+
+
+def _whole_lines(path: Path, skip: int) -> Iterator[tuple[int, str]]:
+    """Number and text of each ended, not blank line after the first `skip`."""
+    for number, line, ended in text_lines(path):
+        if number > skip and ended and line.strip():
+            yield number, line
+
+
+def _count(field: str) -> int:
+    """An integer ≥ 0 with blanks around; not what Python calls an integer, as ``1_0``."""
+    text = field.strip(" ")
+    if not (text.isascii() and text.isdigit()):
+        raise ValueError(f"{field!r} is no count")
+    return int(text)
+
+
+def _real(field: str) -> float:
+    """A Fortran number with a decimal point."""
+    if not _REAL.fullmatch(field):
+        raise ValueError(f"{field!r} is no number")
+    return _float(field)
+
+
+def _percent(field: str) -> float:
+    if _OVERFLOW.fullmatch(field) or _NOT_FINITE.fullmatch(field):
+        return float("inf") if "inf" in field.lower() else float("nan")
+    return _real(field)
+
+
+def _float(field: str) -> float:
+    """A number as Fortran prints it: ``1.000000-101`` has lost its E."""
+    return float(re.sub(r"(?<=\d)(?=[+-])", "E", field))
+
+
+_HEADER = re.compile(
+    r" (?P<what>[A-Za-z].*?) ?"
+    r"(?:for ?set *(?P<set>\S.*?) and|(?<=[a-z(,])set +(?P<near>\S.*?) and"
+    r"|for (?P<contact>all contact elements) and|for) time +(?P<time>\S+)"
+)
+_STATISTICS = re.compile(
+    r" statistics for (?:surface|slave) set +(?P<set>\S.*?) and time +(?P<time>\S+)"
+)
+_MODE = re.compile(r" *E I G E N V A L U E +N U M B E R +(\d{1,9})")
+_FREQUENCY = re.compile(r" *P A R T I C I P A T I O N .* F O R +F R E Q U E N C Y .*")
+_LABELS = {
+    "elem": "element",
+    "element": "element",
+    "integ.pnt.": "point",
+    "slave element+face": "element face",
+    "slave node": "node",
+}
+_PARTS_OF_STATISTICS = {
+    "total surface force": ("fx", "fy", "fz", "mx", "my", "mz"),
+    "center of gravity": ("x", "y", "z", "nx", "ny", "nz"),
+    "moment about": ("mx", "my", "mz"),
+    "area": ("area", "normal force", "shear force", "torque", "bending moment"),
+}
+_LONGEST_HEADER = 400
+_VALUE_WIDTH = 14
+_VALUE = re.compile(r" +[+-]?\d?\.\d+(E[+-]\d{2}|[+-]\d{3})")
+_ODD_VALUE = re.compile(r" +[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_LABEL = re.compile(r"\d{1,18}")
+_TIME = re.compile(r"-?\d*\.\d+(E[+-]\d{2,3}|[+-]\d{3})?")
+
+
+@dataclass(slots=True, eq=False)
+class DatSection:
+    """One quantity of one set at one time.
+
+    `label_names` says what `labels` ``(record, 0 to 2)`` are: nothing, a node,
+    an element, an element and a point or face. `values` ``(record, column)`` are
+    as printed, in units of the deck. `over_time` is False for sections of an
+    eigenmode (`mode` is its number) and of a frequency: these have no time, and
+    `time_ms` is that frequency times 1000.
+    """
+
+    quantity: str
+    set_name: str
+    columns: tuple[str, ...]
+    time_ms: float
+    labels: IntArray
+    values: FloatArray
+    label_names: tuple[str, ...] = ()
+    over_time: bool = True
+    mode: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.quantity} for {_of(self.set_name)} at {self.time_ms:g} ms"
+
+    def where(self, record: int) -> str:
+        """The labels of a record in words: ``element 3, point 1``."""
+        labels = zip(self.label_names, self.labels[record].tolist(), strict=True)
+        return ", ".join(f"{name} {label}" for name, label in labels)
+
+
+def dat_sections(
+    path: Path,
+    wanted: Callable[[str, str], bool],
+    options: ReadOptions,
+    held: dict[str, int] | None = None,
+) -> Iterator[DatSection]:
+    """The sections for which ``wanted(quantity, set)``, in file order.
+
+    Tables of another kind (eigenvalues, participation factors, knots) are left out
+    and noted in `options`. `held` counts all sections by quantity and set.
+
+    Raises
+    ------
+    ResultError
+        There is no such file; a wanted record is not one; the file is cut inside
+        a line, and `options.partial` is not set.
+    """
+    now: DatSection | None = None  # the wanted section that is being read
+    labels: list[list[int]] = []
+    values: list[list[float]] = []
+    statistics: re.Match[str] | None = None
+    mode, over_time, foreign = None, True, ""
+    for number, line, ended in text_lines(path):
+        if not ended:
+            words = f"cut inside a line: {line[:40]!r}"
+            if not options.partial:
+                raise ResultError(words, path, number)
+            options.note(words)
+            break
+        if not line.strip():
+            continue
+        if not line.lstrip()[0].isalpha() or _ODD_VALUE.match(line[-_VALUE_WIDTH:]):
+            if now is not None:
+                row = _record(line, now, len(values[0]) if values else None)
+                if row is None:
+                    raise ResultError(f"no record of {now.quantity}: {line[:80]!r}", path, number)
+                labels.append(row[0])
+                values.append(row[1])
+            continue
+        if now is not None:
+            yield _closed(now, labels, values)
+        now, labels, values = None, [], []
+        eigen = _MODE.match(line)
+        if eigen or _FREQUENCY.fullmatch(line):
+            mode, over_time = int(eigen[1]) if eigen else None, False
+        text = line.rstrip()
+        head = _STATISTICS.fullmatch(text[:_LONGEST_HEADER])
+        if head is not None:
+            statistics = head
+            continue
+        if not line.startswith("   "):
+            statistics = None
+        try:
+            found = _opened(text) if statistics is None else _part(text.strip(), statistics)
+        except ValueError as error:
+            raise ResultError(f"time of a section: {error}", path, number) from error
+        if found is None:
+            foreign = foreign or f"from line {number}: {text.strip()[:60]}"
+            continue
+        found.mode, found.over_time = mode, over_time
+        if held is not None:
+            name = f"{found.quantity} for {_of(found.set_name)}"
+            held[name] = held.get(name, 0) + 1
+        if wanted(found.quantity, found.set_name):
+            now = found
+    if now is not None:
+        yield _closed(now, labels, values)
+    if foreign:
+        options.note(f"tables of another kind are left out, {foreign}")
+
+
+def _of(set_name: str) -> str:
+    return set_name if set_name in (ALL_CONTACT, "") else f"set {set_name}"
+
+
+def _opened(line: str) -> DatSection | None:
+    """A section without records, of its header; None if the line is none."""
+    header = _HEADER.fullmatch(line) if len(line) <= _LONGEST_HEADER else None
+    if header is None:
+        return None
+    what = header["what"].partition("(")[0]
+    lists = re.findall(r"\(([^()]*)", header["what"])
+    names = [name.strip() for part in lists for name in part.split(",")]
+    labels = [label for name in names for label in _LABELS.get(name, "").split()]
+    if any(" " in name and name not in _LABELS for name in names):
+        names = []  # a remark in brackets, no list of columns
+    if not labels and not what.startswith(("total", "center of gravity")):
+        labels = ["node"]
+    columns = tuple(name for name in names if name not in _LABELS)
+    of = header["set"] or header["near"] or header["contact"] or ""
+    return _empty(what.strip(), of, columns, tuple(labels), header["time"])
+
+
+def _part(text: str, head: re.Match[str]) -> DatSection | None:
+    """A section without records, of a line under the header of surface statistics."""
+    for start, names in _PARTS_OF_STATISTICS.items():
+        if text.startswith(start):
+            quantity = f"surface {start.removeprefix('total surface ')}"
+            return _empty(quantity, head["set"], names, (), head["time"])
+    return None
+
+
+def _empty(
+    quantity: str, of: str, columns: tuple[str, ...], labels: tuple[str, ...], time: str
+) -> DatSection:
+    if not _TIME.fullmatch(time):
+        raise ValueError(f"{time!r} is no number")
+    time_ms = _float(time) * MS_PER_S
+    none = np.empty((0, 0))
+    return DatSection(quantity, of, columns, time_ms, none.astype(np.int64), none, labels)
+
+
+def _closed(section: DatSection, labels: list[list[int]], values: list[list[float]]) -> DatSection:
+    """The section with its records, and with names for all their columns."""
+    count, names = len(values[0]) if values else 0, section.columns
+    if count and not names:
+        names = ("x", "y", "z") if count == 3 else (section.quantity,)
+    if count > len(names) == 1:
+        names = tuple(f"{names[0]}{k + 1}" for k in range(count))
+    section.columns = names[:count] if count else names
+    shape = len(values), len(section.label_names)
+    section.labels = np.array(labels, dtype=np.int64).reshape(shape)
+    section.values = np.array(values, dtype=np.float64).reshape(len(values), count)
+    return section
+
+
+def _record(
+    line: str, section: DatSection, expected: int | None
+) -> tuple[list[int], list[float]] | None:
+    """Labels and values of a record with `expected` values; None if it is none."""
+    values: list[float] = []
+    rest = line
+    while rest and (_VALUE.fullmatch(rest[-_VALUE_WIDTH:]) or _ODD_VALUE.fullmatch(rest[-14:])):
+        values.append(_float(rest[-_VALUE_WIDTH:]))
+        rest = rest[:-_VALUE_WIDTH]
+    values.reverse()
+    words = rest.split()
+    labels = [int(word) for word in words if _LABEL.fullmatch(word)]
+    if section.quantity.startswith("total number") and not values and len(labels) == 1:
+        values, labels, words = [float(labels[0])], [], []
+    fits = len(labels) == len(words) == len(section.label_names)
+    if len(section.columns) > 1 and section.quantity != "surface area":
+        fits &= len(values) == len(section.columns)
+    return (labels, values) if fits and values and expected in (None, len(values)) else None
+
+
+def read_sections(
+    path: Path, quantity: str, set_name: str | None = None, options: ReadOptions = _DEFAULTS
+) -> list[DatSection]:
+    """All sections of `quantity` ("forces", "stresses", ...), in file order.
+
+    Raises
+    ------
+    ResultError
+        There is no such file or no such section; the file is cut, and
+        `options.partial` is not set; a record is not one.
+    """
+    held: dict[str, int] = {}
+    asked = None if set_name is None else set_name.casefold()
+    sections = list(
+        dat_sections(
+            path,
+            lambda name, of: name == quantity and asked in (None, of.casefold()),
+            options,
+            held,
+        )
+    )
+    if not sections:
+        wanted = quantity if set_name is None else f"{quantity} for set {set_name}"
+        raise ResultError(f"no {wanted} in it, it holds {'; '.join(held) or 'nothing'}", path)
+    return sections
+
+
+def read_total_force(
+    path: Path, set_name: str, options: ReadOptions = _DEFAULTS
+) -> tuple[FloatArray, FloatArray]:
+    """Sum of the nodal forces on a set: ``(T,)`` in ms and ``(T, 3)`` in N."""
+    times_ms, _, forces_n = _history(path, "total force", set_name, options)
+    if forces_n.shape[1] != 1:
+        raise ResultError(f"{forces_n.shape[1]} total forces at one time", path)
+    return times_ms, forces_n[:, 0]
+
+
+def read_node_print(
+    path: Path, quantity: str, set_name: str, options: ReadOptions = _DEFAULTS
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Nodal values of a set: ``(T,)`` in ms, ``(node,)``, ``(T, node, column)``."""
+    times_ms, labels, values = _history(path, quantity, set_name, options)
+    if labels.shape[1] != 1:
+        raise ResultError(f"{quantity} is not printed by node", path)
+    return times_ms, labels[:, 0], values
+
+
+def read_point_stress(
+    path: Path, set_name: str | None = None, options: ReadOptions = _DEFAULTS
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Stress at integration points, which no averaging has touched.
+
+    Returns
+    -------
+    times_ms, points, tensor_pa
+        ``(T,)``; element and point ``(point, 2)``; ``(T, point, 6)`` in Pa,
+        order xx yy zz xy yz zx.
+
+    Raises
+    ------
+    ResultError
+        No stresses of that set; without `set_name`, of more than one set; the
+        file is cut, or a value is no finite number.
+    """
+    times_ms, points, values = _history(path, STRESSES, set_name, options)
+    if values.shape[2] != 6 or points.shape[1] != 2:
+        raise ResultError(f"{values.shape[2]} stress components, expected 6", path)
+    return times_ms, points, in_pa(values[:, :, _FRD_ORDER], options, path)
+
+
+def read_point_traces(
+    path: Path,
+    points: Sequence[tuple[int, int]],
+    set_name: str | None = None,
+    options: ReadOptions = _DEFAULTS,
+) -> list[StressTrace]:
+    """Von Mises stress at integration points ``(element, point)``, in that order.
+
+    A trace has one number for its place: `node` is element times 100 plus point.
+
+    Raises
+    ------
+    ResultError
+        As for `read_point_stress`; also a point that is not printed.
+    """
+    times_ms, held, tensor_pa = read_point_stress(path, set_name, options)
+    with np.errstate(over="ignore"):  # a trace refuses what is not finite
+        stress_pa = von_mises_pa(tensor_pa)
+    traces = []
+    for element, point in points:
+        rows = np.flatnonzero((held == (element, point)).all(axis=1))
+        if not rows.size:
+            of_element = held[held[:, 0] == element, 1]
+            words = f"elements are {held[:, 0].min()} to {held[:, 0].max()}"
+            if of_element.size:
+                words = f"it has {of_element.min()} to {of_element.max()}"
+            problem = f"element {element}, point {point} is not printed: {words}"
+            raise ResultError(problem, path)
+        samples = np.stack([times_ms, stress_pa[:, rows[0]]], axis=-1)
+        traces.append(StressTrace.on_grid(element * POINTS_AN_ELEMENT + point, samples, path))
+    return traces
+
+
+def _history(
+    path: Path, quantity: str, set_name: str | None, options: ReadOptions
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Times ``(T,)`` in ms, labels, and values ``(T, record, column)`` of one set."""
+    sections = read_sections(path, quantity, set_name, options)
+    first = sections[0]
+    sets = list(dict.fromkeys(section.set_name for section in sections))
+    if len(sets) > 1:
+        names = ", ".join(sets)
+        raise ResultError(
+            f"{quantity} are there for {len(sets)} sets, {names}: name one (--print-set)", path
+        )
+    if not first.over_time:
+        raise ResultError(f"{quantity} of modes or frequencies, no history over time", path)
+    if not len(first.values):
+        raise ResultError(f"{first}: no records", path)
+    last = sections[-1]
+    if options.partial and len(last.labels) < len(first.labels):
+        options.note(f"dropped {quantity} at {last.time_ms:g} ms: cut")
+        sections.pop()
+    for before, section in pairwise(sections):
+        same = first.values.shape == section.values.shape
+        if not same or not np.array_equal(section.labels, first.labels):
+            raise ResultError(
+                f"{section}: {len(section.labels)} records, expected the "
+                f"{len(first.labels)} of {first.time_ms:g} ms in the same order",
+                path,
+            )
+        if not section.time_ms > before.time_ms:
+            raise ResultError(f"{section} comes after {before.time_ms:g} ms", path)
+    for section in sections:
+        problem = _not_finite(section)
+        if problem:
+            raise ResultError(problem, path)
+    times_ms = np.array([section.time_ms for section in sections])
+    return times_ms, first.labels, np.stack([section.values for section in sections])
+
+
+def _not_finite(section: DatSection) -> str:
+    """Where a value is NaN or infinite; "" where none is."""
+    if np.isfinite(section.values).all():
+        return ""
+    record, column = np.argwhere(~np.isfinite(section.values))[0].tolist()
+    where = section.where(record)
+    value = f"{section.columns[column]} is {section.values[record, column]}"
+    return f"{section}{where and ', '}{where}: {value}"
+
+
+DAT_COLUMNS = (
+    "time_ms", "mode", "quantity", "set", "node", "element", "point", "face",
+    "component", "value", "unit",
+)  # fmt: skip
+_VARYING = ("contact", "relative contact")  # as many records as springs are active
+_PA, _DECK = "Pa", "deck"
+_UNITS = {
+    "displacements": "mm", "velocities": "mm/s", "global coordinates": "mm",
+    "center of gravity": "mm", "relative contact displacement": "mm",
+    "forces": "N", "total force": "N",
+    "stresses": _PA, "viscous stresses": _PA, "contact stress": _PA,
+    "internal energy density": _PA,
+    "strains": "1", "mechanical strains": "1", "equivalent plastic strain": "1",
+    "internal state variables": "", "total number of contact elements": "1",
+    "internal energy": "mJ", "total internal energy": "mJ",
+    "kinetic energy": "mJ", "total kinetic energy": "mJ",
+    "contact print energy": "mJ", "total contact spring energy": "mJ",
+    "volume": "mm3", "total volume": "mm3", "total mass": "t",
+}  # fmt: skip
+_OF_ANY_DECK = (_PA, "1", "")
+
+Row = Sequence[object]
+
+
+@dataclass(frozen=True, slots=True)
+class PrintTable:
+    """A kind of print, as a long table: its name, and what reads its rows.
+
+    A ``.dat`` gives one row a number, with its unit beside it. Stress is in Pa, and so
+    are energy densities (1 Pa is 1 J/m³). Other units follow from a deck in mm, N and s;
+    of a deck in other units (``--stress-unit``) they are called "deck", and the number
+    is the deck's. The others give one row an attempt, iteration or increment, with the
+    unit in the name of the column.
+
+    `rows` yields the columns first. `problem` says why what it holds is not the whole of
+    a run; `about` says more than counts.
+    """
+
+    name: str
+    rows: Callable[[Path, ReadOptions, str | None], Iterator[Row]]
+    problem: Callable[[Path], str | None]
+    about: Callable[[Path], Table] | None = None
+
+    def describe(self, path: Path) -> Table:
+        """What `path` holds."""
+        if self.about is not None:
+            return self.about(path)
+        columns, *rows = self.rows(path, ReadOptions(partial=True), None)
+        return {
+            "format": self.name,
+            "bytes": path.stat().st_size,
+            "rows": len(rows),
+            "last": dict(zip(columns, rows[-1], strict=True)) if rows else None,
+            "problem": self.problem(path),
+        }
+
+
+def print_table_of(path: Path) -> PrintTable | None:
+    """The kind of print that `path` is by its suffix; None if it is none."""
+    return PRINT_TABLES.get(path.suffix.lower())
+
+
+def write_print_table(
+    table: PrintTable, path: Path, output: Path, options: ReadOptions, quantity: str | None = None
+) -> tuple[tuple[str, ...], int]:
+    """Write what `path` holds as CSV to `output`; its columns and the count of rows.
+
+    `quantity` takes one of a ``.dat`` alone.
+
+    Raises
+    ------
+    ResultError
+        The file is absent, cut or foreign; it holds no such quantity; a value is
+        no finite number. `options.partial` takes what is whole instead.
+    """
+    count, rows = 0, table.rows(path, options, quantity)
+    columns = tuple(map(str, next(rows)))
+    with replacing(output) as draft, draft.open("w", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(columns)
+        for count, row in enumerate(rows, start=1):  # noqa: B007 - the last
+            writer.writerow(row)
+        if not count:
+            words = "no rows" if quantity is None else f"no {quantity} in it"
+            raise ResultError(f"{words}: there is nothing to write", path)
+    return columns, count
+
+
+def describe_dat(path: Path) -> Table:
+    """Which sections a ``.dat`` holds, and whether its last line is whole."""
+    remarks: list[str] = []
+    held: dict[str, int] = {}
+    options = ReadOptions(partial=True, log=remarks.append)
+    list(dat_sections(path, lambda *_: False, options, held))
+    cut = [words for words in remarks if words.startswith("cut")]
+    return {
+        "format": "ccx-dat",
+        "bytes": path.stat().st_size,
+        "sections": held,
+        "remarks": [words for words in remarks if words not in cut],
+        "problem": cut[0] if cut else None,
+    }
+
+
+def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
+    yield DAT_COLUMNS
+    counts: dict[tuple[str, str], int] = {}
+    before: DatSection | None = None
+    for section in dat_sections(path, lambda name, _: quantity in (None, name), options):
+        if before is not None:
+            yield from _section_rows(before, path, options)
+            counts[before.quantity, before.set_name] = len(before.values)
+        before = section
+    if before is None:
+        return
+    usual = counts.get((before.quantity, before.set_name), len(before.values))
+    if len(before.values) < usual and not before.quantity.startswith(_VARYING):
+        words = f"{before} is cut: {len(before.values)} of {usual} records"
+        if not options.partial:
+            raise ResultError(words, path)
+        options.note(f"dropped: {words}")
+        return
+    yield from _section_rows(before, path, options)
+
+
+def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:
+    problem = _not_finite(section)
+    if problem:
+        if not options.partial:
+            raise ResultError(problem, path)
+        options.note(f"dropped the section: {problem}")
+        return
+    unit = _UNITS.get(section.quantity, _DECK)
+    if unit not in _OF_ANY_DECK and options.stress_unit != "MPa":
+        unit = _DECK
+    stored = in_pa(section.values, options, path) if unit == _PA else section.values
+    time_ms = section.time_ms if section.over_time else ""
+    mode = "" if section.mode is None else section.mode
+    for labels, values in zip(section.labels.tolist(), stored.tolist(), strict=True):
+        held = dict(zip(section.label_names, labels, strict=True))
+        places = [held.get(name, "") for name in DAT_COLUMNS[4:8]]
+        for name, value in zip(section.columns, values, strict=True):
+            yield (
+                time_ms, mode, section.quantity, section.set_name, *places,
+                name, value, unit,
+            )  # fmt: skip
+
+
+def _sta_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
+    yield tuple(field.name for field in fields(StaRow))
+    _note_unfinished(path, options)
+    for row in read_sta(path):
+        yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in astuple(row))
+
+
+def _cvg_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
+    yield tuple(field.name for field in fields(CvgRow))
+    _note_unfinished(path, options)
+    for row in read_cvg(path):
+        yield tuple("" if cell is None else cell for cell in astuple(row))
+
+
+def _note_unfinished(path: Path, options: ReadOptions) -> None:
+    problem = _unfinished(path)
+    if problem is not None:
+        options.note(problem)
+
+
+def _unfinished(path: Path) -> str | None:
+    for number, line, ended in text_lines(path):
+        if not ended:
+            return f"line {number} has no end yet and is left out: {line[:40]!r}"
+    return None
+
+
+def _sts_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
+    from fembridge.results.mentat import StsRow, read_sts
+
+    yield tuple(field.name for field in fields(StsRow))
+    found = read_sts(path)
+    if found.problem is not None:
+        options.note(found.problem)
+    for row in found.rows:
+        yield tuple("" if cell is None else cell for cell in astuple(row))
+
+
+def _sts_problem(path: Path) -> str | None:
+    from fembridge.results.mentat import read_sts
+
+    return read_sts(path).problem
+
+
+PRINT_TABLES = {
+    ".dat": PrintTable("ccx-dat", _dat_rows, _unfinished, describe_dat),
+    ".sta": PrintTable("ccx-sta", _sta_rows, _unfinished),
+    ".cvg": PrintTable("ccx-cvg", _cvg_rows, _unfinished),
+    ".sts": PrintTable("marc-sts", _sts_rows, _sts_problem),
+}

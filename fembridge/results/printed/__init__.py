@@ -1,1 +1,0 @@
-"""What CalculiX prints beside the ``.frd``: ``.dat``, ``.sta`` and ``.cvg``."""

@@ -1,0 +1,794 @@
+"""Histories at nodes of a ``.frd``: recorded runs, what a writer knows, and damage."""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import struct
+import tomllib
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fembridge.errors import FembridgeError, ResultError, TraceError
+from fembridge.results import frd, read
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.frd import NODES_OF_TYPE, FrdIndex
+from fembridge.results.frd_fields import read_fields
+from fembridge.results.nodes import read_node_sets
+from fembridge.results.printed import read_cvg, read_sta, read_total_force
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import von_mises_pa
+
+SAMPLES = Path(__file__).parents[3] / "fixtures" / "frd_samples"
+EXPECTED = json.loads((SAMPLES / "expected.json").read_text())
+INDEXED = [name for name, row in EXPECTED.items() if "datasets" in row]
+WITH_STRESS = [name for name, row in EXPECTED.items() if "von_mises_at_nodes" in row]
+LENIENT = ReadOptions(partial=True, across_materials=True)
+
+
+def index_of(path):
+    with ByteFile(path) as file:
+        return FrdIndex(file)
+
+
+def test_the_samples_are_those_that_were_recorded():
+    sums = tomllib.loads((SAMPLES / "RUN.toml").read_text())["sha256"]
+    found = {name: hashlib.sha256((SAMPLES / name).read_bytes()).hexdigest() for name in sums}
+    assert found == sums
+
+
+@pytest.mark.parametrize("name", INDEXED)
+def test_the_index_lists_what_another_reader_listed(name):
+    index, expected = index_of(SAMPLES / name), EXPECTED[name]
+    found = [(block, block.records) for block in index.blocks]
+    found += [(harm.block, harm.records) for harm in index.damage if harm.block]
+    rows = [
+        [b.name, b.step, b.increment, records, len(b.components), b.flag] for b, records in found
+    ]
+    assert rows == [[row[0], *row[2:]] for row in expected["datasets"]]
+    times_s = [row[1] for row in expected["datasets"]]
+    assert_allclose([b.time_ms / 1e3 for b, _ in found], times_s, rtol=1e-12)
+    assert index.ended == expected["ends_with_9999"]
+    assert bool(index.damage) == expected["truncated"]
+    assert index.nodes.records == expected["nodes"]
+    assert index.elements.records == expected["elements"]
+
+
+@pytest.mark.parametrize("name", WITH_STRESS)
+def test_von_mises_stress_is_what_another_reader_computed(name):
+    expected = EXPECTED[name]["von_mises_at_nodes"]
+    nodes = [int(node) for node in expected["values"]]
+    times_ms, tensor_pa = frd.read_stress_tensor(SAMPLES / name, nodes, LENIENT)
+    assert_allclose(times_ms / 1e3, expected["times"], rtol=1e-12)
+    stored_pa = np.array([expected["values"][str(n)] for n in nodes]).T * 1e6
+    assert_allclose(von_mises_pa(tensor_pa), stored_pa, rtol=6e-7)
+
+
+@pytest.mark.parametrize("name", [n for n in EXPECTED if n not in INDEXED])
+def test_a_file_that_the_other_reader_gave_up_on_is_an_error_here(name):
+    with pytest.raises(ResultError, match=name):
+        frd.read_stress_tensor(SAMPLES / name, [1])
+
+
+def test_iterations_of_one_increment_are_no_history():
+    path = SAMPLES / "cpe4_lastiter_ResultsForLastIterations.frd"
+    with pytest.raises(ResultError, match="DISP of step 1 holds results of another kind"):
+        frd.read_displacement(path, [11], LENIENT)
+    with pytest.raises(ResultError):
+        frd.read_stress_tensor(path, [11], LENIENT)
+
+
+@pytest.mark.parametrize("sta", [True, False])
+def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
+    """Seen in the ``.sta`` file, and without one in the missing STRESS."""
+    shutil.copy(SAMPLES / "cpe4_diverged.frd", tmp_path)
+    if sta:
+        shutil.copy(SAMPLES / "cpe4_diverged.sta", tmp_path)
+    heard = []
+    times_ms, displacement_mm = frd.read_displacement(
+        tmp_path / "cpe4_diverged.frd", [11], ReadOptions(partial=True, log=heard.append)
+    )
+    assert times_ms.tolist() == [0.5]
+    assert displacement_mm.shape == (1, 1, 3)
+    assert "dropped step 1, increment 2: not converged" in heard
+
+
+def test_stress_and_displacement_are_joined_by_step_and_increment():
+    both = frd.read_stress_and_displacement(
+        SAMPLES / "cpe4_diverged.frd", [11], [11, 25], ReadOptions(partial=True)
+    )
+    assert both.times_ms.tolist() == [0.5]
+    assert both.tensor_pa.shape == (1, 1, 6)
+    assert both.displacement_mm.shape == (1, 2, 3)
+
+
+def test_a_step_in_ascii_and_one_in_binary_make_one_history():
+    path = SAMPLES / "cpe4_2step_mixed.frd"
+    times_ms, tensor_pa = frd.read_stress_tensor(path, [11])
+    assert_allclose(times_ms, [0.5, 1, 1.5, 2, 2.5, 3], rtol=1e-12)
+    assert np.isfinite(tensor_pa).all()
+
+
+def test_ascii_float32_and_float64_of_one_run_agree_to_their_digits():
+    nodes = [11, 25]
+    read_one = frd.read_stress_tensor
+    ascii_pa, single_pa, double_pa = (
+        read_one(SAMPLES / f"cpe4_{kind}.frd", nodes)[1][..., :4]  # yz, zx are 0
+        for kind in ("ascii", "bin_f32", "bin_f64")
+    )
+    assert_allclose(ascii_pa, double_pa, rtol=5e-6)
+    assert_allclose(single_pa, double_pa, rtol=6e-8)
+
+
+def test_a_set_out_of_order_and_with_a_duplicate_is_read_by_number():
+    some = frd.read_stress_tensor(SAMPLES / "cpe4_nset_unsorted_dup.frd", [11, 25])[1]
+    every = frd.read_stress_tensor(SAMPLES / "cpe4_ascii.frd", [11, 25])[1]
+    assert_allclose(some, every, rtol=0)
+
+
+def test_displacement_agrees_with_the_print_of_the_same_run():
+    """``.dat`` of the run, set PROBES at 0.5 ms: node 11."""
+    _, displacement_mm = frd.read_displacement(SAMPLES / "cpe4_ascii.frd", [11])
+    assert_allclose(displacement_mm[0, 0, 1], -8.254934e-03, rtol=5e-6)
+
+
+def test_output_every_third_increment_makes_traces_of_its_own_step():
+    (trace,) = read(SAMPLES / "cpe4_freq3.frd", [11])
+    assert (trace.start_ms, trace.dt_ms) == (1.5, 0.5)
+
+
+def test_automatic_increments_are_refused_as_a_trace():
+    with pytest.raises(ResultError):
+        read(SAMPLES / "cpe4_timepoints.frd", [11])
+
+
+def test_times_of_a_second_and_more_are_read():
+    times_ms, _ = frd.read_stress_tensor(SAMPLES / "cpe4_time_ge_1.frd", [11])
+    assert_allclose(times_ms, [500, 1000, 1500, 2000], rtol=1e-12)
+
+
+def test_a_vibration_of_eighty_increments_is_one_even_trace():
+    (trace,) = read(SAMPLES / "vib_cpe4_bin_f64.frd", [29])
+    assert (trace.stress_pa.size, trace.dt_ms, trace.start_ms) == (80, 0.5, 0.5)
+
+
+def test_a_missing_node_is_named_with_its_neighbours():
+    words = r"node 48 has no record in STRESS .*: 47 nodes, 1 to 47; nearest 45, 46, 47"
+    with pytest.raises(ResultError, match=words):
+        frd.read_stress_tensor(SAMPLES / "cpe4_bin_f32.frd", [11, 48])
+
+
+def test_a_description_tells_format_mesh_quantities_and_damage():
+    held = frd.describe(SAMPLES / "cpe4_2step_mixed.frd")
+    stress = next(q for q in held["quantities"] if q["name"] == "STRESS")
+    assert (held["mesh_nodes"], held["elements"], held["problem"]) == (47, 30, None)
+    assert (stress["increments"], stress["nodes"], stress["last_ms"]) == (6, 47, 3.0)
+    assert "EPI" in held["materials"].values()
+    assert "9999" in frd.describe(SAMPLES / "cpe4_incmax.frd")["problem"]
+
+
+AS_IS = ReadOptions(stress_unit="Pa")
+PRINTED = "{:12.5E}".format
+IDS = st.lists(st.integers(1, 99_999), min_size=1, max_size=40)
+FLAGS = st.sampled_from([0, 1, 2, 3])
+
+
+def stored(values, flag):
+    """Give `values` as the storage `flag` keeps them."""
+    if flag == 2:
+        return values.astype(np.float32).astype(np.float64)
+    if flag < 2:
+        flat = [float(PRINTED(value)) for value in values.ravel()]
+        return np.array(flat).reshape(values.shape)
+    return values
+
+
+def random_blocks(block, ids, flags, seed, count=6, name="STRESS", components=()):
+    """Blocks of random values: of `ids` in that order, one flag an increment."""
+    rng = np.random.default_rng(seed)
+    sizes = 10.0 ** rng.integers(-30, 30, (len(flags), len(ids), count))
+    values = rng.standard_normal((len(flags), len(ids), count)) * sizes
+    blocks = [
+        block(
+            name,
+            increment,
+            increment * 5e-4,
+            [(node, row.tolist()) for node, row in zip(ids, table, strict=True)],
+            flag=flag,
+            components=components,
+        )
+        for increment, (flag, table) in enumerate(zip(flags, values, strict=True), 1)
+    ]
+    return blocks, [stored(table, f) for table, f in zip(values, flags, strict=True)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(ids=IDS, flags=st.lists(FLAGS, min_size=1, max_size=4), seed=st.integers(0, 99))
+def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
+    block, write_frd, ids, flags, seed
+):
+    blocks, expected = random_blocks(block, ids, flags, seed)
+    path = write_frd(blocks)
+    wanted = list(dict.fromkeys(reversed(ids)))
+    rows = [ids.index(node) for node in wanted]  # of duplicates the first
+
+    times_ms, tensor_pa = frd.read_stress_tensor(path, wanted, AS_IS)
+
+    assert_array_equal(tensor_pa, np.stack(expected)[:, rows])
+    assert_array_equal(times_ms, [0.5 * (k + 1) for k in range(len(flags))])
+
+
+def test_rows_that_move_between_blocks_are_found_again(block, write_frd):
+    tables = [{1: 1.0, 2: 2.0, 3: 3.0}, {3: 30.0, 1: 10.0}, {2: 200.0, 1: 100.0}]
+    blocks = [
+        block("STRESS", k, k * 1e-3, [(n, [x] * 6) for n, x in table.items()])
+        for k, table in enumerate(tables, start=1)
+    ]
+    _, tensor_pa = frd.read_stress_tensor(write_frd(blocks), [1], AS_IS)
+    assert_array_equal(tensor_pa[:, 0, 0], [1, 10, 100])
+
+
+def test_a_node_that_leaves_the_output_is_missed_by_name_and_increment(block, write_frd):
+    tables = [{1: 1.0, 2: 2.0}, {1: 10.0}]
+    blocks = [
+        block("STRESS", k, k * 1e-3, [(n, [x] * 6) for n, x in table.items()])
+        for k, table in enumerate(tables, start=1)
+    ]
+    with pytest.raises(ResultError, match=r"node 2 .* STRESS of step 1, increment 2"):
+        frd.read_stress_tensor(write_frd(blocks), [2])
+
+
+def test_components_in_another_order_are_taken_by_name(block, write_frd):
+    names = ("SZX", "SXX", "SYY", "SZZ", "SXY", "SYZ")
+    only = block("STRESS", 1, 1e-3, [(1, [6, 1, 2, 3, 4, 5])], components=names)
+    _, tensor_pa = frd.read_stress_tensor(write_frd([only]), [1], AS_IS)
+    assert tensor_pa[0, 0].tolist() == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_exponents_of_three_digits_are_read(block, write_frd, sign):
+    """Some Windows builds print -5.28012E-003: lines of unequal length."""
+
+    def three_digits(value):
+        text = f"{value:.5E}"
+        return f"{text[:-2]}0{text[-2:]}".rjust(12)
+
+    values = [5.28012e-3 * sign, 3.06745e-3, -1.0, 0.0, 2.0e10, -1e-12]
+    blocks = [
+        block("STRESS", k, k * 1e-3, [(7, values), (8, values[::-1])], number=three_digits)
+        for k in (1, 2)
+    ]
+    _, tensor_pa = frd.read_stress_tensor(write_frd(blocks), [8, 7], AS_IS)
+    assert_array_equal(tensor_pa[1], [values[::-1], values])
+
+
+def test_lines_that_end_as_in_windows_are_read(block, write_frd):
+    blocks = [block("STRESS", k, k * 1e-3, [(1, [k] * 6)]) for k in (1, 2)]
+    path = write_frd(blocks, line_end="\r\n")
+    _, tensor_pa = frd.read_stress_tensor(path, [1], AS_IS)
+    assert tensor_pa[:, 0, 0].tolist() == [1, 2]
+
+
+def test_a_lower_case_exponent_is_read(block, write_frd):
+    only = block("STRESS", 1, 1e-3, [(1, [-1.5] * 6)], 0, number="{:12.5e}".format)
+    _, tensor_pa = frd.read_stress_tensor(write_frd([only]), [1], AS_IS)
+    assert tensor_pa[0, 0].tolist() == [-1.5] * 6
+
+
+def test_stress_is_scaled_by_the_unit_of_the_file(block, write_frd):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [2.0] * 6)])])
+    found = {
+        unit: frd.read_stress_tensor(path, [1], ReadOptions(stress_unit=unit))[1]
+        for unit in ("MPa", "kPa", "Pa")
+    }
+    assert {unit: value[0, 0, 0] for unit, value in found.items()} == {
+        "MPa": 2.0e6,
+        "kPa": 2.0e3,
+        "Pa": 2.0,
+    }
+
+
+@settings(deadline=None)
+@given(dt_ms=st.floats(0.05, 2.0), samples=st.integers(3, 400), start=st.integers(1, 50))
+def test_rounding_of_printed_times_does_not_make_an_even_step_uneven(dt_ms, samples, start):
+    times_s = (np.arange(samples) + start) * dt_ms / 1e3
+    printed = [f"{t:.5E}" if t < 1 else f"{t:.9f}" for t in times_s]
+    times_ms = frd.unrounded(np.array([float(text) for text in printed]) * 1e3)
+    steps_ms = np.diff(times_ms)
+    assert steps_ms.max() - steps_ms.min() <= 1e-9 * times_ms[-1]
+
+
+def test_an_uneven_step_stays_uneven():
+    times_ms = np.array([0.5, 1.0, 1.75, 2.0])
+    assert_array_equal(frd.unrounded(times_ms), times_ms)
+
+
+ELEMENTS = st.lists(
+    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)), min_size=1, max_size=30
+)
+
+
+def test_a_node_between_two_layers_is_refused_by_name(samples):
+    """Node 18 of the two-layer block: uniform stretch gives 0.01126 MPa there,
+    which is neither the 0.00055 of one layer nor the 0.022 of the other."""
+    words = r"node 18 is between EPI and DER.*--across-materials"
+    for name in ("cpe4_ascii", "cpe4_bin_f32", "cpe4_2step_mixed"):
+        with pytest.raises(ResultError, match=words):
+            frd.read_stress_tensor(samples / f"{name}.frd", [11, 18])
+
+
+def test_the_boundary_is_let_through_when_asked_for(samples):
+    options = ReadOptions(across_materials=True)
+    _, tensor_pa = frd.read_stress_tensor(samples / "cpe4_ascii.frd", [18], options)
+    assert tensor_pa.shape == (4, 1, 6)
+
+
+def test_displacement_on_a_boundary_is_as_good_as_elsewhere(samples):
+    _, displacement_mm = frd.read_displacement(samples / "cpe4_ascii.frd", [18])
+    assert displacement_mm.shape == (4, 1, 3)
+
+
+def test_a_word_in_place_of_the_material_number_is_no_material(samples, tmp_path):
+    """As in old files, which write ``0EL`` there."""
+    path = tmp_path / "old.frd"
+    shutil.copy(samples / "cpe4_ascii.frd", path)
+    content = path.read_bytes()
+    start, end = content.index(b"    3C"), content.index(b"    1PSTEP")
+    mesh = content[start:end]
+    for number in (b"1", b"2", b"3"):
+        mesh = mesh.replace(b"    9    0    " + number, b"    9    0   EL")
+    path.write_bytes(content[:start] + mesh + content[end:])
+    assert frd.read_stress_tensor(path, [18])[1].shape == (4, 1, 6)
+
+
+@pytest.mark.parametrize("mesh_flag", [1, 2])
+def test_an_element_block_of_wrong_count_is_told(write_frd, block, mesh_flag):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1] * 6)])], mesh_flag=mesh_flag)
+    content = path.read_bytes()
+    at = content.index(b"    3C") + 24
+    path.write_bytes(content[:at] + b"%12d" % 2 + content[at + 12 :])
+    with pytest.raises(ResultError):
+        frd.read_stress_tensor(path, [1])
+
+
+CUT_STEP, CHANGES = (1, 600) if os.environ.get("CI") == "true" else (7, 120)
+PRINTED_FIELD = re.compile(rb"(?=([+-]?\d\.\d{5}[Ee][+-]\d{2}))")  # they may overlap
+LENIENT_PA = ReadOptions(partial=True, across_materials=True, stress_unit="Pa")
+
+
+def small_run(block, flag, increments=2):
+    """DISP and STRESS of two nodes, every number another."""
+    blocks, number = [], 0.0
+    for k in range(1, increments + 1):
+        for name, count in (("DISP", 3), ("STRESS", 6)):
+            records = []
+            for node in (3, 1):
+                sign = -1.0 if node == 3 else 1.0
+                row = [sign * (number + 1.25 * j + 0.5) for j in range(count)]
+                records.append((node, row))
+                number += 16.0
+            blocks.append(block(name, k, k * 5e-4, records, flag=flag))
+    return blocks
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(block, write_frd, flag):
+    blocks = small_run(block, flag)
+    path = write_frd(blocks, f"cut{flag}.frd", mesh_flag=min(flag, 2))
+    times_ms, tensor = frd.read_stress_tensor(path, [1, 3], LENIENT_PA)
+    _, moved = frd.read_displacement(path, [1, 3], LENIENT_PA)
+    seen, whole_size = set(), path.stat().st_size
+    ending = range(whole_size - 1, whole_size - 30, -1)
+    for size in [*ending, *range(whole_size - 30, -1, -CUT_STEP)]:
+        os.truncate(path, size)
+        if size < whole_size - 1:  # without its last line end nothing is lost
+            with pytest.raises(ResultError):
+                frd.read_stress_tensor(path, [1, 3])
+        for reader, whole in ((frd.read_stress_tensor, tensor), (frd.read_displacement, moved)):
+            try:
+                some_ms, some = reader(path, [1, 3], LENIENT_PA)
+            except ResultError as error:
+                assert str(path) in str(error)
+                continue
+            seen.add(some_ms.size)
+            assert_array_equal(some_ms, times_ms[: some_ms.size])
+            assert_array_equal(some, whole[: some_ms.size])
+    assert seen == {1, 2}
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+def test_changed_bytes_never_make_a_number_that_is_not_in_the_file(block, write_frd, flag):
+    blocks = small_run(block, flag, increments=2)
+    path = write_frd(blocks, f"fuzz{flag}.frd", mesh_flag=min(flag, 2))
+    whole, rng = path.read_bytes(), np.random.default_rng(flag)
+    read = refused = 0
+    for _ in range(CHANGES):
+        changed = bytearray(whole)
+        for place in rng.integers(0, len(whole), rng.integers(1, 4)):
+            at, kind = min(place, len(changed) - 1), rng.integers(3)
+            if kind == 0:
+                changed[at] = rng.integers(256)
+            elif kind == 1:
+                changed[at] ^= 1 << rng.integers(8)
+            else:
+                changed[at : at + rng.integers(1, 9)] = b""
+        path.unlink()  # else the disk is waited for
+        path.write_bytes(changed)
+        try:
+            _, values = frd.read_stress_tensor(path, [1, 3], LENIENT_PA)
+        except ResultError:
+            refused += 1
+            continue
+        read += 1
+        for value in values.ravel():
+            assert in_file(float(value), bytes(changed), flag)
+    assert read > CHANGES // 15
+    assert refused > CHANGES // 15
+
+
+def in_file(value, content, flag):
+    if flag == 1:
+        return value in {float(number[1]) for number in PRINTED_FIELD.finditer(content)}
+    return struct.pack("<f" if flag == 2 else "<d", value) in content
+
+
+def test_a_count_beyond_the_file_is_told_before_anything_is_allocated(block, write_frd):
+    lying = block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=3, count=2_000_000_000)
+    with pytest.raises(ResultError, match=r"after \d+ of 2000000000 records"):
+        frd.read_stress_tensor(write_frd([lying]), [1])
+
+
+@pytest.mark.parametrize("flag", [1, 2])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_count_that_lies_is_no_shift_of_records(block, write_frd, flag, count):
+    records = [(1, [1.0] * 6), (2, [2.0] * 6)]
+    blocks = [block("STRESS", k, k * 1e-3, records, flag=flag) for k in (1, 2)]
+    blocks[0] = block("STRESS", 1, 1e-3, records, flag=flag, count=count)
+    with pytest.raises(ResultError, match="STRESS of step 1, increment 1"):
+        frd.read_stress_tensor(write_frd(blocks), [1, 2])
+
+
+@pytest.mark.parametrize("kept", [0, 40, 86, 100])
+def test_increments_appended_behind_a_cut_are_found_again(block, write_frd, kept):
+    """A disk that was full and had room again: text goes on within a line."""
+    blocks = [block("STRESS", k, k * 1e-3, [(1, [k] * 6), (2, [k] * 6)]) for k in (1, 2, 3)]
+    path = write_frd(blocks)
+    whole = path.read_bytes()
+    start = whole.index(b" -1         1", whole.index(b" 2.00000E-03")) + kept
+    end = whole.index(b"    1PSTEP", start)
+    path.write_bytes(whole[:start] + whole[end:])
+    with pytest.raises(ResultError, match="STRESS of step 1, increment 2 is cut"):
+        frd.read_stress_tensor(path, [1])
+    times_ms, tensor = frd.read_stress_tensor(path, [1], LENIENT_PA)
+    assert times_ms.tolist() == [1.0, 3.0]
+    assert tensor[:, 0, 0].tolist() == [1.0, 3.0]
+
+
+def test_markers_inside_binary_records_are_numbers_there(block, write_frd):
+    text = b"    1PSTEP -3\n 9999\n\n"
+    values = struct.unpack("<5f", text[:20])
+    records = [(1, [*values, 1.0]), (2, [2.0] * 6)]
+    blocks = [block("STRESS", k, k * 1e-3, records, flag=2) for k in (1, 2)]
+    _, tensor = frd.read_stress_tensor(write_frd(blocks), [2], LENIENT_PA)
+    assert tensor[:, 0, 0].tolist() == [2.0, 2.0]
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
+def test_a_value_that_is_no_number_is_named_by_node_and_time(block, write_frd, flag, bad):
+    blocks = [
+        block("STRESS", 1, 5e-4, [(4, [1.0] * 6)], flag=flag),
+        block("STRESS", 2, 1e-3, [(4, [1.0, bad, 1, 1, 1, 1])], flag=flag),
+    ]
+    path = write_frd(blocks)
+    with pytest.raises(ResultError, match=r"node 4 at 1 ms: STRESS SYY is -?(nan|inf)"):
+        frd.read_stress_tensor(path, [4])
+    heard = []
+    options = ReadOptions(partial=True, log=heard.append)
+    assert frd.read_stress_tensor(path, [4], options)[0].tolist() == [0.5]
+    assert heard[0].startswith("dropped step 1, increment 2: node 4 at 1 ms")
+
+
+def test_times_that_go_back_are_refused(block, write_frd):
+    blocks = [
+        block("STRESS", k, time_s, [(1, [1.0] * 6)])
+        for k, time_s in ((1, 1e-3), (2, 3e-3), (3, 2e-3))
+    ]
+    words = "increment 3 at 2 ms comes after 3 ms"
+    with pytest.raises(ResultError, match=words):
+        frd.read_stress_tensor(write_frd(blocks), [1])
+
+
+def test_a_quantity_that_is_absent_is_named_beside_what_is_there(block, write_frd):
+    path = write_frd([block("DISP", 1, 1e-3, [(1, [1.0] * 3)])])
+    with pytest.raises(ResultError):
+        frd.read_stress_tensor(path, [1])
+
+
+def test_an_increment_without_its_twin_is_refused_or_told(block, write_frd):
+    blocks = [
+        block("DISP", 1, 1e-3, [(1, [1.0] * 3)]),
+        block("STRESS", 1, 1e-3, [(1, [1.0] * 6)]),
+        block("DISP", 2, 2e-3, [(1, [2.0] * 3)]),
+    ]
+    path = write_frd(blocks)
+    with pytest.raises(ResultError, match="step 1, increment 2 has no STRESS"):
+        frd.read_stress_and_displacement(path, [1], [1])
+    both = frd.read_stress_and_displacement(path, [1], [1], LENIENT_PA)
+    assert both.times_ms.tolist() == [1.0]
+
+
+def test_bytes_behind_the_end_line_are_told(block, write_frd):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])])
+    path.write_bytes(path.read_bytes() + b"    1C\n")
+    with pytest.raises(ResultError):
+        frd.read_stress_tensor(path, [1])
+
+
+def test_a_file_that_shrinks_while_it_is_read_is_an_error(block, write_frd):
+    from fembridge.results.byte_file import ByteFile
+
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])])
+    with ByteFile(path) as file:
+        os.truncate(path, 100)
+        with pytest.raises(ResultError):
+            file.take(90, 40)
+
+
+NO_END = "no end line 9999: the run did not end normally"
+LAST_1 = r"last whole increment: 1 of step 1, 0\.5 ms"
+HOLE_BYTES = 2 << 30  # of a sparse file: no disk is used
+SEARCHED = HOLE_BYTES if os.environ.get("CI") == "true" else 128 << 20
+# Sample, its words, and the times that --partial still reads at node 11.
+DAMAGED = {
+    "cpe4_bin_diskfull": (
+        "block header of step 1, increment 2 is cut in its TOSTRAIN lines, at byte "
+        f"14336 of 14336: cut inside a line; {NO_END}; {LAST_1}",
+        [0.5, 1.0],  # its STRESS was whole before the cut
+    ),
+    "cpe4_diskfull": (
+        f"CONTACT of step 1, increment 2 is cut at byte 40960, after 7 of 47 records; "
+        f"{NO_END}; {LAST_1}",
+        [0.5, 1.0],
+    ),
+    "cpe4_diverged": (f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}", [0.5]),
+    "cpe4_dyn_impact": (f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}", [0.5]),
+    "cpe4_incmax": (f"{NO_END}; last whole increment: 2 of step 1, 1 ms", [0.5, 1.0]),
+    "kill_ascii": (
+        f"DISP of step 1, increment 2 is cut at byte 114077, after 157 of 252 records; "
+        f"{NO_END}; {LAST_1}",
+        [0.5],
+    ),
+    "kill_bin_f32": (
+        f"FORC of step 1, increment 2 is cut at byte 61197, after 59 of 252 records; "
+        f"{NO_END}; {LAST_1}",
+        [0.5, 1.0],  # its STRESS was whole before the cut
+    ),
+    "cpe4_negjac": ("mesh only, no results: the solver stopped at its start", None),
+    "cpe4_nosolver": (r"header only \(80 bytes\): the solver stopped before its", None),
+    "cpe8r_3d_nset_zero": ("has 0 records: with OUTPUT=3D .* use OUTPUT=2D", None),
+    "cpe4_lastiter_ResultsForLastIterations": (
+        r"iterations of increment 2 of step 1, no history \(LAST ITERATIONS\)",
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_damaged_sample_is_refused_in_the_right_words(samples, name):
+    with pytest.raises(ResultError, match=DAMAGED[name][0]):
+        frd.read_stress_tensor(samples / f"{name}.frd", [11])
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_damaged_sample_is_listed_with_what_is_wrong(samples, name):
+    held = frd.describe(samples / f"{name}.frd")
+    if name == "cpe8r_3d_nset_zero":
+        assert {quantity["nodes"] for quantity in held["quantities"]} == {0}
+        return
+    assert held["problem"] is not None
+    assert held["problem"].startswith(DAMAGED[name][0][:20].replace("\\", ""))  \
+        or held["remarks"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [n for n, row in DAMAGED.items() if row[1]])
+def test_what_was_whole_before_the_damage_is_read_and_equals_the_file(samples, name):
+    """Of these runs the first increments are those of the run that ended well."""
+    heard = []
+    options = ReadOptions(partial=True, across_materials=True, log=heard.append)
+    times_ms, tensor_pa = frd.read_stress_tensor(samples / f"{name}.frd", [11], options)
+    assert times_ms.tolist() == DAMAGED[name][1]
+    assert heard
+    twin = {"kill_ascii": "kill_bin_f32", "kill_bin_f32": "kill_ascii"}.get(name)
+    if name in ("cpe4_diskfull", "cpe4_bin_diskfull", "cpe4_incmax"):
+        twin = "cpe4_bin_f64"
+    if twin is not None:
+        same_pa = frd.read_stress_tensor(samples / f"{twin}.frd", [11], options)[1]
+        shared = min(len(same_pa), len(tensor_pa))
+        assert_allclose(tensor_pa[:shared, :, :4], same_pa[:shared, :, :4], rtol=1e-5, atol=1e-9)
+
+
+def test_divergence_shows_without_the_sta_file(samples, tmp_path):
+    path = tmp_path / "job.frd"
+    path.write_bytes((samples / "cpe4_diverged.frd").read_bytes())
+    words = r"increment 2 of step 1 has DISP, FORC and no .*STRESS.*: it did not conv"
+    with pytest.raises(ResultError, match=words):
+        frd.read_stress_tensor(path, [11])
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+def test_a_file_that_grows_while_it_is_read_is_named(block, write_frd, flag):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=flag)])
+    with ByteFile(path) as file:
+        assert file.change is None
+        with path.open("ab") as more:
+            more.write(b"    1PSTEP\n")
+        assert "grew from" in file.change
+        assert "something is still writing it" in file.change
+        os.truncate(path, 10)
+        assert "shrank from" in file.change
+
+
+def test_a_run_that_goes_on_while_its_history_is_read_is_refused_or_told(
+    block, write_frd, monkeypatch
+):
+    blocks = [block("STRESS", k, k * 1e-3, [(1, [1.0] * 6)]) for k in (1, 2)]
+    path = write_frd(blocks)
+    node_ids = "fembridge.results.frd.node_ids"
+    original = frd.node_ids
+
+    def growing(file, one):
+        with path.open("ab") as more:
+            more.write(b"\n")
+        return original(file, one)
+
+    monkeypatch.setattr(node_ids, growing)
+    with pytest.raises(ResultError):
+        frd.read_stress_tensor(path, [1])
+    heard = []
+    options = ReadOptions(partial=True, log=heard.append)
+    path = write_frd(blocks)
+    assert frd.read_stress_tensor(path, [1], options)[0].tolist() == [1.0, 2.0]
+    assert "it grew from" in heard[-1]
+
+
+def hole(path, start, size=HOLE_BYTES):
+    """Write `start` and, behind it, `size` bytes without a line end."""
+    path.write_bytes(start)
+    os.truncate(path, len(start) + size)
+    return path
+
+
+def peak_bytes(action):
+    """Memory that `action` takes at most."""
+    tracemalloc.start()
+    try:
+        action()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def refused(action, words):
+    def attempt():
+        with pytest.raises(FembridgeError, match=words):
+            action()
+
+    return attempt
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "reader", "words"),
+    [
+        ("a.frd", b"    1C", frd.describe, None),
+        ("b.frd", b"    1C", lambda p: read(p, [1]), "a line of more than 4096 bytes"),
+        ("c.dat", b"\n", lambda p: read_total_force(p, "A"), "more than 65536 bytes"),
+        ("d.sta", b"\n\n\n", read_sta, "a line of more than 65536 bytes"),
+        ("e.cvg", b"\n\n\n\n\n", read_cvg, "a line of more than 65536 bytes"),
+        ("f.inp", b"*NSET, NSET=A\n1,", read_node_sets, "bytes, expected a deck of"),
+    ],
+)
+def test_a_line_of_two_gigabytes_is_named_in_little_memory(tmp_path, name, start, reader, words):
+    path = hole(tmp_path / name, start)
+    action = (lambda: reader(path)) if words is None else refused(
+        lambda: reader(path), words
+    )  # fmt: skip
+    assert peak_bytes(action) < 8 << 20
+    if words is None:
+        assert "a line of more than 4096 bytes" in reader(path)["problem"]
+
+
+def test_a_block_of_nothing_is_named_in_little_memory(block, write_frd, tmp_path):
+    """A hole that a full disk left, where records should be; it is read through."""
+    whole = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])]).read_bytes()
+    path = hole(tmp_path / "hole.frd", whole[: whole.rindex(b" -1         1")], SEARCHED)
+    words = r"STRESS of step 1, increment 1 is cut at byte \d+, after 0 of 1 records"
+    assert peak_bytes(refused(lambda: read(path, [1]), words)) < 8 << 20
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+@pytest.mark.parametrize("reader", [lambda p: read(p, [1]), lambda p: list(read_fields(p))])
+def test_a_count_of_billions_takes_no_memory(block, write_frd, flag, reader):
+    lying = block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=flag, count=999_999_999_999)
+    path = write_frd([lying])
+    words = "999999999999 records"
+    assert peak_bytes(refused(lambda: reader(path), words)) < 8 << 20
+
+
+@pytest.mark.parametrize("kind", [b"    2C", b"    3C"])
+@pytest.mark.parametrize("mesh_flag", [1, 2])
+def test_a_mesh_count_of_billions_takes_no_memory(block, write_frd, kind, mesh_flag):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])], mesh_flag=mesh_flag)
+    content = path.read_bytes()
+    at = content.index(kind) + 24
+    path.write_bytes(content[:at] + b"999999999999" + content[at + 12 :])
+    name = "node block" if kind == b"    2C" else "element block"
+    action = refused(lambda: read(path, [1]), f"{name}: .*999999999999")
+    assert peak_bytes(action) < 8 << 20
+
+
+def test_a_mesh_count_that_lies_leaves_the_results_to_partial(block, write_frd):
+    records = [(1, [1.0] * 6)]
+    path = write_frd([block("STRESS", k, k * 1e-3, records) for k in (1, 2)])
+    content = path.read_bytes()
+    at = content.index(b"    2C") + 24
+    path.write_bytes(content[:at] + b"%12d" % 3 + content[at + 12 :])
+    with pytest.raises(ResultError, match="node block: 3 records announced, 4 present"):
+        read(path, [1])
+    assert len(read(path, [1], partial=True)[0].stress_pa) == 2
+
+
+def test_a_header_that_announces_thousands_of_components_is_named(block, write_frd):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])])
+    content = path.read_bytes().replace(b" -4  STRESS      6", b" -4  STRESS  99999")
+    path.write_bytes(content)
+    with pytest.raises(ResultError, match="STRESS announces 99999 components"):
+        read(path, [1])
+
+
+def test_bytes_that_look_like_markers_are_values_in_a_binary_block(block, write_frd):
+    for text in (b" -3\n", b" 9999\n  ", b"    1PST", b"  100CL "):
+        (value,) = struct.unpack("<d", text.ljust(8)[:8])
+        records = [(1, [value, 1.0, 2.0, 3.0, 4.0, 5.0]), (2, [6.0] * 6)]
+        blocks = [block("STRESS", k, k * 1e-3, records, flag=3) for k in (1, 2)]
+        path = write_frd(blocks, mesh_flag=2)
+        with ByteFile(path) as file:
+            assert not FrdIndex(file).damage
+        options = ReadOptions(stress_unit="Pa")
+        tensor_pa = frd.read_stress_tensor(path, [1], options)[1]
+        assert tensor_pa[:, 0, 0].tolist() == [value, value]
+
+
+def test_a_number_too_large_to_be_a_stress_is_named(block, write_frd):
+    records = [(1, [1e305] * 6)]
+    path = write_frd([block("STRESS", k, k * 1e-3, records, flag=3) for k in (1, 2)])
+    with pytest.raises(ResultError, match=r"a stress of 1e\+305 MPa"):
+        frd.read_stress_tensor(path, [1])
+    with pytest.raises(TraceError, match="stress is inf at sample 0"):
+        read(write_frd([
+            block("STRESS", k, k * 1e-3, [(1, [1e200, 0, 0, 0, 0, 0])], flag=3)
+            for k in (1, 2)
+        ]), [1])  # fmt: skip
+
+
+def test_thousands_of_damaged_blocks_are_told_in_three(block, write_frd):
+    wrong = block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], count=2)
+    problem = frd.describe(write_frd([wrong] * 2000))["problem"]
+    assert problem.count("announces 2 records and has 1") == 3
+    assert "and 1997 places more" in problem
+
+
+def test_a_blank_count_of_records_is_read_to_the_end_line(block, write_frd):
+    records = [(n, [float(n)] * 6) for n in (1, 2, 3)]
+    path = write_frd([block("STRESS", k, k * 1e-3, records) for k in (1, 2)])
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"           3" + b" " * 21 + b"0", b" " * 33 + b"0"))
+    assert path.read_bytes() != content
+    assert len(read(path, [3])[0].stress_pa) == 2

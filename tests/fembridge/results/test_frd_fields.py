@@ -1,0 +1,531 @@
+"""Whole fields and the mesh: every sample, what a writer knows, damage, bounded memory."""
+
+import csv
+import json
+import re
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.fields import column_names, read_field, write_field
+from fembridge.results.frd import NODES_OF_TYPE
+from fembridge.results.frd_fields import KIND_OF_TYPE, read_fields, read_grid
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import tensor_of, von_mises_pa
+
+SAMPLES = Path(__file__).parents[3] / "fixtures" / "frd_samples"
+EXPECTED = json.loads((SAMPLES / "expected.json").read_text("utf-8"))
+WITH_STRESS = [name for name, row in EXPECTED.items() if "von_mises_at_nodes" in row]
+TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
+
+
+def plain_values(path, name):
+    """Values of each block `name` of an ASCII file, line by line, by ``float``."""
+    blocks, node, current = [], {}, None
+    for line in path.read_bytes().decode("latin-1").split("\n"):
+        if line.startswith(" -4"):
+            current = line[5:13].strip()
+        elif line.startswith(" -3") and current == name:
+            blocks.append(node)
+            node, current = {}, None
+        elif line.startswith((" -1", " -2")) and current == name:
+            found = [float(text) for text in TOUCHING.findall(line[13:])]
+            key = int(line[3:13]) if line.startswith(" -1") else list(node)[-1]
+            node.setdefault(key, []).extend(found)
+    return blocks
+
+
+@pytest.mark.parametrize("name", WITH_STRESS)
+def test_von_mises_at_the_probes_is_what_an_independent_reader_found(name):
+    known = EXPECTED[name]["von_mises_at_nodes"]
+    fields = list(read_fields(SAMPLES / name, partial=True))
+    assert_allclose([f.time_ms / 1e3 for f in fields], known["times"], rtol=1e-12)
+    for node, stress_mpa in known["values"].items():
+        stress_pa = [von_mises_pa(tensor_of_node(field, int(node))) for field in fields]
+        assert_allclose(stress_pa, np.array(stress_mpa) * 1e6, rtol=1e-6)
+
+
+def tensor_of_node(field, node):
+    return tensor_of(field)[np.flatnonzero(field.nodes == node)[0]]
+
+
+@pytest.mark.parametrize("name", ["cpe4_ascii", "cpe4_nset_unsorted_dup"])
+@pytest.mark.parametrize("quantity", ["STRESS", "DISP", "ERROR"])
+def test_every_number_is_the_float_of_its_text(samples, name, quantity):
+    path = samples / f"{name}.frd"
+    fields = list(read_fields(path, quantity, stress_unit="Pa"))
+    blocks = plain_values(path, quantity)
+    assert len(fields) == len(blocks) > 0
+    for field, block in zip(fields, blocks, strict=True):
+        if quantity != "ERROR" and name == "cpe4_ascii":
+            assert field.nodes.tolist() == list(block)
+        for node, row in zip(field.nodes.tolist(), field.values, strict=True):
+            assert row.tolist() == block[node][: row.size]
+
+
+def test_all_storages_of_one_run_agree_within_their_rounding(samples):
+    exact, text, single = (
+        list(read_fields(samples / f"cpe4_{how}.frd")) for how in ("bin_f64", "ascii", "bin_f32")
+    )
+    for known, printed, packed in zip(exact, text, single, strict=True):
+        assert_array_equal(printed.nodes, known.nodes)
+        assert_allclose(printed.values, known.values, rtol=5.1e-6, atol=1e-9)
+        assert_allclose(packed.values, known.values, rtol=6e-8, atol=1e-9)
+
+
+VALUES = st.floats(-1e30, 1e30, width=32).map(lambda x: float(f"{x:.5E}"))
+
+
+@settings(deadline=None, max_examples=60)
+@given(data=st.data(), flag=st.sampled_from([0, 1, 2, 3]), seed=st.integers(0, 99))
+def test_what_was_written_is_read_whatever_the_storage(write_frd, block, data, flag, seed):
+    count = data.draw(st.integers(1, 14), label="components")
+    nodes = data.draw(st.lists(st.integers(1, 99_999), min_size=1, max_size=20), label="nodes")
+    names = tuple(f"SDV{k}" for k in range(count))
+    rng = np.random.default_rng(seed)
+    tables = []
+    for _ in range(2):
+        values = rng.normal(size=(len(nodes), count)) * 10.0 ** rng.integers(-30, 30)
+        if flag == 2:
+            values = values.astype(np.float32).astype(np.float64)
+        if flag < 2:
+            values = np.array([[float(f"{x:.5E}") for x in row] for row in values])
+        tables.append(values)
+    path = write_frd(
+        [
+            block(
+                "SDV",
+                k,
+                k * 1e-3,
+                list(zip(nodes, values.tolist(), strict=True)),
+                flag,
+                components=names,
+            )
+            for k, values in enumerate(tables, start=1)
+        ]
+    )
+    fields = list(read_fields(path, "SDV"))
+    assert [field.increment for field in fields] == [1, 2]
+    for field, values in zip(fields, tables, strict=True):
+        assert field.components == names
+        assert field.nodes.tolist() == nodes
+        assert_array_equal(field.values, values)
+
+
+def three_digits(value):
+    text = f"{value:.5E}"
+    return f"{text[:-2]}0{text[-2:]}".rjust(12)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+@pytest.mark.parametrize("chunk_bytes", [1 << 20, 400])
+def test_exponents_of_three_digits_are_read(
+    write_frd, block, sign, line_end, chunk_bytes, monkeypatch
+):
+    monkeypatch.setattr("fembridge.results.byte_file.CHUNK_BYTES", chunk_bytes)
+    values = [sign * 5.28012e-3, 3.06745e-3, sign, 0.0, 2e10, -1e-12, 7.5]
+    names = tuple(f"SDV{k}" for k in range(7))
+    records = [(node, [node * x for x in values]) for node in range(1, 30)]
+    blocks = [
+        block("SDV", k, k * 1e-3, records, components=names, number=three_digits) for k in (1, 2)
+    ]
+    path = write_frd(blocks, line_end=line_end)
+    for at_once in (None, 10):
+        fields = list(read_fields(path, "SDV", nodes_at_once=at_once))
+        found = np.concatenate([f.values for f in fields if f.increment == 2])
+        expected = [[float(f"{x:.5E}") for x in row] for _, row in records]
+        assert found.tolist() == expected
+
+
+def test_units_are_said_and_applied(samples):
+    path = samples / "cpe4_ascii.frd"
+    names = ("STRESS", "DISP", "TOSTRAIN", "FORC", "CONTACT")
+    joined = {name: next(read_fields(path, name)) for name in names}
+    assert {name: field.units[0] for name, field in joined.items()} == {
+        "STRESS": "Pa", "DISP": "mm", "TOSTRAIN": "1", "FORC": "N", "CONTACT": "mm",
+    }  # fmt: skip
+    contact = joined["CONTACT"]
+    assert contact.units[contact.components.index("CPRESS")] == "Pa"
+    raw = next(read_fields(path, "CONTACT", stress_unit="Pa"))
+    for name, factor in (("CPRESS", 1e6), ("COPEN", 1.0)):
+        assert_array_equal(contact.component(name), factor * raw.component(name))
+
+
+@pytest.mark.parametrize(
+    ("code", "word", "axis"),
+    [
+        (b" 2", b"MODAL     ", "frequency in cycles per time"),
+        (b" 4", b"MODAL     ", "buckling factor"),
+    ],
+)
+def test_a_mode_has_a_number_and_no_time(write_frd, block, code, word, axis):
+    path = write_frd([block("DISP", 1, 0.25, [(1, (1, 2, 3))])])
+    content = bytearray(path.read_bytes())
+    at = content.index(b"  100CL")
+    content[at + 56 : at + 58], content[at + 63 : at + 73] = code, word
+    path.write_bytes(content)
+    (field,) = read_fields(path, "DISP")
+    assert np.isnan(field.time_ms)
+    assert (field.axis, field.axis_value) == (axis, 0.25)
+    assert field.values.tolist() == [[1, 2, 3]]
+
+
+def test_a_field_is_read_only_and_finds_its_nodes(samples):
+    field = next(read_fields(samples / "cpe4_nset_unsorted_dup.frd"))
+    assert field.nodes.tolist() == [25, 11, 18, 11]
+    assert_array_equal(field.at([11, 25]), field.values[[1, 0]])
+    with pytest.raises(ValueError):
+        field.values[0, 0] = 0.0
+    with pytest.raises(UsageError, match="has no node 12"):
+        field.at([12])
+    with pytest.raises(UsageError):
+        field.component("SXZ")
+
+
+def test_node_numbers_that_repeat_are_kept_once(samples):
+    first, second, *_ = read_fields(samples / "cpe4_ascii.frd")
+    assert np.shares_memory(first.nodes, second.nodes)
+
+
+def test_parts_of_an_increment_are_the_whole(samples):
+    path = samples / "cpe4_ascii.frd"
+    whole = list(read_fields(path))
+    parts = list(read_fields(path, nodes_at_once=20))
+    assert [(p.increment, p.first_row, p.nodes.size) for p in parts[:3]] == [
+        (1, 0, 20), (1, 20, 20), (1, 40, 7),
+    ]  # fmt: skip
+    for field in whole:
+        mine = [p.values for p in parts if p.increment == field.increment]
+        assert_array_equal(np.concatenate(mine), field.values)
+
+
+@pytest.mark.parametrize("flag", [0, 1, 2, 3])
+def test_a_block_larger_than_a_chunk_is_read_whole(write_frd, block, flag, monkeypatch):
+    monkeypatch.setattr("fembridge.results.frd_fields._TEXT_BYTES", 500)
+    records = [(node, [node * x for x in range(6)]) for node in range(1, 90)]
+    path = write_frd([block("STRESS", 1, 1e-3, records, flag)])
+    (field,) = read_fields(path, stress_unit="Pa")
+    assert field.values.tolist() == [list(row) for _, row in records]
+
+
+@pytest.mark.parametrize("flag", [1, 2])
+def test_no_more_than_two_increments_and_one_piece_of_text_are_in_memory(
+    write_frd, block, flag, monkeypatch
+):
+    """Counted, not measured: what else the process allocates does not matter."""
+    records = [(node, [float(node)] * 6) for node in range(1, 8001)]
+    path = write_frd([block("STRESS", k, k * 1e-3, records, flag) for k in (1, 2, 3)])
+    taken, alive = [], []
+    take = ByteFile.take
+    monkeypatch.setattr(
+        ByteFile, "take", lambda self, at, size: taken.append(size) or take(self, at, size)
+    )
+    for field in read_fields(path):
+        assert sum(one() is not None for one in alive) <= 1  # the one before
+        alive.append(weakref.ref(field.values.base))
+    assert len(alive) == 3
+    del field
+    assert all(one() is None for one in alive)
+    for part in read_fields(path, nodes_at_once=1000):
+        assert part.values.base.nbytes == 1000 * 6 * 8
+    assert max(taken) < 400_000
+
+
+ELEMENTS = st.lists(
+    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)), min_size=1, max_size=40
+)
+
+
+@settings(deadline=None)
+@given(
+    kinds=ELEMENTS,
+    mesh_flag=st.sampled_from([1, 2]),
+    line_end=st.sampled_from(["\n", "\r\n"]),
+    runs=st.integers(1, 40),
+    seed=st.integers(0, 99),
+)
+def test_any_mix_of_elements_is_read_as_it_was_written(
+    write_frd, kinds, mesh_flag, line_end, runs, seed
+):
+    rng, nodes = np.random.default_rng(seed), [3, 1, *range(7, 50)]
+    elements = [
+        (kind, material, rng.choice(nodes, NODES_OF_TYPE[kind]).tolist())
+        for kind, material in kinds
+        for _ in range(1 + runs // len(kinds))
+    ]
+    if mesh_flag == 2:
+        line_end = "\n"  # among packed numbers it would be one of them
+    path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end)
+    grid = read_grid(path)
+    assert grid.nodes.tolist() == nodes
+    assert grid.coordinates_mm.tolist() == [[node, 0, 0] for node in nodes]
+    assert grid.materials == {1: "EPI", 2: "DER"}
+    numbered = [(number, *row) for number, row in enumerate(elements, start=1)]
+    assert [cells.kind for cells in grid.cells] == [
+        KIND_OF_TYPE[kind] for kind in sorted({kind for kind, _, _ in elements})
+    ]
+    for cells in grid.cells:
+        mine = [row for row in numbered if KIND_OF_TYPE[row[1]] == cells.kind]
+        assert cells.ids.tolist() == [number for number, *_ in mine]
+        assert cells.material.tolist() == [material for _, _, material, _ in mine]
+        assert cells.corners.tolist() == [corners for *_, corners in mine]
+    met = [
+        len({material for _, material, corners in elements if node in corners}) for node in nodes
+    ]
+    assert grid.materials_met().tolist() == met
+
+
+@pytest.mark.parametrize("mesh_flag", [1, 2])
+@pytest.mark.parametrize("chunk_bytes", [300, 997, 5000])
+def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_bytes, monkeypatch):
+    monkeypatch.setattr("fembridge.results.frd.CHUNK_BYTES", chunk_bytes)
+    monkeypatch.setattr("fembridge.results.frd_fields._TEXT_BYTES", chunk_bytes)
+    nodes = list(range(1, 130))
+    elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
+    elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
+    path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag)
+    he20, qu4 = read_grid(path).cells
+    assert (he20.kind, qu4.kind) == ("he20", "qu4")
+    assert he20.corners.tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
+    assert qu4.corners.tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
+    assert qu4.ids.tolist() == [*range(1, 51), *range(127, 175)]
+
+
+def test_all_storages_of_one_run_have_the_same_mesh(samples):
+    text, single, double = (
+        read_grid(samples / f"cpe4_{how}.frd") for how in ("ascii", "bin_f32", "bin_f64")
+    )
+    for other in (single, double):
+        assert_array_equal(other.nodes, text.nodes)
+        assert_allclose(other.coordinates_mm, text.coordinates_mm, rtol=5.1e-6)
+        assert_array_equal(other.cells[0].corners, text.cells[0].corners)
+        assert_array_equal(other.cells[0].material, text.cells[0].material)
+        assert other.materials == text.materials
+
+
+def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
+    deck = (samples / "interface_cpe8r.inp").read_text().splitlines()
+    start = deck.index("*NODE, NSET=NALL") + 1
+    nodes, elements, section = {}, {}, "*NODE"
+    for line in deck[start:]:
+        number, *words = line.split(",")
+        if line.startswith("*"):
+            section = number
+        elif section == "*NODE":
+            nodes[int(number)] = [float(word) for word in words]
+        elif section == "*ELEMENT":
+            elements[int(number)] = [int(word) for word in words]
+    grid = read_grid(samples / "interface_cpe8r.frd")
+    places = grid.coordinates_mm.tolist()
+    assert dict(zip(grid.nodes.tolist(), places, strict=True)) == nodes
+    (cells,) = grid.cells
+    assert cells.kind == "qu8"
+    assert dict(zip(cells.ids.tolist(), cells.corners.tolist(), strict=True)) == elements
+    on_boundary = grid.coordinates_mm[:, 1] == 0.5
+    assert_array_equal(grid.materials_met() == 2, on_boundary)
+
+
+def test_blank_counts_and_beams_are_read(samples):
+    """As in the file of the last iterations: contact springs are two-node beams."""
+    grid = read_grid(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
+    assert grid.nodes.size == 188
+    assert [(c.kind, c.corners.shape) for c in grid.cells] == [("he8", (30, 8)), ("be2", (112, 2))]
+
+
+def test_a_file_without_a_mesh_is_told(samples):
+    with pytest.raises(ResultError):
+        read_grid(samples / "cpe4_nosolver.frd")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b" -2         1         2", b" -2         1         x", "is no element"),
+        (b" -2         1         2", b" -2         1        77", "has node 77"),
+        (b"    9    0    1", b"   10    0    1", "type 10 has 4 nodes, expected 8"),
+        (b"    9    0    1", b"   19    0    1", "type 19 has 4 nodes"),
+        (b" -1         1    9", b" -1         x    9", "is no element"),
+        (b"2 2.00000E+00", b"2 2.0O000E+00", "node block, node 2, x: "),
+        (b"2 2.00000E+00", b"2         NAN", "node 2 at 0 ms: node block x is nan"),
+        (b" -1         2 2.0", b" -1         1 2.0", "a node is duplicate"),
+    ],
+)
+def test_a_damaged_mesh_is_told(write_frd, old, new, words):
+    path = write_frd([])
+    content = path.read_bytes()
+    assert content.count(old) == 1
+    path.write_bytes(content.replace(old, new))
+    with pytest.raises(ResultError, match=words):
+        read_grid(path)
+
+
+def test_a_packed_element_of_unknown_type_is_told(write_frd):
+    path = write_frd([], mesh_flag=2)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"    3C")
+    first = content.index(b"\n", at) + 1
+    content[first + 4] = 77
+    path.write_bytes(content)
+    with pytest.raises(ResultError, match="element type 77 at byte"):
+        read_grid(path)
+
+
+def test_a_quantity_that_is_not_there_is_named_with_those_that_are(samples):
+    with pytest.raises(ResultError):
+        read_fields(samples / "cpe4_ascii.frd", "HEAT")
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_not_finite_is_refused_or_left_out(write_frd, block, flag, value):
+    good = [(n, [1.0] * 6) for n in (1, 2)]
+    bad = [(1, [1.0] * 6), (2, [1.0, value, 1.0, 1.0, 1.0, 1.0])]
+    path = write_frd(
+        [block("STRESS", k, k * 1e-3, bad if k == 2 else good, flag) for k in (1, 2, 3)]
+    )
+    words = f"node 2 at 2 ms: STRESS SYY is {value}"
+    with pytest.raises(ResultError, match=words):
+        list(read_fields(path))
+    said = []
+    fields = list(read_fields(path, partial=True, log=said.append))
+    assert [field.increment for field in fields] == [1, 3]
+    assert said == [f"dropped step 1, increment 2: {words}"]
+
+
+def test_a_number_too_large_in_pascal_is_no_number(write_frd, block):
+    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1e305] * 6)], 3)])
+    with pytest.raises(ResultError, match="node 1 at 1 ms: STRESS SXX is inf"):
+        list(read_fields(path))
+    (field,) = read_fields(path, stress_unit="Pa")
+    assert field.values.tolist() == [[1e305] * 6]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b"1.00000E+00", b"1.0000xE+00", r"node 2, SYY: ' 1.0000xE\+00' is no number"),
+        (b" -1         2", b" -1       2 x", "record 2 of 2 begins with"),
+        (b" -1         2", b" -5         2", "record 2 of 2 begins with"),
+    ],
+)
+def test_a_damaged_record_is_named(write_frd, block, old, new, words):
+    records = [(1, [2.0] * 6), (2, [3.0, 1.0, 3.0, 3.0, 3.0, 3.0])]
+    path = write_frd([block("STRESS", 1, 1e-3, records)])
+    content = path.read_bytes()
+    at = content.rindex(old)
+    path.write_bytes(content[:at] + new + content[at + len(old) :])
+    with pytest.raises(ResultError, match=words):
+        list(read_fields(path, partial=True))
+
+
+@pytest.mark.parametrize("records", [1, 500])
+def test_fields_of_a_file_that_shrinks_are_refused(write_frd, block, records):
+    rows = [(node, range(6)) for node in range(1, records + 1)]
+    path = write_frd([block("STRESS", k, k * 1e-3, rows) for k in range(1, 9)])
+    fields = read_fields(path)
+    next(fields)
+    path.write_bytes(path.read_bytes()[:-1000])
+    with pytest.raises(ResultError):
+        list(fields)
+
+
+def test_a_file_that_grows_is_read_as_far_as_it_was_with_partial(write_frd, block):
+    rows = [(node, range(6)) for node in range(1, 9)]
+    path = write_frd([block("STRESS", k, k * 1e-3, rows) for k in (1, 2)])
+    said = []
+    strict, lenient = (read_fields(path), read_fields(path, partial=True, log=said.append))
+    next(strict), next(lenient)
+    with path.open("ab") as file:
+        file.write(b"more")
+    assert len(list(lenient)) == 1
+    assert "grew" in said[0]
+    with pytest.raises(ResultError):
+        list(strict)
+
+
+@pytest.mark.parametrize(
+    ("increment", "step", "number", "time_ms"),
+    [("last", 2, 2, 3.0), ("1:2", 1, 2, 1.0), ("2:1", 2, 1, 2.5), ("4", 1, 4, 2.0)],
+)
+def test_an_increment_is_chosen_by_number_or_step_and_number(
+    samples, increment, step, number, time_ms
+):
+    field = read_field(samples / "cpe4_2step_mixed.frd", "STRESS", increment)
+    assert (field.step, field.increment) == (step, number)
+    assert field.time_ms == pytest.approx(time_ms)
+
+
+def test_an_increment_of_two_steps_is_misuse(samples):
+    with pytest.raises(UsageError, match="increment 2 is in 2 steps: 1:2, 2:2"):
+        read_field(samples / "cpe4_2step_mixed.frd", "STRESS", "2")
+
+
+@pytest.mark.parametrize("word", ["first", "-1", "1:", "1:2:3", ""])
+def test_a_word_that_chooses_nothing_is_misuse(samples, word):
+    with pytest.raises(UsageError):
+        read_field(samples / "cpe4_ascii.frd", "STRESS", word)
+
+
+def test_an_increment_that_is_absent_is_named_beside_those_there(samples):
+    with pytest.raises(ResultError, match="no increment 9 of DISP, it has 1:1 to 1:4"):
+        read_field(samples / "cpe4_ascii.frd", "DISP", "9")
+
+
+def test_a_cut_file_gives_the_last_whole_field_when_partial(samples):
+    path = samples / "kill_ascii.frd"
+    with pytest.raises(ResultError, match="after 157 of 252 records"):
+        read_field(path, "DISP")
+    field = read_field(path, "DISP", "last", ReadOptions(partial=True))
+    assert (field.increment, field.nodes.size) == (1, 252)
+
+
+def test_the_one_field_is_that_of_the_pass_over_all(samples):
+    path = samples / "cpe8r_nset_bin_f32.frd"
+    for field in read_fields(path, "STRESS"):
+        one = read_field(path, "STRESS", str(field.increment))
+        assert np.array_equal(one.values, field.values)
+        assert np.array_equal(one.nodes, field.nodes)
+
+
+def test_a_csv_has_a_row_a_node_and_units_in_its_names(samples, tmp_path):
+    field = read_field(samples / "cpe4_ascii.frd", "STRESS")
+    write_field(tmp_path / "f.csv", field)
+    with (tmp_path / "f.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["node", "sxx_pa", "syy_pa", "szz_pa", "sxy_pa", "syz_pa", "szx_pa"]
+    table = np.array(rows[1:], dtype=float)
+    assert np.array_equal(table[:, 0], field.nodes)
+    assert np.array_equal(table[:, 1:], field.values)
+
+
+def test_an_npz_holds_all_of_the_field(samples, tmp_path):
+    field = read_field(samples / "cpe4_ascii.frd", "DISP", "2")
+    write_field(tmp_path / "f.npz", field)
+    with np.load(tmp_path / "f.npz") as held:
+        assert held["components"].tolist() == ["D1", "D2", "D3"]
+        assert held["units"].tolist() == ["mm"] * 3
+        assert (held["step"], held["increment"], held["time_ms"]) == (1, 2, 1.0)
+        assert np.array_equal(held["values"], field.values)
+        assert np.array_equal(held["nodes"], field.nodes)
+
+
+def test_another_suffix_is_misuse(samples, tmp_path):
+    field = read_field(samples / "cpe4_ascii.frd", "DISP")
+    with pytest.raises(UsageError):
+        write_field(tmp_path / "f.txt", field)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_of_columns_are_words(samples):
+    contact = read_field(samples / "cpe4_ascii.frd", "CONTACT")
+    assert column_names(contact)[:2] == ["copen_mm", "cslip1_mm"]
+    error = read_field(samples / "cpe4_ascii.frd", "ERROR")
+    assert column_names(error) == ["str_percent"]

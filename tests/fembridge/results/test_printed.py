@@ -1,0 +1,497 @@
+"""Prints of CalculiX: ``.sta``, ``.cvg``, and every kind of section in a ``.dat``."""
+
+import csv
+import os
+import re
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from fembridge.errors import ResultError
+from fembridge.results import printed
+from fembridge.results.frd import read_displacement
+from fembridge.results.printed import (
+    CvgRow,
+    StaRow,
+    dat_sections,
+    print_table_of,
+    read_cvg,
+    read_point_traces,
+    read_sta,
+    write_print_table,
+)
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import von_mises_pa
+
+
+def test_increments_of_a_run_are_listed_in_ms(samples):
+    rows = read_sta(samples / "cpe4_ascii.sta")
+    assert rows[-1] == StaRow(1, 4, 1, False, 5, 2.0, 2.0, 0.5)
+    assert [row.increment for row in rows] == [1, 2, 3, 4]
+
+
+def test_increment_numbers_begin_again_in_a_second_step(samples):
+    rows = read_sta(samples / "cpe4_2step_mixed.sta")
+    assert [(row.step, row.increment) for row in rows][-2:] == [(2, 1), (2, 2)]
+    assert (rows[-1].total_time_ms, rows[-1].step_time_ms) == (3.0, 1.0)
+
+
+def test_a_failed_attempt_keeps_the_time_at_its_start(samples):
+    rows = read_sta(samples / "cpe4_diverged.sta")
+    assert [row.failed for row in rows] == [False, True]
+    assert (rows[1].total_time_ms, rows[1].increment_time_ms) == (0.5, 0.5)
+
+
+def test_a_run_that_stopped_at_its_start_has_no_rows(samples):
+    assert read_sta(samples / "cpe4_negjac.sta") == []
+
+
+@pytest.mark.parametrize(
+    ("name", "read_rows"), [("cpe4_ascii.sta", read_sta), ("cpe4_ascii.cvg", read_cvg)]
+)
+def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, name, read_rows):
+    whole = (samples / name).read_bytes()
+    rows, path = read_rows(samples / name), tmp_path / name
+    path.write_bytes(whole)
+    for size in range(len(whole), -1, -1):
+        os.truncate(path, size)
+        headers = 2 if name.endswith("sta") else 4
+        complete = max(0, whole[:size].count(b"\n") - headers)
+        assert read_rows(path) == rows[:complete]
+
+
+def test_iterations_of_a_run_are_listed(samples):
+    rows = read_cvg(samples / "cpe4_ascii.cvg")
+    assert rows[0] == CvgRow(1, 1, 1, 1, 112, 412.6, 100.0, 0.0, 0.0)
+    assert len([row for row in rows if row.increment == 1]) == 5
+
+
+def test_a_diverging_residual_is_seen(samples):
+    rows = read_cvg(samples / "cpe4_diverged.cvg")
+    assert max(row.force_residual_percent for row in rows) > 5e3
+
+
+def test_more_iterations_than_the_field_holds_are_none(tmp_path):
+    path = tmp_path / "job.cvg"
+    line = "     1     2     1  ****     1120         NaN ***********"
+    path.write_text("\n" * 4 + line + "  0.0000E+00  0.1000E+01\n")
+    (row,) = read_cvg(path)
+    assert (row.iteration, row.contact_springs) == (None, 1120)
+    assert row.force_residual_percent != row.force_residual_percent
+    assert row.displacement_correction_percent != row.displacement_correction_percent
+    assert row.temperature_correction_percent == 1.0
+
+
+@pytest.mark.parametrize("read_rows", [read_sta, read_cvg])
+def test_a_whole_line_that_is_no_row_is_refused_by_number(tmp_path, read_rows):
+    path = tmp_path / "job.sta"
+    path.write_text("\n" * 5 + "not a row\n")
+    with pytest.raises(ResultError, match=r"job\.sta:6: no "):
+        read_rows(path)
+
+
+CUT_STEP = 1 if os.environ.get("CI") == "true" else 5
+STRESSES = " stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and time  0.5000000E-03"
+
+
+def test_total_force_is_the_sum_of_the_nodal_forces(samples):
+    path = samples / "cpe4_ascii.dat"
+    times_ms, total_n = printed.read_total_force(path, "NTOP")
+    same_ms, nodes, forces_n = printed.read_node_print(path, "forces", "ntop")
+    assert_allclose(times_ms, [0.5, 1.0, 1.5, 2.0], rtol=1e-12)
+    assert_allclose(same_ms, times_ms, rtol=0)
+    assert nodes.tolist() == [44, 45, 46, 47]
+    assert_allclose(total_n, forces_n.sum(axis=1), rtol=1e-6, atol=1e-9)
+    assert_allclose(total_n[0, 1], -1.466055e-02, rtol=0)
+
+
+def test_printed_displacement_is_that_of_the_result_file(samples):
+    _, nodes, moved_mm = printed.read_node_print(
+        samples / "cpe4_ascii.dat", "displacements", "PROBES"
+    )
+    _, stored_mm = read_displacement(samples / "cpe4_ascii.frd", nodes.tolist())
+    assert_allclose(moved_mm, stored_mm, rtol=5e-6, atol=1e-15)
+
+
+def test_integration_points_tell_two_layers_apart_where_nodes_do_not(samples):
+    """E of 0.05 and 2 MPa, nu 0.3, stretched alike, plane strain, free above:
+    stress s along it, nu s across the plane, so sqrt(1 - nu + nu²) s of von Mises.
+    """
+    _, points, tensor_pa = printed.read_point_stress(
+        samples / "interface_cpe8r.dat", section_set(samples / "interface_cpe8r.dat")
+    )
+    along_pa = tensor_pa[-1, :, 0]
+    assert points.shape == (along_pa.size, 2)
+    assert set(np.round(along_pa).astype(int)) == {549, 21978}
+    mises_pa = von_mises_pa(tensor_pa)[-1]
+    assert_allclose(mises_pa, np.sqrt(1 - 0.3 + 0.3**2) * along_pa, rtol=1e-5)
+
+
+def section_set(path):
+    with pytest.raises(ResultError) as caught:
+        printed.read_sections(path, "nothing")
+    held = str(caught.value).partition("it holds ")[2].split("; ")
+    return next(name for name in held if name.startswith("stresses")).split()[-1]
+
+
+def test_the_shears_leave_in_the_order_of_the_result_file(tmp_path):
+    path = tmp_path / "job.dat"
+    numbers = "".join(f" {value:13.6E}" for value in range(1, 7))
+    path.write_text(f"\n{STRESSES}\n\n         1   1{numbers}\n")
+    _, _, tensor_pa = printed.read_point_stress(path, "EP", ReadOptions(stress_unit="Pa"))
+    assert tensor_pa.tolist() == [[[1, 2, 3, 4, 6, 5]]]  # xx yy zz xy yz zx
+
+
+def test_contact_prints_keep_element_and_face(samples):
+    sections = printed.read_sections(samples / "cpe4_ascii.dat", "contact stress")
+    assert [section.time_ms for section in sections] == [0.5, 1.0, 1.5, 2.0]
+    assert sections[0].columns == ("press", "tang1", "tang2")
+    assert sections[0].labels[0].tolist() == [21, 5]
+    assert_allclose(sections[0].values[0, 0], 2.196991e-02, rtol=0)
+
+
+def test_a_set_that_is_absent_is_named_beside_those_there(samples):
+    with pytest.raises(ResultError):
+        printed.read_total_force(samples / "cpe4_ascii.dat", "NBOT")
+
+
+def test_every_cut_is_an_error_or_a_true_beginning(samples, tmp_path):
+    """Cut at a line end, a section is one record short or wholly absent."""
+    path = tmp_path / "cut.dat"
+    whole = (samples / "cpe4_ascii.dat").read_bytes()
+    head = whole[: whole.index(b" stresses")]
+    later = whole[whole.index(b" displacements", len(head)) :]
+    run = head + later[: later.index(b" stresses")]
+    path.write_bytes(run)
+    _, _, forces_n = printed.read_node_print(path, "forces", "NTOP")
+    counts = set()
+    for size in range(len(run) - 1, -1, -CUT_STEP):
+        os.truncate(path, size)
+        try:
+            _, _, some_n = printed.read_node_print(
+                path, "forces", "NTOP", ReadOptions(partial=True)
+            )
+        except ResultError:
+            continue
+        counts.add(len(some_n))
+        shared = min(some_n.shape[1], 4)
+        assert_allclose(some_n[:, :shared], forces_n[: len(some_n), :shared], rtol=0)
+    assert counts == {1, 2}
+
+
+def test_a_record_cut_inside_is_refused_unless_partial(samples, tmp_path):
+    path = tmp_path / "job.dat"
+    shutil.copy(samples / "cpe4_ascii.dat", path)
+    content = path.read_bytes()
+    end = content.rindex(b" 47 ", 0, content.rindex(b" total force")) + 20
+    path.write_bytes(content[:end])
+    with pytest.raises(ResultError):
+        printed.read_node_print(path, "forces", "NTOP")
+    heard = []
+    options = ReadOptions(partial=True, log=heard.append)
+    times_ms, _, _ = printed.read_node_print(path, "forces", "NTOP", options)
+    assert times_ms.tolist() == [0.5, 1.0, 1.5]
+    assert any("dropped forces at 2 ms" in words for words in heard)
+
+
+def test_a_word_in_a_record_is_refused_by_line(tmp_path):
+    path = tmp_path / "job.dat"
+    path.write_text(f"\n{STRESSES}\n\n         1   1  0.1e\n")
+    with pytest.raises(ResultError, match=r"job\.dat:4: no record"):
+        printed.read_point_stress(path, "EP")
+
+
+AT = "and time  0.5000000E-03"
+REALS = [1.25, -2.5e-3, 3.0, 4.0e10, -5.0e-30, 6.0, 7.0]
+# Header, labels of a record, count of its values, then: quantity, columns, labels.
+KINDS = [
+    (f"displacements (vx,vy,vz) for set N {AT}", "11", 3,
+     "displacements", "vx vy vz", "node"),
+    (f"forces (fx,fy,fz) forset N {AT}", "11", 3, "forces", "fx fy fz", "node"),
+    (f"total force (fx,fy,fz) for set N {AT}", "", 3, "total force", "fx fy fz", ""),
+    (f"stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set N {AT}", "21 3", 6,
+     "stresses", "sxx syy szz sxy sxz syz", "element point"),
+    (f"mechanical strains (elem, integ.pnt.,exx,eyy,ezz,exy,exz,eyz) for set N {AT}",
+     "21 3", 6, "mechanical strains", "exx eyy ezz exy exz eyz", "element point"),
+    (f"equivalent plastic strain (elem, integ.pnt.,pe)for set N {AT}", "21 3", 1,
+     "equivalent plastic strain", "pe", "element point"),
+    (f"internal energy density (elem, integ.pnt.,eneset N {AT}", "21 3", 1,
+     "internal energy density", "ene", "element point"),
+    (f"internal state variables (elem, integ.pnt.,values) for set N {AT}", "21 3", 7,
+     "internal state variables", [f"values{k}" for k in range(1, 8)], "element point"),
+    (f"heat flux (elem, integ.pnt.,qx,qy,qz) for setN {AT}", "21 3", 3,
+     "heat flux", "qx qy qz", "element point"),
+    (f"internal energy (element, energy) for set N {AT}", "21", 1,
+     "internal energy", "energy", "element"),
+    (f"mass (element, mass) and mass moment of itertia(xx,yy,zz,xy,xz,yz) for set N "
+     f"{AT}", "21", 7, "mass", "mass xx yy zz xy xz yz", "element"),
+    (f"center of gravity for set N {AT}", "", 3, "center of gravity", "x y z", ""),
+    (f"total volume for set N {AT}", "", 1, "total volume", ["total volume"], ""),
+    (f"temperatures for set N {AT}", "11", 1, "temperatures", "temperatures", "node"),
+    (f"network pressures (total pressure for gases, static for liquids) for set N {AT}",
+     "11", 1, "network pressures", ["network pressures"], "node"),
+]  # fmt: skip
+CONTACT = [
+    ("contact stress (slave element+face,press,tang1,tang2) for all contact elements "
+     "and time 0.5000000E-03", "21 5", 3,
+     "contact stress", "press tang1 tang2", "element face"),
+    ("relative contact displacement (slave node,normal,tang1,tang2) for all contact "
+     "elements and time 0.5000000E-03", "11", 3,
+     "relative contact displacement", "normal tang1 tang2", "node"),
+    ("contact print energy (slave element+face,energy)for all contact elements and "
+     "time 0.5000000E-03", "21 5", 1, "contact print energy", "energy", "element face"),
+]  # fmt: skip
+STATISTICS = """
+ statistics for slave set SSKIN, master set MIND and time  0.5000000E-03
+
+   total surface force (fx,fy,fz) and moment about the origin (mx,my,mz)
+
+    2.465882E-17 -1.466055E-02 -9.524675E-20  2.535678E-17 -2.811623E-18 -2.199083E-02
+
+   area,  normal force (+ = tension) and shear force (size)
+
+    6.446008E-01 -1.466055E-02  2.465886E-17
+
+ total number of contact elements for time  0.5000000E-03
+
+               54
+"""
+
+
+def as_fortran(value):
+    """Print one value as Fortran does: an exponent of three digits has no E."""
+    return re.sub(r"E([+-]\d{3})$", r"\1", f"{value:.6E}").rjust(13)
+
+
+def record(labels, values):
+    words = labels.split()
+    text = f"{words[0]:>10}" if words else "      "
+    text += f" {words[1]:>3}" if len(words) > 1 else ""
+    return text + "".join(f" {as_fortran(value)}" for value in values) + "\n"
+
+
+def sections_of(path, options=None):
+    options = options or ReadOptions()
+    return list(dat_sections(path, lambda *_: True, options))
+
+
+@pytest.fixture
+def dat(tmp_path):
+    """A function that writes a ``.dat`` and gives its path."""
+
+    def write(text):
+        path = tmp_path / "job.dat"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("header", "labels", "count", "quantity", "columns", "label_names"), [*KINDS, *CONTACT]
+)
+def test_a_print_of_any_kind_is_read(dat, header, labels, count, quantity, columns, label_names):
+    rows = record(labels, REALS[:count]) + record(labels, REALS[:count][::-1])
+    (section,) = sections_of(dat(f"\n {header}\n\n{rows}"))
+    names = columns.split() if isinstance(columns, str) else columns
+    assert (section.quantity, section.columns) == (quantity, tuple(names))
+    assert section.label_names == tuple(label_names.split())
+    assert section.labels.tolist() == [[int(w) for w in labels.split()]] * 2
+    assert section.values.tolist() == [REALS[:count], REALS[:count][::-1]]
+    assert section.time_ms == 0.5
+    assert section.set_name in ("N", "all contact elements")
+
+
+def test_statistics_of_contact_become_sections_of_their_set(dat):
+    force, area, number = sections_of(dat(STATISTICS))
+    assert (force.quantity, force.set_name) == ("surface force", "SSKIN, master set MIND")
+    assert force.columns == ("fx", "fy", "fz", "mx", "my", "mz")
+    assert area.columns == ("area", "normal force", "shear force")
+    assert area.values.tolist() == [[0.6446008, -1.466055e-02, 2.465886e-17]]
+    assert (number.quantity, number.values.tolist()) == (
+        "total number of contact elements",
+        [[54.0]],
+    )
+
+
+def test_modes_have_a_number_and_no_time(dat, tmp_path):
+    head = "                    E I G E N V A L U E    N U M B E R     7\n\n\n"
+    path = dat(f"{head} {KINDS[0][0]}\n\n{record('11', REALS[:3])}")
+    (section,) = sections_of(path)
+    assert (section.mode, section.over_time) == (7, False)
+    _, row, *_ = print_table_of(path).rows(path, ReadOptions(), None)
+    assert row[:4] == ("", 7, "displacements", "N")
+
+
+def test_tables_of_another_kind_are_told_once(dat):
+    heard = []
+    text = "     E I G E N V A L U E   O U T P U T\n\n MODE NO  X\n\n      1   0.4E+04\n"
+    assert sections_of(dat(text), ReadOptions(log=heard.append)) == []
+    assert len(heard) == 1
+    assert heard[0].startswith("tables of another kind are left out, from line 1: E I")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "        1_1  1.0000000E+00",
+        "         11  1.000000E+00  2.000000E+00",
+        "             1.000000E+00  2.000000E+00  3.000000E+00",
+        "         11 0x1.000000E+0  2.000000E+00  3.000000E+00",
+        "        1_1  1.000000E+00  2.000000E+00  3.000000E+00",
+    ],
+)
+def test_a_line_that_is_no_record_is_refused_by_number(dat, line):
+    with pytest.raises(ResultError, match=r"job\.dat:4: no record of displacements"):
+        sections_of(dat(f"\n {KINDS[0][0]}\n\n{line}\n"))
+
+
+def test_traces_at_points_carry_element_and_point_in_their_number(samples):
+    (trace,) = read_point_traces(samples / "cpe4_ascii.dat", [(13, 4)])
+    assert trace.node == 1304
+    assert (trace.start_ms, trace.dt_ms, trace.stress_pa.size) == (0.5, 0.5, 4)
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ((1, 9), "element 1, point 9 is not printed: it has 1 to 8"),
+        ((99, 1), "element 99, point 1 is not printed: elements are 1 to"),
+    ],
+)
+def test_a_point_that_is_not_printed_is_named(samples, place, words):
+    with pytest.raises(ResultError, match=words):
+        read_point_traces(samples / "cpe4_ascii.dat", [place])
+
+
+def test_two_sets_of_stresses_have_to_be_told_apart(dat):
+    row = record("21 3", REALS[:6])
+    header = KINDS[3][0]
+    path = dat(f"\n {header}\n\n{row}\n {header.replace('set N', 'set M')}\n\n{row}")
+    with pytest.raises(ResultError, match="there for 2 sets, N, M: name one"):
+        read_point_traces(path, [(21, 3)])
+
+
+@given(
+    values=st.lists(
+        st.lists(st.floats(-1e30, 1e30), min_size=3, max_size=3), min_size=1, max_size=9
+    )
+)
+def test_any_printed_number_comes_back(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("dat") / "job.dat"
+    rows = "".join(record(str(n), row) for n, row in enumerate(values, start=1))
+    path.write_text(f"\n {KINDS[0][0]}\n\n{rows}")
+    (section,) = sections_of(path)
+    expected = [[float(f"{value:.6E}") for value in row] for row in values]
+    assert np.array_equal(section.values, np.array(expected))
+
+
+MOVED = " displacements (vx,vy,vz) for set N and time  0.5000000E-03\n\n"
+MOVED_LATER = MOVED.replace("0.5000000E-03", "0.1000000E-02")
+SPRINGS = (
+    " contact stress (slave element+face,press,tang1,tang2) for all contact elements "
+    "and time 0.5000000E-03\n\n"
+)
+SPRINGS_LATER = SPRINGS.replace("0.5000000E-03", "0.1000000E-02")
+GOOD = "        11  1.250000E+00 -2.500000E-03  3.000000E+00\n"
+SPRING = "        21          5  1.250000E+00 -2.500000E-03  3.000000E+00\n"
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write_table(path, output, quantity=None, **options):
+    table = print_table_of(path)
+    return write_print_table(table, path, output, ReadOptions(**options), quantity)[1]
+
+
+def test_a_dat_becomes_a_row_a_number_with_its_unit(samples, tmp_path):
+    output = tmp_path / "t.csv"
+    count = write_table(samples / "cpe4_ascii.dat", output)
+    rows = rows_of(output)
+    assert count == len(rows)
+    assert set(rows[0]) == {
+        "time_ms", "mode", "quantity", "set", "node", "element", "point", "face",
+        "component", "value", "unit",
+    }  # fmt: skip
+    units = {row["quantity"]: row["unit"] for row in rows}
+    assert units["displacements"] == "mm"
+    assert (units["total force"], units["stresses"]) == ("N", "Pa")
+    stress = next(row for row in rows if row["quantity"] == "stresses")
+    assert (stress["element"], stress["point"], stress["node"]) == ("1", "1", "")
+    assert float(stress["value"]) == pytest.approx(1515.402)
+    total = next(row for row in rows if row["quantity"] == "total force")
+    assert (total["node"], total["set"], total["time_ms"]) == ("", "NTOP", "0.5")
+
+
+def test_one_quantity_can_be_taken_and_an_absent_one_is_named(samples, tmp_path):
+    output = tmp_path / "t.csv"
+    assert write_table(samples / "cpe4_ascii.dat", output, "total force") == 12
+    assert {row["quantity"] for row in rows_of(output)} == {"total force"}
+    with pytest.raises(ResultError):
+        write_table(samples / "cpe4_ascii.dat", output, "temperatures")
+    assert len(rows_of(output)) == 12  # what stood there stays
+
+
+def test_a_deck_of_another_unit_has_its_stress_in_pa_and_the_rest_as_it_is(samples, tmp_path):
+    output = tmp_path / "t.csv"
+    write_table(samples / "cpe4_ascii.dat", output, stress_unit="kPa")
+    rows = rows_of(output)
+    stress = next(row for row in rows if row["quantity"] == "stresses")
+    assert float(stress["value"]) == pytest.approx(1.515402)
+    assert {r["unit"] for r in rows if r["quantity"] == "displacements"} == {"deck"}
+
+
+@pytest.mark.parametrize("odd", ["NaN", "Infinity", "-Infinity"])
+def test_a_value_that_is_no_number_is_named_or_its_section_left_out(dat, odd):
+    bad = f"        12{odd:>14}  1.000000E+00  1.000000E+00\n"
+    path = dat(f"\n{MOVED}{GOOD}{GOOD}\n{MOVED_LATER}{GOOD}{bad}")
+    output = path.with_name("t.csv")
+    words = r"displacements for set N at 1 ms, node 12: vx is -?(nan|inf)"
+    with pytest.raises(ResultError, match=words):
+        write_table(path, output)
+    heard = []
+    assert write_table(path, output, partial=True, log=heard.append) == 6
+    assert heard[0].startswith("dropped the section: displacements for set N at 1 ms")
+
+
+def test_a_last_section_that_is_short_is_refused_or_left_out(dat):
+    path = dat(f"\n{MOVED}{GOOD}{GOOD}\n{MOVED_LATER}{GOOD}")
+    output = path.with_name("t.csv")
+    with pytest.raises(ResultError, match="at 1 ms is cut: 1 of 2 records"):
+        write_table(path, output)
+    assert write_table(path, output, partial=True) == 6
+
+
+def test_a_contact_print_may_have_fewer_records_at_the_end(dat):
+    path = dat(f"\n{SPRINGS}{SPRING}{SPRING}\n{SPRINGS_LATER}{SPRING}")
+    assert write_table(path, path.with_name("t.csv")) == 9
+
+
+@pytest.mark.parametrize(("suffix", "rows"), [("sta", 4), ("cvg", 20)])
+def test_progress_becomes_a_table_with_units_in_its_names(samples, tmp_path, suffix, rows):
+    output = tmp_path / "t.csv"
+    assert write_table(samples / f"cpe4_ascii.{suffix}", output) == rows
+    first = rows_of(output)[0]
+    name = "total_time_ms" if suffix == "sta" else "force_residual_percent"
+    assert float(first[name]) == (0.5 if suffix == "sta" else 412.6)
+
+
+def test_a_line_that_is_still_being_written_is_told(samples, tmp_path):
+    path = tmp_path / "job.sta"
+    path.write_bytes((samples / "cpe4_ascii.sta").read_bytes()[:-20])
+    heard = []
+    assert write_table(path, tmp_path / "t.csv", log=heard.append) == 3
+    assert heard[0].startswith("line 6 has no end yet and is left out")
+    assert "line 6" in print_table_of(path).describe(path)["problem"]
+
+
+def test_a_suffix_that_is_no_print_has_no_table(tmp_path):
+    assert print_table_of(tmp_path / "job.frd") is None
+    assert print_table_of(tmp_path / "JOB.DAT").name == "ccx-dat"
