@@ -1,10 +1,8 @@
 """Every command and every line of Python in docs/results.md works as it stands."""
 
-import importlib.util
 import re
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
@@ -30,6 +28,7 @@ def jobs(tmp_path, monkeypatch):
     shutil.copy(samples / "cpe4_bin_f64.frd", folder / "job.frd")
     places = (AfferentNode("SA", 25, "epidermis", 1.5, 0.75, 0.25),)
     RunFolder(folder, "calculix", 4, 0.5, 0.0, places, "0").write()
+    monkeypatch.syspath_prepend(Path(__file__).parent / "results" / "marc")
     _write_marc_job(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -37,13 +36,14 @@ def jobs(tmp_path, monkeypatch):
 
 def _write_marc_job(folder):
     """A post file with a layer boundary at x = 4, a deck, a status file, a plot."""
-    _of_marc("post_sinks")  # the writer imports it
-    writer, models = _of_marc("post_writer"), _of_marc("stress_models")
+    import post_writer as writer
+    import stress_models as models
+
     plane = models.Plane(11, *models.grid(6, 3), layers=[0, 0, 0, 0, 1, 1] * 3)
     increments = plane.increments(
-        writer, lambda x, y, layer, t: [t * x, 0, 0, 0, 0, 0], (0.0, 0.001, 0.002)
+        lambda x, y, layer, t: [t * x, 0, 0, 0, 0, 0], (0.0, 0.001, 0.002)
     )
-    model = plane.model(writer, sets=(("probes", 1, (13, 21), ()),))
+    model = plane.model(sets=(("probes", 1, (13, 21), ()),))
     content = writer.post_bytes(writer.Storage(), model, increments)
     (folder / "job.t16").write_bytes(content)
     samples = ROOT / "fixtures" / "marc_samples"
@@ -52,17 +52,6 @@ def _write_marc_job(folder):
     rows = "".join(f"{k * 0.0005:g}\t{k}\n" for k in range(6))
     head = "Time Node 2\tEquivalent Von Mises Stress Node 2\n"
     (folder / "history.txt").write_text(head + rows)
-
-
-def _of_marc(name):
-    """Give a module of the post files' tests."""
-    known = f"fembridge_test_{name}"
-    if known not in sys.modules:
-        place = Path(__file__).parent / "results" / "marc" / f"{name}.py"
-        found = importlib.util.spec_from_file_location(known, place)
-        sys.modules[known] = importlib.util.module_from_spec(found)
-        found.loader.exec_module(sys.modules[known])
-    return sys.modules[known]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
