@@ -17,8 +17,9 @@ import numpy as np
 
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.fitting.response_source import stored_source
-from neural import SET_NAMES, encode_afferents, parameter_set
+from fembridge.fitting.problem import stored_source
+from neural import encode_afferents, parameter_set
+from neural.parameter_sets import SET_NAMES
 
 TOUCHSIM_MS = 1.7
 REPEATS = 15

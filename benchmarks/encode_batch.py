@@ -10,7 +10,10 @@ import time
 
 import numpy as np
 
-from neural import PUBLISHED, afferent_drives, candidate_counts, window_rows
+from neural import PUBLISHED
+from neural.counts import candidate_counts
+from neural.encoder import afferent_drives
+from neural.rates import window_rows
 
 DT_MS = 0.5
 SAMPLES = 501

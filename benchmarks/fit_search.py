@@ -18,10 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from decks.stimuli import resolve
-from fembridge.fitting.problem import fit_problem
-from fembridge.fitting.response_source import stored_source
+from fembridge.fitting.problem import fit_problem, stored_source
 from fembridge.observed import ObservedRates
-from neural.drive_table import DEFAULT_DRIVES, drive_named
+from neural.models import DEFAULT_MODELS, model_named
 from neural.search import EVALUATIONS, POPULATION, search_front
 
 REPEATS = 3
@@ -36,11 +35,11 @@ def main(evaluations: int) -> None:
     print(f"{'pymoo, empty problem of four objectives':<44}{empty_s:6.2f}")
     for label, drives in (
         ("published", dict.fromkeys(AFFERENTS, "published")),
-        ("default", DEFAULT_DRIVES),
+        ("default", DEFAULT_MODELS),
     ):
         total_s = 0.0
         for afferent in AFFERENTS:
-            drive = drive_named(drives[afferent], afferent)
+            drive = model_named(drives[afferent], afferent)
             problem = fit_problem(observed, response, drive)
             spent_s = _median(
                 lambda problem=problem: search_front(problem, evaluations=evaluations)

@@ -438,12 +438,11 @@ def fit(
     evaluations, seed
         Of the search; the same seed gives the same fit.
     """
-    from fembridge.fitting.fit import fit_afferents
-    from fembridge.fitting.response_source import stored_source
-    from fembridge.fitting.settings import FitSettings
+    from fembridge.fitting.fit import FitSettings, fit_afferents
+    from fembridge.fitting.problem import stored_source
     from fembridge.observed import read_observed
-    from neural.drive_table import DEFAULT_DRIVES, drive_named
-    from neural.sets import held_um
+    from neural.models import DEFAULT_MODELS, model_named
+    from neural.parameter_sets import fitted_preindent_um
 
     with ExitStack() as stack:
         if not isinstance(observed, str | Path):
@@ -453,9 +452,9 @@ def fit(
         rates = read_observed(Path(observed), complete=False)
     asked = {"evaluations": evaluations, "seed": seed}
     given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
-    settings = FitSettings(preindent_um=held_um(), **given)
+    settings = FitSettings(preindent_um=fitted_preindent_um(), **given)
     drives = {
-        name: drive_named(DEFAULT_DRIVES[name], name) for name in afferents or rates.afferents
+        name: model_named(DEFAULT_MODELS[name], name) for name in afferents or rates.afferents
     }
     response = stored_source(finger).response
     return fit_afferents(rates, response, drives, settings, on_progress=on_progress)

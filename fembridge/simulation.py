@@ -35,7 +35,8 @@ from fembridge.store import filling, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
-from neural import PUBLISHED, Parameters, encode_afferents, mean_rate_ips, parameters_to_table
+from neural import PUBLISHED, Parameters, encode_afferents, mean_rate_ips
+from neural.parameter_sets import parameters_to_table
 
 if TYPE_CHECKING:
     import matplotlib.figure

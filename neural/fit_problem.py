@@ -10,24 +10,22 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fembridge.errors import ParameterError
-from fembridge.typing import FloatArray, IntArray
-from neural.candidates import candidate_counts
-from neural.drive import checked_stress
-from neural.drive_model import Drive, Free
-from neural.parameters import AfferentParameters, check_cells, quantiles
-from neural.rate import window_rows
-from neural.tally import window_edges
+from fembridge.typing import BoolArray, FloatArray, IntArray
+from neural.counts import candidate_counts, window_edges
+from neural.filters import checked_stress
+from neural.models import Free, Model
+from neural.parameters import AfferentParameters, quantiles
+from neural.rates import window_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
-    """One class, one drive, and the rates that were observed of it.
+    """One class, one model, and the rates that were observed of it.
 
     Parameters
     ----------
-    drive
-        Row of `neural.drive_table`.
+    model
+        Row of `neural.models`.
     stress_pa
         Stress at the afferent, ``(T, stimulus)`` in Pa; row 0 is at time 0.
     observed_ips
@@ -39,15 +37,10 @@ class FitProblem:
     dt_ms
         Time between two samples.
     cells
-        Cells of a candidate; by default the drive's own number.
-
-    Raises
-    ------
-    ParameterError
-        Lengths that do not go together, or rates that are no rates.
+        Cells of a candidate; by default the model's own number.
     """
 
-    drive: Drive
+    model: Model
     stress_pa: FloatArray
     observed_ips: FloatArray
     groups: tuple[str, ...]
@@ -60,24 +53,12 @@ class FitProblem:
     def __post_init__(self) -> None:
         stress = checked_stress(np.array(self.stress_pa, dtype=np.float64))
         observed = np.array(self.observed_ips, dtype=np.float64)
-        sizes = {observed.size, len(self.groups), len(self.windows_ms)}
-        square = stress.ndim == 2 and observed.ndim == 1
-        if not square or sizes != {stress.shape[1]} or not observed.size:
-            raise ParameterError(
-                f"stress {stress.shape}, {observed.size} rates, {len(self.groups)} "
-                f"groups, {len(self.windows_ms)} windows; expected (T, stimulus) and "
-                "one of each a stimulus"
-            )
-        if not (np.isfinite(observed).all() and (observed >= 0).all()):
-            raise ParameterError("an observed rate is negative or not finite")
-        if self.cells:
-            check_cells(self.cells, self.drive.afferent)
         rows = [window_rows(window, self.dt_ms) for window in self.windows_ms]
         edges = (np.array([each.start for each in rows]), np.array([each.stop for each in rows]))
-        window_edges(edges, len(stress) - 1, observed.size)  # or tells which is wrong
-        filtered = self.drive.filters(stress, self.dt_ms, "backward")
+        window_edges(edges, len(stress) - 1, observed.size)  # refuses what is outside the trace
+        filtered = self.model.filters(stress, self.dt_ms, "backward")
         for name, value in (
-            ("cells", self.cells or self.drive.cells),
+            ("cells", self.cells or self.model.cells),
             ("stress_pa", stress),
             ("observed_ips", observed),
             ("_filtered", tuple(each[:-1] for each in filtered)),
@@ -88,7 +69,7 @@ class FitProblem:
     @property
     def free(self) -> tuple[Free, ...]:
         """Parameters that are searched, the columns of `values`."""
-        return self.drive.free(self.cells)
+        return self.model.free(self.cells)
 
     @property
     def group_names(self) -> tuple[str, ...]:
@@ -101,13 +82,8 @@ class FitProblem:
         `single` precision is for searching.
         """
         values = np.atleast_2d(values)
-        if values.ndim != 2 or values.shape[1] != len(self.free):
-            raise ParameterError(
-                f"values {values.shape}, expected (candidate, {len(self.free)}): "
-                f"{', '.join(one.field for one in self.free)}"
-            )
         named = {one.field: values[:, k] for k, one in enumerate(self.free)}
-        fixed = _defaults(self.drive.parameters)
+        fixed = _defaults(self.model.parameters)
         spread = named.get("spread", np.zeros(len(values)))
         need = np.exp(np.multiply.outer(spread, quantiles(self.cells))).reshape(-1)
         known: dict[str, ArrayLike] = {
@@ -116,13 +92,13 @@ class FitProblem:
         }
         counts = candidate_counts(
             self._filtered,
-            self.drive.coefficients(known).for_need(need),
+            self.model.coefficients(known).for_need(need),
             known["tau_ms"],
             dt_ms=self.dt_ms,
             gap_mv=fixed["threshold_mv"] - fixed["rest_mv"],
             refractory_ms=fixed["refractory_ms"],
             window=self._edges,
-            floored=self.drive.floored,
+            clamped=self.model.clamped,
             jump_mv=known["jump_mv"],
             recovery_ms=known["recovery_ms"],
             single=single,
@@ -132,15 +108,9 @@ class FitProblem:
         rates: FloatArray = spikes * 1000.0 / (self.cells * spans_ms)
         return rates
 
-    def part(self, keep: ArrayLike) -> "FitProblem":
-        """Give the problem of some of the stimuli, a flag each, ``(stimulus,)``."""
-        flags = np.asarray(keep)
-        if flags.dtype != np.bool_ or flags.shape != self.observed_ips.shape:
-            raise ParameterError(
-                f"{flags.dtype} {flags.shape}, expected a flag for each of "
-                f"{self.observed_ips.size} stimuli"
-            )
-        (rows,) = np.nonzero(flags)
+    def part(self, keep: BoolArray) -> "FitProblem":
+        """The problem of some of the stimuli, a flag each, ``(stimulus,)``."""
+        (rows,) = np.nonzero(keep)
         return replace(
             self,
             stress_pa=self.stress_pa[:, rows],
@@ -160,17 +130,15 @@ class FitProblem:
         return np.stack([squared[:, names == name].mean(axis=1) for name in self.group_names], 1)
 
     def parameters(self, values: Sequence[float] | FloatArray) -> AfferentParameters:
-        """Give the parameters of one candidate, ``(free,)``."""
-        if len(values) != len(self.free):
-            raise ParameterError(f"{len(values)} values, expected {len(self.free)}")
+        """Parameters of one candidate, ``(free,)``."""
         found = {one.field: float(value) for one, value in zip(self.free, values, strict=True)}
-        return self.drive.parameters(
-            **found, cells=self.cells, drive=self.drive.name, dt_ms=self.dt_ms
+        return self.model.parameters(
+            **found, cells=self.cells, drive=self.model.name, dt_ms=self.dt_ms
         )
 
 
 def _defaults(kind: type[AfferentParameters]) -> dict[str, float]:
-    """Give what the parameters of a class have where a fit does not search."""
+    """What the parameters of a class have where a fit does not search."""
     return {
         one.name: float(one.default) for one in fields(kind) if isinstance(one.default, int | float)
     }

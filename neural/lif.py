@@ -10,8 +10,8 @@ read strictly: v > gap, where the gap is threshold minus rest. A spike puts v to
 rest; for the refractory period after it no current is fed in, while the leak goes
 on, so v stays at rest.
 
-Two membranes of our own differ. A *floored* one does not fall below rest: a current
-that takes away only empties what has gathered. An *adaptive* one has a threshold
+Two membranes of our own differ. A *clamped* one does not fall below rest: a negative
+current only removes what was integrated. An *adaptive* one has a threshold
 that each spike raises by a jump, and that comes back with its own time constant::
 
     θ(t + dt) = (1 − dt/τ_θ) θ(t),  then + jump if v(t + dt) > gap + θ(t + dt)
@@ -27,167 +27,89 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import BoolArray, FloatArray, IntArray
-from neural.tally import EVERY_ROW, Window, blocks, tally, window_edges
 
 # A refractory period that no stimulus outlasts is a mistake.
-LONGEST_REST_MS = 1.0e5
+LONGEST_REFRACTORY_MS = 1.0e5
 
 
-def spike_counts(
-    current_mv_per_ms: ArrayLike,
-    tau_ms: ArrayLike,
-    dt_ms: float,
-    gap_mv: float,
-    refractory_ms: float = 0.0,
-    window: Window = EVERY_ROW,
-) -> IntArray:
-    """Count the spikes of many membranes at once.
+def fire(
+    current: FloatArray,
+    decay: FloatArray,
+    threshold: FloatArray,
+    refractory: IntArray,
+    clamped: BoolArray,
+    adaptation: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[IntArray, IntArray]:
+    """Row and membrane of every step that ends in a spike, ``(spikes,)`` each.
+
+    One loop over time for all cells, classes and stimuli. A spike cuts the current of the
+    rows in its refractory period; as the potential is at rest then, nothing else has
+    to be stored. With some hundred membranes most of the time goes into calling
+    NumPy, so the loop calls it as seldom as it can.
 
     Parameters
     ----------
-    current_mv_per_ms
-        ``(T,)``, ``(T, condition)`` or ``(T, candidate, condition)``.
-    tau_ms
-        Membrane time constant: a number, or ``(candidate,)``.
-    dt_ms
-        Time step.
-    gap_mv
-        Threshold minus rest.
-    refractory_ms
-        Time after a spike without current; a part of a step counts as a step.
-    window
-        Rows to count in: one slice, or first and end row of each condition. The
-        rows before are stepped through; those after are not looked at.
+    current
+        ``(T, membrane)`` in mV/ms, a row a step; it is used up.
+    decay, threshold, refractory, clamped
+        Of each membrane, ``(membrane,)``: ``1 − dt/τ``, the gap in units of dt, rows
+        after a spike without current, and whether it stays at or above rest.
+    adaptation
+        What a spike adds to the threshold, and the share kept a row.
 
     Returns
     -------
-    ndarray
-        Counts, the shape of the current without its time.
+    rows, membranes
+        In order of the membranes, of each in order of time.
 
     Raises
     ------
-    ParameterError
-        A number outside its meaning, or a window outside the rows.
     TraceError
-        A current of another shape, or not finite.
+        A current that is not finite.
     """
-    current = np.asarray(current_mv_per_ms, dtype=np.float64)
-    if current.ndim not in (1, 2, 3) or not current.size:
-        raise TraceError(
-            f"current of shape {current.shape}, expected (T,), (T, condition) or "
-            "(T, candidate, condition)"
-        )
-    if not np.isfinite(current).all():
-        raise TraceError("a current that is not finite reached a membrane")
-    rows = current.shape[0]
-    candidates = current.shape[1] if current.ndim == 3 else 1
-    cells = current.reshape(rows, candidates, -1)
-    conditions = cells.shape[2]
-    decay, threshold, pause = membrane_constants(tau_ms, candidates, dt_ms, gap_mv, refractory_ms)
-    edges = window_edges(window, rows, conditions)
-    counts = np.empty((candidates, conditions), dtype=np.int64)
-    for block in blocks(candidates, conditions):
-        counts[block] = tally(
-            cells[:, block].__getitem__,
-            counts[block].shape,
-            edges,
-            decay[block, np.newaxis],
-            threshold,
-            pause,
-        )
-    return counts.reshape(current.shape[1:])
-
-
-def spike_mask(
-    current_mv_per_ms: ArrayLike,
-    tau_ms: float,
-    dt_ms: float,
-    gap_mv: float,
-    refractory_ms: float = 0.0,
-) -> BoolArray:
-    """Tell for each row whether the step that it feeds ends in a spike.
-
-    `current_mv_per_ms` is ``(T,)`` or ``(T, condition)``, the mask has its shape.
-    """
-    return integrate(current_mv_per_ms, tau_ms, dt_ms, gap_mv, refractory_ms)[1]
-
-
-def spike_times(
-    current_mv_per_ms: ArrayLike,
-    tau_ms: float,
-    dt_ms: float,
-    gap_mv: float,
-    refractory_ms: float = 0.0,
-    start_ms: float = 0.0,
-) -> FloatArray:
-    """Give the spike times of one run ``(T,)`` in ms; its row 0 is at `start_ms`."""
-    fired = spike_mask(current_mv_per_ms, tau_ms, dt_ms, gap_mv, refractory_ms)
-    if fired.ndim != 1:
-        raise TraceError(f"current of shape {fired.shape}, expected one run (T,)")
-    steps = np.flatnonzero(fired).astype(np.float64) + 1.0
-    return start_ms + steps * dt_ms
-
-
-def integrate(
-    current_mv_per_ms: ArrayLike,
-    tau_ms: float,
-    dt_ms: float,
-    gap_mv: float,
-    refractory_ms: float = 0.0,
-    *,
-    floored: bool = False,
-    jump_mv: float = 0.0,
-    recovery_ms: float = math.inf,
-) -> tuple[FloatArray, BoolArray]:
-    """Follow the membrane potential through a whole run.
-
-    Parameters
-    ----------
-    current_mv_per_ms
-        ``(T,)`` or ``(T, condition)``.
-    tau_ms, dt_ms, gap_mv, refractory_ms
-        As in `spike_counts`, one number each.
-    floored
-        The potential does not fall below rest.
-    jump_mv, recovery_ms
-        What a spike adds to the threshold, and the time constant of its return.
-
-    Returns
-    -------
-    potential_mv
-        Potential above rest at the end of each step, of the current's shape; a
-        step that ends in a spike is already back at rest.
-    fired
-        Where a step ends in a spike, of the same shape.
-    """
-    current = np.asarray(current_mv_per_ms, dtype=np.float64)
-    if current.ndim not in (1, 2):
-        raise TraceError(f"current of shape {current.shape}, expected (T,) or (T, condition)")
-    if not np.isfinite(current).all():
+    if not np.isfinite(current.sum()):
         raise TraceError("a current that is not finite reached the membrane")
-    decay, threshold, pause = membrane_constants(tau_ms, 1, dt_ms, gap_mv, refractory_ms)
-    potential, fired = np.zeros_like(current), np.zeros(current.shape, dtype=np.bool_)
-    [jump], [kept] = adaptation_constants(jump_mv, recovery_ms, 1, dt_ms)
-    now: FloatArray = np.zeros(current.shape[1:])
-    raised: FloatArray = np.zeros_like(now)
-    since = np.full(current.shape[1:], pause)  # rows since the last spike
+    potential, above = np.zeros(current.shape[1]), np.empty(current.shape[1], np.bool_)
+    clamp = np.where(clamped, 0.0, -np.inf) if clamped.any() else None
+    longest = min(int(refractory.max(initial=0)), len(current))
+    # Only membranes before this one rest longer than a row.
+    long = int(np.flatnonzero(refractory > 1).max(initial=-1)) + 1
+    always = not (refractory == 0).any()
+    limit, raised = threshold, np.zeros_like(potential)
+    multiply, add, greater, clamp_at = np.multiply, np.add, np.greater, np.fmax
+    found: list[IntArray] = []
     for row, fed in enumerate(current):
-        now = np.where(since < pause, 0.0, now * decay[0] + fed)
-        if floored:
-            now = np.maximum(now, 0.0)
-        raised = raised * kept
-        fired[row] = now > threshold + raised
-        raised = raised + jump * fired[row]
-        now = np.where(fired[row], 0.0, now)
-        since = np.where(fired[row], 0, since + 1)
-        potential[row] = now * dt_ms
-    return potential, fired
+        multiply(potential, decay, potential)
+        add(potential, fed, potential)
+        if clamp is not None:
+            clamp_at(potential, clamp, potential)
+        if adaptation:
+            multiply(raised, adaptation[1], raised)
+            limit = threshold + raised
+        (spiking,) = greater(potential, limit, above).nonzero()
+        found.append(spiking)
+        if not spiking.size:
+            continue
+        potential[spiking] = 0.0
+        if adaptation:
+            raised[spiking] += adaptation[0][spiking]
+        if always and row + 1 < len(current):
+            current[row + 1][spiking] = 0.0
+        if not always or spiking[0] < long:
+            for ahead in range(2 if always else 1, longest + 1):
+                if row + ahead < len(current):
+                    silent = spiking[refractory[spiking] >= ahead]
+                    current[row + ahead][silent] = 0.0
+    sizes = [spiking.size for spiking in found]
+    membranes = np.concatenate(found)
+    order = np.argsort(membranes, kind="stable")
+    return np.repeat(np.arange(len(current)), sizes)[order], membranes[order]
 
 
 def membrane_constants(
     tau_ms: ArrayLike, candidates: int, dt_ms: float, gap_mv: float, refractory_ms: float
 ) -> tuple[FloatArray, float, int]:
-    """Give decay ``(candidate,)``, threshold in units of dt, and pause in rows.
+    """Decay ``(candidate,)``, threshold in units of dt, and refractory period in rows.
 
     Raises
     ------
@@ -202,32 +124,26 @@ def membrane_constants(
     tau = per_candidate("tau_ms", tau_ms, candidates)
     if not (tau >= dt_ms).all():
         raise ParameterError(f"tau_ms must be at least dt_ms, {dt_ms:g}, got {tau.min():g}")
-    if refractory_ms > LONGEST_REST_MS:
+    if refractory_ms > LONGEST_REFRACTORY_MS:
         raise ParameterError(
-            f"refractory_ms must be at most {LONGEST_REST_MS:g}, got {refractory_ms:g}"
+            f"refractory_ms must be at most {LONGEST_REFRACTORY_MS:g}, got {refractory_ms:g}"
         )
-    pause = math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
-    return 1.0 - dt_ms / tau, gap_mv / dt_ms, max(pause, 0)
+    refractory = math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
+    return 1.0 - dt_ms / tau, gap_mv / dt_ms, max(refractory, 0)
 
 
 def adaptation_constants(
     jump_mv: ArrayLike, recovery_ms: ArrayLike, candidates: int, dt_ms: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Give the jump in units of dt and the share kept a row, ``(candidate,)`` each.
+    """Jump in units of dt and the share that decays to in a row, ``(candidate,)`` each.
 
     Raises
     ------
     ParameterError
         A jump below 0, or a recovery shorter than a step.
     """
-    try:
-        jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
-        recovery = np.broadcast_to(np.asarray(recovery_ms, dtype=np.float64), (candidates,))
-    except ValueError as error:
-        raise ParameterError(
-            f"{np.size(jump_mv)} jumps and {np.size(recovery_ms)} recoveries, expected "
-            f"one of each, or {candidates}"
-        ) from error
+    jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
+    recovery = np.broadcast_to(np.asarray(recovery_ms, dtype=np.float64), (candidates,))
     if not (np.isfinite(jump).all() and (jump >= 0).all()):
         raise ParameterError(f"jump_mv must be >= 0, got {jump.min():g}")
     if not (recovery >= dt_ms).all():
@@ -238,7 +154,7 @@ def adaptation_constants(
 
 
 def per_candidate(name: str, value: ArrayLike, candidates: int) -> FloatArray:
-    """Give `value` as ``(candidate,)``: finite and > 0, or a `ParameterError`."""
+    """`value` as ``(candidate,)``: finite and > 0, or a `ParameterError`."""
     values = np.asarray(value, dtype=np.float64)
     if values.shape not in ((), (candidates,)):
         raise ParameterError(

@@ -1,14 +1,13 @@
-"""Parameters of the three afferent classes: the paper's, and the shape of all others.
+"""Parameters of the three afferent classes, of the paper's model and of ours.
 
-What a class of afferents has in common stands in `AfferentParameters`; what its
-filters and its current need stands in a class of its own. ``drive`` names the row of
-`neural.drive_table` whose equation the numbers belong to.
+What all have in common is in `AfferentParameters`; what a model's filters and current
+need is in a class of its own. ``drive`` names the row of `neural.models` whose equation
+the numbers belong to.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from numbers import Integral
 from statistics import NormalDist
 from types import MappingProxyType
 from typing import ClassVar, TypeAlias
@@ -28,15 +27,6 @@ _MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
 _MOST_CELLS = 1000
 _MOST_SPREAD = 10.0
-
-
-def check_cells(cells: object, afferent: str) -> None:
-    """Refuse what is no number of cells, with a `ParameterError`."""
-    whole = isinstance(cells, Integral) and not isinstance(cells, bool)
-    if not (whole and 1 <= int(str(cells)) <= _MOST_CELLS):
-        raise ParameterError(
-            f"{afferent}: cells must be a whole number from 1 to {_MOST_CELLS}, got {cells!r}"
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +63,10 @@ class AfferentParameters:
                 f"{self.afferent}: drive {self.drive!r} has no such parameters, "
                 f"expected {' or '.join(self.drives)}"
             )
-        self._check_cells()
+        if not 1 <= self.cells <= _MOST_CELLS:
+            raise ParameterError(
+                f"{self.afferent}: cells is {self.cells}, expected 1 to {_MOST_CELLS}"
+            )
         for field in fields(self):
             if field.name not in ("drive", "cells"):
                 self._check(field.name)
@@ -94,30 +87,18 @@ class AfferentParameters:
         """Threshold minus rest, in mV."""
         return self.threshold_mv - self.rest_mv
 
-    def _check_cells(self) -> None:
-        check_cells(self.cells, self.afferent)
-        object.__setattr__(self, "cells", int(self.cells))
-
     def _check(self, name: str) -> None:
-        value = getattr(self, name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ParameterError(f"{self.afferent}: {name} must be a number, got {value!r}")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
+        number = float(getattr(self, name))
         object.__setattr__(self, name, number)
-        if not math.isfinite(number):
-            raise ParameterError(f"{self.afferent}: {name} is {number}")
-        if name == "spread" and number > _MOST_SPREAD:
+        zero = name in _MAY_BE_ZERO
+        least = -math.inf if name in _POTENTIALS else 0.0
+        most = _MOST_SPREAD if name == "spread" else math.inf
+        if not (math.isfinite(number) and (least < number <= most or (zero and number == 0))):
+            expected = "" if name in _POTENTIALS else f" {'>=' if zero else '>'} 0"
+            expected += f" and at most {most:g}" if most < math.inf else ""
             raise ParameterError(
-                f"{self.afferent}: spread must be at most {_MOST_SPREAD:g}, got {number:g}"
+                f"{self.afferent}: {name} is {number:g}, expected a finite number{expected}"
             )
-        if name in _POTENTIALS or value > 0:
-            return
-        if not (value == 0 and name in _MAY_BE_ZERO):
-            least = ">= 0" if name in _MAY_BE_ZERO else "> 0"
-            raise ParameterError(f"{self.afferent}: {name} must be {least}, got {value:g}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,6 +137,58 @@ class PcParameters(AfferentParameters):
 
     a4_pa_per_ms2: float
     alpha_mv_per_ms: float
+    threshold_mv: float = -55.0
+    refractory_ms: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateRaParameters(RaParameters):
+    """RA that also sees how fast the stress changes, |σ′|."""
+
+    drives: ClassVar[tuple[str, ...]] = ("rate",)
+
+    a5_pa_per_ms: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RisingSaParameters(AfferentParameters):
+    """SA that counts rises of stress, and fires on under sustained stress.
+
+    A quick rise of `step_pa` fires one spike; sustained stress above `held_pa` fires on.
+    """
+
+    afferent: ClassVar[str] = "SA"
+    drives: ClassVar[tuple[str, ...]] = ("rising",)
+
+    step_pa: float
+    held_pa: float
+    threshold_mv: float = -50.0
+    refractory_ms: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RisingRaParameters(AfferentParameters):
+    """RA that counts rises of stress: each of `step_pa` fires one spike."""
+
+    afferent: ClassVar[str] = "RA"
+    drives: ClassVar[tuple[str, ...]] = ("rising",)
+
+    step_pa: float
+    threshold_mv: float = -55.0
+    refractory_ms: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SharpPcParameters(AfferentParameters):
+    """PC that sees sharp rises of stress, compressed.
+
+    `beta_mv_per_ms` is the current at a third difference of 1 Pa.
+    """
+
+    afferent: ClassVar[str] = "PC"
+    drives: ClassVar[tuple[str, ...]] = ("sharp",)
+
+    beta_mv_per_ms: float
     threshold_mv: float = -55.0
     refractory_ms: float = 0.5
 

@@ -1,15 +1,24 @@
-"""NSGA-II over the free parameters of a drive (section 3.2 of the paper), by pymoo."""
+"""The search of a fit: NSGA-II over a model's free parameters (section 3.2), by pymoo.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+One candidate of the Pareto front is taken by a rule that can be switched. The paper
+says only: "a combination with the smaller difference in the observed value and the
+closest approximation of the frequency response was selected" (section 3.2). How well a
+model does on what it was not fitted to is found by leaving out one group at a time.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
-from neural.drive_model import Free
+from neural.agreement import Agreement, agreement
 from neural.fit_problem import FitProblem
+from neural.models import Free
+from neural.parameters import AfferentParameters
 
 if TYPE_CHECKING:
     from pymoo.core.problem import Problem
@@ -19,6 +28,11 @@ EVALUATIONS = 10_000
 
 # Candidates of a generation: what NumPy and pymoo cost a call is shared by so many.
 POPULATION = 200
+
+
+# The second rule looks among candidates whose total error is at most this much above
+# the smallest: "the smaller difference in the observed value" comes first.
+NEAR_SHARE = 0.10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +55,7 @@ class Front:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a search stands: for a bar, and for whoever watches the front."""
+    """Where a search stands: for a bar."""
 
     evaluations: int
     of: int
@@ -67,7 +81,7 @@ def search_front(
     Raises
     ------
     ParameterError
-        Fewer evaluations than candidates of a generation, or a seed below 0.
+        Fewer evaluations than candidates of a generation.
     KeyboardInterrupt
         Before the first generation was whole.
     """
@@ -76,8 +90,6 @@ def search_front(
             f"{evaluations} evaluations in populations of {population}, expected 4 or "
             "more in a population and one population or more"
         )
-    if seed < 0:
-        raise ParameterError(f"seed is {seed}, expected 0 or more")
     algorithm = _algorithm(problem, evaluations, seed, population)
     whole = -(-evaluations // population) * population
     finished = True
@@ -121,8 +133,6 @@ def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
 
     In full precision one candidate may turn out worse than another: it is left out.
     """
-    from dataclasses import replace
-
     values = np.unique(front.values, axis=0)
     errors = problem.errors_ips2(values)
     apart = errors[:, np.newaxis] - errors
@@ -164,3 +174,142 @@ def _as_pymoo(problem: FitProblem) -> "Problem":
             out["F"] = problem.errors_ips2(from_unit(unit, problem.free), single=True)
 
     return Rates()
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Row of the front that a rule took, and why, in a sentence."""
+
+    row: int
+    rule: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    sentence: str
+    take: Callable[[FitProblem, Front], tuple[int, str]]
+
+
+def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> Choice:
+    """Take one candidate of `front` by the rule of that name, one of `RULES`.
+
+    Raises
+    ------
+    ParameterError
+        No such rule.
+    """
+    if rule not in _RULES:
+        raise ParameterError(f"rule {rule!r}, expected one of {', '.join(_RULES)}")
+    row, why = _RULES[rule].take(problem, front)
+    return Choice(row, rule, why)
+
+
+def _smallest_error(problem: FitProblem, front: Front) -> tuple[int, str]:
+    totals = total_rmse_ips(problem, front.errors_ips2)
+    row = int(np.argmin(totals))
+    return row, (
+        f"smallest RMSE over all {problem.observed_ips.size} stimuli, "
+        f"{totals[row]:.3g} ips, of {totals.size} candidates"
+    )
+
+
+def _frequency_response(problem: FitProblem, front: Front) -> tuple[int, str]:
+    totals = total_rmse_ips(problem, front.errors_ips2)
+    near = np.flatnonzero(totals <= (1.0 + NEAR_SHARE) * totals.min())
+    away_ips = frequency_response_error_ips(problem, front.values[near])
+    best = int(np.argmin(away_ips))
+    return int(near[best]), (
+        f"mean rates of the {len(problem.group_names)} groups closest to the observed "
+        f"ones, {away_ips[best]:.3g} ips RMS, of the {near.size} candidates within "
+        f"{NEAR_SHARE:.0%} of the smallest total RMSE, {totals.min():.3g} ips"
+    )
+
+
+def frequency_response_error_ips(problem: FitProblem, values: FloatArray) -> FloatArray:
+    """RMS over groups of mean predicted minus mean observed rate, ``(candidate,)``."""
+    rates_ips = problem.rates_ips(values)
+    names = np.array(problem.groups)
+    away = [
+        rates_ips[:, names == name].mean(axis=1) - problem.observed_ips[names == name].mean()
+        for name in problem.group_names
+    ]
+    error: FloatArray = np.sqrt(np.mean(np.square(away), axis=0))
+    return error
+
+
+_RULES: Mapping[str, _Rule] = MappingProxyType(
+    {
+        "smallest_error": _Rule("the smallest RMSE over all stimuli together", _smallest_error),
+        "frequency_response": _Rule(
+            "of candidates within a tenth of the smallest RMSE, the one whose mean "
+            "rate at each frequency is closest to the observed",
+            _frequency_response,
+        ),
+    }
+)
+
+RULES: Mapping[str, str] = MappingProxyType({name: rule.sentence for name, rule in _RULES.items()})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One seed: the fit on all groups, and predictions of each from the others.
+
+    `fitted_ips` and `held_out_ips` are ``(stimulus,)``; a held-out rate is of a fit
+    that saw no stimulus of its group.
+    """
+
+    seed: int
+    parameters: AfferentParameters
+    fitted_ips: FloatArray
+    held_out_ips: FloatArray
+    fitted: Agreement
+    held_out: Agreement
+
+
+def cross_validate(
+    problem: FitProblem,
+    seed: int,
+    *,
+    evaluations: int = EVALUATIONS,
+    population: int = POPULATION,
+    rule: str = "smallest_error",
+    on_fit: Callable[[str], None] = lambda name: None,
+) -> Trial:
+    """Fit on all groups, then once without each; the seed is that of every search.
+
+    Raises
+    ------
+    ParameterError
+        A single group: nothing would be left to fit on.
+    """
+    names = problem.group_names
+    if len(names) < 2:
+        raise ParameterError(f"only the group {names[0]}, expected two or more to leave one out")
+    settings = (seed, evaluations, population, rule)
+    best = _best(problem, *settings)
+    on_fit("all groups")
+    held_out = np.empty_like(problem.observed_ips)
+    for name in names:
+        inside = np.array([group == name for group in problem.groups])
+        values = _best(problem.part(~inside), *settings)
+        held_out[inside] = problem.part(inside).rates_ips(values)[0]
+        on_fit(f"without {name}")
+    fitted = problem.rates_ips(best)[0]
+    return Trial(
+        seed=seed,
+        parameters=problem.parameters(best),
+        fitted_ips=fitted,
+        held_out_ips=held_out,
+        fitted=agreement(problem.observed_ips, fitted),
+        held_out=agreement(problem.observed_ips, held_out),
+    )
+
+
+def _best(
+    problem: FitProblem, seed: int, evaluations: int, population: int, rule: str
+) -> FloatArray:
+    front = search_front(problem, seed=seed, evaluations=evaluations, population=population)
+    best: FloatArray = front.values[choose(problem, front, rule).row]
+    return best

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from fembridge.errors import ParameterError
 from fembridge.typing import BoolArray, FloatArray
 from neural.agreement import EQUAL_IPS, checked_pair
-from neural.spike_distance import checked_times_ms
 
 # Section 3.2: 245 ms at 20 Hz, 100 ms else. One impulse in the longest of the paper's
 # windows; in a shorter one a single impulse is above it.
@@ -46,12 +45,12 @@ class Plateau:
 def threshold_amplitude_um(
     amplitude_um: ArrayLike, rate_ips: ArrayLike, criterion_ips: float = CRITERION_IPS
 ) -> float:
-    """Give the lowest amplitude at which the rate reaches a criterion.
+    """Lowest amplitude at which the rate reaches a criterion.
 
     Parameters
     ----------
     amplitude_um
-        Amplitudes of one frequency, ``(N,)`` in µm, > 0, none twice, in any order.
+        Amplitudes of one frequency, ``(N,)`` in µm, > 0, without duplicates, in any order.
     rate_ips
         The rate at each, ``(N,)``.
     criterion_ips
@@ -89,7 +88,7 @@ def threshold_amplitude_um(
 def entrainment_threshold_um(
     amplitude_um: ArrayLike, rate_ips: ArrayLike, frequency_hz: float
 ) -> float:
-    """Give the lowest amplitude at which an afferent fires once a cycle.
+    """Lowest amplitude at which an afferent fires once a cycle.
 
     Arguments, result and errors are those of `threshold_amplitude_um`, with the
     frequency of the vibration in place of a criterion.
@@ -110,7 +109,7 @@ def entrainment_plateau(
     frequency_hz: float,
     impulses_per_cycle: tuple[float, float] = PLATEAU,
 ) -> Plateau | None:
-    """Give the range of amplitudes in which an afferent fires about once a cycle.
+    """Range of amplitudes in which an afferent fires about once a cycle.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ def entrainment_plateau(
     -------
     Plateau or None
         None where no amplitude of the curve is in the range: a curve that leaps
-        across it was not held there. Edges are where the curve crosses the range;
+        across it was not locked there. Edges are where the curve crosses the range;
         an edge on the lowest or highest amplitude is as far as was tried, the plateau
         may go on. Of several, the one with the largest ratio of its edges.
 
@@ -137,8 +136,8 @@ def entrainment_plateau(
     Examples
     --------
     >>> from neural.threshold import entrainment_plateau
-    >>> held = entrainment_plateau([1, 10, 100, 1000], [0, 50, 50, 100], 50)
-    >>> round(held.low_um, 3), round(held.high_um, 3), round(held.decades, 9)
+    >>> plateau = entrainment_plateau([1, 10, 100, 1000], [0, 50, 50, 100], 50)
+    >>> round(plateau.low_um, 3), round(plateau.high_um, 3), round(plateau.decades, 9)
     (7.943, 125.893, 1.2)
     """
     amplitude, rate = _checked_curve(amplitude_um, rate_ips)
@@ -149,49 +148,15 @@ def entrainment_plateau(
             f"impulses_per_cycle from {impulses_per_cycle[0]} to "
             f"{impulses_per_cycle[1]}, expected 0 < least <= most"
         )
-    held = (rate >= least - EQUAL_IPS) & (rate <= most + EQUAL_IPS)
+    locked = (rate >= least - EQUAL_IPS) & (rate <= most + EQUAL_IPS)
     plateaus = [
         Plateau(
             low_um=_crossing_um(amplitude, rate, first, first - 1, least, most),
             high_um=_crossing_um(amplitude, rate, last, last + 1, least, most),
         )
-        for first, last in _runs(held)
+        for first, last in _runs(locked)
     ]
     return max(plateaus, key=lambda plateau: plateau.decades, default=None)
-
-
-def vector_strength(spike_times_ms: ArrayLike, frequency_hz: float) -> float:
-    """Tell how tightly spikes keep to one phase of a vibration.
-
-    Parameters
-    ----------
-    spike_times_ms
-        Spike times, ``(spike,)``.
-    frequency_hz
-        Of the vibration.
-
-    Returns
-    -------
-    float
-        1 where all spikes stand at one phase, 0 where they are spread evenly; NaN
-        without spikes. Few spikes look locked: one gives 1, and n at random phases
-        about ``sqrt(0.8 / n)``.
-
-    Raises
-    ------
-    ParameterError
-        A time that is not finite, or a frequency that is not > 0.
-
-    Notes
-    -----
-    Goldberg and Brown, J. Neurophysiol. 32, 613 (1969): the length of the mean of
-    ``exp(2πi f t)``.
-    """
-    times_ms = checked_times_ms(spike_times_ms, "spike_times_ms")
-    cycles = times_ms * (_positive(frequency_hz, "frequency_hz") / 1000.0)
-    if not cycles.size:
-        return math.nan
-    return min(1.0, float(np.abs(np.mean(np.exp(2j * np.pi * (cycles % 1.0))))))
 
 
 def _checked_curve(amplitude_um: ArrayLike, rate_ips: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -201,10 +166,10 @@ def _checked_curve(amplitude_um: ArrayLike, rate_ips: ArrayLike) -> tuple[FloatA
     amplitude, rate = amplitude[order], rate[order]
     if not amplitude[0] > 0:
         raise ParameterError(f"amplitude_um must be > 0, got {amplitude[0]:g}")
-    twice = np.flatnonzero(np.diff(amplitude) == 0)
-    if twice.size:
+    duplicate = np.flatnonzero(np.diff(amplitude) == 0)
+    if duplicate.size:
         raise ParameterError(
-            f"amplitude_um {amplitude[twice[0]]:g} stands twice; average its rates"
+            f"duplicate amplitude_um {amplitude[duplicate[0]]:g}; average its rates"
         )
     return amplitude, rate
 
@@ -237,8 +202,8 @@ def _positive(value: float, name: str) -> float:
     return float(value)
 
 
-def _runs(held: BoolArray) -> list[tuple[int, int]]:
+def _runs(locked: BoolArray) -> list[tuple[int, int]]:
     """First and last row of each run of true rows."""
-    steps = np.diff(held.astype(np.int64), prepend=0, append=0)
+    steps = np.diff(locked.astype(np.int64), prepend=0, append=0)
     firsts, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
     return [(int(first), int(end) - 1) for first, end in zip(firsts, ends, strict=True)]

@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode, write, and tell the rate of each afferent."""
     from fembridge.simulation import trains_of
     from fembridge.tables import Rate, read_traces
-    from neural import encode_cells, mean_rate_ips, parameter_set_or_file, spikes_inside
+    from neural import encode_cells, mean_rate_ips, parameter_set_or_file
+    from neural.rates import spikes_inside
 
     chosen = parameter_set_or_file(args.parameters)
     parameters = chosen.parameters

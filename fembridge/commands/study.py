@@ -68,9 +68,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Study and write; the summary holds the best case of each class."""
     from pathlib import Path
 
-    from fembridge.fitting.response_source import stored_source
-    from fembridge.fitting.study import held_out_rmse_ips, study_models
-    from fembridge.fitting.study_files import CASES_FILE, SUMMARY_FILE, cases_text, summary_text
+    from fembridge.fitting.problem import stored_source
+    from fembridge.fitting.study import (
+        CASES_FILE,
+        SUMMARY_FILE,
+        cases_text,
+        held_out_rmse_ips,
+        study_models,
+        summary_text,
+    )
     from fembridge.observed import read_observed
     from fembridge.plots.study import study_figure
     from fembridge.plots.style import save_figure
@@ -121,18 +127,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Case, ...]":
     """Give the cases that the options name."""
     from fembridge.errors import UsageError
-    from fembridge.fitting.settings import FitSettings
+    from fembridge.fitting.fit import FitSettings
     from fembridge.fitting.study import Case, default_cases
-    from neural.drive_table import DRIVES
+    from neural.models import MODELS
 
     if not args.drive:
         if args.cells is not None or args.preindent_um is not None:
             raise UsageError("--cells and --preindent-um go with --drive; the study has its own")
         return default_cases(observed.afferents)
-    unknown = [name for name in args.drive if name not in DRIVES]
+    unknown = [name for name in args.drive if name not in MODELS]
     if unknown:
         raise UsageError(
-            f"drive {unknown[0]!r}, expected one of {', '.join(DRIVES)}; "
+            f"drive {unknown[0]!r}, expected one of {', '.join(MODELS)}; "
             "`fembridge fit --drive list` tells about each"
         )
     FitSettings(cells=args.cells, evaluations=args.evaluations)  # checks both
@@ -140,13 +146,13 @@ def cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Ca
         Case(
             name,
             afferent,
-            DRIVES[name][afferent].cells if args.cells is None else args.cells,
+            MODELS[name][afferent].cells if args.cells is None else args.cells,
             depth_um,
         )
         for name in args.drive
         for depth_um in args.preindent_um or (0.0,)
         for afferent in observed.afferents
-        if afferent in DRIVES[name]
+        if afferent in MODELS[name]
     )
 
 

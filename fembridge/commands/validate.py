@@ -19,7 +19,7 @@ EXAMPLE = "fembridge validate -o report"
 
 _FOLDER = "report"
 _FINGER = "quick"
-_PARAMETERS = "fitted"  # neural.sets.DEFAULT_SET, which takes NumPy to import
+_PARAMETERS = "fitted"  # neural.parameter_sets.DEFAULT_SET, which takes NumPy to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,16 +5,22 @@ pair of components, noises of one band.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from decks.finger_file import read_finger
+from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Sine, number_text, resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, UsageError
 from fembridge.observed import FAMILIES, ObservedRates
-from fembridge.response.response_map import ResponseMap
-from neural.drive_model import Drive
+from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
+from fembridge.store import sha256_of
+from fembridge.typing import Table
 from neural.fit_problem import FitProblem
+from neural.models import Model
 
 
 def group_of(entry: Entry) -> str:
@@ -41,7 +47,7 @@ def observed_entries(
 def fit_problem(
     observed: ObservedRates,
     response: ResponseMap,
-    drive: Drive,
+    model: Model,
     *,
     families: Sequence[str] = FAMILIES[:1],
     preindent_um: float = 0.0,
@@ -51,14 +57,14 @@ def fit_problem(
 
     Parameters
     ----------
-    drive
+    model
         Its row says which class is fitted, and which stress it reads.
     families
         The stimuli to take of `observed`, by family.
     preindent_um
         Depth of the probe before time 0.
     cells
-        Cells of a candidate; 0: as many as the drive has.
+        Cells of a candidate; 0: as many as the model has.
 
     Returns
     -------
@@ -72,25 +78,25 @@ def fit_problem(
     ResponseError
         No such afferent in `response`, or a stimulus deeper than it reaches.
     """
-    entries = observed_entries(observed, drive.afferent, families)
+    entries = observed_entries(observed, model.afferent, families)
     if not entries:
-        known = {entry.family for entry in observed_entries(observed, drive.afferent)}
+        known = {entry.family for entry in observed_entries(observed, model.afferent)}
         raise UsageError(
-            f"no observed rates of {drive.afferent} of family "
+            f"no observed rates of {model.afferent} of family "
             f"{' or '.join(families)}, only of {', '.join(sorted(known))}: "
             f"{observed.path}"
         )
     classes = [place.afferent for place in response.places]
-    if drive.afferent not in classes:
-        raise ResponseError(f"no {drive.afferent} in the response, only {', '.join(classes)}")
-    column = classes.index(drive.afferent)
-    models = {drive.afferent: drive}
+    if model.afferent not in classes:
+        raise ResponseError(f"no {model.afferent} in the response, only {', '.join(classes)}")
+    column = classes.index(model.afferent)
+    models = {model.afferent: model}
     stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]
     traces = [response.traces(each, models)[column] for each in stimuli]
-    names, rate_ips = observed.of(drive.afferent)
+    names, rate_ips = observed.of(model.afferent)
     by_name = dict(zip(names, rate_ips.tolist(), strict=True))
     return FitProblem(
-        drive=drive,
+        model=model,
         stress_pa=np.stack([trace.stress_pa for trace in traces], -1),
         observed_ips=np.array([by_name[entry.id] for entry in entries]),
         groups=tuple(map(group_of, entries)),
@@ -98,3 +104,71 @@ def fit_problem(
         dt_ms=DT_MS,
         cells=cells,
     )
+
+
+# Where ``fembridge simulate`` keeps what it solved, below its output folder.
+_SOLVED = "response"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponseSource:
+    """A response map, the name of its file, and the SHA-256 of that."""
+
+    response: ResponseMap
+    name: str
+    sha256: str
+    stored: bool
+
+    def to_table(self) -> Table:
+        """Tell in TOML where the stress comes from, without any path."""
+        origin = self.response.origin
+        finger = origin.get("finger")
+        told: Table = {
+            "source": "stored response" if self.stored else "solved response",
+            "file": self.name,
+            "sha256": self.sha256,
+        }
+        if isinstance(finger, dict) and "name" in finger:
+            told["finger"] = str(finger["name"])
+        for key in ("solver", "element", "deck_sha256"):
+            if key in origin:
+                told[key] = origin[key]
+        if self.response.closure_percent == self.response.closure_percent:  # no NaN
+            told["closure_percent"] = self.response.closure_percent
+        return told
+
+
+def stored_source(finger: str) -> ResponseSource:
+    """Take the stored response of a reference finger, ``quick`` or ``paper``.
+
+    Raises
+    ------
+    FingerError
+        No such finger.
+    ResponseError
+        No response is stored for it.
+    """
+    response = stored_response(read_finger(finger), Probe(), "CPE4")
+    path = FOLDER / f"{finger}.toml"
+    return ResponseSource(response, path.name, sha256_of(path), stored=True)
+
+
+def solved_source(place: Path) -> ResponseSource:
+    """Read a response that was solved: its file, its folder, or simulate's output.
+
+    Raises
+    ------
+    ResponseError
+        There is none, or it is no whole response map.
+    """
+    path = place
+    if place.is_dir():
+        known = (place / MAP_FILE, place / _SOLVED / MAP_FILE)
+        there = [file for file in known if file.is_file()]
+        if not there:
+            raise ResponseError(
+                f"{place}: no {MAP_FILE} here nor in {_SOLVED}/, expected what "
+                "`fembridge simulate` keeps of a solved response"
+            )
+        path = there[0]
+    return ResponseSource(read_map(path), path.name, sha256_of(path), stored=False)

@@ -1,10 +1,12 @@
-"""A model study: drives fitted to the same rates, and judged on what they did not see.
+"""A model study: models fitted to the same rates, and judged on what they did not see.
 
-A case is a drive with a number of cells at a pre-indentation. Each is fitted to all
+A case is a model with a number of cells at a pre-indentation. Each is fitted to all
 sinusoids, and then without each frequency in turn, which is predicted; both again
-with other seeds.
+with other seeds. Written are a row a seed as CSV, and the summary as Markdown.
 """
 
+import csv
+import io
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
@@ -18,13 +20,12 @@ from fembridge.fitting.problem import fit_problem
 from fembridge.observed import ObservedRates
 from fembridge.response.response_map import ResponseMap
 from neural.agreement import Agreement, agreement
-from neural.cross_validation import Trial, cross_validate
-from neural.drive_table import DEFAULT_DRIVES, DRIVES, drive_named
 from neural.encoder import encode_cells
+from neural.models import DEFAULT_MODELS, MODELS, model_named
+from neural.parameter_sets import fitted_preindent_um
 from neural.parameters import PUBLISHED
-from neural.rate import mean_rate_ips
-from neural.search import EVALUATIONS
-from neural.sets import held_um
+from neural.rates import mean_rate_ips
+from neural.search import EVALUATIONS, Trial, cross_validate
 
 PUBLISHED_DRIVE = "published"
 TABLE_2 = "Table 2"
@@ -47,7 +48,7 @@ class Case:
     @property
     def free_parameters(self) -> int:
         """How many parameters a fit searches."""
-        return len(drive_named(self.drive, self.afferent).free(self.cells))
+        return len(model_named(self.drive, self.afferent).free(self.cells))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,18 +96,19 @@ def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
     """
     cases = [
         Case(name, afferent, rows[afferent].cells, depth_um)
-        for depth_um in (0.0, held_um())
-        for name, rows in DRIVES.items()
+        for depth_um in (0.0, fitted_preindent_um())
+        for name, rows in MODELS.items()
         for afferent in afferents
         if afferent in rows
     ]
     for afferent in afferents:
-        name = DEFAULT_DRIVES[afferent]
-        cells = DRIVES[name][afferent].cells
+        name = DEFAULT_MODELS[afferent]
+        cells = MODELS[name][afferent].cells
         cases += [Case(name, afferent, cells, depth_um) for depth_um in _DEPTHS_UM]
-        cases.append(Case(name, afferent, 1, held_um()))
+        cases.append(Case(name, afferent, 1, fitted_preindent_um()))
         cases += [
-            Case(PUBLISHED_DRIVE, afferent, _MANY_CELLS, depth_um) for depth_um in (0.0, held_um())
+            Case(PUBLISHED_DRIVE, afferent, _MANY_CELLS, depth_um)
+            for depth_um in (0.0, fitted_preindent_um())
         ]
     return tuple(dict.fromkeys(cases))
 
@@ -167,7 +169,7 @@ def _finding(
     problem = fit_problem(
         observed,
         response,
-        drive_named(case.drive, case.afferent),
+        model_named(case.drive, case.afferent),
         preindent_um=case.preindent_um,
         cells=case.cells,
     )
@@ -178,9 +180,103 @@ def _finding(
 
 def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> Agreement:
     """Judge Table 2 as it is printed, without pre-indentation."""
-    problem = fit_problem(observed, response, drive_named(PUBLISHED_DRIVE, afferent))
+    problem = fit_problem(observed, response, model_named(PUBLISHED_DRIVE, afferent))
     runs = encode_cells(problem.stress_pa, problem.dt_ms, PUBLISHED[afferent])
     rates = [
         mean_rate_ips(cells, window) for cells, window in zip(runs, problem.windows_ms, strict=True)
     ]
     return agreement(problem.observed_ips, np.array(rates))
+
+
+CASES_FILE = "study.csv"
+SUMMARY_FILE = "study.md"
+
+_COLUMNS = (
+    "afferent",
+    "drive",
+    "cells",
+    "preindent_um",
+    "free_parameters",
+    "seed",
+    "fitted_r_squared",
+    "fitted_rmse_ips",
+    "held_out_r_squared",
+    "held_out_rmse_ips",
+    "parameters",
+)
+
+
+def cases_text(study: ModelStudy) -> str:
+    """Give a row a case and seed; ``parameters`` as ``name=value`` with blanks."""
+    out = io.StringIO(newline="")
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(_COLUMNS)
+    for finding in study.findings:
+        case = finding.case
+        free = model_named(case.drive, case.afferent).free(case.cells)
+        for trial in finding.trials:
+            found = " ".join(
+                f"{one.field}={getattr(trial.parameters, one.field):.6g}" for one in free
+            )
+            table.writerow(
+                [
+                    case.afferent,
+                    case.drive,
+                    case.cells,
+                    f"{case.preindent_um:g}",
+                    case.free_parameters,
+                    trial.seed,
+                    f"{trial.fitted.regression.r_squared:.4f}",
+                    f"{trial.fitted.rmse_ips:.3f}",
+                    f"{trial.held_out.regression.r_squared:.4f}",
+                    f"{trial.held_out.rmse_ips:.3f}",
+                    found,
+                ]
+            )
+    return out.getvalue()
+
+
+def summary_text(study: ModelStudy) -> str:
+    """Give a table a class, the smallest held-out error first; medians over seeds."""
+    lines = []
+    for afferent, unfitted in study.unfitted.items():
+        lines += [
+            f"### {afferent}",
+            "",
+            "| drive | cells | held at (µm) | free | R² fitted | RMSE fitted | "
+            "R² held out | RMSE held out (range) |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        mine = [one for one in study.findings if one.case.afferent == afferent]
+        lines += map(_row, sorted(mine, key=_held_out))
+        lines += [
+            f"| published, {TABLE_2} as printed | 1 | 0 | 0 | "
+            f"{unfitted.regression.r_squared:.3f} | {unfitted.rmse_ips:.1f} | | |",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _row(finding: Finding) -> str:
+    case = finding.case
+    errors = [held_out_rmse_ips(trial) for trial in finding.trials]
+    return (
+        f"| {case.drive} | {case.cells} | {case.preindent_um:g} | "
+        f"{case.free_parameters} | {finding.median(_fitted_r_squared):.3f} | "
+        f"{finding.median(fitted_rmse_ips):.1f} | "
+        f"{finding.median(_held_out_r_squared):.3f} | "
+        f"{finding.median(held_out_rmse_ips):.1f} "
+        f"({min(errors):.1f}–{max(errors):.1f}) |"
+    )
+
+
+def _held_out(finding: Finding) -> float:
+    return finding.median(held_out_rmse_ips)
+
+
+def _fitted_r_squared(trial: Trial) -> float:
+    return trial.fitted.regression.r_squared
+
+
+def _held_out_r_squared(trial: Trial) -> float:
+    return trial.held_out.regression.r_squared

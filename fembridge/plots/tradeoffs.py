@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.fitting.fit import Fit, FitRun
-from fembridge.fitting.judged_rates import JudgedRates
+from fembridge.fitting.fit import Fit, FitRun, JudgedRates
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,

@@ -27,7 +27,8 @@ from fembridge.results import read
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from fembridge.typing import FloatArray
-from neural import afferent_drives, encode_cells, parameter_set
+from neural import encode_cells, parameter_set
+from neural.encoder import afferent_drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -262,7 +263,7 @@ def _compared(
         drives, trains = [], []
         for trace in (mapped, solved):
             drive = parameters[name].drive
-            drives.append(afferent_drives(name, trace.stress_pa, trace.dt_ms, drive=drive))
+            drives.append(afferent_drives(name, trace.stress_pa, trace.dt_ms, model=drive))
             trains.append(encode_cells(trace.stress_pa, trace.dt_ms, parameters[name])[0])
         drive_percent[name] = max(map(_off_percent, *drives))
         for one, other in zip(*trains, strict=True):

@@ -17,15 +17,15 @@ import numpy as np
 from decks.stimuli import CATALOGUE, Diharmonic, Entry, Sine, number_text, set_name
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.typing import FloatArray
-from neural import (
-    agreement,
+from neural import agreement
+from neural.rates import EDGE_MS
+from neural.threshold import (
+    CRITERION_IPS,
     entrainment_plateau,
     entrainment_threshold_um,
     threshold_amplitude_um,
-    vector_strength,
 )
-from neural.rate import EDGE_MS
-from neural.threshold import CRITERION_IPS
+from neural.timing import vector_strength
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series

@@ -29,7 +29,7 @@ from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.touchsim import touchsim_rates
 from neural import Parameters, ParameterSet
-from neural.sets import DEFAULT_SET, SET_NAMES, parameter_set, parameter_set_or_file
+from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set, parameter_set_or_file
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -53,7 +53,7 @@ from fembridge.store import filling, sha256_of, write_text
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
 from fembridge.touchsim import TABLE
 from fembridge.typing import Table
-from neural import parameters_to_table
+from neural.parameter_sets import parameters_to_table
 from neural.threshold import CRITERION_IPS, PLATEAU
 
 if TYPE_CHECKING:

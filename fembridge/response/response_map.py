@@ -23,8 +23,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.store import read_sealed, write_sealed
 from fembridge.trace import StressTrace
 from fembridge.typing import FloatArray, Table
-from neural.drive_model import Drive
-from neural.drive_table import drive_of
+from neural.models import Model, model_of
 from neural.parameters import AfferentParameters
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ ENERGY = "energy"
 IN_PLANE = 4
 """Components of a tensor that plane strain has: xx, yy, zz, xy."""
 
-Models: TypeAlias = Mapping[str, Drive] | Mapping[str, AfferentParameters]
+Models: TypeAlias = Mapping[str, Model] | Mapping[str, AfferentParameters]
 """By class of afferents: rows of the table of drives, or parameters."""
 
 
@@ -252,8 +251,8 @@ def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
     return response
 
 
-def _reads_energy(model: Drive | AfferentParameters) -> bool:
-    drive = drive_of(model) if isinstance(model, AfferentParameters) else model
+def _reads_energy(model: Model | AfferentParameters) -> bool:
+    drive = model_of(model) if isinstance(model, AfferentParameters) else model
     return drive.quantity == ENERGY
 
 

@@ -46,7 +46,8 @@ from fembridge.sweeps.fingers import (
     combinations,
     fingers_of,
 )
-from neural import SET_NAMES, ParameterSet, parameter_set, parameter_set_or_file
+from neural import ParameterSet, parameter_set, parameter_set_or_file
+from neural.parameter_sets import SET_NAMES
 
 Asked = Mapping[str, Value]
 """What is asked of a contact model, by the names of `decks.analysis.Contact`."""

@@ -63,7 +63,9 @@ from fembridge.store import (
 from fembridge.sweeps.study import Asked, ladder_of
 from fembridge.tables import write_spikes, write_table
 from fembridge.typing import Table
-from neural import AfferentParameters, Parameters, parameters_to_table, spikes_inside
+from neural import AfferentParameters, Parameters
+from neural.parameter_sets import parameters_to_table
+from neural.rates import spikes_inside
 
 if TYPE_CHECKING:
     import pandas as pd

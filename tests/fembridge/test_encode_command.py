@@ -152,7 +152,7 @@ def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
         (["--window-ms", "5", "300"], 2, "inside 0 to 250 ms, the SA trace"),
         (["--window-ms", "200", "100"], 2, "window 200 to 100 ms"),
         (["--window-ms", "nan", "100"], 2, "window nan to 100 ms"),
-        (["--parameters", "absent.toml"], 1, "absent.toml: cannot read"),
+        (["--parameters", "absent.toml"], 1, "absent.toml: "),
     ],
 )
 def test_a_word_without_meaning_ends_in_one_line_and_no_files(here, capsys, words, code, message):

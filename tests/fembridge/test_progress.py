@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fembridge.fitting.search_bar import SearchBar
+from fembridge.fitting.fit import SearchBar
 from fembridge.progress import Bars, SolverBars, words_of
 from fembridge.solver.ccx import Progress
 from neural.search import Progress as SearchProgress

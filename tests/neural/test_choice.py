@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from fembridge.errors import ParameterError
-from neural.choice import NEAR_SHARE, RULES, choose, frequency_response_error_ips
-from neural.drive_table import drive_named
 from neural.fit_problem import FitProblem
-from neural.search import Front, search_front
+from neural.models import model_named
+from neural.search import (
+    NEAR_SHARE,
+    RULES,
+    Front,
+    choose,
+    frequency_response_error_ips,
+    search_front,
+)
 
 # Rises of steps of 1000 Pa, each in two rows, before the window ends at 100 ms.
 RISES = (3, 9, 2, 6)
@@ -20,7 +26,7 @@ def problem_of(observed_ips, groups=("a", "a", "b", "b")):
     for column, rises in enumerate(RISES):
         stress[:, column] = 600.0 * np.minimum(TIMES // 16, rises)
     return FitProblem(
-        drive=drive_named("rising", "RA"),
+        model=model_named("rising", "RA"),
         stress_pa=stress,
         observed_ips=np.array(observed_ips),
         groups=groups,

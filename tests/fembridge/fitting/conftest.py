@@ -7,7 +7,8 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.observed import read_observed
 from fembridge.response.response_map import FOLDER, read_map
-from neural import PUBLISHED, RisingRaParameters, encode_cells, rate_ips
+from neural import PUBLISHED, encode_cells, rate_ips
+from neural.parameters import RisingRaParameters
 
 SINES = (
     *("sine_20_35.08", "sine_20_67.01", "sine_20_128", "sine_20_250"),

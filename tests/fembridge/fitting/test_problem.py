@@ -6,10 +6,9 @@ from numpy.testing import assert_array_equal
 
 from decks.stimuli import CATALOGUE, resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import ParameterError
-from fembridge.fitting.judged_rates import JudgedRates
+from fembridge.fitting.fit import JudgedRates
 from fembridge.fitting.problem import fit_problem, group_of
-from neural import drive_named
+from neural.models import model_named
 
 
 @pytest.mark.parametrize(
@@ -39,7 +38,7 @@ def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response)
     problem = fit_problem(
         observed,
         response,
-        drive_named("rising", "SA"),
+        model_named("rising", "SA"),
         families=("sine", "noise"),
         preindent_um=75.0,
     )
@@ -69,10 +68,3 @@ def test_agreement_is_told_of_each_group_each_family_and_all():
         ("all", "all", 1.0),
     ]
     assert_array_equal(judged.of_group("20 Hz").predicted_ips, [1, 4])
-
-
-@pytest.mark.parametrize("count", [0, 1, 3])
-def test_rates_that_are_not_one_a_stimulus_are_refused(count):
-    entries = resolve(["sine_20_250,sine_20_128"])
-    with pytest.raises(ParameterError, match="observed_ips of shape"):
-        JudgedRates(entries, np.zeros(count), np.zeros(2), seen=True)

@@ -9,13 +9,19 @@ import pytest
 
 from fembridge.cli import main
 from fembridge.errors import UsageError
-from fembridge.fitting.response_source import stored_source
-from fembridge.fitting.study import Case, default_cases, held_out_rmse_ips, study_models
-from fembridge.fitting.study_files import cases_text, summary_text
+from fembridge.fitting.problem import stored_source
+from fembridge.fitting.study import (
+    Case,
+    cases_text,
+    default_cases,
+    held_out_rmse_ips,
+    study_models,
+    summary_text,
+)
 from fembridge.observed import read_observed
 from fembridge.tables import Rate, write_rates
-from neural.drive_table import DRIVES
-from neural.sets import held_um
+from neural.models import MODELS
+from neural.parameter_sets import fitted_preindent_um
 
 STIMULI = ("sine_20_100", "sine_20_250", "sine_50_100", "sine_50_250")
 SHORT = {"evaluations": 200, "seeds": (1, 2)}
@@ -80,9 +86,9 @@ def test_the_summary_ends_with_the_paper_s_parameters_as_printed(made):
 def test_the_whole_study_has_every_drive_unheld_and_held():
     cases = default_cases(("SA", "RA", "PC"))
     found = {(case.drive, case.afferent, case.preindent_um) for case in cases}
-    for name, rows in DRIVES.items():
+    for name, rows in MODELS.items():
         for afferent in rows:
-            assert {(name, afferent, 0.0), (name, afferent, held_um())} <= found
+            assert {(name, afferent, 0.0), (name, afferent, fitted_preindent_um())} <= found
     assert len(cases) == len(set(cases))
 
 

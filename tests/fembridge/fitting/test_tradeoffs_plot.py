@@ -10,16 +10,15 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import UsageError
-from fembridge.fitting.fit import fit_afferents
-from fembridge.fitting.settings import FitSettings
+from fembridge.fitting.fit import FitSettings, fit_afferents
 from fembridge.plots.style import save_figure
 from fembridge.plots.tradeoffs import strongest_tradeoff, tradeoffs_figure
-from neural import drive_named
+from neural.models import model_named
 
 
 @pytest.fixture(scope="module")
 def run(observed, response):
-    drives = {"RA": drive_named("one_sided", "RA"), "SA": drive_named("rising", "SA")}
+    drives = {"RA": model_named("one_sided", "RA"), "SA": model_named("rising", "SA")}
     settings = FitSettings(evaluations=60, population=20)
     return fit_afferents(observed, response, drives, settings)
 
@@ -101,7 +100,7 @@ def test_classes_with_other_groups_leave_the_panels_of_the_others_empty(observed
     fast = [name.startswith("sine_300") for name in observed.stimuli]
     rate_ips[fast, column] = np.nan
     partial = replace(observed, rate_ips=rate_ips)
-    drives = {name: drive_named("rising", name) for name in ("SA", "RA")}
+    drives = {name: model_named("rising", name) for name in ("SA", "RA")}
     settings = FitSettings(evaluations=20, population=20)
     run = fit_afferents(partial, response, drives, settings)
     panels = tradeoffs_figure(run).axes
@@ -117,7 +116,7 @@ def test_one_group_has_nothing_to_trade(observed, response):
         rate_ips=observed.rate_ips[rows],
     )
     settings = FitSettings(evaluations=20, population=20)
-    run = fit_afferents(slow, response, {"RA": drive_named("rising", "RA")}, settings)
+    run = fit_afferents(slow, response, {"RA": model_named("rising", "RA")}, settings)
     panels = tradeoffs_figure(run).axes
     assert [panel.axison for panel in panels] == [True, False, True]
 

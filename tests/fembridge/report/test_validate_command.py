@@ -77,7 +77,7 @@ def test_the_line_on_the_page_is_the_one_that_was_given():
 
 
 def test_the_default_model_is_the_one_that_simulate_takes():
-    from neural.sets import DEFAULT_SET
+    from neural.parameter_sets import DEFAULT_SET
 
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)

@@ -21,7 +21,8 @@ from fembridge.response import response_map
 from fembridge.response.response_map import FOLDER, read_map, stored_response
 from fembridge.results.stress import energy_stress_pa, von_mises_pa
 from fembridge.stimulus import Stimulus
-from neural import PUBLISHED, drive_named
+from neural import PUBLISHED
+from neural.models import model_named
 
 depths_below_300 = st.lists(st.floats(0.0, 300.0), min_size=2, max_size=40)
 
@@ -173,12 +174,12 @@ def test_a_map_lets_nobody_write(made_map):
 
 RESPONSE = read_map(FOLDER / "quick.toml")
 STIMULUS = make_stimulus(resolve("sine_20_250")[0], preindent_um=50.0)
-ENERGY = {name: drive_named("energy", name) for name in ("SA", "RA", "PC")}
+ENERGY = {name: model_named("energy", name) for name in ("SA", "RA", "PC")}
 
 
 def test_models_that_read_von_mises_stress_get_the_traces_of_the_response():
     expected = RESPONSE.traces(STIMULUS)
-    rising = {name: drive_named("rising", name) for name in ("SA", "RA")}
+    rising = {name: model_named("rising", name) for name in ("SA", "RA")}
     for models in ({}, rising, PUBLISHED):
         found = RESPONSE.traces(STIMULUS, models)
         assert [t.afferent for t in found] == [t.afferent for t in expected]

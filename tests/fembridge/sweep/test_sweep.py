@@ -21,7 +21,7 @@ from fembridge.sweeps.study import study_from
 from fembridge.sweeps.sweep import plan_of
 from fembridge.sweeps.work import STUDY_FILE, read_answers, solver_version, work
 from neural import parameter_set
-from neural.rate import spikes_inside
+from neural.rates import spikes_inside
 
 QUICK = Variant("quick", PRESETS["quick"])
 

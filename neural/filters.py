@@ -1,8 +1,8 @@
-"""Filtered stress: what drives each afferent, filters (1) to (4) of the paper.
+"""Filtered stress: what drives each afferent, filters (1) to (4) of the paper, and ours.
 
 The paper is Ishizuka et al., *Computational models for SA, RA, PC afferent*. Time
-is the first axis everywhere: ``(T,)``, or ``(T, condition)`` for many traces that
-share one time axis.
+is the first axis everywhere: stress is ``(T,)``, or ``(T, condition)`` for many traces
+that share one time axis, in Pa; a filter's result has that shape.
 
 Two things are open in the paper; this is how they are taken here.
 
@@ -21,6 +21,8 @@ dt shrinks, and fire RA and PC at onset. A trace that starts with three still
 samples has a known rest, and then its onset counts.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -31,6 +33,13 @@ from fembridge.typing import FloatArray
 # and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
 M1, M2, M3, M4 = 9, 9, 9, 8
 
+# Over what time the differences of `sharp_rise` are taken. With it they are largest
+# at 1 / (2 LAG_MS), 500 Hz; over one sample they would grow up to 1000 Hz.
+LAG_MS = 1.0
+
+# How the response of PC grows with them: a tenth for a thousandth.
+COMPRESSION = 1.0 / 3.0
+
 # How many samples behind and ahead of t a derivative at t looks.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
 
@@ -38,110 +47,40 @@ DERIVATIVES = tuple(_REACH)
 
 
 def sa_level(stress_pa: ArrayLike) -> FloatArray:
-    """Average the stress over a moving window: the sustained part of what drives SA.
+    """The sustained part of what drives SA in Pa: stress averaged over a moving window.
 
-    Parameters
-    ----------
-    stress_pa
-        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
-
-    Returns
-    -------
-    ndarray
-        Drive in Pa, ≥ 0, of the same shape.
-
-    Notes
-    -----
     Filter (1): the mean of |σ| over samples t − 9 to t + 9.
     """
     return _windowed_mean(np.abs(checked_stress(stress_pa)), M1, M2, "edge")
 
 
 def sa_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Average the stress rate over a moving window: the dynamic part of what drives SA.
+    """The dynamic part of what drives SA in Pa/ms: stress rate over a moving window.
 
-    Parameters
-    ----------
-    stress_pa
-        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
-    dt_ms
-        Time between two samples.
-    derivative
-        Scheme of σ′, one of `DERIVATIVES`.
-
-    Returns
-    -------
-    ndarray
-        Drive in Pa/ms, ≥ 0, of the same shape.
-
-    Notes
-    -----
     Filter (2): the mean of |σ′| over samples t − 8 to t + 9.
     """
     rate = stress_rate(stress_pa, dt_ms, derivative)
     return _windowed_mean(np.abs(rate), M3, M4, "constant")
 
 
-def ra_drive(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Rectified change of the stress rate: what drives RA.
-
-    Parameters
-    ----------
-    stress_pa
-        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
-    dt_ms
-        Time between two samples.
-    derivative
-        Scheme of σ′, one of `DERIVATIVES`.
-
-    Returns
-    -------
-    ndarray
-        Drive in Pa/ms, ≥ 0, of the same shape. With the backward scheme the first
-        two samples are 0: they have no complete past.
-
-    Notes
-    -----
-    Filter (3), ``|σ′(t) − σ′(t − dt)|``. The difference is not divided by dt, so
-    its size goes with dt: parameters hold for the step they were fitted at.
-    """
-    return np.abs(rate_change(stress_pa, dt_ms, derivative))
-
-
-def pc_drive(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Rectified change of the stress acceleration: what drives PC.
-
-    Parameters
-    ----------
-    stress_pa
-        Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa.
-    dt_ms
-        Time between two samples.
-    derivative
-        Scheme of σ′, applied twice for σ″; one of `DERIVATIVES`.
-
-    Returns
-    -------
-    ndarray
-        Drive in Pa/ms², ≥ 0, of the same shape. With the backward scheme the first
-        three samples are 0: they have no complete past.
-
-    Notes
-    -----
-    Filter (4), ``|σ″(t) − σ″(t − dt)|``.
-    """
-    return np.abs(acceleration_change(stress_pa, dt_ms, derivative))
-
-
 def rate_change(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Give filter (3) before it is rectified, σ′(t) − σ′(t − dt) in Pa/ms."""
+    """Change of the stress rate in Pa/ms; rectified it drives RA.
+
+    Filter (3), ``σ′(t) − σ′(t − dt)``. The difference is not divided by dt, so its
+    size goes with dt: parameters hold for the step they were fitted at. With the
+    backward scheme the first two samples are 0: they have no complete past.
+    """
     return _change(stress_rate(stress_pa, dt_ms, derivative), 1, derivative)
 
 
 def acceleration_change(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
 ) -> FloatArray:
-    """Give filter (4) before it is rectified, σ″(t) − σ″(t − dt) in Pa/ms²."""
+    """Change of the stress acceleration in Pa/ms²; rectified it drives PC.
+
+    Filter (4), ``σ″(t) − σ″(t − dt)``, the scheme of σ′ applied twice. With the
+    backward scheme the first three samples are 0.
+    """
     rate = stress_rate(stress_pa, dt_ms, derivative)
     return _change(_differentiate(rate, dt_ms, derivative), 2, derivative)
 
@@ -159,13 +98,37 @@ def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
     return _differentiate(checked_stress(stress_pa), dt_ms, derivative)
 
 
-def check_scheme(derivative: str) -> None:
-    """Refuse a scheme that is not in `DERIVATIVES`, with a `ParameterError`."""
+def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
+    """Compressed one-sided third difference of the stress, in Pa^(1/3): drives a PC cell.
+
+    ``max(Δ³σ(t), 0)^(1/3)`` with ``Δσ(t) = σ(t) − σ(t − LAG_MS)``; 0 where one of its
+    samples is missing. The differences look back whatever the scheme: they are no
+    derivatives.
+
+    Raises
+    ------
+    ParameterError
+        `LAG_MS` is not a whole number of samples.
+    """
     _reach(derivative)
+    stress = checked_stress(stress_pa)
+    _check_step(dt_ms)
+    lag = round(LAG_MS / dt_ms)
+    if lag < 1 or abs(lag * dt_ms - LAG_MS) > 1e-3 * LAG_MS:
+        raise ParameterError(
+            f"dt_ms is {dt_ms:g}, expected a whole part of {LAG_MS:g} ms, the lag of "
+            "the third difference"
+        )
+    third = stress
+    for _ in range(3):
+        third = third[lag:] - third[:-lag]
+    drive = np.zeros_like(stress)
+    drive[3 * lag :] = np.cbrt(np.maximum(third, 0.0))
+    return drive
 
 
 def checked_stress(stress_pa: ArrayLike) -> FloatArray:
-    """Give `stress_pa` as float64 ``(T,)`` or ``(T, condition)``, all finite."""
+    """`stress_pa` as float64 ``(T,)`` or ``(T, condition)``, all finite."""
     stress = np.asarray(stress_pa, dtype=np.float64)
     if stress.ndim not in (1, 2) or stress.shape[0] < 2:
         raise TraceError(
@@ -173,17 +136,18 @@ def checked_stress(stress_pa: ArrayLike) -> FloatArray:
             "with two samples or more"
         )
     if not np.isfinite(stress).all():
-        bad = np.argwhere(~np.isfinite(stress))
-        place = "".join(
-            f"{name} {row}" for name, row in zip(("sample", ", condition"), bad[0], strict=False)
-        )
-        raise TraceError(f"stress is {stress[tuple(bad[0])]} at {place}")
+        bad = np.argwhere(~np.isfinite(stress))[0]
+        raise TraceError(f"stress is {stress[tuple(bad)]} at sample {', '.join(map(str, bad))}")
     return stress
 
 
-def _differentiate(values: FloatArray, dt_ms: float, derivative: str) -> FloatArray:
-    if not (np.isfinite(dt_ms) and dt_ms > 0):
+def _check_step(dt_ms: float) -> None:
+    if not (math.isfinite(dt_ms) and dt_ms > 0):
         raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
+
+
+def _differentiate(values: FloatArray, dt_ms: float, derivative: str) -> FloatArray:
+    _check_step(dt_ms)
     behind, ahead = _reach(derivative)
     span = behind + ahead
     slope = np.zeros_like(values)

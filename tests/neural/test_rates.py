@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError
-from neural.rate import impulses_per_cycle, rate_ips, spikes_inside, window_rows
+from neural.rates import rate_ips, spikes_inside, window_rows
 
 
 def test_the_start_of_a_window_is_excluded_and_its_end_included():
@@ -25,13 +25,6 @@ def test_a_rate_is_impulses_a_second():
     assert rate_ips([10.0, 20.0, 30.0], (0.0, 100.0)) == 30.0
     assert rate_ips(np.arange(1, 50) * 5.0, (5.0, 250.0)) == pytest.approx(48 / 0.245)
     assert rate_ips([], (0.0, 100.0)) == 0.0
-
-
-def test_one_spike_a_cycle_is_one_impulse_a_cycle():
-    """50 Hz: a cycle is 20 ms, five of them in the window."""
-    times_ms = 3.0 + 20.0 * np.arange(12)
-
-    assert impulses_per_cycle(times_ms, (100.0, 200.0), 50.0) == 1.0
 
 
 @given(
@@ -63,8 +56,6 @@ def test_a_window_that_ends_before_it_starts_is_refused(window_ms):
             count(window_ms)
 
 
-def test_a_frequency_or_step_that_is_none_is_refused():
-    with pytest.raises(ParameterError, match="frequency_hz must be > 0"):
-        impulses_per_cycle([1.0], (0.0, 10.0), 0.0)
+def test_a_step_that_is_none_is_refused():
     with pytest.raises(ParameterError, match="dt_ms must be > 0"):
         window_rows((0.0, 10.0), -0.5)

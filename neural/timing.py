@@ -1,9 +1,9 @@
-"""How far two spike trains are apart, as metrics: van Rossum's and Victor–Purpura's.
+"""Timing of spikes: locking to a vibration, and how far two trains are apart.
 
-A train is its spike times in ms, in any order; a time that stands twice is two
-spikes. Both distances are 0 for equal trains only, do not depend on which train comes
-first, and keep the triangle inequality. Each has one number that says how precise in
-time a spike is taken to be: `tau_ms` or ``1 / cost_per_ms``.
+A train is its spike times in ms, in any order; a duplicate time is two spikes. Both
+distances, van Rossum's and Victor–Purpura's, are 0 for equal trains only, do not depend
+on which train comes first, and keep the triangle inequality. Each has one number that
+says how precise in time a spike is taken to be: `tau_ms` or ``1 / cost_per_ms``.
 """
 
 import math
@@ -15,8 +15,44 @@ from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 
 
+def vector_strength(spike_times_ms: ArrayLike, frequency_hz: float) -> float:
+    """How tightly spikes keep to one phase of a vibration.
+
+    Parameters
+    ----------
+    spike_times_ms
+        Spike times, ``(spike,)``.
+    frequency_hz
+        Of the vibration.
+
+    Returns
+    -------
+    float
+        1 where all spikes stand at one phase, 0 where they are spread evenly; NaN
+        without spikes. Few spikes look locked: one gives 1, and n at random phases
+        about ``sqrt(0.8 / n)``.
+
+    Raises
+    ------
+    ParameterError
+        A time that is not finite, or a frequency that is not > 0.
+
+    Notes
+    -----
+    Goldberg and Brown, J. Neurophysiol. 32, 613 (1969): the length of the mean of
+    ``exp(2πi f t)``.
+    """
+    times_ms = checked_times_ms(spike_times_ms, "spike_times_ms")
+    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
+        raise ParameterError(f"frequency_hz must be finite and > 0, got {frequency_hz}")
+    if not times_ms.size:
+        return math.nan
+    cycles = times_ms * (frequency_hz / 1000.0)
+    return min(1.0, float(np.abs(np.mean(np.exp(2j * np.pi * (cycles % 1.0))))))
+
+
 def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: float) -> float:
-    """Give the distance of two trains, each spike smeared into a decaying tail.
+    """Distance of two trains, each spike smeared into a decaying tail.
 
     Parameters
     ----------
@@ -50,7 +86,7 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
 
     Examples
     --------
-    >>> from neural.spike_distance import van_rossum_distance
+    >>> from neural.timing import van_rossum_distance
     >>> round(van_rossum_distance([10.0, 20.0], [10.0], tau_ms=5.0) ** 2, 12)
     0.5
     """
@@ -76,7 +112,7 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
 def victor_purpura_distance(
     times_a_ms: ArrayLike, times_b_ms: ArrayLike, cost_per_ms: float
 ) -> float:
-    """Give the least cost of turning one train into the other, spike by spike.
+    """Least cost of turning one train into the other, spike by spike.
 
     Parameters
     ----------
@@ -108,7 +144,7 @@ def victor_purpura_distance(
 
     Examples
     --------
-    >>> from neural.spike_distance import victor_purpura_distance
+    >>> from neural.timing import victor_purpura_distance
     >>> victor_purpura_distance([10.0, 20.0], [12.0], cost_per_ms=0.25)
     1.5
     """
@@ -128,7 +164,7 @@ def victor_purpura_distance(
 
 
 def checked_times_ms(spike_times_ms: ArrayLike, name: str) -> FloatArray:
-    """Give spike times as float64 ``(spike,)``, all finite, in order of time."""
+    """Spike times as float64 ``(spike,)``, all finite, in order of time."""
     times_ms = np.asarray(spike_times_ms, dtype=np.float64)
     if times_ms.ndim != 1:
         raise ParameterError(f"{name} of shape {times_ms.shape}, expected (spike,)")

@@ -1,4 +1,4 @@
-"""Firing rates: how many spikes stand in a window of time.
+"""Firing rates: how many spikes are in a window of time.
 
 A window is ``(start, end)`` in ms, start excluded and end included, so that windows
 side by side share no spike.
@@ -17,7 +17,7 @@ EDGE_MS = 1.0e-6
 
 
 def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> int:
-    """Count the spikes after the window's start, up to and with its end."""
+    """Number of spikes after the window's start, up to and with its end."""
     start, end = _checked(window_ms)
     times_ms = np.asarray(spike_times_ms, dtype=np.float64)
     inside = (times_ms > start + EDGE_MS) & (times_ms <= end + EDGE_MS)
@@ -25,32 +25,21 @@ def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> 
 
 
 def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float:
-    """Give the firing rate in a window, in impulses a second."""
+    """Firing rate in a window, in impulses a second."""
     spikes = spikes_inside(spike_times_ms, window_ms)
     return spikes * 1000.0 / (window_ms[1] - window_ms[0])
 
 
 def mean_rate_ips(cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]) -> float:
-    """Give the mean rate of the cells of a population, spike times of each in ms."""
-    if not cells_ms:
-        raise ParameterError("no cell, expected one or more")
+    """Mean rate of the cells of a population, spike times of each in ms."""
     spikes = sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms)
     return spikes * 1000.0 / (len(cells_ms) * (window_ms[1] - window_ms[0]))
 
 
-def impulses_per_cycle(
-    spike_times_ms: ArrayLike, window_ms: tuple[float, float], frequency_hz: float
-) -> float:
-    """Give the spikes a cycle of a vibration: 1 is phase-locked, one to one."""
-    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
-        raise ParameterError(f"frequency_hz must be > 0, got {frequency_hz}")
-    return rate_ips(spike_times_ms, window_ms) / frequency_hz
-
-
 def window_rows(window_ms: tuple[float, float], dt_ms: float, start_ms: float = 0.0) -> slice:
-    """Give the rows of a current whose spikes stand inside a window.
+    """Rows of a current whose spikes are inside a window.
 
-    The spike of row k stands at ``start_ms + (k + 1) dt_ms``; see `neural.lif`.
+    The spike of row k is at ``start_ms + (k + 1) dt_ms``; see `neural.lif`.
     """
     start, end = _checked(window_ms)
     if not (math.isfinite(dt_ms) and dt_ms > 0):

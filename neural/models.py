@@ -1,0 +1,342 @@
+"""All models of an afferent in one table: equation, free parameters, reason.
+
+`MODELS` has a row for each name and class. ``published`` is the paper's; the others
+are this project's, each made to answer one question about it, and compared with it on
+the same data in ``docs/model_study.md``. Beside that every model may have more than one
+cell (``cells``, ``spread``) and an adaptive threshold (``jump_mv``, ``recovery_ms``).
+
+A current is ``I' = (R_m / τ_m) I`` in mV/ms, so that ``alpha_mv_per_ms`` is the α′ of
+Table 2 and neither R_m nor the milliamperes of α are needed. A saturating share is that
+of current (4), (5) and (6) of the paper.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fembridge.errors import ParameterError
+from fembridge.typing import FloatArray
+from neural.filters import (
+    COMPRESSION,
+    acceleration_change,
+    rate_change,
+    sa_level,
+    sa_rate,
+    sharp_rise,
+    stress_rate,
+)
+from neural.parameters import (
+    AfferentParameters,
+    PcParameters,
+    RaParameters,
+    RateRaParameters,
+    RisingRaParameters,
+    RisingSaParameters,
+    SaParameters,
+    SharpPcParameters,
+)
+
+# Cells of the models whose rates are means over a population: a recorded mean has
+# steps of a fifth of an impulse, as far as cells fire alike.
+CELLS = 5
+
+# Thresholds minus rest of section 2.2 in mV, on which the steps of stress count.
+_SA_GAP_MV, _RA_GAP_MV = 15.0, 10.0
+
+
+Filters: TypeAlias = Callable[[FloatArray, float, str], tuple[FloatArray, ...]]
+Values: TypeAlias = Mapping[str, ArrayLike]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coefficients:
+    """Of a current ``alpha × Σ share``, one share a filter.
+
+    With `halves` a share saturates, ``x / (half + x)``; with `weights` it is linear,
+    ``weight × x``; just one of both is given. Entries are numbers or ``(candidate,)``.
+    `degree` is the power of the stress that linear filters grow with.
+    """
+
+    alpha_mv_per_ms: ArrayLike
+    halves: tuple[ArrayLike, ...] | None = None
+    weights: tuple[ArrayLike, ...] | None = None
+    degree: float = 1.0
+
+    def for_need(self, need: ArrayLike) -> "Coefficients":
+        """Those of a cell that needs `need` times the stress for the same current."""
+        if self.halves is not None:
+            return replace(self, halves=tuple(np.multiply(half, need) for half in self.halves))
+        alpha = np.divide(self.alpha_mv_per_ms, np.power(need, self.degree))
+        return replace(self, alpha_mv_per_ms=alpha)
+
+    def current(self, filtered: Sequence[FloatArray]) -> FloatArray:
+        """Current in mV/ms of filtered stress ``(T, …)``, where all entries are numbers."""
+        if self.halves is None:
+            parts = [gain * x for x, gain in zip(filtered, self.gains(), strict=True)]
+            return np.asarray(sum(parts[1:], parts[0]))
+        sizes = [np.abs(x) for x in filtered]
+        shares = [np.divide(x, half + x) for x, half in zip(sizes, self.halves, strict=True)]
+        return np.asarray(np.multiply(self.alpha_mv_per_ms, sum(shares[1:], shares[0])))
+
+    def gains(self) -> tuple[FloatArray, ...]:
+        """``alpha × weight`` of each linear share."""
+        return tuple(np.multiply(self.alpha_mv_per_ms, weight) for weight in self.weights or ())
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A parameter that a fit searches, evenly in its logarithm, from `low` to `high`.
+
+    `even` ones are searched evenly in themselves.
+    """
+
+    field: str
+    low: float
+    high: float
+    unit: str
+    even: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One model of one class: what it filters, how that becomes current, and why.
+
+    `clamped` membranes do not fall below rest. `quantity` is the stress that it
+    reads: ``von_mises``, or ``energy``, the uniaxial stress of equal strain energy.
+    """
+
+    name: str
+    afferent: str
+    parameters: type[AfferentParameters]
+    filters: Filters
+    coefficients: Callable[[Values], Coefficients]
+    own_free: tuple[Free, ...]
+    equation: str
+    reason: str
+    clamped: bool = False
+    quantity: str = "von_mises"
+    adaptive: bool = False
+    cells: int = 1
+
+    def free(self, cells: int | None = None) -> tuple[Free, ...]:
+        """What a fit of so many cells searches; by default the model's own number."""
+        own = (TAU, *self.own_free)
+        if self.adaptive:
+            own = (*own, JUMP, RECOVERY)
+        return (*own, SPREAD) if (cells or self.cells) > 1 else own
+
+
+# How far each parameter is searched; the paper does not state its bounds.
+TAU = Free("tau_ms", 1.0, 1000.0, "ms")
+SPREAD = Free("spread", 0.0, 2.0, "1", even=True)
+JUMP = Free("jump_mv", 0.1, 30.0, "mV")
+RECOVERY = Free("recovery_ms", 1.0, 1000.0, "ms")
+A1 = Free("a1_pa", 1e2, 1e6, "Pa")
+A2 = Free("a2_pa_per_ms", 1e2, 1e6, "Pa/ms")
+A3 = Free("a3_pa_per_ms", 1e1, 1e6, "Pa/ms")
+A4 = Free("a4_pa_per_ms2", 1e-1, 1e4, "Pa/ms²")
+A5 = Free("a5_pa_per_ms", 1e1, 1e6, "Pa/ms")
+ALPHA = Free("alpha_mv_per_ms", 1e-1, 1e3, "mV/ms")
+BETA = Free("beta_mv_per_ms", 1e-2, 1e2, "mV/ms")
+STEP = Free("step_pa", 1e3, 1e6, "Pa")
+HELD = Free("held_pa", 1e3, 1e6, "Pa")
+
+
+def _saturating(*halves: str) -> Callable[[Values], Coefficients]:
+    return lambda values: Coefficients(
+        values["alpha_mv_per_ms"], halves=tuple(values[name] for name in halves)
+    )
+
+
+def _of(*filters: Callable[[FloatArray, float, str], FloatArray]) -> Filters:
+    return lambda stress, dt_ms, scheme: tuple(each(stress, dt_ms, scheme) for each in filters)
+
+
+def _size_of(filtered: Callable[[FloatArray, float, str], FloatArray]) -> Filters:
+    return _of(lambda *trace: np.abs(filtered(*trace)))
+
+
+def _rise_of(filtered: Callable[[FloatArray, float, str], FloatArray]) -> Filters:
+    return _of(lambda *trace: np.maximum(filtered(*trace), 0.0))
+
+
+_PUBLISHED = (
+    Model(
+        name="published",
+        afferent="SA",
+        parameters=SaParameters,
+        filters=_of(lambda stress, *_: sa_level(stress), sa_rate),
+        coefficients=_saturating("a1_pa", "a2_pa_per_ms"),
+        own_free=(A1, A2, ALPHA),
+        equation="I' = α' (x1/(a1 + x1) + x2/(a2 + x2)), x1 = mean |σ|, x2 = mean |σ'|",
+        reason="filters (1), (2) and current (4) of the paper",
+    ),
+    Model(
+        name="published",
+        afferent="RA",
+        parameters=RaParameters,
+        filters=_size_of(rate_change),
+        coefficients=_saturating("a3_pa_per_ms"),
+        own_free=(A3, ALPHA),
+        equation="I' = α' x/(a3 + x), x = |σ'(t) − σ'(t − dt)|",
+        reason="filter (3) and current (5) of the paper",
+    ),
+    Model(
+        name="published",
+        afferent="PC",
+        parameters=PcParameters,
+        filters=_size_of(acceleration_change),
+        coefficients=_saturating("a4_pa_per_ms2"),
+        own_free=(A4, ALPHA),
+        equation="I' = α' x/(a4 + x), x = |σ″(t) − σ″(t − dt)|",
+        reason="filter (4) and current (6) of the paper",
+    ),
+)
+
+
+_ROWS = (
+    *_PUBLISHED,
+    *(
+        replace(
+            model,
+            name="energy",
+            quantity="energy",
+            reason="does strain energy density, held to drive SA, tell more than von Mises "
+            "stress? σ is the uniaxial stress of equal strain energy, √(2EW)",
+        )
+        for model in _PUBLISHED
+    ),
+    *(
+        replace(
+            model,
+            name="adaptive",
+            adaptive=True,
+            reason="does a threshold that each spike raises, as afferents show, flatten "
+            "the rates at high frequencies?",
+        )
+        for model in _PUBLISHED
+    ),
+    Model(
+        name="rate",
+        afferent="RA",
+        parameters=RateRaParameters,
+        filters=_of(
+            lambda *trace: np.abs(rate_change(*trace)), lambda *trace: np.abs(stress_rate(*trace))
+        ),
+        coefficients=_saturating("a3_pa_per_ms", "a5_pa_per_ms"),
+        own_free=(A3, A5, ALPHA),
+        equation="I' = α' (x1/(a3 + x1) + x2/(a5 + x2)), x1 as published, x2 = |σ'|",
+        reason="filter (3) grows with the square of the frequency and overrates "
+        "300 Hz; |σ'| grows with the frequency alone",
+    ),
+    Model(
+        name="one_sided",
+        afferent="RA",
+        parameters=RaParameters,
+        filters=_rise_of(rate_change),
+        coefficients=_saturating("a3_pa_per_ms"),
+        own_free=(A3, ALPHA),
+        equation="I' = α' x/(a3 + x), x = max(σ'(t) − σ'(t − dt), 0)",
+        reason="a cell that fires on one phase of a cycle locks one to one",
+    ),
+    Model(
+        name="one_sided",
+        afferent="PC",
+        parameters=PcParameters,
+        filters=_rise_of(acceleration_change),
+        coefficients=_saturating("a4_pa_per_ms2"),
+        own_free=(A4, ALPHA),
+        equation="I' = α' x/(a4 + x), x = max(σ″(t) − σ″(t − dt), 0)",
+        reason="a cell that fires on one phase of a cycle locks one to one",
+    ),
+    Model(
+        name="rising",
+        afferent="SA",
+        parameters=RisingSaParameters,
+        filters=_of(stress_rate, lambda stress, *_: np.asarray(stress)),
+        coefficients=lambda values: Coefficients(
+            _SA_GAP_MV,
+            weights=(
+                np.divide(1.0, values["step_pa"]),
+                np.divide(1.0, np.multiply(values["held_pa"], values["tau_ms"])),
+            ),
+        ),
+        own_free=(STEP, HELD),
+        equation="I' = gap (σ'/step + σ/(held τ)), v ≥ rest",
+        reason="observed impulses a cycle go with the amplitude, hardly with the "
+        "frequency: each rise of stress by a step fires once; stress above a level "
+        "fires on",
+        clamped=True,
+        cells=CELLS,
+    ),
+    Model(
+        name="rising",
+        afferent="RA",
+        parameters=RisingRaParameters,
+        filters=_of(stress_rate),
+        coefficients=lambda values: Coefficients(
+            _RA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]),)
+        ),
+        own_free=(STEP,),
+        equation="I' = gap σ'/step, v ≥ rest",
+        reason="observed impulses a cycle go with the amplitude, hardly with the "
+        "frequency: each rise of stress by a step fires once",
+        clamped=True,
+        cells=CELLS,
+    ),
+    Model(
+        name="sharp",
+        afferent="PC",
+        parameters=SharpPcParameters,
+        filters=_of(sharp_rise),
+        coefficients=lambda values: Coefficients(
+            values["beta_mv_per_ms"], weights=(1.0,), degree=COMPRESSION
+        ),
+        own_free=(BETA,),
+        equation="I' = β max(Δ³σ, 0)^(1/3), Δσ = σ(t) − σ(t − 1 ms)",
+        reason="filter (4) grows without end up to 1000 Hz, PC cells are keenest near "
+        "250 Hz; their rates span amplitudes of 1 to 1000 by compression",
+        cells=CELLS,
+    ),
+)
+
+# The models of the shipped parameters; see ``docs/model_study.md``.
+DEFAULT_MODELS: Mapping[str, str] = MappingProxyType(
+    {"SA": "rising", "RA": "rising", "PC": "sharp"}
+)
+
+MODELS: Mapping[str, Mapping[str, Model]] = MappingProxyType(
+    {
+        name: MappingProxyType({row.afferent: row for row in _ROWS if row.name == name})
+        for name in dict.fromkeys(row.name for row in _ROWS)
+    }
+)
+
+
+def model_named(name: str, afferent: str) -> Model:
+    """The row of a name and class.
+
+    Raises
+    ------
+    ParameterError
+        No such name, or none for this class.
+    """
+    if name not in MODELS:
+        raise ParameterError(f"drive {name!r}, expected one of {', '.join(MODELS)}")
+    if afferent not in MODELS[name]:
+        known = ", ".join(n for n, rows in MODELS.items() if afferent in rows)
+        raise ParameterError(
+            f"no drive {name!r} for {afferent}, expected one of {known}"
+            if known
+            else f"afferent {afferent!r}, expected SA, RA or PC"
+        )
+    return MODELS[name][afferent]
+
+
+def model_of(parameters: AfferentParameters) -> Model:
+    """The row that `parameters` belong to."""
+    return model_named(parameters.drive, parameters.afferent)

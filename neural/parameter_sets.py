@@ -1,0 +1,162 @@
+"""Parameter sets: the two that are shipped, and a user's own as a TOML file.
+
+::
+
+    preindent_um = 75.0
+
+    [RA]
+    drive = "rising"
+    tau_ms = 300.0
+    step_pa = 7000.0
+
+A section that is absent is published. ``drive`` is a name of `neural.models`; without
+it a section is of the published model, and a key that is absent keeps its published
+value. `preindent_um` is the depth at which the probe stood before time 0 when the
+numbers were fitted. ``name``, and tables ``fit`` and ``study``, describe the origin:
+they are kept and not read. All else is refused.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+
+from fembridge.errors import ParameterError
+from fembridge.store import changed, near_hint, read_toml, structure
+from fembridge.typing import Table
+from neural.models import model_named
+from neural.parameters import AFFERENTS, PUBLISHED, AfferentParameters, Parameters
+
+FITTED_FILE = Path(__file__).parent / "fitted.toml"
+
+# Fitted and held out it is better than the published model on every class:
+# ``docs/model_study.md``.
+DEFAULT_SET = "fitted"
+
+SET_NAMES = ("published", "fitted")
+
+ORIGIN_KEYS = ("name", "fit", "study")
+_PREINDENT = "preindent_um"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """Parameters of all classes, and what they hold for.
+
+    `preindent_um`, >= 0, is the depth of the probe before time 0 in the fit;
+    `origin` says how the numbers came about.
+    """
+
+    name: str
+    parameters: Parameters
+    preindent_um: float = 0.0
+    origin: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.preindent_um) and self.preindent_um >= 0):
+            raise ParameterError(f"{_PREINDENT} is {self.preindent_um}, expected a number >= 0")
+        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    name: str
+    preindent_um: float = 0.0
+
+
+@cache
+def parameter_set(name: str) -> ParameterSet:
+    """A shipped set: ``published``, Table 2, or ``fitted``.
+
+    Raises
+    ------
+    ParameterError
+        No set of that name.
+    """
+    if name == "published":
+        return ParameterSet(name, PUBLISHED, origin={"fit": {"source": "Ishizuka et al., Table 2"}})
+    if name == "fitted":
+        return read_parameter_set(FITTED_FILE)
+    raise ParameterError(
+        f"no parameter set {name!r}, expected {' or '.join(SET_NAMES)} or a TOML file"
+    )
+
+
+def fitted_preindent_um() -> float:
+    """Depth of the probe before time 0 in the fit of the shipped parameters."""
+    return parameter_set("fitted").preindent_um
+
+
+def parameter_set_or_file(word: str) -> ParameterSet:
+    """A shipped set by its name, or that of the file `word`.
+
+    Raises
+    ------
+    ParameterError
+        Neither is there, or the file is none of parameters.
+    """
+    path = Path(word)
+    if word and word not in SET_NAMES and (path.suffix or path.exists()):
+        return read_parameter_set(path)
+    return parameter_set(word)
+
+
+def read_parameter_set(path: Path) -> ParameterSet:
+    """A TOML file of parameters, with what they hold for.
+
+    Raises
+    ------
+    ParameterError
+        No such file, not TOML, or what `parameters_from_table` refuses.
+    """
+    table = read_toml(path, ParameterError)
+    try:
+        head = {key: table[key] for key in ("name", _PREINDENT) if key in table}
+        known = changed(_Head(path.stem), head, ParameterError)
+        return ParameterSet(
+            name=known.name,
+            parameters=parameters_from_table(table),
+            preindent_um=known.preindent_um,
+            origin={key: table[key] for key in ORIGIN_KEYS if key in table},
+        )
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error
+
+
+def parameters_from_table(table: Mapping[str, object]) -> Parameters:
+    """Parameters of a table as TOML gives it; what is absent is published.
+
+    Raises
+    ------
+    ParameterError
+        An unknown section or key, or a value outside its meaning.
+    """
+    chosen = dict(PUBLISHED)
+    for afferent, section in table.items():
+        if afferent in ORIGIN_KEYS or afferent == _PREINDENT:
+            continue
+        if afferent not in PUBLISHED:
+            hint = near_hint(afferent, AFFERENTS)
+            expected = ", ".join(AFFERENTS)
+            raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
+        try:
+            chosen[afferent] = _from_section(afferent, section)
+        except ParameterError as error:
+            raise ParameterError(f"{afferent}: {error}") from error
+    return MappingProxyType(chosen)
+
+
+def _from_section(afferent: str, section: object) -> AfferentParameters:
+    known = PUBLISHED[afferent]
+    drive = section.get("drive", known.drive) if isinstance(section, Mapping) else known.drive
+    kind = model_named(str(drive), afferent).parameters
+    if kind is type(known):
+        return changed(known, section, ParameterError)
+    return structure(section, kind, ParameterError)
+
+
+def parameters_to_table(parameters: Parameters) -> Table:
+    """A table for TOML: a section for each class, every key."""
+    return {name: asdict(one) for name, one in parameters.items()}

@@ -1,0 +1,288 @@
+"""Parameters: Table 2 as it is printed, the shipped sets, and a user's own as TOML."""
+
+import math
+import re
+from dataclasses import FrozenInstanceError, fields, replace
+
+import pytest
+import tomli_w
+
+from fembridge.errors import ParameterError
+from neural.models import DEFAULT_MODELS, MODELS, model_of
+from neural.parameter_sets import (
+    DEFAULT_SET,
+    FITTED_FILE,
+    parameter_set,
+    parameter_set_or_file,
+    parameters_from_table,
+    parameters_to_table,
+    read_parameter_set,
+)
+from neural.parameters import (
+    AFFERENTS,
+    PUBLISHED,
+    RateRaParameters,
+    RisingRaParameters,
+    SharpPcParameters,
+)
+
+
+def read_parameters(path):
+    return read_parameter_set(path).parameters
+
+
+ROWS = [row for models in MODELS.values() for row in models.values()]
+ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
+RISING_RA = {"drive": "rising", "tau_ms": 300.0, "step_pa": 7000.0}
+
+
+def test_published_is_table_2_and_section_2_2():
+    sa, ra, pc = PUBLISHED["SA"], PUBLISHED["RA"], PUBLISHED["PC"]
+
+    assert (sa.tau_ms, ra.tau_ms, pc.tau_ms) == (32.14, 456.70, 639.85)
+    assert (sa.a1_pa, sa.a2_pa_per_ms) == (1926.32, 9850.98)
+    assert (ra.a3_pa_per_ms, pc.a4_pa_per_ms2) == (17191.87, 16.34)
+    assert [p.alpha_mv_per_ms for p in (sa, ra, pc)] == [1.79, 10.23, 4.14]
+    assert [p.gap_mv for p in (sa, ra, pc)] == [15.0, 10.0, 10.0]
+    assert [p.refractory_ms for p in (sa, ra, pc)] == [1.0, 0.5, 0.5]
+    assert {p.rest_mv for p in (sa, ra, pc)} == {-65.0}
+    assert {p.dt_ms for p in (sa, ra, pc)} == {0.5}
+
+
+def test_published_cannot_be_changed():
+    with pytest.raises(TypeError):
+        PUBLISHED["SA"] = PUBLISHED["RA"]
+    with pytest.raises(FrozenInstanceError):
+        PUBLISHED["SA"].tau_ms = 1.0
+
+
+def test_what_a_table_leaves_out_is_published():
+    own = parameters_from_table({"PC": {"tau_ms": 100}})
+
+    assert own["PC"] == replace(PUBLISHED["PC"], tau_ms=100.0)
+    assert own["SA"] is PUBLISHED["SA"]
+    assert isinstance(own["PC"].tau_ms, float)
+    assert dict(parameters_from_table({})) == dict(PUBLISHED)
+
+
+def test_no_refractory_period_is_a_period():
+    assert replace(PUBLISHED["PC"], refractory_ms=0).refractory_ms == 0.0
+
+
+def odd_parameters(row):
+    """Parameters of a row in which every number differs from its default."""
+    numbers = {
+        one.name: 0.1 + 0.7 * k
+        for k, one in enumerate(fields(row.parameters))
+        if one.name not in ("drive", "cells", "rest_mv", "threshold_mv", "dt_ms")
+    }
+    return row.parameters(
+        **{**numbers, "tau_ms": 0.1 + 0.2, "recovery_ms": 1e-300 + 3.3},
+        cells=7,
+        rest_mv=-71.3,
+        threshold_mv=-51.7,
+        dt_ms=0.25,
+        drive=row.name,
+    )
+
+
+@pytest.fixture
+def file_of(tmp_path):
+    def write(text, name="own.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@ALL
+def test_a_model_survives_a_table_and_a_file_to_the_last_digit(row, file_of):
+    own = {**PUBLISHED, row.afferent: odd_parameters(row)}
+    table = parameters_to_table(own)
+
+    again = parameters_from_table(table)
+    read = read_parameters(file_of(tomli_w.dumps(table)))
+
+    assert dict(again) == dict(read) == own
+    assert type(read[row.afferent]) is row.parameters
+    assert set(table[row.afferent]) == {one.name for one in fields(row.parameters)}
+
+
+@ALL
+def test_a_section_says_by_its_drive_which_parameters_it_holds(row):
+    needed = {one.field: math.sqrt(one.low * one.high) for one in row.free(1)}
+    section = {"drive": row.name, **needed}
+
+    own = parameters_from_table({row.afferent: section})[row.afferent]
+
+    assert type(own) is row.parameters
+    assert own.drive == row.name
+    assert {name: getattr(own, name) for name in needed} == needed
+
+
+@pytest.mark.parametrize("name", ["published", "energy", "adaptive", "one_sided"])
+def test_models_of_the_published_parameters_keep_what_a_section_leaves_out(name):
+    own = parameters_from_table({"RA": {"drive": name, "tau_ms": 99.0}})
+
+    assert own["RA"] == replace(PUBLISHED["RA"], drive=name, tau_ms=99.0)
+
+
+def test_other_models_keep_the_defaults_of_their_class():
+    own = parameters_from_table({"RA": RISING_RA, "SA": {}})
+
+    assert own["RA"] == RisingRaParameters(tau_ms=300.0, step_pa=7000.0)
+    assert own["RA"].threshold_mv == -55.0
+    assert own["SA"] == PUBLISHED["SA"]
+
+
+def test_parameters_of_another_model_are_refused_by_their_class():
+    with pytest.raises(ParameterError, match=r"RA: drive 'sharp' has no such .* rising"):
+        RisingRaParameters(tau_ms=1.0, step_pa=1.0, drive="sharp")
+    assert SharpPcParameters(tau_ms=1.0, beta_mv_per_ms=1.0).drive == "sharp"
+    with pytest.raises(TypeError, match="a5_pa_per_ms"):
+        RateRaParameters(tau_ms=1.0, a3_pa_per_ms=1.0, alpha_mv_per_ms=1.0)
+
+
+def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
+    path = file_of(
+        'name = "mine"\npreindent_um = 75\n'
+        "[RA]\ndrive = 'rising'\ntau_ms = 300\nstep_pa = 7000\n"
+        "[fit]\nseed = 3\nsources = ['a.csv', 'b.csv']\n[study.RA]\nrank = 1\n"
+    )
+
+    own = read_parameter_set(path)
+
+    assert (own.name, own.preindent_um) == ("mine", 75.0)
+    assert isinstance(own.preindent_um, float)
+    assert dict(own.origin) == {
+        "name": "mine",
+        "fit": {"seed": 3, "sources": ["a.csv", "b.csv"]},
+        "study": {"RA": {"rank": 1}},
+    }
+    assert dict(own.parameters) == dict(parameters_from_table({"RA": RISING_RA}))
+    assert dict(read_parameters(path)) == dict(own.parameters)
+
+
+def test_a_set_without_a_name_has_that_of_its_file(file_of):
+    own = read_parameter_set(file_of("", "keen cells.toml"))
+
+    assert (own.name, own.preindent_um, dict(own.origin)) == ("keen cells", 0.0, {})
+    assert dict(own.parameters) == dict(PUBLISHED)
+    assert tuple(own.parameters) == AFFERENTS
+
+
+def test_published_is_table_2_without_a_preindentation():
+    own = parameter_set("published")
+
+    assert own.parameters is PUBLISHED
+    assert (own.name, own.preindent_um) == ("published", 0.0)
+    assert own.origin["fit"] == {"source": "Ishizuka et al., Table 2"}
+
+
+def test_fitted_is_its_file_and_has_the_default_models():
+    own = parameter_set("fitted")
+    read = read_parameter_set(FITTED_FILE)
+
+    assert own.name == "fitted" == DEFAULT_SET
+    assert dict(own.parameters) == dict(read.parameters)
+    assert own.preindent_um == read.preindent_um >= 0.0
+    assert tuple(own.parameters) == AFFERENTS
+    for afferent, parameters in own.parameters.items():
+        drive = model_of(parameters)
+        assert (drive.afferent, drive.name) == (afferent, DEFAULT_MODELS[afferent])
+        assert (parameters.cells, parameters.dt_ms) == (drive.cells, 0.5)
+
+
+def test_what_is_fitted_lies_inside_what_is_searched():
+    for parameters in parameter_set("fitted").parameters.values():
+        for one in model_of(parameters).free(parameters.cells):
+            assert one.low <= getattr(parameters, one.field) <= one.high
+
+
+@pytest.mark.parametrize("word", ["Published", "fitted ", "table2", "folder/absent"])
+def test_a_word_that_names_nothing_is_refused(tmp_path, monkeypatch, word):
+    monkeypatch.chdir(tmp_path)
+
+    for give in (parameter_set, parameter_set_or_file):
+        with pytest.raises(
+            ParameterError, match=f"no parameter set '{word}', expected published or"
+        ):
+            give(word)
+
+
+@pytest.mark.parametrize("name", ["own.toml", "own", "own.txt"])
+def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch, name):
+    text = tomli_w.dumps({"SA": parameters_to_table(PUBLISHED)["SA"]})
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    for word in (name, f"./{name}", str(tmp_path / name)):
+        own = parameter_set_or_file(word)
+        assert own.name == "own"
+        assert dict(own.parameters) == dict(PUBLISHED)
+
+
+def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
+    (tmp_path / "published").write_text("[SA]\ntau_ms = 1.0\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    assert parameter_set_or_file("published").parameters is PUBLISHED
+    own = parameter_set_or_file("./published")
+    assert own.parameters["SA"].tau_ms == 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[SA]\ntau = 3", "SA: .*'tau'.*tau_ms"),
+        ("[SA]\na3_pa_per_ms = 3", "SA: .*a3_pa_per_ms"),
+        ("[sa]", "'sa'.*SA"),
+        ("preindent = 3", "'preindent'"),
+        ("SA = 3", "SA: 3"),
+        ("[SA]\ntau_ms = '32'", "SA: .*tau_ms.*'32'"),
+        ("[SA]\ntau_ms = true", "SA: .*tau_ms.*True"),
+        ("[SA]\ntau_ms = inf", "SA: .*tau_ms.*inf"),
+        ("[SA]\ntau_ms = 1e999", "SA: .*tau_ms.*inf"),
+        ("[SA]\ntau_ms = 1" + "0" * 400, "SA: .*tau_ms"),
+        ("[RA]\na3_pa_per_ms = 0", "RA: .*a3_pa_per_ms.*0"),
+        ("[RA]\nalpha_mv_per_ms = -1.0", "RA: .*alpha_mv_per_ms.*-1"),
+        ("[RA]\nrefractory_ms = -1", "RA: .*refractory_ms.*-1"),
+        ("[RA]\nspread = -0.1", "RA: .*spread.*-0.1"),
+        ("[RA]\nspread = 11", "RA: .*spread.*11"),
+        ("[RA]\njump_mv = -1", "RA: .*jump_mv.*-1"),
+        ("[RA]\nrecovery_ms = 0.1", r"RA: .*recovery_ms 0\.1.*dt_ms 0\.5"),
+        ("[RA]\ndt_ms = 0", "RA: .*dt_ms.*0"),
+        ("[RA]\ncells = 0", "RA: .*cells.*0"),
+        ("[RA]\ncells = 1001", "RA: .*cells.*1001"),
+        ("[RA]\ncells = 5.0", r"RA: .*cells.*5\.0"),
+        ("[PC]\nthreshold_mv = -65", "PC: .*threshold_mv -65.*rest_mv -65"),
+        ("[PC]\ntau_ms = 0.4", r"PC: .*tau_ms 0\.4.*dt_ms 0\.5"),
+        ("[RA]\ndrive = 'rising'\ntau_ms = 3", "RA: .*step_pa"),
+        ("[RA]\ndrive = 'rate'\na3_pa_per_ms = 3", "RA: .*_pa_per_ms|RA: .*tau_ms"),
+        ("[RA]\ndrive = 'sharp'", "'sharp'"),
+        ("[RA]\ndrive = 'risin'", "'risin'.*rising"),
+        ("[RA]\ndrive = 3", "'3'"),
+        ("preindent_um = -1", "preindent_um.*-1"),
+        ("preindent_um = nan", "preindent_um.*nan"),
+        ("preindent_um = '75'", "'75'"),
+        ("name = 3", "3"),
+        ("[SA", ""),
+        ("[RA]\ntau_ms = 3\ntau_ms = 4", ""),
+        ("stimulus,afferent,rate_ips", ""),
+    ],
+)
+def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named):
+    with pytest.raises(ParameterError, match=r"own\.toml: .*" + named) as caught:
+        read_parameter_set(file_of(text))
+
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("word", ["absent.toml", "sets", "sets/absent.toml"])
+def test_a_folder_or_a_file_that_is_not_there_is_named(tmp_path, monkeypatch, word):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sets").mkdir()
+
+    with pytest.raises(ParameterError, match=rf"^{re.escape(word)}: "):
+        parameter_set_or_file(word)
