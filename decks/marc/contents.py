@@ -66,7 +66,8 @@ POINTS, FORMULA = 2, 3
 FIXED_DISPLACEMENT = "fixed disp"
 TRANSLATIONS = 3
 """The first numbers of a body's motion, and degrees of freedom of a node: x, y and z."""
-DEFORMABLE, RIGID, SYMMETRY = 1, 2, 3
+DEFORMABLE, RIGID = 1, 2
+BODY_KINDS = {DEFORMABLE: "deformable", RIGID: "rigid", 3: "symmetry"}
 POSITION, VELOCITY = -1, 0
 """How a rigid body is controlled; above 0 it is by a load."""
 COULOMB_BILINEAR = 6
@@ -100,15 +101,13 @@ _MATERIAL_TABLES = 8
 class Elements:
     """Elements of one type in one ``connectivity``: `number` ``(E,)``, `node` ``(E, k)``.
 
-    `geometry`, `material` and `body` are 0 where the deck does not say them there.
+    `material` is 0 where the deck does not say it there.
     """
 
     kind: int
     number: IntArray
     node: IntArray
-    geometry: int
     material: int
-    body: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,11 +247,6 @@ class Post:
     head: tuple[int, ...]
     line: Line
     code_lines: tuple[Line, ...]
-
-    @property
-    def every(self) -> int:
-        """Every how many increments."""
-        return max(self.head[POST_EVERY], 1)
 
 
 # ---- The deck
@@ -469,56 +463,57 @@ def describe_marc_deck(path: Path) -> Table:
         "written_by": deck.mentat,
         "elements": {str(kind): count for kind, count in sorted(kinds.items())},
         "nodes": len(deck.coordinates.number),
-        "sets": dict(read(lambda: deck.sets().values(), _set_words)),
-        "tables": [_table_words(each) for each in deck.tables],
-        "conditions": read(deck.conditions, _condition_words),
-        "contact_bodies": read(deck.bodies, _body_words),
-        "load_cases": read(deck.load_cases, _case_words),
-        "post": next(iter(read(lambda: [deck.post()], _post_words)), None),
+        "sets": dict(
+            read(
+                lambda: deck.sets().values(),
+                lambda one: (one.name, {"kind": one.kind, "members": len(one.member)}),
+            )
+        ),
+        "tables": [
+            {"name": table.name, "number": table.number, "line": table.line.number}
+            | _ends(table.points)
+            for table in deck.tables
+        ],
+        "conditions": read(
+            deck.conditions,
+            lambda one: {"family": one.family, "name": one.name, "on": one.where},
+        ),
+        "contact_bodies": read(
+            deck.bodies,
+            lambda one: {"name": one.name, "kind": BODY_KINDS.get(one.kind, str(one.kind))},
+        ),
+        "load_cases": read(
+            deck.load_cases,
+            lambda case: {
+                "name": case.name,
+                "stepping": case.stepping and case.stepping.keyword,
+                "increments": case.increments,
+                "period": case.period,
+            },
+        ),
+        "post": next(
+            iter(
+                read(
+                    lambda: filter(None, [deck.post()]),
+                    lambda post: {
+                        "codes": list(post.codes),
+                        "nodal_codes": list(post.nodal),
+                        "formatted": post.head[POST_KIND] == POST_KINDS["text"],
+                        "every": max(post.head[POST_EVERY], 1),
+                    },
+                )
+            ),
+            None,
+        ),
         "sections": dict(Counter(o.keyword for o in deck.options if o.keyword)),
         "remarks": remarks,
     }
 
 
-def _set_words(named: NamedSet) -> tuple[str, Table]:
-    return named.name, {"kind": named.kind, "members": len(named.member)}
-
-
-def _table_words(table: MarcTable) -> Table:
-    words: Table = {"name": table.name, "number": table.number, "line": table.line.number}
-    if table.points is not None and len(table.points):
-        first, last = table.points[0].tolist(), table.points[-1].tolist()
-        words |= {"points": len(table.points), "first": first, "last": last}
-    return words
-
-
-def _condition_words(condition: Condition) -> Table:
-    return {"family": condition.family, "name": condition.name, "on": condition.where}
-
-
-def _body_words(body: Body) -> Table:
-    kinds = {DEFORMABLE: "deformable", RIGID: "rigid", SYMMETRY: "symmetry"}
-    return {"name": body.name, "kind": kinds.get(body.kind, str(body.kind))}
-
-
-def _case_words(case: LoadCase) -> Table:
-    return {
-        "name": case.name,
-        "stepping": case.stepping and case.stepping.keyword,
-        "increments": case.increments,
-        "period": case.period,
-    }
-
-
-def _post_words(post: Post | None) -> Table | None:
-    if post is None:
-        return None
-    return {
-        "codes": list(post.codes),
-        "nodal_codes": list(post.nodal),
-        "formatted": post.head[POST_KIND] == POST_KINDS["text"],
-        "every": post.every,
-    }
+def _ends(points: FloatArray | None) -> Table:
+    if points is None or not len(points):
+        return {}
+    return {"points": len(points), "first": points[0].tolist(), "last": points[-1].tolist()}
 
 
 # ---- Mesh and sets
@@ -567,7 +562,7 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
             nodes.append(values[2:])
         for kind, (numbers, nodes) in found.items():
             number_, node_ = np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64)
-            yield Elements(kind, number_, node_, head[4], head[5], head[7])
+            yield Elements(kind, number_, node_, head[5])
 
 
 def _goes_on(values: list[int], count: int, line: Line) -> bool:
@@ -585,27 +580,24 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
     numbers: list[int] = []
     places: list[list[float]] = []
     for option in options:
-        data = option.data
-        rows = [line for line in data if not (line.blank or line.lettered)]
+        rows = [line for line in option.data if not (line.blank or line.lettered)]
         if not rows:
             continue
-        head = [*rows[0].integers(), 0, 0]
-        width, count = head[0] or 3, head[1]
+        width, count = ([*rows[0].integers(), 0, 0])[:2]
+        width = width or 3
         if not 1 <= width <= _MOST_COORDINATES:
             raise rows[0].refuse(f"{width} coordinates a node, expected 1 to {_MOST_COORDINATES}")
         for line in rows[1:]:
             number, place = line.node(width)
             numbers.append(number)
             places.append(place)
-        if count and len(rows) - 1 != count and not any(line.lettered for line in data):
+        if count and len(rows) - 1 != count and not any(line.lettered for line in option.data):
             raise rows[0].refuse(f"{count} nodes announced, but {len(rows) - 1} lines of them")
-    widest = max(map(len, places), default=3)
-    places = [each + [0.0] * (widest - len(each)) for each in places]
-    return Coordinates(
-        np.array(numbers, dtype=np.int64),
-        np.array(places).reshape(len(places), widest),
-        options[0].head if options else None,
-    )
+    position = np.zeros((len(places), max(map(len, places), default=3)))
+    for row, place in zip(position, places, strict=True):
+        row[: len(place)] = place
+    head = options[0].head if options else None
+    return Coordinates(np.array(numbers, dtype=np.int64), position, head)
 
 
 def _kind_and_name(option: Option) -> tuple[str, str]:

@@ -679,12 +679,20 @@ def read_options(
     return options, includes
 
 
-def looks_like_marc(data: bytes) -> bool:
-    """Whether the first line of a file that is no comment opens a Marc deck."""
-    for text in data[:_LOOK].decode("latin-1").split("\n"):
-        if text.strip() and not text.lstrip().startswith("$"):
-            return significant(text.removesuffix("\r")) in _OPENING
-    return False
+def is_marc_deck(path: Path) -> bool:
+    """Whether a ``.dat``, which CalculiX's prints are too, opens as a Marc deck does.
+
+    Its first line that is no comment says so; False where it cannot be read.
+    """
+    if path.suffix.lower() != ".dat":
+        return False
+    try:
+        with path.open("rb") as file:
+            lines = file.read(_LOOK).decode("latin-1").split("\n")
+    except OSError:
+        return False
+    words = (line for line in lines if line.strip() and not line.lstrip().startswith("$"))
+    return significant(next(words, "").removesuffix("\r")) in _OPENING
 
 
 @dataclass(slots=True)

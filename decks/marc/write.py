@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from decks.analysis import Analysis, ElementSet
-from decks.dialects import DIALECTS, DeckOptions
+from decks.dialects import DIALECTS, JOB, REWRITTEN, DeckOptions
 from decks.marc.contents import (
     COULOMB_BILINEAR,
     DEFORMABLE,
@@ -28,9 +28,13 @@ from decks.marc.contents import (
     post_lines,
 )
 from decks.marc.grammar import Layout, format_real, integers_line, keyword_line, reals_line
-from decks.marc.procedure import DECK, JOB, PROCEDURE, mentat_procedure
 from fembridge.errors import DeckError
 from fembridge.typing import FloatArray, IntArray
+
+DECK = DIALECTS["marc"].deck
+PROCEDURE = f"{JOB}.proc"
+# Mentat names the job that it makes of a deck by the deck's title.
+TITLE = "job1"
 
 # Numbers of elements are those of `DIALECTS`. Four and eight nodes are as in the decks
 # of DAMASK (11, 27, 54) and PFLigthart (118). Type 80 was in no deck that could be read:
@@ -173,7 +177,7 @@ class _Writer:
     def parameters(self) -> Iterator[str]:
         """Up to ``end``."""
         analysis = self.model
-        yield keyword_line("title", JOB)
+        yield keyword_line("title", TITLE)
         yield from _comment(f"fembridge: {analysis.title}")
         yield from _comment("units: mm, N, s, MPa; plane strain, 1 mm thick")
         yield from _comment(
@@ -222,7 +226,7 @@ class _Writer:
         yield from self.geometry()
         yield from self.conditions()
         # Mentat repeats the job's name as that of the load case before the first increment.
-        yield from self.active(JOB)
+        yield from self.active(TITLE)
         yield from self.contact()
         yield from self.contact_table()
         yield keyword_line("no print")
@@ -549,3 +553,76 @@ def _element_lines(section: ElementSet, kind: int, node: IntArray) -> Iterator[s
     row_format = "%10d" * node.shape[1]
     for number, row in zip(section.number.tolist(), node.tolist(), strict=True):
         yield f"{number:10d}{kind:10d}{row_format % tuple(row)}"
+
+
+# ---- The procedure
+
+# A Mentat procedure sets segment-to-segment contact and writes the deck again: which number
+# of a deck asks for that is not known; the command of Mentat that does is. Each command is
+# one of public procedures, two of them from their comments; none was run here.
+
+_READ = f"""\
+| Segment-to-segment contact for {DECK}, of fembridge.
+| In the deck's folder: mentat -bg with this file, or in Mentat.
+| Each command is one of public Mentat procedures; none was run here. Where
+| it stands in a comment there, this is said: look at Mentat's answer to it.
+|
+| An empty model; what is open and not saved is lost.
+| Seen in: PFLigthart/Marc_Mentat_Scripting (Mentat 2021).
+*new_model yes
+|
+| Read the deck.
+| Seen in: public scripts that write decks for Mentat 2021.
+*import marc_read "{DECK}"
+|
+| The job that Mentat makes of it is named by the deck's title.
+| Seen in: the same scripts, after an import; Nour-ept (Mentat 2020).
+*edit_job {TITLE}
+|
+| Segment-to-segment contact; node_segment is the other one.
+| Seen in: stabix, in a comment there (Mentat 2010 and later).
+*job_option contact_method:segment_segment
+"""
+_FRICTION = """\
+|
+| As the deck has it already. Older releases know it as
+| *job_option frictype:coulomb_bilinear
+| Seen in: a public script, in a comment there; stabix for the older word.
+*job_option friction_model:coulomb_bilinear
+"""
+# No command was seen for binary results alone, which is Mentat's own choice.
+_RESULTS = {
+    "binary": "",
+    "text": """\
+|
+| Formatted post file (.t19).
+| Seen in: public scripts.
+*job_option post:ascii
+""",
+    "both": """\
+|
+| Formatted post file (.t19) and binary one (.t16).
+| Seen in: public scripts.
+*job_option post:both
+""",
+}
+_WRITE = f"""\
+|
+| Take the job's options over.
+| Seen in: Nour-ept (Mentat 2020).
+*update_job
+|
+| Write the deck that Marc is to run.
+| Seen in: PFLigthart/Marc_Mentat_Scripting (Mentat 2021).
+*write_marc "{JOB}{REWRITTEN}.dat" yes
+|
+| Compare the option contact of both decks: what differs is the flag.
+"""
+
+
+def mentat_procedure(*, results: str = "both", friction: bool = True) -> str:
+    """The procedure for a deck that was written with these `results` and this `friction`.
+
+    Lines that start with ``|`` are comments.
+    """
+    return _READ + (_FRICTION if friction else "") + _RESULTS[results] + _WRITE

@@ -498,7 +498,7 @@ def _changed_post(edits: _Edits, found: Post, kind: int) -> list[str]:
     if missing:
         remarks.append(f"{line.place}: `post` also asks for codes {', '.join(map(str, missing))}")
     if head[POST_EVERY] not in (0, 1):
-        remarks.append(f"{line.place}: `post` every increment, not every {found.every}")
+        remarks.append(f"{line.place}: `post` every increment, not every {head[POST_EVERY]}")
     if head[POST_KIND] != kind:
         remarks.append(
             f"{line.place}: field 4 of `post`, the kind of results, is {kind}, "

@@ -187,7 +187,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )
     path, printed = result.path, print_table_of(result.path)
     if path.suffix.lower() == ".dat":  # of a Marc deck, too
-        from fembridge.results.marc_deck import is_marc_deck
+        from decks.marc.grammar import is_marc_deck
 
         if is_marc_deck(path):
             return _deck(args, path)
@@ -512,15 +512,15 @@ def _show_results(held: dict[str, Any]) -> None:
 
 def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     """Say what a Marc deck is: it has the suffix of CalculiX's prints."""
+    from decks.marc.contents import describe_marc_deck
     from fembridge.errors import UsageError
-    from fembridge.results.marc_deck import describe
 
     if not args.list:
         raise UsageError(
             f"{path}: a Marc deck, no results; --list shows what it holds, results "
             f"are in {path.stem}.t16 or {path.stem}.t19"
         )
-    held = describe(path)
+    held = describe_marc_deck(path)
     if args.json:
         return held
     print(f"{path}: {held['format']}, {held['bytes']} bytes")

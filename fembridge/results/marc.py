@@ -1,40 +1,187 @@
-"""Stress at nodes, from a post file of Marc: ``.t16``, ``.t19``.
+"""Stress and whole fields at nodes, from a post file of Marc: ``.t16``, ``.t19``.
 
 Marc stores stress at integration points. Here it is extrapolated to the node, element by
 element, and averaged over the elements of one layer; von Mises stress is that of the
 resulting tensor (as CalculiX's is), or with ``von_mises="scalar"`` the points' own von Mises
 stress, extrapolated as a number, which is what Mentat plots. They differ.
 
+Quantities go by Marc's names: those of the file at nodes (Displacement, Reaction Force),
+those of the post codes at elements (Stress, Equivalent Von Mises Stress). A name is taken
+case-blind, and as short as it is one quantity's alone; the whole name goes before longer
+ones. Steps are Marc's sub-increments.
+
+A tensor is requested by one code and stored as six consecutive ones, in the order 11 22 33
+12 23 31, which is our xx yy zz xy yz zx: no column moves. Single components (codes 11 to
+16) make the same tensor where all six are there.
+
 Marc has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 
-from fembridge.errors import ResultError
-from fembridge.results.marc_nodes import Plan, plan
-from fembridge.results.marc_post import PostFile, PostIncrement, PostMesh
-from fembridge.results.marc_quantity import (
-    element_quantities,
-    equivalent_stress,
-    nodal_components,
-    stress_tensor,
-)
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.fields import Field, Frame, Key
+from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints, Plan, plan
+from fembridge.results.marc_post import NodalQuantity, PostCode, PostFile, PostIncrement, PostMesh
 from fembridge.results.mentat import read_sts
 from fembridge.results.one_sided import OneSidedStress
 from fembridge.results.read_options import ReadOptions, in_pa
-from fembridge.results.stress import von_mises_pa
+from fembridge.results.stress import DERIVED, TENSOR, derived_of, von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
-from fembridge.typing import FloatArray, Table
+from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 _DEFAULTS = ReadOptions()
 _TEXT_DIGITS = 6  # of a time in a .t19
 
-# Plans what to read of a mesh that stores so many points an element.
-_Planner = Callable[[PostMesh, int], Plan]
+PA, AS_IS = "Pa", ""
+_TENSORS = {
+    301: ("Total Strain", "E"), 311: ("Stress", "S"), 321: ("Plastic Strain", "P"),
+    331: ("Creep Strain", "C"), 341: ("Cauchy Stress", "S"),
+    401: ("Elastic Strain", "E"), 411: ("Stress in Global System", "S"),
+    431: ("Plastic Strain in Global System", "P"),
+    # Mentat wrote it for `*add_post_tensor log_strain`; a public reader calls it a
+    # stress, and is wrong.
+    681: ("Logarithmic Strain", "E"),
+    1: ("Strain 1 to 6", "E"), 11: ("Stress 11 to 16", "S"),
+    41: ("Cauchy Stress 41 to 46", "S"),
+}  # fmt: skip
+# The stress that traces are made of: the first of these that the file has. Cauchy stress,
+# which CalculiX gives too, comes before "stress", which is that only where the job follows
+# the deformation (updated Lagrange).
+STRESS_CODES = (341, 311, 41, 11, 411)
+EQUIVALENT_CODES = (47, 17)
+_SCALARS = {
+    7: "Equivalent Plastic Strain", 9: "Temperature",
+    17: "Equivalent Von Mises Stress", 18: "Mean Normal Stress",
+    47: "Equivalent Cauchy Stress", 48: "Strain Energy Density",
+    58: "Elastic Strain Energy Density", 127: "Equivalent Elastic Strain",
+}  # fmt: skip
+_PA_CODES = frozenset(
+    {*range(11, 19), *range(41, 49), 58, *(base + k for base in STRESS_CODES for k in range(6))}
+)
+# By nodal post code.
+_NODAL_UNITS = {
+    1: "mm", 3: "N", 5: "N", 28: "mm/s", 30: "mm/s2",
+    34: PA, 35: "N", 36: PA, 37: "N",
+}  # fmt: skip
+_AXES = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z")}
+
+
+# --- What post codes amount to
+
+
+@dataclass(frozen=True, slots=True)
+class ElementQuantity:
+    """A quantity at integration points: which `columns` of a point's values it is.
+
+    `codes` are Marc's; `unit` holds for all components: "Pa", or "" where the value is
+    left as the file has it. `layer` is that of a shell, 0 elsewhere.
+    """
+
+    name: str
+    components: tuple[str, ...]
+    codes: tuple[int, ...]
+    columns: tuple[int, ...]
+    unit: str
+    layer: int
+
+    @property
+    def is_tensor(self) -> bool:
+        """Whether it has the six components of a symmetric tensor."""
+        return len(self.components) == len(TENSOR)
+
+    def __str__(self) -> str:
+        first, last = self.codes[0], self.codes[-1]
+        codes = f"code {first}" if first == last else f"codes {first} to {last}"
+        return f"{self.name} ({codes})"
+
+
+def element_quantities(codes: Sequence[PostCode]) -> tuple[ElementQuantity, ...]:
+    """What `codes` amount to, in the order of the file; no column twice."""
+    column_of = {(code.code, code.layer): k for k, code in enumerate(codes)}
+    layered = len({code.layer for code in codes}) > 1
+    taken: set[int] = set()
+    found = []
+    for column, code in enumerate(codes):
+        if column in taken or column_of[code.code, code.layer] != column:
+            continue
+        wanted = [(code.code + k, code.layer) for k in range(len(TENSOR))]
+        if code.code in _TENSORS and all(key in column_of for key in wanted):
+            name, letter = _TENSORS[code.code]
+            columns = tuple(column_of[key] for key in wanted)
+            components = tuple(f"{letter}{place.upper()}" for place in TENSOR)
+            unit = PA if letter == "S" else AS_IS
+        else:
+            name = code.label.strip() or _SCALARS.get(code.code, f"Code {code.code}")
+            columns, components = (column,), (_initials(name),)
+            unit = PA if code.code in _PA_CODES else AS_IS
+        taken.update(columns)
+        name += f" layer {code.layer}" if layered else ""
+        held = tuple(codes[k].code for k in columns)
+        found.append(ElementQuantity(name, components, held, columns, unit, code.layer))
+    return tuple(found)
+
+
+def stress_tensor(codes: Sequence[PostCode], path: Path) -> ElementQuantity:
+    """The stress tensor that traces are made of.
+
+    Raises
+    ------
+    ResultError
+        There is none, or one for each of several layers of a shell.
+    """
+    found = element_quantities(codes)
+    for code in STRESS_CODES:
+        same = [one for one in found if one.codes[0] == code and one.is_tensor]
+        if len(same) > 1:
+            layers = ", ".join(str(one.layer) for one in same)
+            raise ResultError(
+                f"code {code} is stored for layers {layers}: a shell has no one stress at a node",
+                path,
+            )
+        if same:
+            return same[0]
+    words = ", ".join(map(str, found)) or "no element values"
+    if any(code.code in EQUIVALENT_CODES for code in codes):
+        words += "; --von-mises scalar (von_mises='scalar') takes the one it holds"
+    raise ResultError(f"no stress tensor (post code 311 or 341) in it, it holds {words}", path)
+
+
+def equivalent_stress(codes: Sequence[PostCode]) -> ElementQuantity | None:
+    """The von Mises stress that Marc stored at the points; None without one."""
+    for code in EQUIVALENT_CODES:
+        same = [one for one in element_quantities(codes) if one.codes == (code,)]
+        if len(same) == 1:
+            return same[0]
+    return None
+
+
+def nodal_components(quantity: NodalQuantity) -> tuple[str, ...]:
+    """Names of the components of a nodal quantity: ``DX``, ``DY`` of Displacement."""
+    numbered = tuple(str(k + 1) for k in range(quantity.components))
+    axes = _AXES.get(quantity.components, numbered)
+    return tuple(_initials(quantity.name) + axis for axis in axes)
+
+
+def nodal_unit(quantity: NodalQuantity) -> str:
+    """Unit of a nodal quantity in a deck of mm, N and s; "" if unknown."""
+    return _NODAL_UNITS.get(quantity.code, AS_IS)
+
+
+def _initials(name: str) -> str:
+    words = name.split()
+    if any(word.isdigit() for word in words):  # "Code 23": nothing to shorten
+        return name.replace(" ", "_")
+    return "".join(word[0] for word in words).upper() or "V"
+
+
+# --- Traces
 
 
 def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
@@ -53,7 +200,7 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> 
         if options.von_mises == "scalar":
             times_ms, stress_pa = _scalar_history(post, nodes, options)
         else:
-            times_ms, tensor_pa, _ = _tensor_history(post, _planner(path, nodes, options), options)
+            times_ms, tensor_pa, _ = _tensor_history(post, nodes, options)
             with np.errstate(over="ignore"):  # a trace refuses what is not finite
                 stress_pa = von_mises_pa(tensor_pa)
         kept = options.kept(times_ms)
@@ -80,7 +227,7 @@ def read_stress_tensor(
     """
     with PostFile(path) as post:
         check_whole(post, options)
-        return _tensor_history(post, _planner(path, nodes, options), options)[:2]
+        return _tensor_history(post, nodes, options)[:2]
 
 
 def read_one_sided(
@@ -95,8 +242,7 @@ def read_one_sided(
     """
     with PostFile(path) as post:
         check_whole(post, options)
-        planner = _planner(path, [node], options, one_sided=True)
-        times_ms, tensor_pa, planned = _tensor_history(post, planner, options)
+        times_ms, tensor_pa, planned = _tensor_history(post, [node], options, one_sided=True)
     return tuple(
         OneSidedStress(node, side.layer, side.name, side.elements, times_ms, tensor_pa[:, k])
         for k, (side,) in enumerate(planned.sides)
@@ -142,15 +288,10 @@ def describe(path: Path) -> Table:
     with PostFile(path) as post:
         mesh = post.mesh(0)
         types, counts = np.unique(mesh.element_types, return_counts=True)
-        header: Table = {
-            "title": post.title,
-            "post revision": post.revision,
-            "byte order": post.byte_order,
-            "precision": post.precision,
-            "points stored an element": post.points,
-        }
-        if post.kind == "t19":
-            del header["byte order"]
+        header: Table = {"title": post.title, "post revision": post.revision}
+        if post.kind == "t16":
+            header["byte order"] = post.byte_order
+        header |= {"precision": post.precision, "points stored an element": post.points}
         return {
             "format": f"marc-{post.kind}",
             "bytes": path.stat().st_size,
@@ -158,9 +299,7 @@ def describe(path: Path) -> Table:
             "elements": int(counts.sum()),
             "materials": {},
             "header": header,
-            "element_types": {
-                str(int(number)): int(count) for number, count in zip(types, counts, strict=True)
-            },
+            "element_types": dict(zip(map(str, types.tolist()), counts.tolist(), strict=True)),
             "codes": [code.code for code in post.codes],
             "sets": [
                 {"name": one.name, "kind": one.kind, "members": int(one.members.size)}
@@ -211,28 +350,15 @@ def _quantities(post: PostFile, mesh: PostMesh) -> list[Table]:
     return tables
 
 
-def _planner(
-    path: Path, nodes: Sequence[int], options: ReadOptions, *, one_sided: bool = False
-) -> _Planner:
-    wanted = [int(node) for node in nodes]
-    return lambda mesh, stored: plan(
-        mesh,
-        wanted,
-        stored,
-        options.method,
-        path,
-        across_materials=options.across_materials,
-        one_sided=one_sided,
-    )
-
-
 def _tensor_history(
-    post: PostFile, planner: _Planner, options: ReadOptions
+    post: PostFile, nodes: Sequence[int], options: ReadOptions, *, one_sided: bool = False
 ) -> tuple[FloatArray, FloatArray, Plan]:
     tensor = stress_tensor(post.codes, post.path)
     options.note(f"stress: {tensor}, extrapolated to nodes: {options.method}")
     columns = list(tensor.columns)
-    times_ms, values, planned = _history(post, planner, lambda at: at[:, :, columns], options)
+    times_ms, values, planned = _history(
+        post, nodes, lambda at: at[:, :, columns], options, one_sided=one_sided
+    )
     return times_ms, in_pa(values, options, post.path), planned
 
 
@@ -250,7 +376,7 @@ def _scalar_history(
 
     words = str(stored) if stored else f"von Mises of {quantity} at the points"
     options.note(f"stress: {words}, extrapolated to nodes: {options.method}")
-    times_ms, values, _ = _history(post, _planner(post.path, nodes, options), pick, options)
+    times_ms, values, _ = _history(post, nodes, pick, options)
     below = np.argwhere(values[:, :, 0] < 0)
     if below.size:
         row, column = below[0]
@@ -263,9 +389,11 @@ def _scalar_history(
 
 def _history(
     post: PostFile,
-    planner: _Planner,
+    nodes: Sequence[int],
     pick: Callable[[FloatArray], FloatArray],
     options: ReadOptions,
+    *,
+    one_sided: bool = False,
 ) -> tuple[FloatArray, FloatArray, Plan]:
     """Values at each increment that has any, ``(T,)`` in ms and ``(T, S, C)``; the first plan.
 
@@ -275,7 +403,7 @@ def _history(
     times_ms, found = [], []
     for one in _with_element_values(post, options):
         if one.mesh not in plans:
-            plans[one.mesh] = _plan_of(post, one, planner, plans, options)
+            plans[one.mesh] = _plan_of(post, one, nodes, options, plans, one_sided)
         planned = plans[one.mesh]
         values = planned.add_up(pick(post.element_values(one.row, planned.element_rows)))
         if np.isfinite(values).all():
@@ -299,15 +427,26 @@ def _history(
 def _plan_of(
     post: PostFile,
     one: PostIncrement,
-    planner: _Planner,
-    plans: dict[int, Plan],
+    nodes: Sequence[int],
     options: ReadOptions,
+    plans: dict[int, Plan],
+    one_sided: bool,
 ) -> Plan:
-    if post.codes_of(one.row) != post.codes:
+    """What to read of the mesh of increment `one`; `plans` are those of earlier meshes."""
+    model = post.model(one.row)
+    if model.codes != post.codes:
         raise ResultError(
             f"increment {one.increment} has other post codes than the first model", post.path
         )
-    planned = planner(post.mesh(one.mesh), post.points_of(one.row))
+    planned = plan(
+        post.mesh(one.mesh),
+        [int(node) for node in nodes],
+        model.points,
+        options.method,
+        post.path,
+        across_materials=options.across_materials,
+        one_sided=one_sided,
+    )
     if not plans:
         for remark in planned.remarks:
             options.note(remark)
@@ -360,3 +499,224 @@ def _unrounded_ms(times_ms: FloatArray, post: PostFile) -> FloatArray:
     share = np.linspace(0.0, 1.0, times_ms.size)  # the ends are rounded too
     rounding_ms = digit_ms + (1 - share) * digit_ms[0] + share * digit_ms[-1]
     return even if (np.abs(even - times_ms) <= rounding_ms).all() else times_ms
+
+
+# --- Whole fields
+
+_Quantity = NodalQuantity | ElementQuantity
+
+
+class MarcSource:
+    """An open post file, see `fembridge.results.fields.FieldSource`."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self._options = path, options
+        self._post = PostFile(path)
+        self._points: tuple[int, MeshPoints] | None = None
+        self._checked = False
+
+    def __enter__(self) -> "MarcSource":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._post.__exit__(kind, error, trace)
+
+    def keys(self, quantity: str) -> list[Key]:
+        """Sub-increment and increment of each output of `quantity`."""
+        self._check_whole()
+        name = self._name(quantity)
+        return [_key(one) for one in self._post.increments if name in self._quantities(one)]
+
+    def field(self, quantity: str, key: Key) -> Field:
+        """Read `quantity` at one of its `keys`.
+
+        Of element values: nodes that lie in one layer, or with `across_materials` all, those
+        between layers with the mean over all elements there.
+        """
+        name = self._name(quantity)
+        one = next(
+            each
+            for each in reversed(self._post.increments)
+            if _key(each) == key and name in self._quantities(each)
+        )
+        found = self._quantities(one)[name]
+        points = self._mesh(one.mesh)
+        if isinstance(found, NodalQuantity):
+            components, unit = nodal_components(found), nodal_unit(found)
+            rows = np.flatnonzero(~points.pressure_nodes())
+            nodes = points.mesh.node_ids[rows]
+            values = self._nodal(one, found)[rows]
+        else:
+            components, unit = found.components, found.unit
+            self._note_mesh(points)
+            nodes, values = self._one_value_a_node(one, found, points)
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:
+            raise ResultError(
+                f"{name} of increment {one.increment}, node {nodes[bad[0][0]]}: "
+                f"{components[bad[0][1]]} is {values[tuple(bad[0])]}",
+                self.path,
+            )
+        return _field(name, one, components, unit, nodes, values)
+
+    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+        """Yield nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
+        points = self._mesh(0)
+        mesh = points.mesh
+        if not mesh.node_ids.size:
+            raise ResultError("no nodes in it, so no coordinates", self.path)
+        keep = ~points.pressure_nodes()
+        yield mesh.node_ids[keep], mesh.coordinates_mm[keep], points.bearing[keep]
+
+    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
+        """Check the request now; yield the increments when they are asked for.
+
+        A point of the scene is a node as one layer has it: between layers stress jumps, as it
+        does in the model.
+        """
+        self._check_whole()
+        names = None if quantities is None else [self._name(one) for one in quantities]
+        for name in derived:
+            if (takes := DERIVED[name][0]) != ("STRESS",):
+                words = f"{name} takes {' and '.join(takes)}: of a Marc file it is post code 48"
+                raise UsageError(words)
+        return self._frames(names, derived)
+
+    def _frames(self, names: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
+        scenes = {}
+        for one in self._post.increments:
+            held = self._quantities(one)
+            found = {name: held[name] for name in held if names is None or name in names}
+            if not found:
+                self._options.note(f"left out: increment {one.increment}, it has none")
+                continue
+            points = self._mesh(one.mesh)
+            if one.mesh not in scenes:
+                scenes = {one.mesh: points.scene()}
+                self._note_mesh(points)
+            values = {
+                name: self._nodal(one, quantity)[points.rows]
+                if isinstance(quantity, NodalQuantity)
+                else self._at_points(one, quantity, points)
+                for name, quantity in found.items()
+            }
+            best = next(
+                (
+                    quantity
+                    for code in STRESS_CODES
+                    for quantity in found.values()
+                    if isinstance(quantity, ElementQuantity)
+                    and quantity.is_tensor
+                    and quantity.codes[0] == code
+                ),
+                None,
+            )
+            if best is not None:
+                stress_pa = values[best.name]
+                field = _field("STRESS", one, best.components, PA, points.nodes, stress_pa)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    values |= {name: derived_of(name, {"STRESS": field}) for name in derived}
+            flat = {
+                name: value[:, 0] if value.ndim == 2 and value.shape[1] == 1 else value
+                for name, value in values.items()
+            }
+            yield Frame(one.time_s * MS_PER_S, scenes[one.mesh], flat)
+
+    def _one_value_a_node(
+        self, one: PostIncrement, quantity: ElementQuantity, points: MeshPoints
+    ) -> tuple[IntArray, FloatArray]:
+        at_points = self._at_points(one, quantity, points)
+        between = points.met > 1
+        if between.any() and not self._options.across_materials:
+            count = np.unique(points.rows[between]).size
+            self._options.note(
+                f"left out: {count} nodes lie between layers, where a mean belongs to none; "
+                "--across-materials takes it"
+            )
+            rows = points.rows[~between]
+            order = np.argsort(rows, kind="stable")
+            return points.mesh.node_ids[rows[order]], at_points[~between][order]
+        share = points.elements_at()
+        rows, place = np.unique(points.rows, return_inverse=True)
+        total = np.zeros((rows.size, at_points.shape[1]))
+        np.add.at(total, place, at_points * share[:, None])
+        elements = np.bincount(place, share, rows.size)
+        return points.mesh.node_ids[rows], total / elements[:, None]
+
+    def _at_points(
+        self, one: PostIncrement, quantity: ElementQuantity, points: MeshPoints
+    ) -> FloatArray:
+        every = np.arange(points.mesh.element_ids.size)
+        values = self._post.element_values(one.row, every)[:, :, quantity.columns]
+        return self._in_our_unit(points.averaged(values, self._options.method), quantity.unit)
+
+    def _nodal(self, one: PostIncrement, quantity: NodalQuantity) -> FloatArray:
+        values = self._post.nodal_values(one.row, quantity.name)
+        return self._in_our_unit(values, nodal_unit(quantity))
+
+    def _in_our_unit(self, values: FloatArray, unit: str) -> FloatArray:
+        if unit != PA or not np.isfinite(values).all():
+            return values
+        return in_pa(values, self._options, self.path)
+
+    def _quantities(self, one: PostIncrement) -> dict[str, _Quantity]:
+        """Quantities of an increment by name."""
+        found: dict[str, _Quantity] = {
+            quantity.name: quantity for quantity in one.nodal if not quantity.is_complex
+        }
+        if one.has_element_values:
+            for quantity in element_quantities(self._post.codes):
+                found.setdefault(quantity.name, quantity)
+        return found
+
+    def _name(self, word: str) -> str:
+        """Name of the quantity that `word` stands for."""
+        names = list(
+            dict.fromkeys(name for one in self._post.increments for name in self._quantities(one))
+        )
+        plain = word.casefold()
+        same = [name for name in names if name.casefold() == plain]
+        close = same or [name for name in names if name.casefold().startswith(plain)]
+        if len(close) == 1:
+            return close[0]
+        if close:
+            raise UsageError(f"{word!r} may be {' or '.join(close)}")
+        raise ResultError(f"no {word} in it, it holds {', '.join(names) or 'nothing'}", self.path)
+
+    def _mesh(self, row: int) -> MeshPoints:
+        if self._points is None or self._points[0] != row:  # one at a time
+            self._points = row, MeshPoints(self._post.mesh(row), self.path)
+        return self._points[1]
+
+    def _check_whole(self) -> None:
+        if not self._checked:
+            check_whole(self._post, self._options)
+        self._checked = True
+
+    def _note_mesh(self, points: MeshPoints) -> None:
+        if points.unknown_types:
+            types = ", ".join(map(str, points.unknown_types))
+            self._options.note(f"left out: elements of unknown type {types}")
+        if not points.layers.known:
+            self._options.note(UNKNOWN_LAYERS)
+
+
+def _field(
+    name: str,
+    one: PostIncrement,
+    components: tuple[str, ...],
+    unit: str,
+    nodes: IntArray,
+    values: FloatArray,
+) -> Field:
+    units = (unit,) * len(components)
+    return Field(name, *_key(one), one.time_s * MS_PER_S, components, units, nodes, values)
+
+
+def _key(one: PostIncrement) -> Key:
+    return one.sub_increment, one.increment

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import ResultError
+from fembridge.errors import DeckError, ResultError
 from fembridge.results.extrapolation import DOCUMENTED, ELEMENT_TYPES, FRD_ORDER, node_weights
 from fembridge.results.fields import Scene, SceneCells
-from fembridge.results.marc_deck import materials_beside
 from fembridge.results.marc_post import PostMesh
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 UNKNOWN_LAYERS = "the file does not tell the materials of its elements"
+_LARGEST_DECK_BYTES = 200_000_000
 _KINDS = {
     "quad4": "qu4", "quad8": "qu8", "tri3": "tr3", "tri6": "tr6", "hex8": "he8",
     "hex20": "he20", "tet4": "te4", "tet10": "te10", "wedge6": "pe6",
@@ -55,9 +55,9 @@ def layers_of(mesh: PostMesh, path: Path) -> Layers:
             same = [k for k in range(len(sets)) if np.array_equal(member[k], layer == number)]
             names[number] = sets[same[0]].name if same else names[number]
         return Layers(layer, tuple(names))
-    layer, known = materials_beside(path, mesh.element_ids)
-    if known:
-        return Layers(layer, known)
+    beside = _materials_beside(path, mesh.element_ids)
+    if beside is not None:
+        return beside
     if not member.size:
         return Layers(np.zeros(count, dtype=np.int64), ("all elements",), known=False)
     columns, first, layer = np.unique(member, axis=1, return_index=True, return_inverse=True)
@@ -68,6 +68,37 @@ def layers_of(mesh: PostMesh, path: Path) -> Layers:
     )
     names = [name or "no element set" for name in named]
     return Layers(np.argsort(order)[layer.reshape(-1)], tuple(names))
+
+
+def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
+    """Layers by the materials of the deck that has the stem of the post file `path`.
+
+    None without one, or where it does not have all elements (it is another model's). From
+    input version 14 on ``connectivity`` has the material; before, a material lists elements.
+    """
+    from decks.marc.contents import read_marc_deck
+    from decks.marc.grammar import is_marc_deck
+
+    deck_path = path.with_suffix(".dat")
+    if not is_marc_deck(deck_path) or deck_path.stat().st_size > _LARGEST_DECK_BYTES:
+        return None
+    try:
+        deck = read_marc_deck(deck_path.read_bytes(), deck_path)
+        materials = deck.materials()
+    except (OSError, DeckError):
+        return None
+    number_of: dict[int, int] = {}
+    for block in deck.elements:
+        number_of.update(dict.fromkeys(block.number.tolist(), block.material))
+    for one in materials:
+        number_of.update(dict.fromkeys(one.elements, one.number))
+    numbers = np.array([number_of.get(element, 0) for element in element_ids.tolist()])
+    if not numbers.all() or not numbers.size:
+        return None
+    used, layer = np.unique(numbers, return_inverse=True)
+    names = {one.number: one.name for one in materials}
+    named = tuple(names.get(number) or f"material {number}" for number in used.tolist())
+    return Layers(layer.reshape(-1), named)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,10 +232,8 @@ class MeshPoints:
     def pressure_nodes(self) -> BoolArray:
         """Nodes that only come behind the corners of elements, ``(N,)``."""
         mesh = self.mesh
-        drawn = self.bearing
-        if self.unknown_types:  # any node of theirs may be a corner
-            unknown = np.isin(mesh.element_types, self.unknown_types)
-            drawn = drawn | np.isin(mesh.node_ids, mesh.connectivity[unknown])
+        unknown = np.isin(mesh.element_types, self.unknown_types)  # any of theirs may be a corner
+        drawn = self.bearing | np.isin(mesh.node_ids, mesh.connectivity[unknown])
         return np.isin(mesh.node_ids, mesh.connectivity) & ~drawn
 
     def scene(self) -> Scene:
@@ -329,7 +358,9 @@ def _sides_of(
         layer_of = {row: int(layers.layer[row]) for row, _ in found[node]}
         sides.append([])
         for layer in sorted(set(layer_of.values())):
-            mine = sorted((one for one in found[node] if layer_of[one[0]] == layer), key=_row)
+            mine = sorted(
+                (one for one in found[node] if layer_of[one[0]] == layer), key=lambda one: one[0]
+            )
             element_rows = np.array([row for row, _ in mine], dtype=np.int64)
             sides[-1].append(
                 Side(
@@ -342,10 +373,6 @@ def _sides_of(
                 )
             )
     return sides
-
-
-def _row(one: tuple[int, FloatArray]) -> int:
-    return one[0]
 
 
 def _no_elements(mesh: PostMesh, node: int, path: Path) -> ResultError:

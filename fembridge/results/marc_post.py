@@ -202,7 +202,7 @@ class PostFile:
         self.remarks: list[str] = []
         self.problem: str | None = None
         self.increments: list[PostIncrement] = []
-        self._models: list[_Model] = []
+        self._models: list[PostModel] = []
         self._mesh: tuple[int, PostMesh] | None = None
         self._unknown: set[int] = set()
         self._of = self._where = ""
@@ -249,13 +249,9 @@ class PostFile:
             self._mesh = row, _read_mesh(self._file, self._models[row])
         return self._mesh[1]
 
-    def codes_of(self, row: int) -> tuple[PostCode, ...]:
-        """Post codes of increment `row`: a new mesh may have others."""
-        return self._model(row).codes
-
-    def points_of(self, row: int) -> int:
-        """Integration points an element of increment `row`."""
-        return self._model(row).points
+    def model(self, row: int) -> "PostModel":
+        """Counts and post codes of increment `row`: a new mesh may have others."""
+        return self._models[self.increments[row].mesh]
 
     def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
         """Values of increment `row` at all points of elements, ``(K, points, codes)``.
@@ -267,7 +263,7 @@ class PostFile:
         ResultError
             The increment has no element values, or they cannot be read.
         """
-        model, one = self._model(row), self.increments[row]
+        model, one = self.model(row), self.increments[row]
         numbers = one.layout.element_values
         if numbers is None:
             raise ResultError(f"{_name(one)} has no element values", self.path)
@@ -292,15 +288,12 @@ class PostFile:
             if quantity.name != name:
                 continue
             if numbers is None:
-                count = self._model(row).nodes if node_rows is None else len(node_rows)
+                count = self.model(row).nodes if node_rows is None else len(node_rows)
                 return np.zeros((count, quantity.components))
             found: FloatArray = numbers.values(self._file, node_rows, one.offset)
             return found
         names = ", ".join(quantity.name for quantity in one.nodal) or "none"
         raise ResultError(f"{_name(one)} has no nodal quantity {name!r}; it has {names}", self.path)
-
-    def _model(self, row: int) -> "_Model":
-        return self._models[self.increments[row].mesh]
 
     def _walk(self) -> None:
         """Go to the end, or as far as the file can be understood."""
@@ -340,7 +333,7 @@ class PostFile:
 
     def _header(self) -> None:
         self._where, self._of = "at the beginning", "of the model"
-        model = _Model()
+        model = PostModel()
         for base, revision in self._blocks():
             if base == _TITLE:
                 self.title = self._records.text()
@@ -412,11 +405,11 @@ class PostFile:
             )
         )
 
-    def _model_block(self, base: int, revision: int, model: "_Model") -> "_Model":
+    def _model_block(self, base: int, revision: int, model: "PostModel") -> "PostModel":
         read = partial(_read_model_block, self._records, base, revision, model)
         return self._optional(read, replace(model, sets=())) if base == _SETS else read()
 
-    def _increment_block(self, base: int, model: "_Model", layout: "_Layout") -> "_Layout":
+    def _increment_block(self, base: int, model: "PostModel", layout: "_Layout") -> "_Layout":
         read = partial(_read_increment_block, self._records, base, model, layout)
         return read() if base in (_INTEGERS, _REALS) else self._optional(read, layout)
 
@@ -975,7 +968,7 @@ class _SetPlace(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Model:
+class PostModel:
     """Counts of a model (Marc's names beside them) and where its tables are."""
 
     values: int = 0  # INUM, at each point
@@ -992,7 +985,7 @@ class _Model:
     sets: tuple[_SetPlace, ...] = ()
 
 
-def _read_model_block(records: _Records, base: int, revision: int, model: _Model) -> _Model:
+def _read_model_block(records: _Records, base: int, revision: int, model: PostModel) -> PostModel:
     """`model` with what the block says that `records` is in."""
     if base == _VERIFICATION:
         return _verified(records)
@@ -1019,13 +1012,13 @@ def _read_model_block(records: _Records, base: int, revision: int, model: _Model
     return replace(model, sets=tuple(sets))
 
 
-def _verified(records: _Records) -> _Model:
+def _verified(records: _Records) -> PostModel:
     words = records.integers(*_VERIFICATION_WORDS)
     for place, name in _COUNTED.items():
         if not 0 <= words[place] <= records.file.size:
             raise PostDamageError(f"a model of {words[place]} {name}", records.at)
     values, nodes, elements, _, points = words[:5]
-    return _Model(values, nodes, elements, points, words[8], words[9], revision=words[13])
+    return PostModel(values, nodes, elements, points, words[8], words[9], revision=words[13])
 
 
 def _code(numbers: list[int], label: str) -> PostCode:
@@ -1064,7 +1057,7 @@ def _check_end(records: _Records, what: str) -> None:
         raise PostDamageError(f"more than {what}", records.at)
 
 
-def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
+def _read_mesh(file: ByteFile, model: PostModel) -> PostMesh:
     ids = model.node_ids
     if model.nodes and ids is None:
         raise ResultError(f"{model.nodes} nodes and no block of them", file.path)
@@ -1124,7 +1117,9 @@ class _Layout:
     nodal_values: tuple[_Numbers | None, ...] = ()
 
 
-def _read_increment_block(records: _Records, base: int, model: _Model, layout: _Layout) -> _Layout:
+def _read_increment_block(
+    records: _Records, base: int, model: PostModel, layout: _Layout
+) -> _Layout:
     """`layout` with where the block's values are that `records` is in."""
     if base == _INTEGERS:
         return replace(layout, integers=records.table(1, _INCREMENT_WORDS, 0)[0])

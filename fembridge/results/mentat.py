@@ -7,11 +7,11 @@ A history or path plot, saved as text or copied out of a table::
     0.0005  <tab> 205.897
 
 Mentat describes none of its layouts. Known from real files is the one above, as it was
-copied from Mentat 2014 (there over strain); from programs that read them, nine lines and
-two columns, and two lines, an index and tabs. So a table is found, not parsed: the longest
-run of lines with the same count of numbers, and every other run as wide. Names come from
-the line above that has one cell, between tabs or wide gaps, for each column. What has no
-name stays ``column_3``, and is not guessed at.
+copied from Mentat 2014 (there over strain); programs that read others tell of a header of
+some lines over two columns, and of an index before the columns. So a table is consecutive
+lines with the same count of numbers: the longest, and all others as wide. Names come from
+the line above that has one cell between tabs for each column. What has no name stays
+``column_3``, and is not guessed at.
 
 A ``.sts`` has one line for each increment, and how the job ended::
 
@@ -26,9 +26,9 @@ Time is taken as s, length as mm, and stress in `ReadOptions.stress_unit`.
 
 import csv
 import re
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -45,16 +45,10 @@ INDEX = "index"
 SUCCESS = 3004
 """The exit number of a job that reached its end."""
 
-_LEAST_ROWS, _LEAST_OTHER_ROWS, _LEAST_COLUMNS = 2, 3, 2
-_NUMBER = re.compile(
-    r"[+-]?(?:\d+\.\d*|\.\d+|\d+)(?:[EeDd][+-]?\d+)?|[+-]?(?:\d+\.\d*|\.\d+)[+-]\d+"
-)
-_NO_E = re.compile(r"(?<=[\d.])(?=[+-]\d)")
+_LEAST_ROWS, _LEAST_COLUMNS = 2, 2
 _NODE = re.compile(r"\b(?:node|n:) *:? *(\d+)\b", re.IGNORECASE)
 _TIME = re.compile(r"\btime\b", re.IGNORECASE)
 _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
-_UNNAMED = re.compile(r"column_\d+")
-_UTF_8_MARK = "\u00ef\u00bb\u00bf"  # its three bytes, as Latin-1 has them
 _DEFAULTS = ReadOptions()
 
 _FIRST_LINE = "style=1"
@@ -63,6 +57,7 @@ _HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time disp
 _WIDTHS = (7, 7, 5, 5, 5, 8, 8, 6, 6, 12, 12, 12, 12)
 _COUNTS = 9  # of the thirteen, the others are reals
 _REAL = re.compile(r"[+-]?\d+\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})?")
+_NO_E = re.compile(r"(?<=[\d.])(?=[+-]\d)")
 _EXIT = re.compile(r"job ends with exit number *:? *(\d+)", re.IGNORECASE)
 _AFTER = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
 
@@ -88,7 +83,7 @@ class PlotTable:
     @property
     def is_named(self) -> bool:
         """Whether the columns have names in the text."""
-        return not _UNNAMED.fullmatch(self.labels[self.x])
+        return self.labels[0] != "column_1"
 
     @property
     def is_over_time(self) -> bool:
@@ -184,29 +179,23 @@ def write_plot_table(path: Path, output: Path) -> int:
         There is no table in it, or its tables have different columns.
     """
     tables = read_plot_tables(path)
-    first = tables[0].labels
-    columns = list(first)
+    several = len(tables) > 1
+    columns = list(tables[0].labels)
+    if any(table.labels != tables[0].labels for table in tables):
+        columns = _without_nodes(columns)
     for table in tables[1:]:
-        if _without_nodes(table.labels) != _without_nodes(first):
-            raise ResultError(
-                f"columns {', '.join(table.labels)}, those of the first table are "
-                f"{', '.join(first)}",
-                path,
-                table.line,
-            )
-        if table.labels != first:
-            columns = _without_nodes(first)
+        if _without_nodes(table.labels) != _without_nodes(columns):
+            words = f"columns {', '.join(table.labels)}, those of the first table are "
+            raise ResultError(words + ", ".join(tables[0].labels), path, table.line)
     columns = [
         f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
         for at, name in enumerate(columns)
     ]
-    several = len(tables) > 1
     with replacing(output) as draft, draft.open("w", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([*(["table"] if several else []), *columns])
+        writer.writerow([*["table"] * several, *columns])
         for count, table in enumerate(tables, start=1):
-            which = [count] if several else []
-            writer.writerows([*which, *row] for row in table.values.tolist())
+            writer.writerows([*[count] * several, *row] for row in table.values.tolist())
     return sum(len(table.values) for table in tables)
 
 
@@ -216,30 +205,58 @@ def read_plot_tables(path: Path) -> list[PlotTable]:
     Raises
     ------
     ResultError
-        There is no such file, no table of two columns and rows in it, or its numbers cannot
-        be told apart.
+        There is no such file, or no table of two columns and rows in it.
     """
-    runs = _number_runs(path)
+    lines = [_in_utf8(line) for _, line, _ in text_lines(path)]
+    runs, above = [], 0
+    for columns, group in groupby(enumerate(map(_numbers, lines)), key=lambda row: len(row[1])):
+        rows = list(group)
+        if columns >= _LEAST_COLUMNS and len(rows) >= _LEAST_ROWS:
+            start = rows[0][0]
+            runs.append((start, lines[above:start], np.array([row for _, row in rows])))
+            above = rows[-1][0] + 1
     if not runs:
         raise ResultError("no table: no two lines with as many numbers each", path)
-    longest = max(runs, key=lambda run: len(run.rows))
-    least = min(_LEAST_OTHER_ROWS, len(longest.rows))
+    width = max((values for _, _, values in runs), key=len).shape[1]
     tables = []
-    for run in runs:
-        if run.columns == longest.columns and len(run.rows) >= least:
-            values = np.array(run.rows, dtype=np.float64)
-            values.flags.writeable = False
-            header = tuple(filter(str.strip, run.before))
-            tables.append(PlotTable(_labels(run, values), values, header, run.line))
+    for start, before, values in runs:
+        if values.shape[1] == width:
+            bad = np.argwhere(~np.isfinite(values))
+            if bad.size:
+                raise ResultError("a number that is not finite", path, start + 1 + int(bad[0][0]))
+            header = tuple(filter(str.strip, before))
+            tables.append(PlotTable(_labels(before, values), values, header, start + 1))
     return tables
 
 
-def number(text: str) -> float | None:
-    """A number as Fortran or C print it; None if it is none."""
-    if not (text.isascii() and _NUMBER.fullmatch(text)):
-        return None
-    plain = text.lower().replace("d", "e")
-    return float(plain if "e" in plain else _NO_E.sub("e", plain))  # 1.0-3
+def _in_utf8(line: str) -> str:
+    """A line that was read as Latin-1, which it stays where it is no UTF-8."""
+    try:
+        return line.encode("latin-1").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return line
+
+
+def _numbers(line: str) -> list[float]:
+    """The numbers of a line of numbers alone; none of any other line."""
+    try:
+        return [float(word) for word in line.split()]
+    except ValueError:
+        return []
+
+
+def _labels(before: Sequence[str], values: FloatArray) -> tuple[str, ...]:
+    columns = values.shape[1]
+    counts = bool((np.diff(values[:, 0]) == 1).all()) and values[0, 0] in (0, 1)
+    for line in reversed(before):
+        cells = [cell.strip() for cell in line.split("\t") if cell.strip()]
+        if _numbers(line):
+            continue
+        if len(cells) == columns:
+            return tuple(cells)
+        if len(cells) == columns - 1 >= 2 and counts:
+            return (INDEX, *cells)
+    return tuple(f"column_{count}" for count in range(1, columns + 1))
 
 
 def _stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[int]:
@@ -266,97 +283,6 @@ def _stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[
     if left:
         options.note(f"no von Mises stress, left out: {left}")
     return columns
-
-
-@dataclass(slots=True)
-class _Run:
-    """Consecutive lines with the same count of numbers; `before` is the text above."""
-
-    line: int
-    before: list[str]
-    text: list[str] = field(default_factory=list)
-    rows: list[list[float]] = field(default_factory=list)
-
-    @property
-    def columns(self) -> int:
-        return len(self.rows[0])
-
-
-def _number_runs(path: Path) -> list[_Run]:
-    """Runs of the file, in its order.
-
-    Numbers are apart by blanks, tabs, semicolons or commas. A comma is a decimal comma where
-    the others hold the columns apart and no number of the longest run has a point.
-    """
-    lines = []
-    for count, line, _ in text_lines(path):
-        if "\0" in line:
-            raise ResultError("a zero byte: no text, or UTF-16, expected UTF-8", path, count)
-        plain = line.removeprefix(_UTF_8_MARK) if count == 1 else line
-        with suppress(UnicodeDecodeError):  # else Latin-1 it is
-            plain = plain.encode("latin-1").decode("utf-8")
-        lines.append(plain)
-    runs = _runs(lines, _at_blanks, path)
-    text = "\n".join(max(runs, key=lambda run: len(run.rows)).text) if runs else ""
-    if re.search(r"\d,\d", text) and "." not in text:
-        return runs
-    runs = _runs(lines, lambda line: re.split(r"[\s;,]+", line), path)
-    for run in runs:
-        text = "\n".join(run.text)
-        if run.columns > _LEAST_COLUMNS and not re.search(r"[.; \t]", text):
-            raise ResultError(
-                f"commas between numbers, and perhaps within: {text[:60]!r}; export with "
-                "decimal points, or with tabs between the columns",
-                path,
-                run.line,
-            )
-    return runs
-
-
-def _at_blanks(line: str) -> list[str]:
-    """Words between blanks and semicolons, a comma as a decimal comma."""
-    words = re.split(r"[\s;]+", line)
-    both = any("." in word and "," in word for word in words)
-    return [] if both else [word.replace(",", ".") for word in words]
-
-
-def _runs(lines: Sequence[str], split: Callable[[str], list[str]], path: Path) -> list[_Run]:
-    runs: list[_Run] = []
-    run: _Run | None = None
-    above = 0
-    for count, line in enumerate(lines, start=1):
-        words = [word for word in split(line) if word]
-        row = [value for word in words if (value := number(word)) is not None]
-        if len(row) < len(words) or len(row) < _LEAST_COLUMNS:
-            run = None
-            continue
-        if not np.isfinite(row).all():
-            word = words[int(np.argmin(np.isfinite(row)))]
-            raise ResultError(f"{word} is too large to be a number", path, count)
-        if run is None or run.columns != len(row):
-            if runs and len(runs[-1].rows) < _LEAST_ROWS:
-                runs.pop()  # a line of numbers alone is part of a header
-            elif runs:
-                above = runs[-1].line - 1 + len(runs[-1].rows)
-            run = _Run(count, list(lines[above : count - 1]))
-            runs.append(run)
-        run.text.append(line.strip())
-        run.rows.append(row)
-    return [run for run in runs if len(run.rows) >= _LEAST_ROWS]
-
-
-def _labels(run: _Run, values: FloatArray) -> tuple[str, ...]:
-    counts = bool((np.diff(values[:, 0]) == 1).all()) and values[0, 0] in (0, 1)
-    for line in reversed(run.before):
-        for pattern in (r"\t", r"\t| {2,}"):
-            cells = [cell.strip() for cell in re.split(pattern, line.strip()) if cell.strip()]
-            if any(number(cell) is not None for cell in cells):
-                continue
-            if len(cells) == run.columns:
-                return tuple(cells)
-            if len(cells) == run.columns - 1 >= 2 and counts:
-                return (INDEX, *cells)
-    return tuple(f"column_{count}" for count in range(1, run.columns + 1))
 
 
 def _without_nodes(labels: Sequence[str]) -> list[str]:

@@ -124,6 +124,7 @@ def _set_of_deck(deck: Path, name: str) -> list[int]:
 
 
 def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
+    from decks.marc.grammar import is_marc_deck
     from fembridge.results.marc_post import PostFile
 
     with PostFile(path) as post:
@@ -134,7 +135,7 @@ def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
         return list(dict.fromkeys(found.members.tolist())), path
     beside = path.with_suffix(".dat")
     words = ", ".join(one.name.strip() for one in sets) or "none"
-    if beside.is_file() and _is_marc(beside):
+    if is_marc_deck(beside):
         try:
             return _set_of_marc_deck(beside, name), beside
         except UsageError as error:
@@ -158,15 +159,6 @@ def _set_of_marc_deck(deck: Path, name: str) -> list[int]:
         words = ", ".join(one.name.strip() for one in sets.values()) or "none"
         raise UsageError(f"{deck}: no node set {name!r}; it has {words}")
     return list(dict.fromkeys(found.member.tolist()))
-
-
-def _is_marc(deck: Path) -> bool:
-    from decks.marc.grammar import looks_like_marc
-
-    try:
-        return looks_like_marc(_bytes(deck))
-    except DeckError:
-        return False
 
 
 def _bytes(deck: Path) -> bytes:

@@ -96,13 +96,11 @@ class Reader:
         return import_module(self.target.partition(":")[0])
 
 
-# A binary post file of Marc begins with the length of its first record: 70 words of
-# 4 or 8 bytes, least byte first or last.
-_T16_STARTS = tuple(
-    length.to_bytes(4, order) for length in (280, 560) for order in ("little", "big")
-)
+# A binary post file of Marc begins with the length of its first record, 70 words of 4
+# bytes, least byte first or last.
+_T16_STARTS = ((280).to_bytes(4, "little"), (280).to_bytes(4, "big"))
 _FRD, _FRD_SOURCE = "fembridge.results.frd:read", "fembridge.results.frd_fields:FrdSource"
-_MARC, _MARC_SOURCE = "fembridge.results.marc:read", "fembridge.results.marc_source:MarcSource"
+_MARC, _MARC_SOURCE = "fembridge.results.marc:read", "fembridge.results.marc:MarcSource"
 READERS = (
     Reader("ccx-frd", ".frd", b"    1C", _FRD, _FRD_SOURCE),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),

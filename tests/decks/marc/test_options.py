@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from decks.marc.contents import read_marc_deck
-from decks.marc.grammar import Section, looks_like_marc
+from decks.marc.grammar import Section, is_marc_deck
 from fembridge.errors import DeckError
 
 SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
@@ -137,11 +137,20 @@ def test_what_is_no_marc_deck_is_refused(data):
         read_marc_deck(data)
 
 
-def test_a_first_look_separates_decks_from_other_files(sample):
-    assert looks_like_marc(sample.read_bytes()[:300])
-    assert looks_like_marc(b"$ a comment\nTITLE,mine\n")
-    assert not looks_like_marc(b" displacements (vx,vy,vz) for set ALL\n")
-    assert not looks_like_marc(b"")
+@pytest.mark.parametrize(
+    ("name", "text", "is_deck"),
+    [
+        ("a.DAT", "$ a comment\n\nTITLE,mine\r\n", True),
+        ("a.txt", "title\n", False),
+        ("a.dat", " displacements (vx,vy,vz) for set ALL\n", False),
+        ("a.dat", "", False),
+    ],
+)
+def test_a_first_look_separates_decks_from_other_files(tmp_path, name, text, is_deck):
+    path = tmp_path / name
+    path.write_text(text)
+    assert is_marc_deck(path) is is_deck
+    assert not is_marc_deck(tmp_path / "absent.dat")
 
 
 def test_comments_stay_with_the_option_before_them():

@@ -6,8 +6,7 @@ import pytest
 
 from decks.analysis import Contact
 from decks.dialects import DIALECTS, DeckOptions
-from decks.marc.procedure import mentat_procedure
-from decks.marc.write import marc_deck, marc_files
+from decks.marc.write import marc_deck, marc_files, mentat_procedure
 
 # Of public procedures and scripts; what may follow them is in the second column.
 KNOWN = {

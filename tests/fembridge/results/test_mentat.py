@@ -19,7 +19,6 @@ from fembridge.results.mentat import (
     StsRow,
     is_over_time,
     nodes_in,
-    number,
     read,
     read_plot_tables,
     read_sts,
@@ -177,71 +176,39 @@ def test_a_narrow_table_above_and_a_lone_line_of_numbers_are_part_of_the_text(te
     [
         COPIED.replace("\n", "\r\n"),
         COPIED.rstrip("\n"),
-        COPIED.replace("\t", ";"),
-        COPIED.replace(".", ","),
         COPIED.replace("\t", "    "),
-        COPIED.replace(" \t", "\t").replace("\t", ", ").replace("0,", "0 ,"),
-        COPIED.replace("0.0125", "1.25D-2").replace("0.025", "2.5-2"),
+        COPIED.replace("0.0125", "1.25e-002"),
         "\ufeff" + COPIED,
     ],
-    ids=["crlf", "cut", "semicolon", "decimal comma", "blanks", "comma", "D", "mark"],
+    ids=["crlf", "cut", "blanks", "exponent", "mark"],
 )
 def test_how_the_numbers_are_written_and_parted_does_not_matter(text, content):
     table = read_plot(text(content))
     assert_array_equal(table.values, [[0, 0, 0], [0.0005, 0.0125, 0.5], [0.001, 0.025, 0.25]])
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("", "no table: no two lines"),
-        ("no numbers\nat all\n", "no table: no two lines"),
-        ("1\n2\n3\n", "no table: no two lines"),
-        ("0,0,0,0\n0,001,0,5\n", "commas between numbers, and perhaps within: '0,0,0"),
-        ("0 0\n1 1e999\n", "1e999 is too large to be a number"),
-        ("0 0\n1\0 1\n", "a zero byte: no text, or UTF-16"),
-    ],
-)
-def test_a_text_that_is_no_table_is_named(text, content, said):
-    with pytest.raises(ResultError, match=said):
+@pytest.mark.parametrize("content", ["", "no numbers\nat all\n", "1\n2\n3\n", "0,5 0\n1,5 1\n"])
+def test_a_text_without_a_table_is_refused(text, content):
+    with pytest.raises(ResultError):
         read_plot_tables(text(content))
 
 
-@pytest.mark.parametrize(
-    ("word", "value"),
-    [
-        ("1", 1.0), ("-1.", -1.0), (".5", 0.5), ("+2.5e-03", 0.0025), ("1D2", 100.0),
-        ("1.0-3", 0.001), ("-2.5+2", -250.0), ("1.e+002", 100.0),
-        ("1-3", None), ("1_0", None), ("nan", None), ("inf", None), ("0x1", None),
-        ("", None), ("1e", None), ("e5", None), ("1.2.3", None), ("\u0661", None),
-    ],
-)  # fmt: skip
-def test_a_number_is_what_fortran_and_c_print(word, value):
-    assert number(word) == value
-
-
-@given(value=st.floats(allow_nan=False, allow_infinity=False), digits=st.integers(0, 16))
-def test_a_printed_real_comes_back(value, digits):
-    printed = f"{value:.{digits}e}"
-    assert number(printed) == float(printed)
-    if digits:  # Mentat leaves the letter out
-        assert number(printed.replace("e", "")) == float(printed)
+@pytest.mark.parametrize("word", ["1e999", "nan"])
+def test_a_number_that_is_not_finite_is_named_by_its_line(text, word):
+    with pytest.raises(ResultError) as caught:
+        read_plot_tables(text(f"0 0\n1 {word}\n"))
+    assert caught.value.line == 2
 
 
 @given(
     rows=st.lists(st.lists(st.floats(-1e30, 1e30), min_size=3, max_size=3), min_size=2, max_size=9),
-    separator=st.sampled_from(["\t", " ", "   ", ";", "\t,", " , "]),
-    comma=st.booleans(),
+    separator=st.sampled_from(["\t", " ", "   "]),
     head=st.sampled_from(["", "title\n", "title\nmore\n\n", "7\n", "a b c\n"]),
 )
-def test_any_table_comes_back_number_by_number(tmp_path_factory, rows, separator, comma, head):
-    comma = comma and "," not in separator
+def test_any_table_comes_back_number_by_number(tmp_path_factory, rows, separator, head):
     path = tmp_path_factory.getbasetemp() / "any.txt"
-    lines = [separator.join(f"{value:.9e}" for value in row) for row in rows]
-    body = "\n".join(lines)
-    path.write_text(head + (body.replace(".", ",") if comma else body) + "\n")
-    expected = [[float(f"{value:.9e}") for value in row] for row in rows]
-    assert_array_equal(read_plot(path).values, np.array(expected))
+    path.write_text(head + "\n".join(separator.join(map(repr, row)) for row in rows))
+    assert_array_equal(read_plot(path).values, np.array(rows))
 
 
 @given(content=st.binary(max_size=300))

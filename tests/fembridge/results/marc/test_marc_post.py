@@ -133,7 +133,7 @@ def test_what_is_written_is_read_whatever_the_storage(data, write_post):
         for row, (expected, found) in enumerate(zip(increments, post.increments, strict=True)):
             if expected.new_model:
                 at, mesh = expected.new_model, mesh + 1
-                check_model(storage, at, post.mesh(mesh), post.codes_of(row))
+                check_model(storage, at, post.mesh(mesh), post.model(row).codes)
             assert (found.row, found.mesh) == (row, mesh)
             check_increment(storage, at, expected, post, found)
         assert post.mesh_count == mesh + 1
