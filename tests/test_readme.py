@@ -17,13 +17,28 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("code", blocks("python"))
-def test_the_python_shown_runs(code, monkeypatch, capsys):
-    monkeypatch.chdir(ROOT)
+def test_the_python_shown_runs_and_gives_the_rates_shown(tmp_path, monkeypatch):
+    (tmp_path / "fixtures").symlink_to(ROOT / "fixtures")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", "")  # the stored response, also where ccx is
+    (tmp_path / "rates.csv").write_text("stimulus,afferent,rate_ips\nsine_20_250,SA,24\n")
+    names = {}
 
-    exec(compile(code, "README.md", "exec"), {})
+    for code in blocks("python"):
+        exec(compile(code, "README.md", "exec"), names)
 
-    assert capsys.readouterr().out.split() == ["SA", "5", "RA", "1", "PC", "4"]
+    rates = names["result"].rates
+    shown = re.findall(r"^# (sine_\S+) +(\S+) +(\S+) +(\S+)$", README, flags=re.MULTILINE)
+    for stimulus, *numbers in shown:
+        of_one = rates[rates["stimulus"] == stimulus].set_index("afferent")["rate_ips"]
+        assert [f"{of_one[name]:.1f}" for name in ("PC", "RA", "SA")] == numbers
+    assert len(shown) == 2
+    assert (tmp_path / "raster.png").stat().st_size > 10_000
+    assert {run.name for run in (tmp_path / "runs").iterdir()} == {
+        f"noise_25_250_{level}" for level in ("0.25", "1", "5", "10", "20")
+    }
+    assert set(names["spikes"]["afferent"]) == {"SA", "RA", "PC"}
+    assert names["spikes_ms"].size > 3
 
 
 @pytest.mark.parametrize("table", blocks("toml"))
