@@ -25,9 +25,9 @@ from itertools import product
 
 import numpy as np
 
+from fembridge.results.read_options import METHODS
 from fembridge.typing import FloatArray
 
-METHODS = ("linear", "translate", "average")
 _SAME = 1.0e-9  # distances that differ by less are equal
 _GAUSS = {1: (0.0,), 2: (-(3**-0.5), 3**-0.5), 3: (-(0.6**0.5), 0.0, 0.6**0.5)}
 _TRIANGLE, _TETRAHEDRON = (2 / 3, 1 / 6), (0.5854101966249685, 0.1381966011250105)

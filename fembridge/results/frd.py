@@ -28,8 +28,9 @@ CalculiX has no units. Lengths are taken as mm, times as s, and stress in
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,8 +60,8 @@ _STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
 _TIME = re.compile(rb"\d+\.\d*(?:[Ee][+-]\d{2,3})?")
 _STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
 _MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
-_KEPT_NAMES = 32
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
+_REALS = {2: "<f4", 3: "<f8"}  # by flag
 _FORM = bytes.maketrans(b"0123456789e-", b"0000000000E+")  # of a usual field
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _SOME_PROBLEMS = 3  # that a message names
@@ -74,7 +75,7 @@ class NotFiniteError(ResultError):
     """A NaN or an infinite value, which a partial reading may leave out."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class FrdBlock:
     """One quantity at one increment, and where in the file its records are.
 
@@ -83,6 +84,10 @@ class FrdBlock:
     (``ALL``, the length of a vector, is announced and not stored). `free` marks text
     records of unequal length (exponents of three digits). `modal` marks a mode of a
     frequency or buckling analysis: its `increment` is the number of the mode.
+
+    `key` joins the blocks of one output. Records have `record_bytes` each and, unless
+    they are `free`, reach to `end`. `over_time` says whether `value` is a time, as in
+    static and dynamic steps alone, and `time_ms` that time over all steps.
     """
 
     name: str
@@ -97,46 +102,23 @@ class FrdBlock:
     analysis: int = _STATIC
     modal: bool = False
     free: bool = False
+    key: Key = field(init=False)
+    time_ms: float = field(init=False)
+    over_time: bool = field(init=False)
+    record_bytes: int = field(init=False)
+    end: int = field(init=False)
 
-    @property
-    def binary(self) -> bool:
-        """Whether the records are packed numbers."""
-        return self.flag >= 2
-
-    @property
-    def id_width(self) -> int:
-        """Characters of a node's number in a text record."""
-        return 5 if self.flag == 0 else 10
-
-    @property
-    def record_bytes(self) -> int:
-        """Length of one record: every record of a block has the same."""
+    def __post_init__(self) -> None:
+        self.key, self.time_ms = (self.step, self.increment), self.value * MS_PER_S
+        self.over_time = not self.modal and self.analysis in (_STATIC, _DYNAMIC)
         values = len(self.components)
         if self.flag >= 2:
-            return 4 + (4 if self.flag == 2 else 8) * values
-        lines = -(-values // _VALUES_A_LINE)
-        width = 5 if self.flag == 0 else 10
-        return lines * (_MARK + width + self.line_end) + _FIELD * values
-
-    @property
-    def end(self) -> int:
-        """Where the records end, if their length is regular."""
-        return self.offset + self.records * self.record_bytes
-
-    @property
-    def key(self) -> Key:
-        """Step and increment: what joins the blocks of one output."""
-        return self.step, self.increment
-
-    @property
-    def time_ms(self) -> float:
-        """Total time over all steps; of a mode no time at all."""
-        return self.value * MS_PER_S
-
-    @property
-    def over_time(self) -> bool:
-        """Whether `value` is a time: in static and dynamic steps alone."""
-        return not self.modal and self.analysis in (_STATIC, _DYNAMIC)
+            self.record_bytes = 4 + (4 if self.flag == 2 else 8) * values
+        else:
+            lines = -(-values // _VALUES_A_LINE)
+            head = _MARK + (10 if self.flag else 5)
+            self.record_bytes = lines * (head + self.line_end) + _FIELD * values
+        self.end = self.offset + self.records * self.record_bytes
 
     @property
     def axis(self) -> str:
@@ -154,8 +136,7 @@ class FrdBlock:
         return f"{self.name} of step {self.step}, {what} {self.increment}"
 
 
-@dataclass(frozen=True, slots=True)
-class MeshBlock:
+class MeshBlock(NamedTuple):
     """Where the records of a node or element block are, and where it ends."""
 
     records: int
@@ -164,8 +145,7 @@ class MeshBlock:
     end: int
 
 
-@dataclass(frozen=True, slots=True)
-class FrdDamage:
+class FrdDamage(NamedTuple):
     """What is wrong at `offset`; in which step and increment and block, where known.
 
     `records` counts the records of `block` before a cut.
@@ -200,13 +180,12 @@ class FrdIndex:
         self.ended = False
         self.damage: list[FrdDamage] = []
         self.remarks: list[str] = []
-        self._key: Key | None = None
+        self._key: Key | None = None  # of the block that has to follow
         self._mode: int | None = None
-        self._seen_binary = False
-        # Text, name, components and line end of the -4 and -5 lines of a quantity,
-        # which every increment repeats.
-        self._names: list[tuple[bytes, str, tuple[str, ...], int]] = []
-        self._names_at = 0
+        self._binary = False  # whether packed records were met
+        # Text of the -4 and -5 lines, components and line end, by the -4 line: every
+        # increment repeats them.
+        self._names: dict[bytes, tuple[bytes, str, tuple[str, ...], int]] = {}
         at: int | None = 0
         while at is not None and at < file.size:
             at = self._next(at)
@@ -233,16 +212,17 @@ class FrdIndex:
         words = [harm.problem for harm in self.damage]
         if len(words) > _SOME_PROBLEMS:
             words[_SOME_PROBLEMS:] = [f"and {len(words) - _SOME_PROBLEMS} places more"]
-        names: dict[Key, set[str]] = {}  # of whole increments
+        held: dict[Key, dict[str, FrdBlock]] = {}
         for block in self.blocks:
-            names.setdefault(block.key, set()).add(block.name)
-        for harm in self.damage:
-            names.pop(harm.key or (0, 0), None)
-        before, last = (list(names)[-2:][0], list(names)[-1]) if names else (None, None)
+            held.setdefault(block.key, {}).setdefault(block.name, block)
+        damaged = {harm.key for harm in self.damage}
+        whole = [key for key in held if key not in damaged]
         # The increment at which a run diverged has DISP and no STRESS; one that was cut
         # lacks what was not written yet.
-        if before and last and not self.ended and before[0] == last[0]:
-            last = last if names[before] <= names[last] else before
+        if not self.ended and len(whole) > 1:
+            before, last = whole[-2:]
+            if before[0] == last[0] and not held[before].keys() <= held[last].keys():
+                whole.pop()
         if not self.ended:
             words.append("no end line 9999: the run did not end normally")
             attempts = _attempts(self.file.path)
@@ -252,20 +232,15 @@ class FrdIndex:
                     f"increment {row.increment} of step {row.step} did not converge "
                     f"(.sta: attempt {row.attempt} failed)"
                 )
-            elif last and not self.damage and self.blocks[-1].key != last:
-                step, increment = self.blocks[-1].key
-                held = [block.name for block in self.blocks if block.key == (step, increment)]
-                absent = sorted(names[last] - set(held))
+            elif whole and not self.damage and (key := self.blocks[-1].key) != whole[-1]:
+                absent = sorted(held[whole[-1]].keys() - held[key].keys())
                 words.append(
-                    f"increment {increment} of step {step} has {', '.join(dict.fromkeys(held))} "
+                    f"increment {key[1]} of step {key[0]} has {', '.join(held[key])} "
                     f"and no {', '.join(absent)}: it did not converge"
                 )
-        if last:
-            block = next(block for block in self.blocks if block.key == last)
-            words.append(
-                f"last whole increment: {block.increment} of step {block.step}, "
-                f"{block.time_ms:g} ms"
-            )
+        if whole:
+            (step, increment), block = whole[-1], next(iter(held[whole[-1]].values()))
+            words.append(f"last whole increment: {increment} of step {step}, {block.time_ms:g} ms")
         elif self.blocks:
             words.append("no whole increment")
         return "; ".join(words)
@@ -273,11 +248,10 @@ class FrdIndex:
     def _next(self, at: int) -> int | None:
         """Read what begins at `at`; where the next begins, None where the walk ends."""
         found = self.file.line(at)
-        line, after = found or (self.file.peek(at, 80), self.file.size)
+        line, after = found or (self.file.peek(at, 80), self.size)
         if line.startswith(_END_LINE):
             self.ended = True
-            rest = self.file.peek(at, 80)[len(_END_LINE) :].strip()
-            if rest:
+            if rest := self.file.peek(at + len(_END_LINE), 80).strip():
                 self._harm(f"bytes after the end line: {rest[:12]!r}", at)
             return None
         if found is None:
@@ -293,8 +267,7 @@ class FrdIndex:
         try:
             if line.startswith(_STEP):
                 self._key = self._mode = None
-                iterations = _STEP_OF_ITERATIONS.match(line, 24)
-                if iterations:
+                if iterations := _STEP_OF_ITERATIONS.match(line, 24):
                     step, increment = int(iterations[1]), int(iterations[2])
                 else:
                     step, increment = _count(line[48:60]), _count(line[36:48])
@@ -318,29 +291,25 @@ class FrdIndex:
         file, kind = self.file, "node" if line.startswith(b"    2C") else "element"
         count, flag = line[24:36].strip(), line[73:75].strip()
         announced = int(count) if count.isdigit() else 0
-        unreadable = f"header {line!r} cannot be read" if count and not count.isdigit() else ""
+        problem = f"header {line!r} cannot be read" if count and not count.isdigit() else ""
         if flag in (b"0", b"1"):
             found = file.find((b"\n -3",), after - 1)
             last = None if found is None else file.line(found[0] + 1)
             if found is None or last is None or last[0].strip() != b"-3":
                 self._harm(f"{kind} block: cut: its end line -3 is missing", at)
                 return None
-            present = file.count(b"\n -1", after - 1, found[0])
-            problem = unreadable
+            present, end = file.count(b"\n -1", after - 1, found[0]), last[1]
             if count and present != announced:
                 problem = problem or f"{announced} records announced, {present} present"
-            layers, rest = divmod(present, announced) if announced else (0, 1)
-            if problem and kind == "element" and layers > 1 and rest == 0:
-                self.remarks.append(
-                    f"element block announces {announced} elements and holds {layers} "
-                    "times as many: layers of composite shells"
-                )
-            elif problem:
-                self._harm(f"{kind} block: {problem}", at)
-                return last[1]
-            block = MeshBlock(present, int(flag), after, last[1])
+                if kind == "element" and announced and present % announced == 0 < present:
+                    self.remarks.append(
+                        f"element block announces {announced} elements and holds "
+                        f"{present // announced} times as many: layers of composite shells"
+                    )
+                    problem = ""
+            behind = end
         else:
-            end, problem = after, unreadable
+            present, end, behind = announced, after, None
             if flag not in (b"2", b"3"):
                 problem = f"header {line!r} cannot be read"
             elif not count:
@@ -349,24 +318,24 @@ class FrdIndex:
                 end += announced * (28 if flag == b"3" else 16)
             if end > file.size or after + 16 * announced > file.size:
                 problem = problem or f"cut: {announced} {kind}s announced"
-            if not problem and kind == "element":
-                try:
+            try:
+                if kind == "element" and not problem:
                     for _, end in packed_elements(file, after, announced):  # noqa: B007 - the last
                         pass
-                except ResultError as error:
-                    problem = error.problem
-            if problem:
-                self._harm(f"{kind} block: {problem}", at)
-                return None
-            block = MeshBlock(announced, int(flag), after, end)
+            except ResultError as error:
+                problem = error.problem
+        if problem:
+            self._harm(f"{kind} block: {problem}", at)
+            return behind
+        block = MeshBlock(present, int(flag), after, end)
         if kind == "node":
-            self.nodes = block
+            self.nodes, self._binary = block, block.flag >= 2
         else:
             self.elements = block
-        if block.flag >= 2 and not self._boundary(block.end):
+        if behind is None and not self._boundary(end):
             self._harm(f"{kind} block: its count does not lead to its end", at)
             return None
-        return block.end
+        return end
 
     def _block(self, line: bytes, at: int, after: int) -> int | None:
         """Read the header of a result block at its ``100CL`` line; find its end."""
@@ -396,33 +365,33 @@ class FrdIndex:
             self._harm(error.problem, at)
             return None
         self._key = None
+        offset = after + len(header)
         block = FrdBlock(
-            name=name,
-            step=step,
-            increment=increment,
-            value=float(text),
-            records=records,
-            components=components,
-            flag=flag,
-            offset=after + len(header),
-            line_end=line_end,
-            analysis=analysis,
-            modal=modal,
-        )
-        self._seen_binary |= block.binary
-        return self._packed_end(block) if block.binary else self._text_end(block)
+            name, step, increment, float(text), records, components, flag, offset,
+            line_end, analysis, modal,
+        )  # fmt: skip
+        if flag < 2:
+            return self._text_end(block)
+        self._binary = True
+        if block.end > self.size:
+            self._cut(block, (self.size - offset) // block.record_bytes, self.size)
+            return None
+        if not self._boundary(block.end):
+            self._harm(
+                f"{block} is followed by {self.file.peek(block.end, 12)!r} at byte "
+                f"{block.end}: its count, {records}, is wrong or bytes are missing",
+                block.end,
+                block,
+            )
+            return None
+        self.blocks.append(block)
+        return block.end
 
     def _name_lines(self, offset: int, where: str) -> tuple[bytes, str, tuple[str, ...], int]:
         """The ``-4`` and ``-5`` lines at `offset`: text, name, components, line end."""
-        known = len(self._names)
-        for place in range(self._names_at + 1, self._names_at + 1 + known):
-            names = self._names[place % known]  # quantities follow in turn
-            if self.file.holds(offset, names[0]):
-                self._names_at = place % known
-                return names
-        name, announced, line_end, at = "-4", 0, 1, offset
+        name, announced, line_end, at, row = "-4", 0, 1, offset, -1
         components: list[str] = []
-        row = -1
+        first = b""
         while row < announced:
             found = self.file.line(at)
             if found is None:
@@ -431,8 +400,11 @@ class FrdIndex:
                     f"{self.size}: {self.file.why_no_line(at)}",
                     self.file.path,
                 )
-            line = found[0]
+            line, after = found
             if row < 0:
+                first, known = line, self._names.get(line)
+                if known is not None and self.file.holds(offset, known[0]):
+                    return known
                 name, announced = line[5:13].decode("ascii").strip(), _count(line[13:18])
                 if not line.startswith(b" -4") or not name:
                     raise ValueError(f"{line[:40]!r} where a name is expected")
@@ -443,32 +415,13 @@ class FrdIndex:
             else:
                 if line[33:38].strip() != b"1":
                     components.append(line[5:13].decode("ascii").strip())
-                line_end = found[1] - at - len(line)
-            at, row = found[1], row + 1
+                line_end = after - at - len(line)
+            at, row = after, row + 1
         if not components:
             raise ValueError(f"{name} without components")
-        names = self.file.take(offset, at - offset), name, tuple(components), line_end
-        del self._names[: 1 - _KEPT_NAMES]
-        self._names.append(names)
-        self._names_at = len(self._names) - 1
-        return names
-
-    def _packed_end(self, block: FrdBlock) -> int | None:
-        if block.end > self.size:
-            whole = (self.size - block.offset) // block.record_bytes
-            self._cut(block, whole, self.size)
-            return None
-        if not self._boundary(block.end):
-            found = self.file.peek(block.end, 12)
-            self._harm(
-                f"{block} is followed by {found!r} at byte {block.end}: its count, "
-                f"{block.records}, is wrong or bytes are missing",
-                block.end,
-                block,
-            )
-            return None
-        self.blocks.append(block)
-        return block.end
+        text = self.file.take(offset, at - offset)
+        self._names[first] = text, name, tuple(components), line_end
+        return self._names[first]
 
     def _text_end(self, block: FrdBlock) -> int | None:
         closing = b"\n -3\r\n" if block.line_end == 2 else b"\n -3\n"
@@ -478,19 +431,16 @@ class FrdIndex:
         found = self.file.find((b"\n -3", _STEP, b"\n" + _END_LINE), block.offset - 1)
         at, marker = found or (self.size, b"")
         last = self.file.line(at + 1) if marker == b"\n -3" else None
-        if last is not None:
-            records = self.file.count(b"\n -1", block.offset - 1, at)
-            if block.records < 0:
-                block = replace(block, records=records)
-            if block.end == at + 1:
-                self.blocks.append(block)
-            elif records == block.records > 0:
-                self.blocks.append(replace(block, free=True))
-            else:
-                words = f"{block} announces {block.records} records and has {records}"
-                self._harm(words, at, block, records)
-            return last[1]
         begun = self.file.count(b"\n -1", block.offset - 1, at)
+        if last is not None:
+            if block.records < 0:
+                block = replace(block, records=begun)
+            if block.end == at + 1 or begun == block.records > 0:
+                self.blocks.append(replace(block, free=block.end != at + 1))
+            else:
+                words = f"{block} announces {block.records} records and has {begun}"
+                self._harm(words, at, block, begun)
+            return last[1]
         whole = min((at - block.offset) // block.record_bytes, begun)
         self._cut(block, whole if block.records < 0 else min(whole, block.records), at)
         if marker == _STEP:
@@ -506,9 +456,7 @@ class FrdIndex:
 
     def _resume(self, at: int) -> int | None:
         """Find the next step in text; among binary records it is not sought."""
-        if self._seen_binary or (self.nodes is not None and self.nodes.flag >= 2):
-            return None
-        found = self.file.find((_STEP,), at + 1)
+        found = None if self._binary else self.file.find((_STEP,), at + 1)
         return None if found is None else found[0]
 
     def _cut(self, block: FrdBlock, records: int, at: int) -> None:
@@ -531,11 +479,11 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> 
     A trace begins with the first increment of the file; what came before it,
     the rest state among it, a ``.frd`` does not hold.
     """
-    times_ms, tensor_pa = read_stress_tensor(path, nodes, options)
+    times_ms, values = read_history(path, {STRESS: nodes}, options)
     kept = options.kept(times_ms)
     times_ms = unrounded(times_ms[kept])
     with np.errstate(over="ignore"):  # a trace refuses what is not finite
-        stress_pa = von_mises_pa(tensor_pa[kept])
+        stress_pa = von_mises_pa(values[STRESS][kept])
     return [
         StressTrace.on_grid(node, np.stack([times_ms, column], -1), path)
         for node, column in zip(nodes, stress_pa.T, strict=True)
@@ -568,8 +516,7 @@ def read_displacement(
     return times_ms, values[DISPLACEMENT]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StressAndDisplacement:
+class StressAndDisplacement(NamedTuple):
     """Both at the same increments, each in the order in which its nodes were asked for.
 
     `times_ms` is ``(T,)``, `tensor_pa` ``(T, node, 6)``, `displacement_mm`
@@ -617,17 +564,20 @@ def read_history(
             name: _at_nodes(file, [output[name] for output in outputs], nodes)
             for name, nodes in nodes_of.items()
         }
-        outputs, values = _finite(file, outputs, values, nodes_of, options)
+        if not all(np.isfinite(found).all() for found in values.values()):
+            keep = _finite(path, outputs, values, nodes_of, options)
+            outputs = [output for output, fine in zip(outputs, keep, strict=True) if fine]
+            values = {name: found[keep] for name, found in values.items()}
         if not outputs:
             raise ResultError("no whole, converged increment is left", path)
-        times_ms = np.array([next(iter(output.values())).time_ms for output in outputs])
+        firsts = [next(iter(output.values())) for output in outputs]
+        times_ms = np.array([block.time_ms for block in firsts])
         back = np.flatnonzero(~(np.diff(times_ms) > 0))
         if back.size:
             row = int(back[0]) + 1
-            step, increment = next(iter(outputs[row].values())).key
             raise ResultError(
-                f"step {step}, increment {increment} at {times_ms[row]:g} ms comes after "
-                f"{times_ms[row - 1]:g} ms: times do not rise",
+                f"step {firsts[row].step}, increment {firsts[row].increment} at "
+                f"{times_ms[row]:g} ms comes after {times_ms[row - 1]:g} ms: times do not rise",
                 path,
             )
         check_unchanged(file, options)
@@ -752,10 +702,11 @@ def having(
 
 def check_unchanged(file: ByteFile, options: ReadOptions) -> None:
     """Refuse, or with `partial` note, a file that changed while it was read."""
-    if file.change is not None and not options.partial:
-        raise ResultError(f"{file.change}; read it again when the run has ended", file.path)
-    if file.change is not None:
-        options.note(file.change)
+    change = file.change
+    if change is not None and not options.partial:
+        raise ResultError(f"{change}; read it again when the run has ended", file.path)
+    if change is not None:
+        options.note(change)
 
 
 def no_records(block: FrdBlock, path: Path) -> ResultError:
@@ -768,44 +719,59 @@ def no_records(block: FrdBlock, path: Path) -> ResultError:
 
 
 def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
-    """Numbers of the nodes of `block`, in its order, ``(record,)``.
+    """Numbers of the nodes of `block`, in its order, ``(record,)``."""
+    if block.free:
+        return irregular_records(file, block)[0]
+    parts = [np.empty(0, dtype=np.int64)]
+    step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
+    for first in range(0, block.records, step):
+        parts.append(whole_records(file, block, first, min(step, block.records - first))[1])
+    return np.concatenate(parts)
+
+
+def whole_records(
+    file: ByteFile, block: FrdBlock, first: int, count: int
+) -> tuple[bytes, IntArray]:
+    """The bytes of `count` records from number `first` on, and their nodes.
 
     Raises
     ------
     ResultError
-        A record does not begin like one.
+        A record does not begin like one, or is not as long as the others.
     """
-    if block.free:
-        return irregular_records(file, block)[0]
-    step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
-    parts = [np.empty(0, dtype=np.int64)]
-    for first in range(0, block.records, step):
-        some = min(step, block.records - first)
-        raw = file.take(block.offset + first * block.record_bytes, some * block.record_bytes)
-        ids, fine = record_ids(block, raw)
-        check_records(file, block, raw, fine, first)
-        parts.append(ids)
-    return np.concatenate(parts)
+    length = block.record_bytes
+    raw = file.take(block.offset + first * length, count * length)
+    ids, fine = _record_ids(block, raw)
+    if not fine.all():
+        row = int(np.argmin(fine))
+        raise ResultError(
+            f"{block}: record {first + row + 1} of {block.records} begins with "
+            f"{raw[row * length :][: _MARK + 10]!r}, or is not as long as the others",
+            file.path,
+        )
+    return raw, ids
 
 
-def record_ids(block: FrdBlock, raw: bytes) -> tuple[IntArray, BoolArray]:
+def _record_ids(block: FrdBlock, raw: bytes) -> tuple[IntArray, BoolArray]:
     """The node of each record in `raw`, and which records look like one."""
-    if block.binary:
-        ids = np.frombuffer(raw, dtype=_packed(block))["node"].astype(np.int64)
+    if block.flag >= 2:
+        packed = np.dtype([("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
+        ids = np.frombuffer(raw, packed)["node"].astype(np.int64)
         return ids, ids > 0
     characters = np.frombuffer(raw, dtype=np.uint8).reshape(-1, block.record_bytes)
-    ids, fine = integers(characters[:, _MARK : _MARK + block.id_width])
+    width = 10 if block.flag else 5
+    ids, fine = _integers(characters[:, _MARK : _MARK + width])
     mark = b" -1"
-    for start, _, line_feed in _lines(block):
-        head = start - block.id_width - _MARK
+    for start, end in _lines(block):
+        head = start - width - _MARK
         for place, character in enumerate(mark, start=head):
             fine &= characters[:, place] == character
-        fine &= characters[:, line_feed] == ord("\n")
+        fine &= characters[:, end + block.line_end - 1] == ord("\n")
         mark = b" -2"  # on every line but the first
     return ids, fine
 
 
-def record_values(file: ByteFile, block: FrdBlock, raw: bytes) -> FloatArray:
+def record_values(path: Path, block: FrdBlock, raw: bytes) -> FloatArray:
     """Values in `raw`, ``(record, component)``, as the file has them: float32 stays so.
 
     Raises
@@ -814,35 +780,32 @@ def record_values(file: ByteFile, block: FrdBlock, raw: bytes) -> FloatArray:
         A field is no number. NaN and infinite values are values.
     """
     count = len(block.components)
-    if block.binary:
+    if block.flag >= 2:
         # Copied as one void: faster than value by value.
         table = np.frombuffer(raw, [("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
-        packed = np.ascontiguousarray(table["values"]).view("<f4" if block.flag == 2 else "<f8")
+        packed = np.ascontiguousarray(table["values"]).view(_REALS[block.flag])
         single_or_double: FloatArray = packed.reshape(-1, count)
         return single_or_double
     characters = np.frombuffer(raw, dtype=np.uint8).reshape(-1, block.record_bytes)
-    fields = [characters[:, start:end] for start, end, _ in _lines(block)]
+    fields = np.concatenate([characters[:, start:end] for start, end in _lines(block)], axis=1)
     try:
-        return floats(np.concatenate(fields, axis=1).reshape(-1, count, _FIELD))
+        return _floats(fields.reshape(-1, count, _FIELD))
     except ValueError as error:
         row, column, problem = error.args
-        node = int(record_ids(block, raw)[0][row])
+        node = int(_record_ids(block, raw)[0][row])
         where = f"{block}, node {node}, {block.components[column]}"
-        raise ResultError(f"{where}: {problem}", file.path) from error
+        raise ResultError(f"{where}: {problem}", path) from error
 
 
-def check_records(
-    file: ByteFile, block: FrdBlock, raw: bytes, fine: BoolArray, first: int = 0
-) -> None:
-    """Refuse `raw`, records from number `first` on, unless all are `fine`."""
-    if not fine.all():
-        row = int(np.argmin(fine))
-        start = raw[row * block.record_bytes :][: _MARK + 10]
-        raise ResultError(
-            f"{block}: record {first + row + 1} of {block.records} begins with {start!r}, "
-            "or is not as long as the others",
-            file.path,
-        )
+def _lines(block: FrdBlock) -> list[tuple[int, int]]:
+    """For each line of a text record where its values start and end."""
+    found, at = [], 0
+    for first in range(0, len(block.components), _VALUES_A_LINE):
+        start = at + _MARK + (10 if block.flag else 5)
+        end = start + _FIELD * min(_VALUES_A_LINE, len(block.components) - first)
+        found.append((start, end))
+        at = end + block.line_end
+    return found
 
 
 def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
@@ -859,7 +822,7 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
         rb"(?: *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
         rb"| *[+-]?(?:1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?))"
     )
-    width, count, record = block.id_width, len(block.components), b""
+    width, count, record = 10 if block.flag else 5, len(block.components), b""
     for first in range(0, count, _VALUES_A_LINE):
         record += b" -2" + b" " * width if first else b" -1([ 0-9]{%d})" % width
         record += number_field + b"{%d} *\r?\n" % min(_VALUES_A_LINE, count - first)
@@ -880,7 +843,7 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     return np.array(nodes, dtype=np.int64), values.reshape(-1, count)
 
 
-def integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
+def _integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
     """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``.
 
     The second array says which rows are such integers; elsewhere the value
@@ -896,7 +859,7 @@ def integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
     return value, fine
 
 
-def floats(fields: NDArray[np.uint8]) -> FloatArray:
+def _floats(fields: NDArray[np.uint8]) -> FloatArray:
     """E12.5 fields, ``(row, column, 12)`` -> ``(row, column)``; NaN and INF are read as such.
 
     Raises
@@ -921,8 +884,7 @@ def floats(fields: NDArray[np.uint8]) -> FloatArray:
     return values.reshape(fields.shape[:2])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ElementRows:
+class ElementRows(NamedTuple):
     """Elements of one type: `ids` and `material` ``(M,)``, `corners` ``(M, k)``.
 
     Nodes are in the order of the file: corners, then mid-sides; he20 and pe15 have the
@@ -1000,14 +962,14 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     heads = (characters[:, :_MARK] == np.frombuffer(b" -1", np.uint8)).all(axis=1)
     tails = (characters[:, :_MARK] == np.frombuffer(b" -2", np.uint8)).all(axis=1)
     at_type = _MARK + width
-    ids, fine = integers(characters[heads, _MARK:at_type])
-    kind, good = integers(characters[heads, at_type : at_type + 5])
-    material, known = integers(characters[heads, at_type + 10 : at_type + 15])
+    ids, fine = _integers(characters[heads, _MARK:at_type])
+    kind, good = _integers(characters[heads, at_type : at_type + 5])
+    material, known = _integers(characters[heads, at_type + 10 : at_type + 15])
     material[~known] = UNKNOWN_MATERIAL
     # Fields of a line that are not blank, and to which element they belong.
     fields = characters[tails, _MARK : _MARK + 10 * width].reshape(-1, width)
     filled = ((fields != ord(" ")) & (fields != ord("\r")) & (fields != 0)).any(axis=1)
-    nodes, whole = integers(fields[filled])
+    nodes, whole = _integers(fields[filled])
     element = np.repeat(np.cumsum(heads)[tails] - 1, 10)[filled]
     counts = np.bincount(element[element >= 0], minlength=kind.size)
     checks = (heads[:1], heads | tails, fine, good, whole, counts > 0)
@@ -1087,22 +1049,23 @@ def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
         sought = not rows.size or rows.max() >= first.records
         if sought:
             rows = _find_rows(file, first, node_ids(file, first), wanted)
-        layout = (first.flag, first.components, first.line_end, False)
-        end = at + 1
+        end, highest = at + 1, rows.max()
         for block in blocks[end : at + look]:
-            alike = (block.flag, block.components, block.line_end, block.free) == layout
-            if not alike or block.records <= rows.max():
+            alike = (block.flag, block.record_bytes, block.free) == (
+                first.flag, first.record_bytes, False,
+            )  # fmt: skip
+            if not alike or block.components != first.components or block.records <= highest:
                 break
             end += 1
         raw = b"".join([_gather(file, block, rows) for block in blocks[at:end]])
-        ids, fine = record_ids(first, raw)
+        ids, fine = _record_ids(first, raw)
         right = (fine & (ids == np.tile(wanted, end - at))).reshape(end - at, -1).all(axis=1)
         same = end - at if right.all() else int(np.argmin(right))
         if sought and not same:
             raise ResultError(f"{first}: records changed while read", file.path)
         size = wanted.size * first.record_bytes
         if same:
-            found = record_values(file, first, raw[: same * size])
+            found = record_values(file.path, first, raw[: same * size])
             values[at : at + same] = found.reshape(same, wanted.size, -1)[:, :, columns]
         if same < end - at:
             rows, look = rows[:0], 1
@@ -1119,8 +1082,7 @@ def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> bytes:
     if span <= _SEEK_BYTES or span <= 4 * rows.size * length:
         raw = file.take(block.offset + first * length, span)
         return np.frombuffer(raw, dtype=np.uint8).reshape(-1, length)[rows - first].tobytes()
-    take, offset = file.take, block.offset
-    return b"".join([take(offset + row * length, length) for row in rows.tolist()])
+    return b"".join([file.take(block.offset + row * length, length) for row in rows.tolist()])
 
 
 def _find_rows(file: ByteFile, block: FrdBlock, ids: IntArray, nodes: IntArray) -> IntArray:
@@ -1143,13 +1105,13 @@ def _find_rows(file: ByteFile, block: FrdBlock, ids: IntArray, nodes: IntArray) 
 
 
 def _finite(
-    file: ByteFile,
+    path: Path,
     outputs: Sequence[Output],
     values: Mapping[str, FloatArray],
     nodes_of: Mapping[str, Sequence[int]],
     options: ReadOptions,
-) -> tuple[list[Output], dict[str, FloatArray]]:
-    """Refuse a NaN or an infinite value, or with `partial` leave its increment out."""
+) -> BoolArray:
+    """Which `outputs` hold finite values alone; without `partial` the others are refused."""
     keep = np.ones(len(outputs), dtype=np.bool_)
     for name, found in values.items():
         for row, node, column in np.argwhere(~np.isfinite(found)).tolist():
@@ -1159,15 +1121,11 @@ def _finite(
                 f"{COMPONENTS[name][column]} is {found[row, node, column]}"
             )
             if not options.partial:
-                raise NotFiniteError(problem, file.path)
+                raise NotFiniteError(problem, path)
             if keep[row]:
-                step, increment = block.key
-                options.note(f"dropped step {step}, increment {increment}: {problem}")
+                options.note(f"dropped step {block.step}, increment {block.increment}: {problem}")
             keep[row] = False
-    if keep.all():
-        return list(outputs), dict(values)
-    kept = [output for output, fine in zip(outputs, keep, strict=True) if fine]
-    return kept, {name: found[keep] for name, found in values.items()}
+    return keep
 
 
 def _check_materials(index: FrdIndex, nodes: Collection[int], branches: Mapping[int, int]) -> None:
@@ -1230,17 +1188,14 @@ def _span(index: FrdIndex, block: FrdBlock) -> tuple[int | None, int | None, int
     A block of the whole mesh ascends, so its ends are enough; one of a set is in the
     order of the deck, with duplicates, and is read.
     """
-    file, mesh = index.file, None if index.nodes is None else index.nodes.records
+    mesh = None if index.nodes is None else index.nodes.records
     if not block.free and block.records and block.records == mesh:
-        ends = (block.offset, block.end - block.record_bytes)
-        raw = b"".join(file.take(at, block.record_bytes) for at in ends)
-        ids, fine = record_ids(block, raw)
+        raw = _gather(index.file, block, np.array([0, block.records - 1]))
+        ids, fine = _record_ids(block, raw)
         if fine.all() and ids[0] <= ids[1]:
             return int(ids[0]), int(ids[1]), block.records
-    ids = node_ids(file, block)
-    if not ids.size:
-        return None, None, 0
-    return int(ids.min()), int(ids.max()), len(np.unique(ids))
+    ids = np.unique(node_ids(index.file, block))
+    return (int(ids[0]), int(ids[-1]), ids.size) if ids.size else (None, None, 0)
 
 
 def _attempts(path: Path) -> list[StaRow]:
@@ -1250,21 +1205,6 @@ def _attempts(path: Path) -> list[StaRow]:
         return read_sta(beside) if beside.exists() else []
     except (ResultError, OSError):
         return []
-
-
-def _packed(block: FrdBlock) -> np.dtype[np.void]:
-    number_type = "<f4" if block.flag == 2 else "<f8"
-    return np.dtype([("node", "<i4"), ("values", number_type, (len(block.components),))])
-
-
-def _lines(block: FrdBlock) -> Iterator[tuple[int, int, int]]:
-    """For each line of a record where values start, end, and its LF is."""
-    at = 0
-    for first in range(0, len(block.components), _VALUES_A_LINE):
-        start = at + _MARK + block.id_width
-        end = start + _FIELD * min(_VALUES_A_LINE, len(block.components) - first)
-        at = end + block.line_end
-        yield start, end, at - 1
 
 
 def _count(field: bytes) -> int:

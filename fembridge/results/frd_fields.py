@@ -14,9 +14,9 @@ with the unit "".
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from fembridge.results.frd import (
     MeshBlock,
     NotFiniteError,
     Output,
-    check_records,
     check_unchanged,
     element_rows,
     having,
@@ -41,10 +40,10 @@ from fembridge.results.frd import (
     no_records,
     node_ids,
     outputs_of,
-    record_ids,
     record_values,
+    whole_records,
 )
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.read_options import PA_PER_UNIT, ReadOptions
 from fembridge.results.readers import result_file
 from fembridge.results.stress import DERIVED, derived_of
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -235,28 +234,18 @@ def _grid(index: FrdIndex) -> Grid:
     return Grid(nodes, coordinates_mm, tuple(cells), dict(index.materials))
 
 
-class FrdSource:
+class FrdSource(AbstractContextManager["FrdSource"]):
     """An open ``.frd``, see `fembridge.results.fields.FieldSource`."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self._options = path, options
-        self._file = ByteFile(path)
-        try:
+        with ExitStack() as opened:
+            self._file = opened.enter_context(ByteFile(path))
             self._index = FrdIndex(self._file)
-        except ResultError:
-            self._file.__exit__(None, None, None)
-            raise
+            self._opened = opened.pop_all()
 
-    def __enter__(self) -> "FrdSource":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._opened.close()
 
     def keys(self, quantity: str) -> list[Key]:
         """Step and increment of each output of `quantity`, in file order."""
@@ -371,7 +360,7 @@ def _parts(
     if block.records == 0:
         raise no_records(block, file.path)
     units = tuple(_unit(block.name, component) for component in block.components)
-    scales = [options.pa_per_unit if unit == _PA else 1.0 for unit in units]
+    scales = [PA_PER_UNIT[options.stress_unit] if unit == _PA else 1.0 for unit in units]
     first_row = 0
     for nodes, values in _tables(file, block, scales, most_rows):
         yield Field(
@@ -409,8 +398,7 @@ def _tables(
     """
     if block.free:
         every, table = irregular_records(file, block)
-    length = block.record_bytes
-    step = max(1, _TEXT_BYTES // length)
+    step = max(1, _TEXT_BYTES // block.record_bytes)
     for first in range(0, block.records, most_rows):
         rows = min(most_rows, block.records - first)
         if block.free:
@@ -420,11 +408,8 @@ def _tables(
             values = np.empty((rows, len(block.components)), dtype=np.float64)
             for at in range(0, rows, step):
                 some = slice(at, min(at + step, rows))
-                start = block.offset + (first + at) * length
-                raw = file.take(start, (some.stop - at) * length)
-                nodes[some], fine = record_ids(block, raw)
-                check_records(file, block, raw, fine, first + at)
-                values[some] = record_values(file, block, raw)
+                raw, nodes[some] = whole_records(file, block, first + at, some.stop - at)
+                values[some] = record_values(file.path, block, raw)
         with np.errstate(over="ignore"):  # a number that overflows is not finite
             if set(scales) != {1.0}:
                 values *= scales if len(set(scales)) > 1 else scales[0]

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.extrapolation import METHODS
 from fembridge.trace import PA_PER_MPA
 from fembridge.typing import FloatArray
 
 PA_PER_UNIT = {"MPa": PA_PER_MPA, "kPa": 1.0e3, "Pa": 1.0}
+METHODS = ("linear", "translate", "average")  # see `fembridge.results.extrapolation`
 VON_MISES = ("tensor", "scalar")
 
 
@@ -26,7 +26,7 @@ class ReadOptions:
     CalculiX and Marc have none, the deck decides; N and mm give MPa.
 
     Of a file that holds integration points (Marc's): `extrapolate` is how their
-    values are carried to nodes, one of `extrapolation.METHODS`, None for "linear".
+    values are carried to nodes, one of `METHODS`, None for the first.
     `von_mises` "tensor" (None too) takes the von Mises stress of the nodal tensor,
     "scalar" that of the points, carried to the node as a number.
 
@@ -51,22 +51,18 @@ class ReadOptions:
     on_axis: Collection[int] = ()
 
     def __post_init__(self) -> None:
-        if self.stress_unit not in PA_PER_UNIT:
-            raise UsageError(f"stress unit {self.stress_unit!r}, expected {', '.join(PA_PER_UNIT)}")
-        if self.extrapolate not in (None, *METHODS):
-            raise UsageError(f"extrapolation {self.extrapolate!r}, expected {', '.join(METHODS)}")
-        if self.von_mises not in (None, *VON_MISES):
-            raise UsageError(f"von Mises of {self.von_mises!r}, expected {', '.join(VON_MISES)}")
+        for what, value, known in (
+            ("stress unit", self.stress_unit, PA_PER_UNIT),
+            ("extrapolation", self.extrapolate or METHODS[0], METHODS),
+            ("von Mises of", self.von_mises or VON_MISES[0], VON_MISES),
+        ):
+            if value not in known:
+                raise UsageError(f"{what} {value!r}, expected {', '.join(known)}")
 
     @property
     def method(self) -> str:
         """How values are carried from integration points to nodes."""
         return self.extrapolate or METHODS[0]
-
-    @property
-    def pa_per_unit(self) -> float:
-        """Pascals in one unit of the file's stress."""
-        return PA_PER_UNIT[self.stress_unit]
 
     def kept(self, times_ms: FloatArray) -> slice:
         """The samples, of increasing times ``(T,)``, that a trace is made of."""
@@ -81,7 +77,7 @@ class ReadOptions:
 def in_pa(stress: FloatArray, options: ReadOptions, path: Path) -> FloatArray:
     """Stress of a file in Pa; a number too large to be one is a `ResultError`."""
     with np.errstate(over="ignore"):
-        stress_pa: FloatArray = stress * options.pa_per_unit
+        stress_pa: FloatArray = stress * PA_PER_UNIT[options.stress_unit]
     if not np.isfinite(stress_pa).all():
         worst = float(stress.flat[np.abs(stress).argmax()])
         raise ResultError(f"a stress of {worst:g} {options.stress_unit}", path)
