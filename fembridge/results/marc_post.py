@@ -83,6 +83,8 @@ _FOREIGN = np.frombuffer(b"_\0", dtype=np.uint8)
 _REAL = re.compile(rb" *([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+))? *")
 
 _T = TypeVar("_T")
+Fixed = tuple[tuple[int, bytes], ...]
+"""Text that each row of a table has, by its place there."""
 
 
 class PostDamageError(Exception):
@@ -485,7 +487,7 @@ class _Numbers:
     runs: tuple[slice, ...]
     dtype: "np.dtype[Any]"
     integer: bool = False
-    fixed: tuple[tuple[int, bytes], ...] = ()
+    fixed: Fixed = ()
     wrapped: int = 0
     table_rows: int = 0
     last_bytes: int = 0
@@ -587,18 +589,40 @@ def _real(text: bytes) -> float:
 
 # --- Records of either kind
 #
-# Both classes are a place `at` in the file, moved on by what is read there. `free` collects
-# the stretches (first, last + 1) that hold values: what is between them is the same in all
-# increments that are built alike. Their methods raise `PostDamageError` where the file is
-# cut or holds something else. What a method does is said at the binary one.
+# What a method does is said at the binary one.
 
 
-class _BinaryRecords:
+class _Place:
+    """A place `at` in the file, moved on by what is read there.
+
+    `free` collects the stretches (first, last + 1) that hold values: what is between them is
+    the same in all increments that are built alike.
+    """
+
+    def __init__(self, file: ByteFile) -> None:
+        self.file, self.at = file, 0
+        self.free: list[tuple[int, int]] = []
+
+    def check(self, good: bool, problem: str, at: int | None = None) -> None:
+        """Refuse the file, at byte `at` or here, where it is not `good`."""
+        if not good:
+            raise PostDamageError(problem, self.at if at is None else at)
+
+    def check_rows(self, start: int, rows: int, stride: int, ends: Fixed) -> None:
+        """Refuse a table that is cut, or whose last row has not `ends` at their places."""
+        whole = (self.file.size - start) // stride
+        self.check(rows <= whole, f"cut after {whole} of {rows} records", self.file.size)
+        last = start + (rows - 1) * stride
+        for place, text in ends:
+            words = f"{rows} records of {stride} bytes: not so"
+            self.check(self.file.holds(last + place, text), words, last + place)
+
+
+class _BinaryRecords(_Place):
     kind = "t16"
 
     def __init__(self, file: ByteFile, big_endian: bool) -> None:
-        self.file, self.at = file, 0
-        self.free: list[tuple[int, int]] = []
+        super().__init__(file)
         self.byte_order = "big" if big_endian else "little"
         self.real_bytes = 4
         self._order = ">" if big_endian else "<"
@@ -628,10 +652,10 @@ class _BinaryRecords:
         """A record of integers and a text: an element post code."""
         start = self.at
         raw = self._payload()
-        words = len(raw) // _WORD
+        words, rest = divmod(len(raw), _WORD)
         letters = _LONG_LABEL_WORDS if words > _LONG_LABEL_WORDS else _LABEL_WORDS
-        if not 0 < words - letters <= 2 or len(raw) % _WORD:
-            raise PostDamageError(f"a post code in a record of {len(raw)} bytes", start)
+        good = rest == 0 and words - letters in (1, 2)
+        self.check(good, f"a post code in a record of {len(raw)} bytes", start)
         cut = (words - letters) * _WORD
         return np.frombuffer(raw[:cut], dtype=self._integer).tolist(), self._decoded(raw[cut:])
 
@@ -641,10 +665,8 @@ class _BinaryRecords:
         for count in counts:
             start = self.at
             raw = self._payload()
-            if len(raw) != count * _WORD:
-                raise PostDamageError(
-                    f"a record of {len(raw)} bytes where {count} integers are expected", start
-                )
+            words = f"a record of {len(raw)} bytes where {count} integers are expected"
+            self.check(len(raw) == count * _WORD, words, start)
             found += np.frombuffer(raw, dtype=self._integer).tolist()
         return found
 
@@ -657,21 +679,15 @@ class _BinaryRecords:
         start, payload = self.at, self._record()
         before, stride = integers * _WORD, payload + 2 * _MARKER
         width = (payload - before) // reals if reals else _WORD
-        if payload != before + reals * width or width not in (4, 8):
-            raise PostDamageError(
-                f"a record of {payload} bytes where {integers} integers and {reals} reals "
-                "are expected",
-                start,
-            )
-        _check_whole(self.file, start, rows, stride)
+        self.check(
+            payload == before + reals * width and width in (4, 8),
+            f"a record of {payload} bytes where {integers} integers and {reals} reals are expected",
+        )
         marker = self._length.pack(payload)
-        last = start + (rows - 1) * stride
-        for at in (last, last + stride - _MARKER):
-            if not self.file.holds(at, marker):
-                raise PostDamageError(f"{rows} records of {payload} bytes: not so", at)
+        fixed = ((0, marker), (stride - _MARKER, marker))
+        self.check_rows(start, rows, stride, fixed)
         self.at = start + rows * stride
         self.free.append((start + _MARKER, self.at - _MARKER))
-        fixed = ((0, marker), (stride - _MARKER, marker))
         cut = _MARKER + before
         found = _Numbers(
             start, rows, stride, (slice(_MARKER, cut),), self._integer, integer=True, fixed=fixed
@@ -685,11 +701,10 @@ class _BinaryRecords:
         """Skip one record of `rows` times `columns` reals."""
         start, length, count = self.at, self._record(), rows * columns
         width = length // count if count else _WORD
-        if length != count * width or width not in (4, 8):
-            raise PostDamageError(
-                f"a record of {length} bytes where {rows} times {columns} reals are expected",
-                start,
-            )
+        self.check(
+            length == count * width and width in (4, 8),
+            f"a record of {length} bytes where {rows} times {columns} reals are expected",
+        )
         self.at += length + 2 * _MARKER
         self.free.append((start + _MARKER, self.at - _MARKER))
         stride = columns * width
@@ -703,8 +718,7 @@ class _BinaryRecords:
     def skip_block(self) -> None:
         """Go to the ``=end=`` of the block that we are in."""
         while (word := self.word()) != END:
-            if word:
-                raise PostDamageError(f"{word!r} before the block's =end=", self.at)
+            self.check(not word, f"{word!r} before the block's =end=")
             start = self.at
             self.at += self._record() + 2 * _MARKER
             self.free.append((start + _MARKER, self.at - _MARKER))
@@ -712,34 +726,23 @@ class _BinaryRecords:
     def _record(self) -> int:
         """Bytes of the record here, without its lengths."""
         length = self._marker(self.at)
-        end = self.at + _MARKER + length
-        if length < 0:
-            raise PostDamageError(
-                f"a record of length {length}: one of more than 2^31 bytes, in pieces, is not read",
-                self.at,
-            )
-        if end + _MARKER > self.file.size:
-            raise PostDamageError(
-                f"cut: a record of {length} bytes begins here and the file ends at byte "
-                f"{self.file.size}",
-                self.at,
-            )
-        if self._marker(end) != length:
-            raise PostDamageError(
-                f"a record of {length} bytes that ends in {self._marker(end)}", self.at
-            )
+        end, size = self.at + _MARKER + length, self.file.size
+        words = f"a record of length {length}: one of more than 2^31 bytes, in pieces, is not read"
+        self.check(length >= 0, words)
+        words = f"cut: a record of {length} bytes begins here and the file ends at byte {size}"
+        self.check(end + _MARKER <= size, words)
+        after = self._marker(end)
+        self.check(after == length, f"a record of {length} bytes that ends in {after}")
         return length
 
     def _marker(self, at: int) -> int:
         raw = self.file.peek(at, _MARKER)
-        if len(raw) < _MARKER:
-            raise PostDamageError("cut", self.file.size)
+        self.check(len(raw) == _MARKER, "cut", self.file.size)
         return int(self._length.unpack(raw)[0])
 
     def _payload(self) -> bytes:
         length = self._record()
-        if length > _LONGEST_TEXT:
-            raise PostDamageError(f"a record of {length} bytes among short ones", self.at)
+        self.check(length <= _LONGEST_TEXT, f"a record of {length} bytes among short ones")
         raw = self.file.take(self.at + _MARKER, length)
         self.at += length + 2 * _MARKER
         return raw
@@ -752,14 +755,10 @@ class _BinaryRecords:
         return np.dtype(f"{self._order}f{width}")
 
 
-class _TextRecords:
+class _TextRecords(_Place):
     kind = "t19"
     byte_order = "little"  # it has none
     real_bytes = 4
-
-    def __init__(self, file: ByteFile) -> None:
-        self.file, self.at = file, 0
-        self.free: list[tuple[int, int]] = []
 
     def word(self) -> str:
         self.skip_empty()
@@ -789,8 +788,8 @@ class _TextRecords:
         while len(numbers) < count:
             start, line = self.at, self._line().rstrip()
             fields = min(_FIELDS_A_LINE, count - len(numbers))
-            if len(line) != fields * _FIELD:
-                raise PostDamageError(f"{line[:80]!r} where {fields} integers are expected", start)
+            words = f"{line[:80]!r} where {fields} integers are expected"
+            self.check(len(line) == fields * _FIELD, words, start)
             numbers += [_integer(line[k : k + _FIELD], start) for k in range(0, len(line), _FIELD)]
         return numbers
 
@@ -804,25 +803,25 @@ class _TextRecords:
         self._check_fields(rows * fields)
         ends = [end - start for end in self._one_record(fields)]
         stride = ends[-1]
-        _check_whole(self.file, start, rows, stride)
-        self.at = start + rows * stride
         fixed = tuple((end - 1, b"\n") for end in ends)
-        if not all(self.file.holds(self.at - stride + at, text) for at, text in fixed):
-            raise PostDamageError(f"{rows} records of {stride} bytes: not so", start)
+        self.check_rows(start, rows, stride, fixed)
+        self.at = start + rows * stride
         self.free.append((start, self.at - 1))
+        begins = [0, *ends]
 
         def part(first: int, count: int) -> _Numbers | None:
-            runs, begins = [], [0, *ends]
-            for line, begin in enumerate(begins[:-1]):
-                inside = range(line * _FIELDS_A_LINE, (line + 1) * _FIELDS_A_LINE)
-                here = range(max(first, inside.start), min(first + count, inside.stop))
-                if here:
-                    at = begin + (here.start - inside.start) * _FIELD
-                    runs.append(slice(at, at + len(here) * _FIELD))
+            """Fields `first` to `first` + `count`, which may lie on several lines."""
+            runs = []
+            for line in range(first // _FIELDS_A_LINE, len(ends)):
+                begin = line * _FIELDS_A_LINE
+                low = max(first, begin)
+                high = min(first + count, begin + _FIELDS_A_LINE)
+                if low < high:
+                    at = begins[line] + (low - begin) * _FIELD
+                    runs.append(slice(at, at + (high - low) * _FIELD))
             if not runs:
                 return None
-            is_integer = first < integers
-            return _Numbers(start, rows, stride, tuple(runs), _TEXT, is_integer, fixed)
+            return _Numbers(start, rows, stride, tuple(runs), _TEXT, first < integers, fixed)
 
         return part(0, integers), part(integers, reals)
 
@@ -835,11 +834,10 @@ class _TextRecords:
         full, rest = divmod(count, _FIELDS_A_LINE)
         a_line = min(count, _FIELDS_A_LINE)
         stride = self._one_record(a_line)[0] - start
+        fixed = ((stride - 1, b"\n"),)
         if full:
-            _check_whole(self.file, start, full, stride)
+            self.check_rows(start, full, stride, fixed)
             self.at = start + full * stride
-            if not self.file.holds(self.at - 1, b"\n"):
-                raise PostDamageError(f"{full} lines of {stride} bytes: not so", start)
             if rest:
                 self._one_record(rest)
         lines = full + (rest > 0)
@@ -850,7 +848,7 @@ class _TextRecords:
             stride=stride,
             runs=(slice(0, a_line * _FIELD),),
             dtype=_TEXT,
-            fixed=((stride - 1, b"\n"),),
+            fixed=fixed,
             wrapped=columns,
             table_rows=rows,
             last_bytes=self.at - start - (lines - 1) * stride,
@@ -870,8 +868,7 @@ class _TextRecords:
         if found is None:
             raise PostDamageError("cut: no =end= follows", self.file.size)
         self.at = found[0] + 1
-        if self.word() != END:
-            raise PostDamageError(f"{self.word()!r} before the block's =end=", self.at)
+        self.check(self.word() == END, f"{self.word()!r} before the block's =end=")
         self.free.append((start, self.at - 1))
 
     def _line(self) -> bytes:
@@ -882,25 +879,21 @@ class _TextRecords:
         return line
 
     def _check_fields(self, fields: int) -> None:
-        if fields * _FIELD > self.file.size - self.at:
-            raise PostDamageError(
-                f"cut: {fields} numbers expected from byte {self.at} and the file ends at byte "
-                f"{self.file.size}",
-                self.file.size,
-            )
+        size = self.file.size
+        words = (
+            f"cut: {fields} numbers expected from byte {self.at} and the file ends at byte {size}"
+        )
+        self.check(fields * _FIELD <= size - self.at, words, size)
 
     def _one_record(self, fields: int) -> list[int]:
         """Skip one record of `fields` numbers: where each of its lines ends."""
         ends = []
         for first in range(0, fields, _FIELDS_A_LINE):
             start, line = self.at, self._line()
-            wanted = min(_FIELDS_A_LINE, fields - first) * _FIELD
-            if len(line) < wanted or line[wanted:].strip():
-                raise PostDamageError(
-                    f"{line[:80]!r} where {wanted // _FIELD} numbers of {_FIELD} characters are "
-                    "expected",
-                    start,
-                )
+            count = min(_FIELDS_A_LINE, fields - first)
+            wanted = count * _FIELD
+            words = f"{line[:80]!r} where {count} numbers of {_FIELD} characters are expected"
+            self.check(len(line) >= wanted and not line[wanted:].strip(), words, start)
             ends.append(self.at)
         return ends
 
@@ -950,12 +943,6 @@ def _integer(text: bytes, at: int) -> int:
     if not text.strip().removeprefix(b"-").isdigit():
         raise PostDamageError(f"{text!r} where an integer is expected", at)
     return int(text)
-
-
-def _check_whole(file: ByteFile, start: int, rows: int, stride: int) -> None:
-    whole = (file.size - start) // stride
-    if rows > whole:
-        raise PostDamageError(f"cut after {whole} of {rows} records", file.size)
 
 
 # --- The model: blocks 50200 to 51302

@@ -153,15 +153,6 @@ def test_a_linear_field_comes_back_at_every_node(traces):
         assert (found[node].start_ms, found[node].dt_ms) == (0.0, 0.5)
 
 
-def test_translate_takes_the_nearest_point_and_average_the_mean(traces):
-    """At node 70 only the left element has a say."""
-    field = linear(0.0)
-    near = traces("--nodes", 70, "--extrapolate", "translate")[70].stress_pa[0]
-    assert near == pytest.approx(1e6 * field(1 - GAUSS, 1 - GAUSS))
-    mean = traces("--nodes", 70, "--extrapolate", "average")[70].stress_pa[0]
-    assert mean == pytest.approx(1e6 * field(1, 1))
-
-
 def test_a_node_between_elements_gets_their_mean_or_one_set_alone(traces):
     words = ("--nodes", 20, "--extrapolate", "average")
     assert traces(*words)[20].stress_pa[0] == pytest.approx(1e6 * linear(0.0)(2, 1))
@@ -250,15 +241,6 @@ def test_values_that_go_missing_later_are_an_error_and_leave_no_file(export, tmp
     assert not list(tmp_path.glob("job_traces*"))
 
 
-def test_an_older_table_stays_when_the_new_one_fails(export, tmp_path):
-    (tmp_path / "job_traces.csv").write_text("old\n")
-    assert export("--nodes", 12345).returncode == 1
-    assert (tmp_path / "job_traces.csv").read_text() == "old\n"
-    assert export("--nodes", 70).returncode == 0
-    assert (tmp_path / "job_traces.csv").read_text().startswith("time_ms,afferent")
-    assert not list(tmp_path.glob("*.part"))
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -275,14 +257,6 @@ def test_what_is_not_there_is_named(export, words, said):
     assert (ran.returncode, ran.stdout) == (1, "")
     assert ran.stderr.startswith("export.py: ")
     assert said in ran.stderr
-
-
-def test_a_file_without_code_17_points_to_the_tensor(export):
-    bare = model()
-    for position in bare["positions"]:
-        position["scalars"] = {}
-    ran = export("--nodes", 70, of=bare)
-    assert "there is none; --von-mises tensor would find Stress" in ran.stderr
 
 
 def test_a_file_with_the_model_alone_says_so(export):
@@ -320,16 +294,6 @@ def test_another_mesh_is_looked_through_again_and_told(export, tmp_path):
     expected_mpa = [linear(DT_S * k)(0, 0) for k in range(TIMES)]
     trace = by_node(tmp_path / "job_traces.csv")[70]
     assert_allclose(trace.stress_pa, 1e6 * np.array(expected_mpa), rtol=1e-8)
-
-
-def test_the_list_shows_positions_labels_and_sets(export):
-    ran = export("--list")
-    assert ran.returncode == 0
-    assert f"positions with results: {TIMES}" in ran.stdout
-    assert "1: increment 0, 0 s" in ran.stdout
-    assert f"element scalars: {SCALAR}, Zeta" in ran.stdout
-    assert "element tensors: Stress" in ran.stdout
-    assert "node set skin: 2" in ran.stdout
 
 
 def test_without_py_post_it_says_how_to_run_it(process, tmp_path):

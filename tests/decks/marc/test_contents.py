@@ -62,15 +62,6 @@ def test_a_deck_of_mixed_elements_has_a_pressure_node_each():
     assert PFL.coordinates.of(2591) is None
 
 
-def test_its_elements_turn_counter_clockwise():
-    (elements,) = PFL.elements
-    row = {int(n): r for r, n in enumerate(PFL.coordinates.number)}
-    corner = np.array([[row[int(n)] for n in each[:4]] for each in elements.node])
-    x, y = PFL.coordinates.position[corner, :2].transpose(2, 0, 1)
-    twice = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
-    assert (twice > 0).all()
-
-
 def test_its_sets_have_their_members():
     sets = PFL.sets()
     assert_array_equal(sets["apply1_nodes"].member, [1])

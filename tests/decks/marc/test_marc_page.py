@@ -29,11 +29,6 @@ def test_every_fembridge_command_is_understood(command):
     parser.parse_args(words)
 
 
-def test_other_programs_are_mentat_and_run_marc():
-    others = [c.split() for c in COMMANDS if not c.startswith("fembridge")]
-    assert others == [["mentat", "-bg", "job.proc"], ["run_marc", "-jid", "job_s2s"]]
-
-
 def test_options_named_in_the_text_belong_to_build_deck():
     module = import_module("fembridge.commands.build_deck")
     parser = argparse.ArgumentParser()
@@ -57,8 +52,3 @@ def test_what_the_page_says_of_the_deck_is_in_it(make_model):
         assert f"{number}`" in PAGE
     for written in re.findall(r"`(job[_a-z0-9]*\.dat)`", PAGE):
         assert written in files or written in files["job.proc"]
-
-
-def test_pages_that_it_points_to_are_there():
-    for name in re.findall(r"\]\((\w+\.md)\)", PAGE):
-        assert (DOCS / name).is_file()

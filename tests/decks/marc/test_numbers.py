@@ -11,18 +11,15 @@ from hypothesis import strategies as st
 from decks.marc.grammar import (
     Layout,
     Line,
-    count_integers,
-    cut,
     format_free,
     format_real,
     integers_line,
-    keyword_line,
     parse_integer,
     parse_real,
     read_list,
     reals_line,
 )
-from decks.marc.write import _comment, _node_lines
+from decks.marc.write import _node_lines
 from fembridge.errors import DeckError
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -45,11 +42,6 @@ def without_letter(value, digits=15):
 @given(value=numbers)
 def test_a_real_without_the_letter_of_its_exponent_is_that_real(value):
     assert parse_real(without_letter(value, 17)) == value
-
-
-@given(value=numbers, letter=st.sampled_from("eEdD"))
-def test_every_letter_of_an_exponent_is_read(value, letter):
-    assert parse_real(repr(value).replace("e", letter)) == value
 
 
 @pytest.mark.parametrize(
@@ -84,11 +76,6 @@ def test_a_real_is_written_in_twenty_columns_with_fourteen_digits_or_more(number
     assert not set(text) - set(" -+.0123456789")
     assert math.isclose(parse_real(text.strip()), number, rel_tol=1e-13, abs_tol=0)
     assert parse_real(format_free(number)) == number
-
-
-@given(st.floats(1e-9, 9.99e9))
-def test_a_real_of_one_exponent_digit_keeps_sixteen_digits(number):
-    assert math.isclose(parse_real(format_real(number).strip()), number, rel_tol=5.1e-16)
 
 
 # Copied from columns of the samples, but for the last two; the numbers are those of
@@ -159,24 +146,11 @@ def test_blank_fields_are_zero():
     assert line_of(f"{3:10d}").node(2) == (3, [0.0, 0.0])
 
 
-def test_the_rest_of_a_line_is_a_name_commas_and_all():
-    text = f"{1:10d}{0:10d}probe tip"
-    assert cut(text, Layout.EXTENDED, "iit") == ["1", "0", "probe tip"]
-    assert cut("1, 0, probe, tip", Layout.EXTENDED, "iit") == ["1", "0", "probe,tip"]
-
-
 def test_a_field_that_is_no_number_is_named_with_line_and_place():
     with pytest.raises(DeckError, match="line 7: field 2 is 'x'"):
         line_of(f"{1:10d}{'x':>10}").integers()
     with pytest.raises(DeckError, match="line 7: field 1 is 'a'"):
         line_of("a,").reals()
-
-
-def test_lines_of_integers_alone_are_counted():
-    assert count_integers(f"{1:10d}{2:10d}", Layout.EXTENDED) == 2
-    assert count_integers("1,", Layout.FIXED) == 1
-    assert count_integers(f"{1:10d} 1.000", Layout.EXTENDED) == 0
-    assert count_integers("   ", Layout.EXTENDED) == 0
 
 
 @given(layout=layouts, values=small, free=st.booleans(), data=st.data())
@@ -189,28 +163,6 @@ def test_one_integer_of_a_line_is_replaced_and_no_other(layout, values, free, da
 def test_an_integer_with_more_digits_than_columns_is_refused():
     with pytest.raises(DeckError, match=r"line 7: 123456 .* field 1"):
         line_of(f"{1:5d}", Layout.FIXED).with_integer(0, 123456)
-
-
-def test_keywords_have_twenty_columns_and_their_numbers_ten():
-    assert keyword_line("alloc", 25) == "alloc                       25"
-    assert keyword_line("optimize") == "optimize"
-    assert keyword_line("define", "node", "set", "tip") == (
-        "define              node                set                 tip"
-    )
-
-
-@given(st.text(), st.text())
-def test_any_comment_is_short_printable_ascii_and_loses_no_word(text, more):
-    words = f"{text} {more}"
-    lines = list(_comment(words))
-    for line in lines:
-        assert line.isascii()
-        assert line.isprintable()
-        assert line.startswith("$....")
-        longest = max([len(word) for word in line[5:].split(" ")])
-        assert len(line) <= max(80, 5 + longest)
-    plain = words.encode("unicode_escape").decode("ascii").split()
-    assert " ".join(line[5:] for line in lines).split() == plain
 
 
 # ---- Lists
@@ -244,10 +196,6 @@ def test_lists_are_joined_as_sets_are(first, second):
         ("intersect", first & second),
     ):
         assert set(list_of(f"FIRST {word} second", earlier=earlier)) == joined
-
-
-def test_a_duplicate_member_is_there_once():
-    assert list_of("3 1 to 4 3") == [3, 1, 2, 4]
 
 
 def test_sides_of_elements_are_pairs():

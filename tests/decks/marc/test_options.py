@@ -60,25 +60,8 @@ def test_sections_follow_one_another(sample):
     assert {o.case for o in deck.options if o.section is Section.HISTORY} == {1}
 
 
-def test_options_come_in_the_order_of_the_file():
-    assert keywords(SMALL, Section.HISTORY) == [
-        *("title", "loadcase", "control", "parameters", "auto load", "time step"),
-        "continue",
-    ]
-
-
-LINES_BEFORE_CONTINUE = SMALL[: SMALL.rindex(b"continue")].count(b"\n")
 LINES_TO_END_OPTION = SMALL[:CASE].count(b"\n") + 1
 WITHOUT_LOAD_CASES = {LINES_TO_END_OPTION, LINES_TO_END_OPTION + 1}
-
-
-@pytest.mark.parametrize(
-    "line", sorted({*range(1, LINES_BEFORE_CONTINUE + 1)} - WITHOUT_LOAD_CASES)
-)
-def test_a_deck_that_ends_before_its_last_continue_is_refused(line):
-    cut = b"".join(SMALL.splitlines(keepends=True)[:line])
-    with pytest.raises(DeckError):
-        read_marc_deck(cut)
 
 
 @given(place=st.integers(1, SMALL.index(b"continue") + 6))
@@ -161,12 +144,6 @@ def test_comments_stay_with_the_option_before_them():
     assert [line.text for line in solver.data] == ["         8"]
 
 
-def test_comments_before_the_first_keyword_are_an_option_without_one():
-    data = b"$ first\n\n" + SMALL
-    first, second = read_marc_deck(data).options[:2]
-    assert (first.keyword, len(first.lines), second.keyword) == ("", 2, "title")
-
-
 def test_keywords_differ_in_ten_characters_of_any_case():
     data = with_model("NO PRINT", "Contact Table", f"{0:10d}", "post,", "0,16,17")
     assert keywords(data, Section.MODEL)[-4:] == [
@@ -193,21 +170,6 @@ def test_a_condition_may_be_called_like_a_keyword(name):
     assert deck.conditions()[-1].where == name
     (_, mine) = deck.find("loadcase", Section.MODEL)
     assert [line.text for line in mine.data] == [f"{1:10d}", name]
-
-
-@pytest.mark.parametrize("name", ["control", "post"])
-def test_a_geometry_may_be_called_like_a_keyword(name):
-    lines = ["geometry", "0,0,2", "2,2,1,1,1,1", name, "1.0,", "", "no print"]
-    assert keywords(with_model(*lines), Section.MODEL)[-3:] == [
-        *("geometry", "no print", "end option")
-    ]
-
-
-def test_a_list_that_goes_on_is_not_left():
-    lines = ["define              node                set                 two"]
-    lines += ["fixed_nodes and   c", "post"]
-    deck = read_marc_deck(with_model(*lines))
-    assert [line.text for line in deck.find("define")[-1].data] == lines[1:]
 
 
 def test_a_load_case_ends_with_continue():

@@ -128,20 +128,6 @@ def test_sizes_count_a_pressure_node_an_element(built):
     assert highest == nodes
 
 
-def test_the_real_deck_counts_its_nodes_in_the_same_way(sample):
-    deck = sample(PFL)
-    _, elements, nodes, _ = deck.integers(deck.one("sizing").line[30:])
-    assert (elements, nodes - len(deck.nodes)) == (2461, 2461)
-
-
-def test_each_type_of_element_is_declared_once(built):
-    model, _, deck = built
-    declared = [int(option.word) for option in deck.all("elements")]
-    used = {kind for kind, *_ in deck.elements.values()}
-    assert sorted(declared) == sorted(used)
-    assert TYPES[model.element] == declared[0]
-
-
 def test_small_strain_is_asked_for_by_leaving_the_large_one_out(make_model, read_deck):
     deck = read_deck(marc_deck(make_model(large_strain=False)))
     assert "large stra" not in deck.keywords
@@ -209,15 +195,6 @@ def test_one_block_a_layer_names_its_material_and_body(built):
         members = [deck.integers(row)[0] for row in block.rows[1:]]
         assert deck.members("element", name) == members
         assert deck.all("isotropic")[k].rows[1][90:] == name
-
-
-def test_a_meshed_probe_has_the_fingers_type_or_one_of_four_nodes(make_model, read_deck):
-    for element, kind in (("CPE4H", 80), ("CPE4", 11), ("CPE4RH", 118), ("CPE8", 11)):
-        model = make_model(element)
-        deck = read_deck(marc_deck(model, probe="meshed"))
-        elements = deck.elements
-        kinds = {elements[number][0] for number in model.probe.number.tolist()}
-        assert kinds == {kind}
 
 
 # ---- Sets, materials, geometry

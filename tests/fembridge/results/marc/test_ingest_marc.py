@@ -71,27 +71,6 @@ def test_traces_by_number_set_and_place(capsys):
     assert "0 to 2 ms every 1 ms" in heard.out
 
 
-def test_the_way_to_the_node_and_to_von_mises_can_be_chosen():
-    def last(*words):
-        assert main(["ingest", "job.t16", "--node", "1", *words, "-o", "t.csv"]) == 0
-        return float(rows_of("t.csv")[-1]["von_mises_pa"])
-
-    first = models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *models.POINTS[4][0])
-    nearest = 1e6 * models.von_mises(stress(*first, 0, 0.002))
-    assert last("--extrapolate", "translate") == pytest.approx(nearest, rel=1e-5)
-    middle = 1e6 * models.von_mises(stress(0.5, 0.5, 0, 0.002))
-    assert last("--extrapolate", "average") == pytest.approx(middle, rel=1e-5)
-    points = [
-        1e6
-        * models.von_mises(stress(*models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *p), 0, 0.002))
-        for p in models.POINTS[4]
-    ]
-    mean = sum(points) / 4
-    scalar = last("--extrapolate", "average", "--von-mises", "scalar")
-    assert scalar == pytest.approx(mean, rel=1e-5)
-    assert scalar != pytest.approx(middle, rel=1e-3)
-
-
 def test_a_boundary_is_refused_crossed_or_read_side_by_side(capsys):
     assert main(["ingest", "job.t16", "--node", "7"]) == 1
     assert "node 7 lies between soft and elements with ids 2" in capsys.readouterr().err
@@ -123,11 +102,6 @@ def test_a_cut_file_is_taken_in_part(here, capsys):
     assert "--partial" in capsys.readouterr().err
     assert main(["ingest", "job.t16", "--node", "1", "--partial", "-o", "t.csv"]) == 0
     assert len(rows_of("t.csv")) == 2
-
-
-def test_a_folder_without_run_toml_gives_the_post_file_in_it(here):
-    assert main(["ingest", ".", "--node", "1", "-o", "t.csv"]) == 0
-    assert rows_of("t.csv")[0]["node"] == "1"
 
 
 @pytest.mark.parametrize(
@@ -190,15 +164,6 @@ def test_a_history_plot_becomes_traces_of_the_nodes_that_it_names(here):
     assert [row["node"] for row in rows] == ["2"] * 6
     assert float(rows[-1]["von_mises_pa"]) == pytest.approx(1.25e6)
     assert float(rows[-1]["time_ms"]) == pytest.approx(2.5)
-
-
-def test_a_plot_without_names_takes_the_node_it_is_given(here, capsys):
-    text = "some header\n" + "".join(f"{k * 0.0005:g} {k * 0.25:g}\n" for k in range(6))
-    (here / "history.txt").write_text(text)
-    assert main(["ingest", "history.txt", "--node", "12", "-o", "t.csv"]) == 0
-    assert rows_of("t.csv")[0]["node"] == "12"
-    assert main(["ingest", "history.txt", "--list"]) == 0
-    assert "mentat-plot" in capsys.readouterr().out
 
 
 def test_a_path_plot_becomes_a_table(here):

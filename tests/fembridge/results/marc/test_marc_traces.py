@@ -63,21 +63,6 @@ def test_linear_stress_comes_out_at_every_node(kind, write_post, storage):
             assert_allclose(tensor_pa[row, column], exact, rtol=0, atol=rounding * 1e7)
 
 
-def test_traces_are_of_the_nodal_tensor_and_begin_at_increment_0(write_post):
-    nodes, quads = models.grid(2, 2)
-    plane = models.Plane(80, nodes, quads)
-    path = write_post(writer.Storage(), plane.model(), plane.increments(linear_stress, TIMES_S))
-    first, second = read(path, [5, 1])
-    assert (first.node, second.node) == (5, 1)
-    assert first.start_ms == 0.0
-    assert first.dt_ms == pytest.approx(0.5, rel=1e-6)
-    for trace in (first, second):
-        exact = [
-            1e6 * models.von_mises(linear_stress(*plane.nodes[trace.node], 0, t)) for t in TIMES_S
-        ]
-        assert_allclose(trace.stress_pa, exact, rtol=1e-5)
-
-
 def test_two_elements_worked_by_hand(write_post):
     """Elements of 2 x 1 side by side; only sxx is not 0; points 1 to 4 as stored.
 
@@ -162,19 +147,6 @@ def test_von_mises_below_zero_is_told(write_post):
     options = ReadOptions(von_mises="scalar", log=said.append)
     assert read_marc(path, [1], options)[0].stress_pa[0] == pytest.approx(-1e6)
     assert any("von Mises stress is below 0 at 0 ms" in words for words in said)
-
-
-def test_one_point_elements_give_their_point_to_every_corner(write_post):
-    nodes, quads = models.grid(2, 1)
-    plane = models.Plane(118, nodes, quads)
-    path = write_post(writer.Storage(), plane.model(), plane.increments(linear_stress, TIMES_S))
-    centre = 1e6 * np.array(linear_stress(0.5, 0.5, 0, 1e-3))
-    other = 1e6 * np.array(linear_stress(1.5, 0.5, 0, 1e-3))
-    for method in ("linear", "translate", "average"):
-        options = ReadOptions(extrapolate=method)
-        tensor_pa = read_stress_tensor(path, [1, 2, 3], options)[1][2]
-        wanted = [centre, (centre + other) / 2, other]
-        assert_allclose(tensor_pa, wanted, rtol=1e-5, atol=1)
 
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -379,15 +351,6 @@ def test_the_deck_beside_tells_the_materials_of_a_file_without_ids(
     with pytest.raises(ResultError, match="node 7 lies between material 1 and mat"):
         last_mpa(path, BETWEEN)
     assert last_mpa(path, INSIDE) == pytest.approx(SOFT_MPA)
-
-
-@pytest.mark.parametrize("text", ["", "*NODE\n1, 0., 0.\n", "title\nconnectivity\n"])
-def test_another_deck_beside_tells_nothing(text, two_layers, write_post, tmp_path):
-    path = tmp_path / "job.t16"
-    path.write_bytes(file_of(two_layers, write_post, revision=12).read_bytes())
-    (tmp_path / "job.dat").write_text(text)
-    mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
-    assert last_mpa(path, BETWEEN) == pytest.approx(mean)
 
 
 def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(write_post):
@@ -672,19 +635,6 @@ def test_the_deck_s_run_must_have_reached_its_end(run, tmp_path):
     with pytest.raises(ResultError, match=r"results end at 1 ms, the deck runs to 2.5"):
         read(tmp_path)
     assert np.isclose(read(tmp_path, partial=True)[0].times_ms[-1], 1.0)
-
-
-def test_the_text_file_is_read_where_there_is_no_binary_one(finger, tmp_path):
-    nodes, quads = models.grid(2, 2)
-    plane = models.Plane(80, nodes, quads)
-    increments = plane.increments(stress_mpa, (0.0, DT_S, 2 * DT_S))
-    storage = writer.Storage(binary=False)
-    (tmp_path / "job.t19").write_bytes(writer.post_bytes(storage, plane.model(), increments))
-    place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
-    RunFolder(tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0").write()
-    (trace,) = read(tmp_path)
-    exact = 1e6 * models.von_mises(stress_mpa(1.0, 1.0, 0, 2 * DT_S))
-    assert trace.stress_pa[-1] == pytest.approx(exact, rel=1e-5)
 
 
 def test_steps_before_the_stimulus_need_not_have_its_time_step(tmp_path):
