@@ -2,8 +2,8 @@
 
 ``encode`` is the way in; ``neural.filters``, ``neural.models`` and ``neural.lif`` are its
 three steps, ``neural.counts`` is the same for many parameters at once.
-``neural.agreement``, ``neural.threshold`` and ``neural.timing`` judge it,
-``neural.fit_problem`` and ``neural.search`` fit it.
+``neural.agreement`` and ``neural.threshold`` judge it, ``neural.fit_problem``
+and ``neural.search`` fit it.
 """
 
 from neural.agreement import Agreement, agreement

@@ -29,7 +29,7 @@ class Regression:
 
     `r_squared` is the squared Pearson correlation, `p_value` that of a two-sided
     t test against a slope of 0, `count` the number of points. NaN is what the points
-    do not determine; see `regression`.
+    do not determine; see `agreement`.
     """
 
     slope: float
@@ -63,12 +63,20 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
     Returns
     -------
     Agreement
-        The regression line, RMSE and bias.
+        `bias_ips` is the mean of predicted minus observed: > 0 where the model
+        overrates. A silent model, or any that gives every stimulus one rate, has
+        slope 0 and neither R² nor p: both NaN. Observed rates that are all equal
+        determine no line: everything NaN but the count. Below three points p is NaN.
 
     Raises
     ------
     ParameterError
         No rates, not as many of one as of the other, or one that is not finite.
+
+    Notes
+    -----
+    The paper gives R² and p of "the regression line" and leaves the axes open; both
+    are the same either way. The slope is not: observed across is ours.
 
     Examples
     --------
@@ -77,68 +85,28 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
     >>> judged.regression.r_squared, judged.regression.slope, judged.bias_ips
     (1.0, 2.0, 16.0)
     """
-    return Agreement(
-        regression(observed_ips, predicted_ips),
-        rmse_ips(observed_ips, predicted_ips),
-        bias_ips(observed_ips, predicted_ips),
-    )
-
-
-def regression(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Regression:
-    """Line of least squares through predicted against observed rates.
-
-    Parameters
-    ----------
-    observed_ips, predicted_ips
-        Rates of the same stimuli in the same order, ``(N,)`` each.
-
-    Returns
-    -------
-    Regression
-        A silent model, or any that gives every stimulus one rate, has slope 0 and
-        neither R² nor p: both NaN. Observed rates that are all equal determine no
-        line: everything NaN but the count. Below three points p is NaN.
-
-    Raises
-    ------
-    ParameterError
-        As `agreement`.
-
-    Notes
-    -----
-    The paper gives R² and p of "the regression line" and leaves the axes open; both
-    are the same either way. The slope is not: observed across is ours.
-    """
     observed, predicted = checked_pair(
         observed_ips, predicted_ips, ("observed_ips", "predicted_ips")
     )
     nan, count = math.nan, observed.size
-    if _all_equal(observed):
-        return Regression(nan, nan, nan, nan, count)
-    if _all_equal(predicted):
-        return Regression(0.0, float(predicted.mean()), nan, nan, count)
+    if np.ptp(observed) <= EQUAL_IPS:
+        regression = Regression(nan, nan, nan, nan, count)
+    elif np.ptp(predicted) <= EQUAL_IPS:
+        regression = Regression(0.0, float(predicted.mean()), nan, nan, count)
+    else:
+        from scipy.stats import linregress
 
-    from scipy.stats import linregress
-
-    line = linregress(observed, predicted)
-    return Regression(
-        slope=float(line.slope),
-        intercept_ips=float(line.intercept),
-        r_squared=min(1.0, float(line.rvalue) ** 2),
-        p_value=float(line.pvalue) if count >= _LEAST_TESTED else nan,
-        count=count,
-    )
-
-
-def rmse_ips(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> float:
-    """Root of the mean squared difference, in impulses a second."""
-    error_ips = _errors_ips(observed_ips, predicted_ips)
-    return math.sqrt(float(np.mean(error_ips**2)))
-
-
-def bias_ips(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> float:
-    """Mean of predicted minus observed: > 0 where the model overrates."""
-    return float(np.mean(_errors_ips(observed_ips, predicted_ips)))
+        line = linregress(observed, predicted)
+        regression = Regression(
+            slope=float(line.slope),
+            intercept_ips=float(line.intercept),
+            r_squared=min(1.0, float(line.rvalue) ** 2),
+            p_value=float(line.pvalue) if count >= _LEAST_TESTED else nan,
+            count=count,
+        )
+    error_ips = predicted - observed
+    rmse_ips = math.sqrt(float(np.mean(error_ips**2)))
+    return Agreement(regression, rmse_ips, bias_ips=float(np.mean(error_ips)))
 
 
 def checked_pair(
@@ -158,14 +126,3 @@ def checked_pair(
             "expected one of each a stimulus"
         )
     return columns[0], columns[1]
-
-
-def _errors_ips(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> FloatArray:
-    observed, predicted = checked_pair(
-        observed_ips, predicted_ips, ("observed_ips", "predicted_ips")
-    )
-    return predicted - observed
-
-
-def _all_equal(rate_ips: FloatArray) -> bool:
-    return bool(np.ptp(rate_ips) <= EQUAL_IPS)

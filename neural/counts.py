@@ -7,7 +7,7 @@ number of spikes that `neural.lif.fire` finds, to the last one.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,14 +15,12 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
-from neural.lif import adaptation_constants, membrane_constants, per_candidate
+from neural.lif import refractory_rows
 from neural.models import Coefficients
 
-# Rows of a current in which spikes count: one slice for all conditions, or the
-# first row and the row after the last, ``(condition,)`` each.
-Window: TypeAlias = slice | tuple[ArrayLike, ArrayLike]
-
-EVERY_ROW = slice(None)
+# First row in which spikes count and the row after the last, ``(condition,)`` each or
+# numbers.
+Window: TypeAlias = tuple[ArrayLike, ArrayLike]
 
 # Membranes stepped together: the 30 bytes that a step touches of each stay in a
 # cache of 1 MiB, and what NumPy costs a call is shared by many.
@@ -40,7 +38,7 @@ def candidate_counts(
     dt_ms: float,
     gap_mv: float,
     refractory_ms: float = 0.0,
-    window: Window = EVERY_ROW,
+    window: Window | None = None,
     clamped: bool = False,
     jump_mv: ArrayLike = 0.0,
     recovery_ms: ArrayLike = math.inf,
@@ -77,36 +75,35 @@ def candidate_counts(
     Raises
     ------
     ParameterError
-        A number outside its meaning, or a window outside the rows.
+        A window outside the rows.
     TraceError
-        Drives of unequal shape, or not finite.
+        A current that is not finite.
     """
     filtered = [np.asarray(drive, dtype=np.float64) for drive in drives]
-    if filtered[0].ndim != 2 or len({drive.shape for drive in filtered}) != 1:
-        raise TraceError(
-            f"drives of shape {', '.join(str(drive.shape) for drive in filtered)}, "
-            "expected one (T, condition)"
-        )
-    if not all(np.isfinite(drive).all() for drive in filtered):
-        raise TraceError("a drive is not finite everywhere")
-    saturates = coefficients.halves is not None
-    each = coefficients.halves or coefficients.gains()
-    alpha = coefficients.alpha_mv_per_ms
-    sizes = [np.size(value) for value in (*each, alpha, tau_ms, jump_mv, recovery_ms)]
-    candidates = max(sizes)
-    name = "a half-saturation" if saturates else "a gain"
-    per_drive = [per_candidate(name, value, candidates) for value in each]
-    alpha = per_candidate("alpha_mv_per_ms", alpha, candidates)
-    decay, threshold, refractory = membrane_constants(
-        tau_ms, candidates, dt_ms, gap_mv, refractory_ms
-    )
-    jump, kept = adaptation_constants(jump_mv, recovery_ms, candidates, dt_ms)
-    kind: type[np.floating[Any]] = np.float32 if single else np.float64
-    per_drive = [np.asarray(values, dtype=kind) for values in per_drive]
-    alpha, decay = np.asarray(alpha, dtype=kind), np.asarray(decay, dtype=kind)
-    jump, kept = np.asarray(jump, dtype=kind), np.asarray(kept, dtype=kind)
     rows, conditions = filtered[0].shape
-    first, end = window_edges(window, rows, conditions)
+    first, end = (
+        np.broadcast_to(edge, conditions) for edge in ((0, rows) if window is None else window)
+    )
+    if first.min() < 0 or (first > end).any() or end.max() > rows:
+        raise ParameterError(
+            f"windows from row {first.min()} to {end.max()}, expected inside 0 to {rows}"
+        )
+    kind: type[np.floating[Any]] = np.float32 if single else np.float64
+    saturates = coefficients.halves is not None
+    values = [
+        np.asarray(value, dtype=np.float64)
+        for value in (
+            coefficients.alpha_mv_per_ms,
+            1.0 - dt_ms / np.asarray(tau_ms),
+            np.asarray(jump_mv) / dt_ms,
+            1.0 - dt_ms / np.asarray(recovery_ms),
+            *(coefficients.halves or coefficients.gains()),
+        )
+    ]
+    candidates = max(value.size for value in values)
+    alpha, decay, jump, decay_of_jump, *per_drive = (
+        np.broadcast_to(value, candidates).astype(kind) for value in values
+    )
     counts = np.empty((candidates, conditions), dtype=np.int64)
     current = _saturating if saturates else _dot if single else _linear
     # Conditions whose window ends early are not stepped to the end of the others.
@@ -115,17 +112,19 @@ def candidate_counts(
         # Candidates lie along the last axis: there a drive is one number, and every
         # operation runs over memory in its order.
         columns = [np.asarray(drive[:, members, np.newaxis], dtype=kind) for drive in filtered]
-        for block in blocks(candidates, members.size):
+        size = max(1, BLOCK // members.size)
+        for start in range(0, candidates, size):
+            block = slice(start, min(start + size, candidates))
             shape = (members.size, block.stop - block.start)
-            counts[block, members] = tally(
+            counts[block, members] = _tally(
                 current(columns, [a[block] for a in per_drive], alpha[block], shape),
                 shape,
                 (first[members, np.newaxis], end[members, np.newaxis]),
                 decay[block],
-                threshold,
-                refractory,
+                gap_mv / dt_ms,
+                refractory_rows(refractory_ms, dt_ms),
                 clamped=clamped,
-                adaptation=(jump[block], kept[block]) if jump.any() else None,
+                adaptation=(jump[block], decay_of_jump[block]) if jump.any() else None,
             ).T
     return counts
 
@@ -185,7 +184,7 @@ def _dot(
     return lambda row: np.dot(rows[row], matrix, out=current)
 
 
-def tally(
+def _tally(
     current_at: Callable[[int], FloatArray],
     shape: tuple[int, int],
     window: tuple[IntArray, IntArray],
@@ -193,40 +192,14 @@ def tally(
     threshold: float,
     refractory: int,
     *,
-    clamped: bool = False,
-    adaptation: tuple[FloatArray, FloatArray] | None = None,
+    clamped: bool,
+    adaptation: tuple[FloatArray, FloatArray] | None,
 ) -> IntArray:
-    """Step a block of membranes through time and count their spikes.
+    """Spikes inside their windows of a block of membranes, of `shape`.
 
-    Parameters
-    ----------
-    current_at
-        Gives the current of a row in mV/ms, an array of `shape`.
-    shape
-        The two axes of the block.
-    window
-        First row to count in and row to stop at; they broadcast to `shape`.
-    decay
-        ``1 − dt/τ``; broadcasts to `shape`. Its precision is that of the potentials.
-    threshold
-        The gap in units of dt, so in mV/ms.
-    refractory
-        Rows after a spike without current.
-    clamped
-        The potential does not fall below rest.
-    adaptation
-        What a spike adds to the threshold, in its unit, and the share of that which
-        is left after a row; both broadcast to `shape`.
-
-    Returns
-    -------
-    ndarray
-        Counts of `shape`.
-
-    Raises
-    ------
-    TraceError
-        A current that is not finite reached a membrane.
+    `current_at` makes the current of a row in mV/ms; `window`, `decay` and `adaptation`
+    broadcast to `shape`; the precision is that of `decay`. The rest is as in
+    `neural.lif.fire`.
     """
     first, end = window
     edges = {*first.flat, *end.flat}
@@ -267,31 +240,3 @@ def tally(
     if not np.isfinite(potential).all():
         raise TraceError("a current that is not finite reached a membrane")
     return until - before
-
-
-def blocks(candidates: int, conditions: int) -> Iterator[slice]:
-    """Slices of the candidates so that a block holds about `BLOCK` membranes."""
-    size = max(1, BLOCK // max(1, conditions))
-    for start in range(0, candidates, size):
-        yield slice(start, min(start + size, candidates))
-
-
-def window_edges(window: Window, rows: int, conditions: int) -> tuple[IntArray, IntArray]:
-    """First and end row of each condition's window, ``(condition,)`` each.
-
-    Raises
-    ------
-    ParameterError
-        A window that is not inside the rows.
-    """
-    if isinstance(window, slice):
-        first, end, _ = window.indices(rows)
-        window = (first, max(first, end))
-    firsts, ends = (np.broadcast_to(edge, (conditions,)).astype(np.int64) for edge in window)
-    bad = np.flatnonzero((firsts < 0) | (firsts > ends) | (ends > rows))
-    if bad.size:
-        raise ParameterError(
-            f"condition {bad[0]}: window from row {firsts[bad[0]]} to "
-            f"{ends[bad[0]]} is not inside 0 to {rows}"
-        )
-    return firsts, ends

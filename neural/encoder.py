@@ -4,16 +4,16 @@ Stress is ``(T,)``, or ``(T, condition)`` for traces that share one time axis; r
 is at `start_ms`, where the membrane is at rest.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
-from fembridge.typing import BoolArray, FloatArray, IntArray
+from fembridge.typing import FloatArray
 from neural.filters import checked_stress
-from neural.lif import adaptation_constants, fire, membrane_constants
+from neural.lif import fire, refractory_rows
 from neural.models import model_named, model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
 
@@ -108,22 +108,44 @@ def encode_afferents(
     arguments and the errors are those of `encode`, the entries of the result those
     of `encode_cells`.
     """
-    batches = [
-        _membranes(checked_stress(stress), dt_ms, parameters[afferent], derivative)
-        for afferent, stress in stress_pa.items()
-    ]
-    times_ms = _spike_times(batches, start_ms)
-    ends = np.cumsum([batch.decay.size for batch in batches]).tolist()
-    return {
-        afferent: _by_condition(times_ms[end - batch.decay.size : end], batch.cells)
-        for afferent, batch, end in zip(stress_pa, batches, ends, strict=True)
-    }
-
-
-def _by_condition(times_ms: list[FloatArray], cells: int) -> list[list[FloatArray]]:
-    """Cells of each condition, of a list that runs over cells, then conditions."""
-    conditions = len(times_ms) // cells
-    return [times_ms[condition::conditions] for condition in range(conditions)]
+    currents, constants = [], []
+    for afferent, stress in stress_pa.items():
+        one = parameters[afferent]
+        currents.append(_current(checked_stress(stress), dt_ms, one, derivative))
+        constants.append(
+            (
+                1.0 - one.dt_ms / one.tau_ms,
+                one.gap_mv / one.dt_ms,
+                refractory_rows(one.refractory_ms, one.dt_ms),
+                model_of(one).clamped,
+                one.jump_mv / one.dt_ms,
+                1.0 - one.dt_ms / one.recovery_ms,
+            )
+        )
+    if len({len(current) for current in currents}) != 1:
+        raise TraceError("stress of unequal lengths, expected one time axis")
+    sizes = [current.shape[1] for current in currents]
+    decay, threshold, refractory, clamped, jump, decay_of_jump = (
+        np.repeat(each, sizes) for each in zip(*constants, strict=True)
+    )
+    rows, membranes = fire(
+        np.concatenate(currents, axis=1),
+        decay,
+        threshold,
+        refractory,
+        clamped,
+        adaptation=(jump, decay_of_jump) if jump.any() else None,
+    )
+    # The step that row k feeds ends at sample k + 1.
+    step_ms = parameters[next(iter(stress_pa))].dt_ms
+    times_ms = np.asarray(start_ms + (rows + 1.0) * step_ms)
+    trains = np.split(times_ms, np.searchsorted(membranes, np.arange(1, sum(sizes))))
+    found: dict[str, list[list[FloatArray]]] = {}
+    for afferent, end in zip(stress_pa, np.cumsum(sizes).tolist(), strict=True):
+        mine = trains[end - sizes[len(found)] : end]
+        conditions = len(mine) // parameters[afferent].cells
+        found[afferent] = [mine[condition::conditions] for condition in range(conditions)]
+    return found
 
 
 def afferent_drives(
@@ -138,103 +160,30 @@ def afferent_drives(
     The arrays have the shape of `stress_pa`; they do not depend on parameters, so a
     fit makes them once and passes them to `neural.counts.candidate_counts`.
     """
-    return model_named(model, afferent).filters(checked_stress(stress_pa), dt_ms, derivative)
+    return model_named(model, afferent).filtered(checked_stress(stress_pa), dt_ms, derivative)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Membranes:
-    """Membranes of one class: all conditions of the first cell, then of the next."""
-
-    cells: int
-    step_ms: float
-    current: FloatArray
-    decay: FloatArray
-    threshold: FloatArray
-    refractory: IntArray
-    clamped: BoolArray
-    jump: FloatArray
-    decay_of_jump: FloatArray
-
-
-def _membranes(
+def _current(
     stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
-) -> _Membranes:
-    """Currents of all cells beside each other, ``(T − 1, membrane)``.
+) -> FloatArray:
+    """Currents ``(T − 1, membrane)``: all conditions of the first cell, then of the next.
 
     The current of the last sample would act after the trace: it is left out.
     """
-    _check_step(dt_ms, parameters)
+    step_ms = parameters.dt_ms
+    if not abs(dt_ms - step_ms) <= _STEP_TOLERANCE * step_ms:
+        raise ParameterError(
+            f"{parameters.afferent}: the trace has a sample every {dt_ms:g} ms, its "
+            f"parameters hold for {step_ms:g} ms; resample the trace"
+        )
     model = model_of(parameters)
-    filtered = model.filters(stress, parameters.dt_ms, derivative)
+    filtered = model.filtered(stress, step_ms, derivative)
+    columns = [each[:-1].reshape(len(stress) - 1, -1) for each in filtered]
     values = {one.name: getattr(parameters, one.name) for one in fields(parameters)}
     coefficients = model.coefficients(values)
     needs = np.exp(parameters.spread * quantiles(parameters.cells))
-    columns = [each[:-1].reshape(len(stress) - 1, -1) for each in filtered]
     rows, conditions = columns[0].shape
     current = np.empty((rows, needs.size, conditions))
     for cell, need in enumerate(needs):
         current[:, cell] = coefficients.for_need(need).current(columns)
-    membranes = current[0].size
-    step_ms = parameters.dt_ms
-    decay, threshold, refractory = membrane_constants(
-        parameters.tau_ms, membranes, step_ms, parameters.gap_mv, parameters.refractory_ms
-    )
-    jump, decay_of_jump = adaptation_constants(
-        parameters.jump_mv, parameters.recovery_ms, membranes, step_ms
-    )
-    return _Membranes(
-        cells=needs.size,
-        step_ms=step_ms,
-        current=current.reshape(len(current), membranes),
-        decay=decay,
-        threshold=np.full(membranes, threshold),
-        refractory=np.full(membranes, refractory),
-        clamped=np.full(membranes, model.clamped),
-        jump=jump,
-        decay_of_jump=decay_of_jump,
-    )
-
-
-def _spike_times(batches: Sequence[_Membranes], start_ms: float = 0.0) -> list[FloatArray]:
-    """Spike times of each membrane, of one batch after the other.
-
-    Raises
-    ------
-    TraceError
-        Batches of unequal length.
-    """
-    lengths = {len(batch.current) for batch in batches}
-    if len(lengths) != 1:
-        raise TraceError(f"stress of {len(lengths)} lengths, expected one time axis")
-
-    def all_of(name: str) -> FloatArray:
-        return np.concatenate([getattr(batch, name) for batch in batches])
-
-    rows, columns = fire(
-        np.concatenate([batch.current for batch in batches], axis=1),
-        all_of("decay"),
-        all_of("threshold"),
-        np.concatenate([batch.refractory for batch in batches]),
-        np.concatenate([batch.clamped for batch in batches]),
-        adaptation=_adaptation(batches),
-    )
-    # The step that row k feeds ends at sample k + 1.
-    times_ms = np.asarray(start_ms + (rows + 1.0) * batches[0].step_ms)
-    count = sum(batch.decay.size for batch in batches)
-    ends = np.searchsorted(columns, np.arange(1, count + 1)).tolist()
-    return [times_ms[first:end] for first, end in zip([0, *ends], ends, strict=False)]
-
-
-def _adaptation(batches: Sequence[_Membranes]) -> tuple[FloatArray, FloatArray] | None:
-    jump = np.concatenate([batch.jump for batch in batches])
-    decay_of_jump = np.concatenate([batch.decay_of_jump for batch in batches])
-    return (jump, decay_of_jump) if jump.any() else None
-
-
-def _check_step(dt_ms: float, parameters: AfferentParameters) -> None:
-    expected_ms = parameters.dt_ms
-    if not abs(dt_ms - expected_ms) <= _STEP_TOLERANCE * expected_ms:
-        raise ParameterError(
-            f"{parameters.afferent}: the trace has a sample every {dt_ms:g} ms, its "
-            f"parameters hold for {expected_ms:g} ms; resample the trace"
-        )
+    return current.reshape(rows, -1)

@@ -82,7 +82,7 @@ def acceleration_change(
     backward scheme the first three samples are 0.
     """
     rate = stress_rate(stress_pa, dt_ms, derivative)
-    return _change(_differentiate(rate, dt_ms, derivative), 2, derivative)
+    return _change(stress_rate(rate, dt_ms, derivative), 2, derivative)
 
 
 def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
@@ -95,7 +95,12 @@ def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
     ParameterError
         A scheme that is not in `DERIVATIVES`, or a time step that is not > 0.
     """
-    return _differentiate(checked_stress(stress_pa), dt_ms, derivative)
+    stress = checked_stress(stress_pa, dt_ms, derivative)
+    behind, ahead = _REACH[derivative]
+    span = behind + ahead
+    slope = np.zeros_like(stress)
+    slope[behind : stress.shape[0] - ahead] = (stress[span:] - stress[:-span]) / (span * dt_ms)
+    return slope
 
 
 def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
@@ -110,9 +115,7 @@ def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward")
     ParameterError
         `LAG_MS` is not a whole number of samples.
     """
-    _reach(derivative)
-    stress = checked_stress(stress_pa)
-    _check_step(dt_ms)
+    stress = checked_stress(stress_pa, dt_ms, derivative)
     lag = round(LAG_MS / dt_ms)
     if lag < 1 or abs(lag * dt_ms - LAG_MS) > 1e-3 * LAG_MS:
         raise ParameterError(
@@ -127,8 +130,10 @@ def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward")
     return drive
 
 
-def checked_stress(stress_pa: ArrayLike) -> FloatArray:
-    """`stress_pa` as float64 ``(T,)`` or ``(T, condition)``, all finite."""
+def checked_stress(
+    stress_pa: ArrayLike, dt_ms: float = 1.0, derivative: str = "backward"
+) -> FloatArray:
+    """`stress_pa` as float64 ``(T,)`` or ``(T, condition)``, or an error as `stress_rate`."""
     stress = np.asarray(stress_pa, dtype=np.float64)
     if stress.ndim not in (1, 2) or stress.shape[0] < 2:
         raise TraceError(
@@ -138,40 +143,21 @@ def checked_stress(stress_pa: ArrayLike) -> FloatArray:
     if not np.isfinite(stress).all():
         bad = np.argwhere(~np.isfinite(stress))[0]
         raise TraceError(f"stress is {stress[tuple(bad)]} at sample {', '.join(map(str, bad))}")
-    return stress
-
-
-def _check_step(dt_ms: float) -> None:
     if not (math.isfinite(dt_ms) and dt_ms > 0):
         raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
-
-
-def _differentiate(values: FloatArray, dt_ms: float, derivative: str) -> FloatArray:
-    _check_step(dt_ms)
-    behind, ahead = _reach(derivative)
-    span = behind + ahead
-    slope = np.zeros_like(values)
-    slope[behind : values.shape[0] - ahead] = (values[span:] - values[:-span]) / (span * dt_ms)
-    return slope
+    if derivative not in _REACH:
+        raise ParameterError(f"derivative {derivative!r}, expected one of {', '.join(DERIVATIVES)}")
+    return stress
 
 
 def _change(slope: FloatArray, order: int, derivative: str) -> FloatArray:
     """``slope(t) − slope(t − dt)``, 0 where the stencil leaves the trace."""
-    behind, ahead = _reach(derivative)
+    behind, ahead = _REACH[derivative]
     change = np.zeros_like(slope)
     change[1:] = np.diff(slope, axis=0)
     change[: behind * order + 1] = 0.0
     change[max(slope.shape[0] - ahead * order, 0) :] = 0.0
     return change
-
-
-def _reach(derivative: str) -> tuple[int, int]:
-    try:
-        return _REACH[derivative]
-    except KeyError:
-        raise ParameterError(
-            f"derivative {derivative!r}, expected one of {', '.join(DERIVATIVES)}"
-        ) from None
 
 
 def _windowed_mean(values: FloatArray, ahead: int, behind: int, outside: str) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.typing import BoolArray, FloatArray, IntArray
-from neural.counts import candidate_counts, window_edges
+from neural.counts import candidate_counts
 from neural.filters import checked_stress
 from neural.models import Free, Model
 from neural.parameters import AfferentParameters, quantiles
@@ -55,8 +55,7 @@ class FitProblem:
         observed = np.array(self.observed_ips, dtype=np.float64)
         rows = [window_rows(window, self.dt_ms) for window in self.windows_ms]
         edges = (np.array([each.start for each in rows]), np.array([each.stop for each in rows]))
-        window_edges(edges, len(stress) - 1, observed.size)  # refuses what is outside the trace
-        filtered = self.model.filters(stress, self.dt_ms, "backward")
+        filtered = self.model.filtered(stress, self.dt_ms, "backward")
         for name, value in (
             ("cells", self.cells or self.model.cells),
             ("stress_pa", stress),

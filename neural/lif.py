@@ -23,13 +23,9 @@ a power of two, as 0.5 ms is, that is exact.
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fembridge.errors import ParameterError, TraceError
+from fembridge.errors import TraceError
 from fembridge.typing import BoolArray, FloatArray, IntArray
-
-# A refractory period that no stimulus outlasts is a mistake.
-LONGEST_REFRACTORY_MS = 1.0e5
 
 
 def fire(
@@ -55,7 +51,7 @@ def fire(
         Of each membrane, ``(membrane,)``: ``1 − dt/τ``, the gap in units of dt, rows
         after a spike without current, and whether it stays at or above rest.
     adaptation
-        What a spike adds to the threshold, and the share kept a row.
+        What a spike adds to the threshold, and the share that is left of it a row later.
 
     Returns
     -------
@@ -106,61 +102,6 @@ def fire(
     return np.repeat(np.arange(len(current)), sizes)[order], membranes[order]
 
 
-def membrane_constants(
-    tau_ms: ArrayLike, candidates: int, dt_ms: float, gap_mv: float, refractory_ms: float
-) -> tuple[FloatArray, float, int]:
-    """Decay ``(candidate,)``, threshold in units of dt, and refractory period in rows.
-
-    Raises
-    ------
-    ParameterError
-        A number outside its meaning; a τ below dt would make v change its sign.
-    """
-    for name, value in (("dt_ms", dt_ms), ("gap_mv", gap_mv)):
-        if not (math.isfinite(value) and value > 0):
-            raise ParameterError(f"{name} must be > 0, got {value}")
-    if not (math.isfinite(refractory_ms) and refractory_ms >= 0):
-        raise ParameterError(f"refractory_ms must be >= 0, got {refractory_ms}")
-    tau = per_candidate("tau_ms", tau_ms, candidates)
-    if not (tau >= dt_ms).all():
-        raise ParameterError(f"tau_ms must be at least dt_ms, {dt_ms:g}, got {tau.min():g}")
-    if refractory_ms > LONGEST_REFRACTORY_MS:
-        raise ParameterError(
-            f"refractory_ms must be at most {LONGEST_REFRACTORY_MS:g}, got {refractory_ms:g}"
-        )
-    refractory = math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
-    return 1.0 - dt_ms / tau, gap_mv / dt_ms, max(refractory, 0)
-
-
-def adaptation_constants(
-    jump_mv: ArrayLike, recovery_ms: ArrayLike, candidates: int, dt_ms: float
-) -> tuple[FloatArray, FloatArray]:
-    """Jump in units of dt and the share that decays to in a row, ``(candidate,)`` each.
-
-    Raises
-    ------
-    ParameterError
-        A jump below 0, or a recovery shorter than a step.
-    """
-    jump = np.broadcast_to(np.asarray(jump_mv, dtype=np.float64), (candidates,))
-    recovery = np.broadcast_to(np.asarray(recovery_ms, dtype=np.float64), (candidates,))
-    if not (np.isfinite(jump).all() and (jump >= 0).all()):
-        raise ParameterError(f"jump_mv must be >= 0, got {jump.min():g}")
-    if not (recovery >= dt_ms).all():
-        raise ParameterError(
-            f"recovery_ms must be at least dt_ms, {dt_ms:g}, got {recovery.min():g}"
-        )
-    return jump / dt_ms, 1.0 - dt_ms / recovery
-
-
-def per_candidate(name: str, value: ArrayLike, candidates: int) -> FloatArray:
-    """`value` as ``(candidate,)``: finite and > 0, or a `ParameterError`."""
-    values = np.asarray(value, dtype=np.float64)
-    if values.shape not in ((), (candidates,)):
-        raise ParameterError(
-            f"{name} of shape {values.shape}, expected a number or ({candidates},)"
-        )
-    bad = values[~(np.isfinite(values) & (values > 0))]
-    if bad.size:
-        raise ParameterError(f"{name} must be > 0, got {bad[0]}")
-    return np.broadcast_to(values, (candidates,))
+def refractory_rows(refractory_ms: float, dt_ms: float) -> int:
+    """Rows after a spike without current: a part of a step counts as a step."""
+    return math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...

@@ -48,7 +48,8 @@ CELLS = 5
 _SA_GAP_MV, _RA_GAP_MV = 15.0, 10.0
 
 
-Filters: TypeAlias = Callable[[FloatArray, float, str], tuple[FloatArray, ...]]
+# Filtered stress of stress, the time between two samples in ms, and a scheme of σ′.
+Filter: TypeAlias = Callable[[FloatArray, float, str], FloatArray]
 Values: TypeAlias = Mapping[str, ArrayLike]
 
 
@@ -105,22 +106,31 @@ class Free:
 class Model:
     """One model of one class: what it filters, how that becomes current, and why.
 
-    `clamped` membranes do not fall below rest. `quantity` is the stress that it
-    reads: ``von_mises``, or ``energy``, the uniaxial stress of equal strain energy.
+    `filters` are rectified by `rectify`. `clamped` membranes do not fall below rest.
+    `quantity` is the stress that it reads: ``von_mises``, or ``energy``, the uniaxial
+    stress of equal strain energy.
     """
 
     name: str
     afferent: str
     parameters: type[AfferentParameters]
-    filters: Filters
+    filters: tuple[Filter, ...]
     coefficients: Callable[[Values], Coefficients]
     own_free: tuple[Free, ...]
     equation: str
     reason: str
+    rectify: Callable[[FloatArray], FloatArray] | None = None
     clamped: bool = False
     quantity: str = "von_mises"
     adaptive: bool = False
     cells: int = 1
+
+    def filtered(
+        self, stress_pa: FloatArray, dt_ms: float, derivative: str
+    ) -> tuple[FloatArray, ...]:
+        """Stress after each filter, of the shape of `stress_pa`."""
+        found = tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
+        return tuple(map(self.rectify, found)) if self.rectify else found
 
     def free(self, cells: int | None = None) -> tuple[Free, ...]:
         """What a fit of so many cells searches; by default the model's own number."""
@@ -152,16 +162,8 @@ def _saturating(*halves: str) -> Callable[[Values], Coefficients]:
     )
 
 
-def _of(*filters: Callable[[FloatArray, float, str], FloatArray]) -> Filters:
-    return lambda stress, dt_ms, scheme: tuple(each(stress, dt_ms, scheme) for each in filters)
-
-
-def _size_of(filtered: Callable[[FloatArray, float, str], FloatArray]) -> Filters:
-    return _of(lambda *trace: np.abs(filtered(*trace)))
-
-
-def _rise_of(filtered: Callable[[FloatArray, float, str], FloatArray]) -> Filters:
-    return _of(lambda *trace: np.maximum(filtered(*trace), 0.0))
+def _rise(filtered: FloatArray) -> FloatArray:
+    return np.maximum(filtered, 0.0)
 
 
 _PUBLISHED = (
@@ -169,7 +171,7 @@ _PUBLISHED = (
         name="published",
         afferent="SA",
         parameters=SaParameters,
-        filters=_of(lambda stress, *_: sa_level(stress), sa_rate),
+        filters=(lambda stress, *_: sa_level(stress), sa_rate),
         coefficients=_saturating("a1_pa", "a2_pa_per_ms"),
         own_free=(A1, A2, ALPHA),
         equation="I' = α' (x1/(a1 + x1) + x2/(a2 + x2)), x1 = mean |σ|, x2 = mean |σ'|",
@@ -179,7 +181,8 @@ _PUBLISHED = (
         name="published",
         afferent="RA",
         parameters=RaParameters,
-        filters=_size_of(rate_change),
+        filters=(rate_change,),
+        rectify=np.abs,
         coefficients=_saturating("a3_pa_per_ms"),
         own_free=(A3, ALPHA),
         equation="I' = α' x/(a3 + x), x = |σ'(t) − σ'(t − dt)|",
@@ -189,7 +192,8 @@ _PUBLISHED = (
         name="published",
         afferent="PC",
         parameters=PcParameters,
-        filters=_size_of(acceleration_change),
+        filters=(acceleration_change,),
+        rectify=np.abs,
         coefficients=_saturating("a4_pa_per_ms2"),
         own_free=(A4, ALPHA),
         equation="I' = α' x/(a4 + x), x = |σ″(t) − σ″(t − dt)|",
@@ -224,9 +228,8 @@ _ROWS = (
         name="rate",
         afferent="RA",
         parameters=RateRaParameters,
-        filters=_of(
-            lambda *trace: np.abs(rate_change(*trace)), lambda *trace: np.abs(stress_rate(*trace))
-        ),
+        filters=(rate_change, stress_rate),
+        rectify=np.abs,
         coefficients=_saturating("a3_pa_per_ms", "a5_pa_per_ms"),
         own_free=(A3, A5, ALPHA),
         equation="I' = α' (x1/(a3 + x1) + x2/(a5 + x2)), x1 as published, x2 = |σ'|",
@@ -237,7 +240,8 @@ _ROWS = (
         name="one_sided",
         afferent="RA",
         parameters=RaParameters,
-        filters=_rise_of(rate_change),
+        filters=(rate_change,),
+        rectify=_rise,
         coefficients=_saturating("a3_pa_per_ms"),
         own_free=(A3, ALPHA),
         equation="I' = α' x/(a3 + x), x = max(σ'(t) − σ'(t − dt), 0)",
@@ -247,7 +251,8 @@ _ROWS = (
         name="one_sided",
         afferent="PC",
         parameters=PcParameters,
-        filters=_rise_of(acceleration_change),
+        filters=(acceleration_change,),
+        rectify=_rise,
         coefficients=_saturating("a4_pa_per_ms2"),
         own_free=(A4, ALPHA),
         equation="I' = α' x/(a4 + x), x = max(σ″(t) − σ″(t − dt), 0)",
@@ -257,7 +262,7 @@ _ROWS = (
         name="rising",
         afferent="SA",
         parameters=RisingSaParameters,
-        filters=_of(stress_rate, lambda stress, *_: np.asarray(stress)),
+        filters=(stress_rate, lambda stress, *_: stress),
         coefficients=lambda values: Coefficients(
             _SA_GAP_MV,
             weights=(
@@ -277,7 +282,7 @@ _ROWS = (
         name="rising",
         afferent="RA",
         parameters=RisingRaParameters,
-        filters=_of(stress_rate),
+        filters=(stress_rate,),
         coefficients=lambda values: Coefficients(
             _RA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]),)
         ),
@@ -292,7 +297,7 @@ _ROWS = (
         name="sharp",
         afferent="PC",
         parameters=SharpPcParameters,
-        filters=_of(sharp_rise),
+        filters=(sharp_rise,),
         coefficients=lambda values: Coefficients(
             values["beta_mv_per_ms"], weights=(1.0,), degree=COMPRESSION
         ),
@@ -326,14 +331,10 @@ def model_named(name: str, afferent: str) -> Model:
         No such name, or none for this class.
     """
     if name not in MODELS:
-        raise ParameterError(f"drive {name!r}, expected one of {', '.join(MODELS)}")
+        raise ParameterError(f"model {name!r}, expected one of {', '.join(MODELS)}")
     if afferent not in MODELS[name]:
         known = ", ".join(n for n, rows in MODELS.items() if afferent in rows)
-        raise ParameterError(
-            f"no drive {name!r} for {afferent}, expected one of {known}"
-            if known
-            else f"afferent {afferent!r}, expected SA, RA or PC"
-        )
+        raise ParameterError(f"no model {name!r} for {afferent}, expected one of {known}")
     return MODELS[name][afferent]
 
 

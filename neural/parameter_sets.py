@@ -27,7 +27,7 @@ from fembridge.errors import ParameterError
 from fembridge.store import changed, near_hint, read_toml, structure
 from fembridge.typing import Table
 from neural.models import model_named
-from neural.parameters import AFFERENTS, PUBLISHED, AfferentParameters, Parameters
+from neural.parameters import AFFERENTS, PUBLISHED, Parameters
 
 FITTED_FILE = Path(__file__).parent / "fitted.toml"
 
@@ -37,8 +37,7 @@ DEFAULT_SET = "fitted"
 
 SET_NAMES = ("published", "fitted")
 
-ORIGIN_KEYS = ("name", "fit", "study")
-_PREINDENT = "preindent_um"
+_ORIGIN_KEYS = ("name", "fit", "study")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +52,6 @@ class ParameterSet:
     parameters: Parameters
     preindent_um: float = 0.0
     origin: Mapping[str, object] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.preindent_um) and self.preindent_um >= 0):
-            raise ParameterError(f"{_PREINDENT} is {self.preindent_um}, expected a number >= 0")
-        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,52 +103,35 @@ def read_parameter_set(path: Path) -> ParameterSet:
     Raises
     ------
     ParameterError
-        No such file, not TOML, or what `parameters_from_table` refuses.
+        No such file, not TOML, an unknown section or key, or a value outside its meaning.
     """
     table = read_toml(path, ParameterError)
-    try:
-        head = {key: table[key] for key in ("name", _PREINDENT) if key in table}
-        known = changed(_Head(path.stem), head, ParameterError)
-        return ParameterSet(
-            name=known.name,
-            parameters=parameters_from_table(table),
-            preindent_um=known.preindent_um,
-            origin={key: table[key] for key in ORIGIN_KEYS if key in table},
-        )
-    except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from error
-
-
-def parameters_from_table(table: Mapping[str, object]) -> Parameters:
-    """Parameters of a table as TOML gives it; what is absent is published.
-
-    Raises
-    ------
-    ParameterError
-        An unknown section or key, or a value outside its meaning.
-    """
     chosen = dict(PUBLISHED)
-    for afferent, section in table.items():
-        if afferent in ORIGIN_KEYS or afferent == _PREINDENT:
-            continue
-        if afferent not in PUBLISHED:
-            hint = near_hint(afferent, AFFERENTS)
-            expected = ", ".join(AFFERENTS)
-            raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
-        try:
-            chosen[afferent] = _from_section(afferent, section)
-        except ParameterError as error:
-            raise ParameterError(f"{afferent}: {error}") from error
-    return MappingProxyType(chosen)
-
-
-def _from_section(afferent: str, section: object) -> AfferentParameters:
-    known = PUBLISHED[afferent]
-    drive = section.get("drive", known.drive) if isinstance(section, Mapping) else known.drive
-    kind = model_named(str(drive), afferent).parameters
-    if kind is type(known):
-        return changed(known, section, ParameterError)
-    return structure(section, kind, ParameterError)
+    where = str(path)
+    try:
+        head = {key: table[key] for key in ("name", "preindent_um") if key in table}
+        known = changed(_Head(path.stem), head, ParameterError)
+        if not (math.isfinite(known.preindent_um) and known.preindent_um >= 0):
+            raise ParameterError(f"preindent_um is {known.preindent_um}, expected a number >= 0")
+        for afferent, section in table.items():
+            if afferent in (*_ORIGIN_KEYS, "preindent_um"):
+                continue
+            if afferent not in PUBLISHED:
+                hint = near_hint(afferent, AFFERENTS)
+                expected = ", ".join(AFFERENTS)
+                raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
+            where = f"{path}: {afferent}"
+            published = PUBLISHED[afferent]
+            drive = section.get("drive", "published") if isinstance(section, dict) else "published"
+            kind = model_named(str(drive), afferent).parameters
+            if kind is type(published):
+                chosen[afferent] = changed(published, section, ParameterError)
+            else:
+                chosen[afferent] = structure(section, kind, ParameterError)
+    except ParameterError as error:
+        raise ParameterError(f"{where}: {error}") from error
+    origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
+    return ParameterSet(known.name, MappingProxyType(chosen), known.preindent_um, origin)
 
 
 def parameters_to_table(parameters: Parameters) -> Table:

@@ -23,10 +23,13 @@ REST_MV = -65.0
 # Section 2.2: the time step of the calculation and of the fit, in ms.
 DT_MS = 0.5
 
+MOST_CELLS = 1000
+
 _MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
-_MOST_CELLS = 1000
-_MOST_SPREAD = 10.0
+
+# A refractory period that no stimulus outlasts is a mistake.
+_MOST = {"refractory_ms": 1.0e5, "spread": 10.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,16 +63,27 @@ class AfferentParameters:
             object.__setattr__(self, "drive", self.drives[0])
         if self.drive not in self.drives:
             raise ParameterError(
-                f"{self.afferent}: drive {self.drive!r} has no such parameters, "
+                f"{self.afferent}: model {self.drive!r} has no such parameters, "
                 f"expected {' or '.join(self.drives)}"
             )
-        if not 1 <= self.cells <= _MOST_CELLS:
+        if not 1 <= self.cells <= MOST_CELLS:
             raise ParameterError(
-                f"{self.afferent}: cells is {self.cells}, expected 1 to {_MOST_CELLS}"
+                f"{self.afferent}: cells is {self.cells}, expected 1 to {MOST_CELLS}"
             )
-        for field in fields(self):
-            if field.name not in ("drive", "cells"):
-                self._check(field.name)
+        for name in (field.name for field in fields(self)):
+            if name in ("drive", "cells"):
+                continue
+            number = float(getattr(self, name))
+            object.__setattr__(self, name, number)
+            potential, zero = name in _POTENTIALS, name in _MAY_BE_ZERO and number == 0
+            most = _MOST.get(name, math.inf)
+            if not (math.isfinite(number) and (potential or zero or 0 < number <= most)):
+                expected = "a finite number" if potential else "> 0"
+                expected += f" and at most {most:g}" if name in _MOST else ""
+                raise ParameterError(
+                    f"{self.afferent}: {name} is {number:g}, expected {expected}"
+                    f"{' (or 0)' if name in _MAY_BE_ZERO else ''}"
+                )
         if not self.threshold_mv > self.rest_mv:
             raise ParameterError(
                 f"{self.afferent}: threshold_mv {self.threshold_mv:g} is not above "
@@ -86,19 +100,6 @@ class AfferentParameters:
     def gap_mv(self) -> float:
         """Threshold minus rest, in mV."""
         return self.threshold_mv - self.rest_mv
-
-    def _check(self, name: str) -> None:
-        number = float(getattr(self, name))
-        object.__setattr__(self, name, number)
-        zero = name in _MAY_BE_ZERO
-        least = -math.inf if name in _POTENTIALS else 0.0
-        most = _MOST_SPREAD if name == "spread" else math.inf
-        if not (math.isfinite(number) and (least < number <= most or (zero and number == 0))):
-            expected = "" if name in _POTENTIALS else f" {'>=' if zero else '>'} 0"
-            expected += f" and at most {most:g}" if most < math.inf else ""
-            raise ParameterError(
-                f"{self.afferent}: {name} is {number:g}, expected a finite number{expected}"
-            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ EDGE_MS = 1.0e-6
 
 def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> int:
     """Number of spikes after the window's start, up to and with its end."""
-    start, end = _checked(window_ms)
+    start, end = window_ms
     times_ms = np.asarray(spike_times_ms, dtype=np.float64)
     inside = (times_ms > start + EDGE_MS) & (times_ms <= end + EDGE_MS)
     return int(np.count_nonzero(inside))
@@ -26,14 +26,16 @@ def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> 
 
 def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float:
     """Firing rate in a window, in impulses a second."""
-    spikes = spikes_inside(spike_times_ms, window_ms)
-    return spikes * 1000.0 / (window_ms[1] - window_ms[0])
+    return mean_rate_ips([spike_times_ms], window_ms)
 
 
 def mean_rate_ips(cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]) -> float:
     """Mean rate of the cells of a population, spike times of each in ms."""
+    start, end = window_ms
+    if not start < end:
+        raise ParameterError(f"window from {start} to {end} ms, expected start < end")
     spikes = sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms)
-    return spikes * 1000.0 / (len(cells_ms) * (window_ms[1] - window_ms[0]))
+    return spikes * 1000.0 / (len(cells_ms) * (end - start))
 
 
 def window_rows(window_ms: tuple[float, float], dt_ms: float, start_ms: float = 0.0) -> slice:
@@ -41,15 +43,5 @@ def window_rows(window_ms: tuple[float, float], dt_ms: float, start_ms: float = 
 
     The spike of row k is at ``start_ms + (k + 1) dt_ms``; see `neural.lif`.
     """
-    start, end = _checked(window_ms)
-    if not (math.isfinite(dt_ms) and dt_ms > 0):
-        raise ParameterError(f"dt_ms must be > 0, got {dt_ms}")
-    first, stop = (math.floor((edge + EDGE_MS - start_ms) / dt_ms) for edge in (start, end))
+    first, stop = (math.floor((edge + EDGE_MS - start_ms) / dt_ms) for edge in window_ms)
     return slice(max(first, 0), max(stop, 0))
-
-
-def _checked(window_ms: tuple[float, float]) -> tuple[float, float]:
-    start, end = window_ms
-    if not (math.isfinite(start) and math.isfinite(end) and start < end):
-        raise ParameterError(f"window from {start} to {end} ms, expected start < end")
-    return start, end

@@ -24,8 +24,8 @@ from neural.threshold import (
     entrainment_plateau,
     entrainment_threshold_um,
     threshold_amplitude_um,
+    vector_strength,
 )
-from neural.timing import vector_strength
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series

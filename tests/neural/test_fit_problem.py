@@ -1,13 +1,11 @@
 """What a fit minimises, beside `encode_cells` and plain loops."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fembridge.errors import ParameterError, TraceError
+from fembridge.errors import ParameterError
 from neural import encode_cells, mean_rate_ips
 from neural.fit_problem import FitProblem
 from neural.models import MODELS, model_named
@@ -137,14 +135,6 @@ def test_single_precision_differs_by_a_few_spikes_at_most(row, cells):
     assert np.abs(single - double).max() <= 2
 
 
-def test_candidates_do_not_see_each_other():
-    for row in ROWS:
-        problem = problem_of(row, cells=2)
-        values = random_values(problem, 5, candidates=2)
-        alone = [problem.rates_ips(each)[0] for each in values]
-        np.testing.assert_array_equal(problem.rates_ips(values), alone)
-
-
 @pytest.mark.parametrize("flags", [[1, 0, 0, 1], [0, 1, 0, 0], [1, 1, 1, 1]])
 def test_a_part_is_the_problem_of_its_stimuli(flags):
     whole = problem_of(cells=3)
@@ -158,15 +148,6 @@ def test_a_part_is_the_problem_of_its_stimuli(flags):
     assert part.observed_ips.tolist() == OBSERVED_IPS[kept].tolist()
     assert (part.cells, part.dt_ms, part.model) == (3, DT_MS, whole.model)
     np.testing.assert_array_equal(part.rates_ips(values), whole.rates_ips(values)[:, kept])
-
-
-def test_what_is_searched_goes_with_the_cells():
-    rising = model_named("rising", "RA")
-
-    assert [one.field for one in problem_of(cells=1).free] == ["tau_ms", "step_pa"]
-    assert [one.field for one in problem_of(cells=2).free][-1] == "spread"
-    assert problem_of().cells == rising.cells == 5
-    assert problem_of().free == rising.free()
 
 
 @ALL
@@ -204,64 +185,5 @@ def test_a_window_ends_with_the_trace_or_before():
     a_step_more = ((0.0, 60.0),) * 3 + ((0.0, 60.5),)
 
     problem_of(windows_ms=until_the_end).rates_ips([[9.0, 1e4, 0.5]])
-    with pytest.raises(ParameterError, match="row 0 to 121 is not inside 0 to 120"):
+    with pytest.raises(ParameterError, match="121"):
         problem_of(windows_ms=a_step_more).rates_ips([[9.0, 1e4, 0.5]])
-
-
-def test_observed_rates_are_a_copy():
-    observed = OBSERVED_IPS.copy()
-    problem = problem_of(observed_ips=observed)
-    observed[:] = 0.0
-
-    assert problem.observed_ips.tolist() == OBSERVED_IPS.tolist()
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "named"),
-    [
-        ({"windows_ms": ((9.0, 5.0),) * 4}, ParameterError, "9.* 5"),
-        ({"stress_pa": STRESS_PA * math.nan}, TraceError, "nan"),
-        ({"dt_ms": 0.0}, ParameterError, "dt_ms"),
-        ({"windows_ms": ((0.0, 500.0),) * 4}, ParameterError, "120"),
-        (
-            {"model": model_named("sharp", "PC"), "dt_ms": 0.3, "windows_ms": ((0.0, 9.0),) * 4},
-            ParameterError,
-            "0.3",
-        ),
-    ],
-)
-def test_a_problem_that_cannot_be_is_refused(change, error, named):
-    with pytest.raises(error, match=named):
-        problem_of(**change)
-
-
-def test_a_problem_keeps_its_stress_whatever_becomes_of_the_caller_s():
-    stress_pa = STRESS_PA.copy()
-    problem = problem_of(stress_pa=stress_pa)
-    listed = problem_of(stress_pa=STRESS_PA.tolist())
-    stress_pa[:] = 0.0
-    values = random_values(problem, 3, candidates=2)
-
-    expected = problem_of().rates_ips(values)
-
-    everything = np.ones(OBSERVED_IPS.size, dtype=bool)
-    for one in (problem, problem.part(everything), listed.part(everything)):
-        np.testing.assert_array_equal(one.rates_ips(values), expected)
-
-
-def test_rates_are_to_the_last_digit_those_of_the_spikes():
-    windows = ((5.0, 60.0), (20.0, 41.0), (0.0, 35.0), (7.3, 59.9))
-    problem = problem_of(windows_ms=windows, cells=3)
-    for values in random_values(problem, 5, candidates=4):
-        runs = encode_cells(STRESS_PA, 0.5, problem.parameters(values))
-        expected = [mean_rate_ips(r, w) for r, w in zip(runs, windows, strict=True)]
-        assert problem.rates_ips(values)[0].tolist() == expected
-
-
-def test_a_candidate_outside_its_meaning_is_refused():
-    problem = problem_of(cells=1)
-
-    with pytest.raises(ParameterError, match="tau_ms must be at least dt_ms"):
-        problem.rates_ips(np.array([[0.4, 1e4]]))
-    with pytest.raises(ParameterError, match="step_pa is -1"):
-        problem.parameters([10.0, -1.0])

@@ -32,7 +32,7 @@ positive = st.floats(1e-3, 1e3)
 
 def membrane_current(stress_pa, dt_ms, parameters):
     model = model_of(parameters)
-    filtered = model.filters(stress_pa, dt_ms, "backward")
+    filtered = model.filtered(stress_pa, dt_ms, "backward")
     return model.coefficients(asdict(parameters)).current(filtered)
 
 
@@ -51,7 +51,7 @@ def spike_samples(stress_pa, parameters):
     [
         ("rapid", "RA", "'rapid'"),
         ("rising", "PC", "'rising' for PC"),
-        ("sharp", "Ruffini", "'Ruffini'"),
+        ("sharp", "Ruffini", "Ruffini"),
     ],
 )
 def test_a_row_that_is_not_there_is_refused(name, afferent, words):

@@ -2,7 +2,9 @@
 
 import math
 import re
-from dataclasses import FrozenInstanceError, fields, replace
+from dataclasses import fields, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 import tomli_w
@@ -14,7 +16,6 @@ from neural.parameter_sets import (
     FITTED_FILE,
     parameter_set,
     parameter_set_or_file,
-    parameters_from_table,
     parameters_to_table,
     read_parameter_set,
 )
@@ -25,11 +26,6 @@ from neural.parameters import (
     RisingRaParameters,
     SharpPcParameters,
 )
-
-
-def read_parameters(path):
-    return read_parameter_set(path).parameters
-
 
 ROWS = [row for models in MODELS.values() for row in models.values()]
 ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
@@ -49,26 +45,6 @@ def test_published_is_table_2_and_section_2_2():
     assert {p.dt_ms for p in (sa, ra, pc)} == {0.5}
 
 
-def test_published_cannot_be_changed():
-    with pytest.raises(TypeError):
-        PUBLISHED["SA"] = PUBLISHED["RA"]
-    with pytest.raises(FrozenInstanceError):
-        PUBLISHED["SA"].tau_ms = 1.0
-
-
-def test_what_a_table_leaves_out_is_published():
-    own = parameters_from_table({"PC": {"tau_ms": 100}})
-
-    assert own["PC"] == replace(PUBLISHED["PC"], tau_ms=100.0)
-    assert own["SA"] is PUBLISHED["SA"]
-    assert isinstance(own["PC"].tau_ms, float)
-    assert dict(parameters_from_table({})) == dict(PUBLISHED)
-
-
-def test_no_refractory_period_is_a_period():
-    assert replace(PUBLISHED["PC"], refractory_ms=0).refractory_ms == 0.0
-
-
 def odd_parameters(row):
     """Parameters of a row in which every number differs from its default."""
     numbers = {
@@ -86,6 +62,13 @@ def odd_parameters(row):
     )
 
 
+def parameters_from_table(table):
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "own.toml"
+        path.write_text(tomli_w.dumps(table), encoding="utf-8")
+        return read_parameter_set(path).parameters
+
+
 @pytest.fixture
 def file_of(tmp_path):
     def write(text, name="own.toml"):
@@ -97,14 +80,13 @@ def file_of(tmp_path):
 
 
 @ALL
-def test_a_model_survives_a_table_and_a_file_to_the_last_digit(row, file_of):
+def test_a_model_survives_a_file_to_the_last_digit(row):
     own = {**PUBLISHED, row.afferent: odd_parameters(row)}
     table = parameters_to_table(own)
 
-    again = parameters_from_table(table)
-    read = read_parameters(file_of(tomli_w.dumps(table)))
+    read = parameters_from_table(table)
 
-    assert dict(again) == dict(read) == own
+    assert dict(read) == own
     assert type(read[row.afferent]) is row.parameters
     assert set(table[row.afferent]) == {one.name for one in fields(row.parameters)}
 
@@ -137,7 +119,7 @@ def test_other_models_keep_the_defaults_of_their_class():
 
 
 def test_parameters_of_another_model_are_refused_by_their_class():
-    with pytest.raises(ParameterError, match=r"RA: drive 'sharp' has no such .* rising"):
+    with pytest.raises(ParameterError, match="sharp"):
         RisingRaParameters(tau_ms=1.0, step_pa=1.0, drive="sharp")
     assert SharpPcParameters(tau_ms=1.0, beta_mv_per_ms=1.0).drive == "sharp"
     with pytest.raises(TypeError, match="a5_pa_per_ms"):
@@ -161,7 +143,6 @@ def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
         "study": {"RA": {"rank": 1}},
     }
     assert dict(own.parameters) == dict(parameters_from_table({"RA": RISING_RA}))
-    assert dict(read_parameters(path)) == dict(own.parameters)
 
 
 def test_a_set_without_a_name_has_that_of_its_file(file_of):
@@ -205,9 +186,7 @@ def test_a_word_that_names_nothing_is_refused(tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
 
     for give in (parameter_set, parameter_set_or_file):
-        with pytest.raises(
-            ParameterError, match=f"no parameter set '{word}', expected published or"
-        ):
+        with pytest.raises(ParameterError, match=f"'{word}'"):
             give(word)
 
 
@@ -248,6 +227,7 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
         ("[RA]\na3_pa_per_ms = 0", "RA: .*a3_pa_per_ms.*0"),
         ("[RA]\nalpha_mv_per_ms = -1.0", "RA: .*alpha_mv_per_ms.*-1"),
         ("[RA]\nrefractory_ms = -1", "RA: .*refractory_ms.*-1"),
+        ("[RA]\nrefractory_ms = 1e9", "RA: .*refractory_ms.*1e\\+09"),
         ("[RA]\nspread = -0.1", "RA: .*spread.*-0.1"),
         ("[RA]\nspread = 11", "RA: .*spread.*11"),
         ("[RA]\njump_mv = -1", "RA: .*jump_mv.*-1"),

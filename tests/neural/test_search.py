@@ -1,4 +1,4 @@
-"""The Pareto front of a small problem: reproducible, undominated, interruptible."""
+"""The search, which candidate is taken, and predictions of groups that were left out."""
 
 from itertools import pairwise
 
@@ -8,7 +8,16 @@ import pytest
 from fembridge.errors import ParameterError
 from neural.fit_problem import FitProblem
 from neural.models import Free, model_named
-from neural.search import from_unit, search_front, total_rmse_ips
+from neural.search import (
+    NEAR_SHARE,
+    Front,
+    choose,
+    cross_validate,
+    frequency_response_error_ips,
+    from_unit,
+    search_front,
+    total_rmse_ips,
+)
 
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(101)
@@ -60,15 +69,6 @@ def test_who_watches_does_not_change_what_is_found(front):
     least = [each.least_rmse_ips for each in seen]
     found = total_rmse_ips(PROBLEM, front.errors_ips2).min()
     assert least[-1] == pytest.approx(found, rel=0.05)
-
-
-def test_a_front_tells_what_was_searched(front):
-    assert front.free == PROBLEM.free
-    assert front.groups == ("20", "90")
-    assert front.values.shape == (len(front.values), 3)
-    assert front.errors_ips2.shape == (len(front.values), 2)
-    assert (front.evaluations, front.finished) == (120, True)
-    assert len(front.values) > 1
 
 
 def assert_undominated(found):
@@ -140,32 +140,6 @@ def test_the_errors_of_a_front_are_of_full_precision(name, monkeypatch):
     assert_undominated(found)
 
 
-def test_what_is_found_lies_inside_what_is_searched(front):
-    low = [one.low for one in front.free]
-    high = [one.high for one in front.free]
-
-    assert (front.values >= low).all()
-    assert (front.values <= high).all()
-
-
-def test_more_evaluations_find_no_worse():
-    few = search_front(PROBLEM, seed=6, evaluations=24, population=24)
-    many = search_front(PROBLEM, seed=6, evaluations=384, population=24)
-
-    assert (
-        total_rmse_ips(PROBLEM, many.errors_ips2)[0] < total_rmse_ips(PROBLEM, few.errors_ips2)[0]
-    )
-
-
-def test_one_group_has_a_front_of_its_best():
-    problem = problem_of(groups=("all",) * 4)
-
-    found = search_front(problem, seed=1, **SMALL)
-
-    assert found.errors_ips2.shape[1] == 1
-    assert len(set(found.errors_ips2.ravel().tolist())) == 1
-
-
 def interrupt_after(evaluations):
     def watch(progress):
         if progress.evaluations >= evaluations:
@@ -209,14 +183,6 @@ def test_an_interrupt_inside_a_generation_gives_the_whole_ones_before(monkeypatc
     np.testing.assert_array_equal(stopped.values, by_then.values)
 
 
-def test_another_error_is_not_swallowed():
-    def watch(progress):
-        raise RuntimeError("the bar broke")
-
-    with pytest.raises(RuntimeError, match="the bar broke"):
-        search_front(PROBLEM, seed=3, on_progress=watch, **SMALL)
-
-
 def test_the_unit_square_spans_what_is_searched():
     """Evenly in the logarithm: half of 1 to 10 000 is 100; or in themselves: 1."""
     free = (Free("tau_ms", 1.0, 1e4, "ms"), Free("spread", 0.0, 2.0, "1", even=True))
@@ -241,3 +207,197 @@ def test_the_unit_square_spans_what_is_searched():
 def test_a_search_that_cannot_be_is_refused(change, words):
     with pytest.raises(ParameterError, match=words):
         search_front(PROBLEM, **{**SMALL, **change})
+
+
+# Rises of steps of 1000 Pa, each in two rows, before the window ends at 100 ms.
+RISES = (3, 9, 2, 6)
+ROWS = np.arange(201)
+
+
+def choice_problem(observed_ips, groups=("a", "a", "b", "b")):
+    """One spike for each 600 Pa in a row: with step 500 Pa, rate 10 a rise."""
+    stress = np.zeros((201, 4))
+    for column, rises in enumerate(RISES):
+        stress[:, column] = 600.0 * np.minimum(ROWS // 16, rises)
+    return FitProblem(
+        model=model_named("rising", "RA"),
+        stress_pa=stress,
+        observed_ips=np.array(observed_ips),
+        groups=groups,
+        windows_ms=((0.0, 100.0),) * 4,
+        dt_ms=0.5,
+        cells=1,
+    )
+
+
+# Rates 10 x (3, 9, 2, 6) with a step below 600 Pa; with one above 600 Pa every other
+# rise fires: 10 x (1, 4, 1, 3); above 1200 Pa every third: 10 x (1, 3, 0, 2).
+EVERY, OTHER, THIRD = [1000.0, 500.0], [1e9, 700.0], [1e9, 1300.0]
+
+
+def front_of(problem, *candidates):
+    values = np.array(candidates)
+    return Front(
+        free=problem.free,
+        groups=problem.group_names,
+        values=values,
+        errors_ips2=problem.errors_ips2(values),
+        evaluations=len(values),
+        seed=1,
+        finished=True,
+    )
+
+
+def test_the_candidates_fire_what_is_said_of_them():
+    rates_ips = choice_problem([0.0] * 4).rates_ips(np.array([EVERY, OTHER, THIRD]))
+
+    np.testing.assert_allclose(
+        rates_ips, [[30, 90, 20, 60], [10, 40, 10, 30], [10, 30, 0, 20]], rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("observed_ips", "row"), [((30, 80, 20, 60), 0), ((10, 45, 10, 30), 1), ((10, 30, 5, 20), 2)]
+)
+def test_the_smallest_error_is_taken_wherever_it_stands(observed_ips, row):
+    problem = choice_problem(observed_ips)
+    candidates = [EVERY, OTHER, THIRD]
+
+    for shift in range(3):
+        turned = candidates[shift:] + candidates[:shift]
+        choice = choose(problem, front_of(problem, *turned))
+        assert (choice.row, choice.rule) == ((row - shift) % 3, "smallest_error")
+        assert "smallest RMSE over all 4 stimuli" in choice.why
+        assert "of 3 candidates" in choice.why
+
+
+def test_the_response_is_the_mean_rate_of_each_group():
+    """EVERY: means 60 and 40 against 50 and 10: away by 10 and 30, RMS √500."""
+    problem = choice_problem([20.0, 80.0, 0.0, 20.0])
+
+    away_ips = frequency_response_error_ips(problem, np.array([EVERY, OTHER]))
+
+    np.testing.assert_allclose(away_ips, np.sqrt([500.0, (25.0**2 + 10.0**2) / 2]), rtol=1e-12)
+
+
+def test_near_the_smallest_error_the_response_decides():
+    """Observed 20, 35, 5, 25. OTHER is off by −10, 5, 5, 5: RMS √43.75 = 6.61.
+
+    THIRD is off by −10, −5, −5, −5, as far, with both means low. Means of OTHER are
+    off by −2.5 and 5, of THIRD by −7.5 and −5.
+    """
+    problem = choice_problem([20.0, 35.0, 5.0, 25.0])
+
+    for candidates, row in (([THIRD, OTHER], 1), ([OTHER, THIRD], 0)):
+        front = front_of(problem, *candidates)
+        assert choose(problem, front).row == 0  # a tie: the first
+        choice = choose(problem, front, "frequency_response")
+        assert choice.row == row
+        assert "of the 2 candidates within 10%" in choice.why
+
+
+@pytest.mark.parametrize(("near_ips", "row"), [(21.9, 1), (22.1, 0)])
+def test_beyond_a_tenth_the_smaller_error_wins(near_ips, row):
+    """The total of row 1 is just inside or outside 1.1 times 20 ips."""
+    problem = choice_problem([20.0, 80.0, 0.0, 20.0])
+    front = front_of(problem, EVERY, OTHER)  # OTHER has the closer response
+    made = Front(
+        free=front.free,
+        groups=front.groups,
+        values=front.values,
+        errors_ips2=np.array([[400.0, 400.0], [near_ips**2, near_ips**2]]),
+        evaluations=2,
+        seed=1,
+        finished=True,
+    )
+
+    assert NEAR_SHARE == 0.10
+    assert choose(problem, made, "smallest_error").row == 0
+    assert choose(problem, made, "frequency_response").row == row
+
+
+def test_an_unknown_rule_is_refused():
+    problem = choice_problem([0.0] * 4)
+
+    with pytest.raises(
+        ParameterError, match="rule 'best', expected one of smallest_error, frequency"
+    ):
+        choose(problem, front_of(problem, EVERY), "best")
+
+
+GROUPS = ("20", "90", "20", "90", "50")
+OBSERVED_IPS = (40.0, 60.0, 100.0, 140.0, 80.0)
+EVALUATIONS = 400
+
+
+def grouped_problem(observed_ips=OBSERVED_IPS, groups=GROUPS):
+    stress = np.array([8e3, 3e3, 2e4, 1e4, 9e3]) * (
+        1.0 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, [20, 90, 20, 90, 50]))
+    )
+    return FitProblem(
+        model=model_named("rising", "RA"),
+        stress_pa=stress,
+        observed_ips=np.array(observed_ips),
+        groups=groups,
+        windows_ms=((0.0, 50.0),) * 5,
+        dt_ms=DT_MS,
+        cells=2,
+    )
+
+
+def trial_of(problem, **options):
+    return cross_validate(problem, 5, **{"evaluations": EVALUATIONS, **options})
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return trial_of(grouped_problem())
+
+
+@pytest.mark.parametrize("group", ["20", "50"])
+def test_a_held_out_prediction_does_not_know_what_was_observed(trial, group):
+    """Rates of one group change: its predictions stay, the fit and others move."""
+    inside = np.array([name == group for name in GROUPS])
+    changed = np.where(inside, 15.0, OBSERVED_IPS)
+
+    other = trial_of(grouped_problem(changed))
+
+    np.testing.assert_array_equal(other.held_out_ips[inside], trial.held_out_ips[inside])
+    assert (other.held_out_ips[~inside] != trial.held_out_ips[~inside]).any()
+    assert (other.fitted_ips != trial.fitted_ips).any()
+
+
+@pytest.mark.parametrize("rule", ["smallest_error", "frequency_response"])
+def test_predictions_are_those_of_searches_done_apart(rule):
+    problem = grouped_problem()
+    trial = trial_of(problem, rule=rule, evaluations=200)
+
+    def best(part):
+        front = search_front(part, seed=5, evaluations=200)
+        return front.values[choose(part, front, rule).row]
+
+    fitted = best(problem)
+    assert trial.seed == 5
+    assert trial.parameters == problem.parameters(fitted)
+    np.testing.assert_array_equal(trial.fitted_ips, problem.rates_ips(fitted)[0])
+    for name in ("20", "90", "50"):
+        inside = np.array([group == name for group in GROUPS])
+        without = best(problem.part(~inside))
+        np.testing.assert_array_equal(
+            trial.held_out_ips[inside], problem.rates_ips(without)[0, inside]
+        )
+
+
+def test_two_groups_leave_one_objective_each():
+    problem = grouped_problem(groups=("a", "b", "a", "b", "b"))
+    heard = []
+
+    trial = trial_of(problem, evaluations=200, on_fit=heard.append)
+
+    assert heard == ["all groups", "without a", "without b"]
+    assert np.isfinite(trial.held_out_ips).all()
+
+
+def test_a_single_group_leaves_nothing_to_fit_on():
+    with pytest.raises(ParameterError, match="only the group all, expected two or more"):
+        trial_of(grouped_problem(groups=("all",) * 5))

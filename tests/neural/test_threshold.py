@@ -2,6 +2,7 @@
 
 import doctest
 import math
+from importlib import import_module
 from itertools import pairwise
 
 import numpy as np
@@ -9,15 +10,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-import neural.threshold
 from fembridge.errors import ParameterError
-from neural.rates import rate_ips
 from neural.threshold import (
-    CRITERION_IPS,
     Plateau,
     entrainment_plateau,
     entrainment_threshold_um,
     threshold_amplitude_um,
+    vector_strength,
 )
 
 few = settings(max_examples=40)  # drawing them is what takes the time
@@ -84,30 +83,6 @@ def test_a_threshold_is_where_the_curve_first_has_the_criterion(curve, criterion
         assert dict(curve)[found_um] >= criterion_ips
 
 
-@few
-@given(curves, st.integers(1, 60), st.randoms())
-def test_the_order_of_the_points_does_not_matter(curve, criterion_ips, random):
-    shuffled = random.sample(curve, len(curve))
-
-    both = [
-        threshold_amplitude_um(*zip(*points, strict=True), criterion_ips)
-        for points in (curve, shuffled)
-    ]
-
-    assert both[0] == both[1]
-
-
-@few
-@given(curves, st.integers(1, 59))
-def test_a_higher_criterion_has_no_lower_threshold(curve, criterion_ips):
-    points = list(zip(*curve, strict=True))
-
-    low_um = threshold_amplitude_um(*points, criterion_ips)
-    high_um = threshold_amplitude_um(*points, criterion_ips + 1)
-
-    assert low_um <= high_um
-
-
 def test_an_amplitude_whose_rate_is_the_criterion_is_given_exactly():
     amplitude_um = [6.71, 9.32, 12.5, 18.0]
 
@@ -132,15 +107,6 @@ def test_a_silent_afferent_has_its_threshold_above_all():
 def test_an_afferent_that_always_answers_has_its_threshold_at_the_first_or_below():
     assert threshold_amplitude_um([50.0, 5.0], [90.0, 30.0]) == 5.0
     assert threshold_amplitude_um([5.0], [30.0]) == 5.0
-
-
-@pytest.mark.parametrize("end_ms", [250.0, 105.0])
-def test_one_impulse_in_a_window_of_the_paper_reaches_the_criterion(end_ms):
-    one = rate_ips([60.0], (5.0, end_ms))
-
-    assert one >= CRITERION_IPS
-    assert threshold_amplitude_um([20.0], [one]) == 20.0
-    assert threshold_amplitude_um([20.0], [0.99 * CRITERION_IPS]) == math.inf
 
 
 def test_the_entrainment_threshold_is_that_of_one_impulse_a_cycle():
@@ -169,11 +135,6 @@ def test_a_plateau_that_falls_off_ends_at_its_lower_rate():
 def test_a_plateau_is_open_where_the_amplitudes_end():
     assert entrainment_plateau([10.0, 20.0, 40.0], [48.0, 50.0, 52.0], 50.0) == Plateau(10.0, 40.0)
     assert entrainment_plateau([10.0], [50.0], 50.0) == Plateau(10.0, 10.0)
-
-
-def test_a_curve_that_leaps_across_one_to_one_was_not_held_there():
-    assert entrainment_plateau([1.0, 10.0], [0.0, 100.0], 50.0) is None
-    assert entrainment_plateau([1.0, 10.0], [0.0, 0.0], 50.0) is None
 
 
 def test_of_two_plateaus_the_wider_is_given():
@@ -237,25 +198,60 @@ def test_columns_that_are_no_curve_are_refused(amplitude_um, rate, words):
         threshold_amplitude_um(amplitude_um, rate)
 
 
+@given(
+    phase_ms=st.floats(0.0, 50.0),
+    frequency_hz=st.sampled_from([20.0, 50.0, 100.0, 300.0]),
+    cycles=st.lists(st.integers(0, 1000), min_size=1, max_size=50),
+)
+def test_spikes_at_one_phase_have_strength_one(phase_ms, frequency_hz, cycles):
+    """Cycles may be left out: it is the phase that counts, not the rate."""
+    times_ms = phase_ms + np.array(cycles) * 1000.0 / frequency_hz
+
+    strength = vector_strength(times_ms, frequency_hz)
+
+    assert 1.0 - 1e-9 < strength <= 1.0
+
+
+@given(st.integers(2, 40), st.floats(0.0, 20.0))
+def test_spikes_spread_evenly_over_a_cycle_have_strength_zero(spikes, phase_ms):
+    times_ms = phase_ms + 20.0 * np.arange(spikes) / spikes
+
+    assert vector_strength(times_ms, 50.0) < 1e-12
+
+
+@given(st.floats(0.01, 1.0))
+def test_two_phases_have_the_cosine_of_half_their_distance(distance_cycles):
+    """|1 + exp(iφ)| / 2 = |cos(φ/2)|."""
+    times_ms = 4.0 + np.array([0.0, distance_cycles]) * 20.0
+
+    assert vector_strength(times_ms, 50.0) == pytest.approx(
+        abs(math.cos(math.pi * distance_cycles)), abs=1e-12
+    )
+
+
+def test_no_spike_has_no_phase():
+    assert math.isnan(vector_strength([], 50.0))
+    assert vector_strength([3.0], 50.0) == pytest.approx(1.0, rel=1e-14)
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
 def test_a_criterion_or_frequency_that_is_none_is_refused(bad):
     curve = ([1.0, 2.0], [0.0, 50.0])
-    with pytest.raises(ParameterError, match="criterion_ips must be finite and > 0"):
-        threshold_amplitude_um(*curve, bad)
-    for measure in (entrainment_threshold_um, entrainment_plateau):
-        with pytest.raises(ParameterError, match="frequency_hz must be finite and > 0"):
+    for measure in (threshold_amplitude_um, entrainment_threshold_um, entrainment_plateau):
+        with pytest.raises(ParameterError, match=str(bad)):
             measure(*curve, bad)
+    with pytest.raises(ParameterError):
+        vector_strength([1.0], bad)
 
 
-def test_a_range_or_plateau_that_ends_before_it_starts_is_refused():
-    with pytest.raises(ParameterError, match=r"from 1\.1 to 0\.9, expected 0 < least"):
-        entrainment_plateau([1.0, 2.0], [0.0, 50.0], 50.0, (1.1, 0.9))
-    with pytest.raises(ParameterError, match=r"plateau from 5\.0 to 2\.0 um"):
-        Plateau(5.0, 2.0)
+def test_a_spike_time_that_is_not_finite_is_refused():
+    with pytest.raises(ParameterError):
+        vector_strength([1.0, math.nan], 50.0)
 
 
-def test_the_examples_of_the_docstrings_are_true():
-    outcome = doctest.testmod(neural.threshold)
+@pytest.mark.parametrize("name", ["agreement", "encoder", "threshold"])
+def test_the_examples_of_the_docstrings_are_true(name):
+    outcome = doctest.testmod(import_module(f"neural.{name}"))
 
     assert outcome.attempted > 0
     assert outcome.failed == 0
