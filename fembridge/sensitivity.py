@@ -2,24 +2,26 @@
 
 `read_swept` takes the table, ``results.csv`` or its summary, a row a finger. Where one
 parameter was moved at a time, `single_effects` has what each does alone; where all
-were, `rank_regressions` has what each does among all.
+were, `rank_regressions` has what each does among all. Both are tables with a row a
+parameter and output.
 """
 
-import csv
-import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError, UsageError
 from fembridge.tables import TextTable, read_table
-from fembridge.typing import FloatArray, Table
+from fembridge.typing import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ALL = "all"
 """In the place of a group: the mean over all stimuli."""
@@ -27,6 +29,8 @@ ALL = "all"
 RATE = "rate_ips"
 STRESS = "peak_stress_pa"
 QUANTITIES = (RATE, STRESS)
+OUTPUT = ["afferent", "quantity", "stimuli"]
+"""An output: the mean of one quantity of one afferent over a group of stimuli."""
 
 RESULT_COLUMNS = ("stimulus", "afferent", RATE, STRESS, "status", "cause")
 
@@ -40,28 +44,15 @@ _OUTPUT = re.compile(rf"([A-Z][A-Z0-9_]*):({'|'.join(QUANTITIES)}):(\S+)")
 _SINGULAR = 1e-9
 # A table for people has no decimals where a number is large anyway.
 _LARGE = 100.0
-
-_Finger: TypeAlias = tuple[str, ...]
-"""The cells of a row that tell its finger from others."""
-
 _PA_PER_KPA = 1000.0
-
-
-@dataclass(frozen=True, slots=True)
-class Output:
-    """The mean of one quantity of one afferent over a group of stimuli."""
-
-    afferent: str
-    quantity: str
-    group: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweptFingers:
-    """Parameters `value` ``(finger, parameter)``, answers ``(finger, output)``.
+    """A row a finger: its `parameters`, and its `answers`, a column an output.
 
-    `names` are those of parameters that are not the same in all fingers. `causes`
-    are why fingers were left out, one each.
+    Parameters that are the same in all fingers are left out. `causes` are why fingers
+    were left out, one each.
 
     Raises
     ------
@@ -69,41 +60,27 @@ class SweptFingers:
         Fewer than two fingers, or no parameter that is different.
     """
 
-    names: tuple[str, ...]
-    value: FloatArray
-    outputs: tuple[Output, ...]
-    answer: FloatArray
+    parameters: "pd.DataFrame"
+    answers: "pd.DataFrame"
     causes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("value", "answer"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        if len(self.value) < 2:
+        if len(self.parameters) < 2:
             lost = f", {len(self.causes)} failed" if self.causes else ""
-            raise UsageError(f"fingers: {len(self.value)}{lost}, expected two or more")
-        if not self.names:
+            raise UsageError(f"fingers: {len(self.parameters)}{lost}, expected two or more")
+        if not self.parameters.columns.size:
             raise UsageError("no parameter is different from finger to finger")
 
-    @property
-    def afferents(self) -> tuple[str, ...]:
-        """Names of the afferents, in the order of the table."""
-        return tuple(dict.fromkeys(each.afferent for each in self.outputs))
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups of stimuli, the mean over all first."""
-        return tuple(dict.fromkeys(each.group for each in self.outputs))
-
-    def column(self, output: Output) -> FloatArray:
-        """Answers of all fingers to `output`, ``(finger,)``."""
-        column: FloatArray = self.answer[:, self.outputs.index(output)]
-        return column
+    def to_csv(self) -> str:
+        """Summary with a column ``SA:rate_ips:sine_20`` for each output; six digits."""
+        answers = self.answers.set_axis(
+            [":".join(map(str, output)) for output in self.answers.columns.to_flat_index()], axis=1
+        )
+        return csv_text(self.parameters.join(answers))
 
 
 def read_swept(path: Path) -> SweptFingers:
-    """Fingers of ``results.csv`` of a sweep, or of what `swept_text` made of one.
+    """Fingers of ``results.csv`` of a sweep, or of a summary of one.
 
     A finger of which anything failed is left out; its cause is kept.
 
@@ -114,37 +91,23 @@ def read_swept(path: Path) -> SweptFingers:
     UsageError
         Nothing to compare.
     """
+    import pandas as pd
+
     table = read_table(path)
     if "stimulus" in table.header:
         return _from_results(read_table(path, RESULT_COLUMNS))
-    found = {name: _OUTPUT.fullmatch(name) for name in table.header}
-    outputs = {name: Output(*match.groups()) for name, match in found.items() if match is not None}
-    if not outputs:
+    found = {name: match.groups() for name in table.header if (match := _OUTPUT.fullmatch(name))}
+    if not found:
         raise TableError(
             "neither results.csv of a sweep, with a column stimulus, nor a summary of "
             "one, with columns as SA:rate_ips:all",
             path,
             1,
         )
-    names = [name for name in table.header if name not in outputs]
-    value, answer = (
-        np.array([table.numbers(each) for each in columns]).reshape(len(columns), table.size).T
-        for columns in (names, list(outputs))
-    )
-    return SweptFingers(tuple(names), value, tuple(outputs.values()), answer)
-
-
-def swept_text(swept: SweptFingers) -> str:
-    """Summary of a sweep: a row a finger, six digits that count.
-
-    It has the parameters, and a column ``SA:rate_ips:sine_20`` for each output.
-    """
-    outputs = [f"{o.afferent}:{o.quantity}:{o.group}" for o in swept.outputs]
-    rows = (
-        [f"{number:.6g}" for number in (*values, *answers)]
-        for values, answers in zip(swept.value, swept.answer, strict=True)
-    )
-    return _csv([*swept.names, *outputs], rows)
+    numbers = pd.DataFrame({name: table.numbers(name) for name in table.header})
+    answers = numbers[list(found)]
+    answers.columns = pd.MultiIndex.from_tuples(found.values(), names=OUTPUT)
+    return SweptFingers(numbers.drop(columns=list(found)), answers)
 
 
 def group_of(stimulus: str) -> str:
@@ -157,185 +120,123 @@ def group_of(stimulus: str) -> str:
 
 
 def _from_results(table: TextTable) -> SweptFingers:
-    """Gather the rows of each finger, its parameters before the column stimulus."""
-    parameters = table.header[: table.header.index("stimulus")]
-    cells = [table.column(name) for name in parameters]
-    fingers: list[_Finger] = [tuple(each[row] for each in cells) for row in range(table.size)]
+    """The rows of each finger gathered: its parameters stand before the column stimulus."""
+    import pandas as pd
+
+    names = table.header[: table.header.index("stimulus")]
+    cells = pd.DataFrame({name: table.column(name) for name in names}, range(table.size))
+    finger = np.zeros(table.size, dtype=int)
+    if names:
+        finger = cells.groupby(list(names), sort=False).ngroup().to_numpy()
     failed = table.choices("status", ("done", "failed")) == "failed"
-    causes: dict[_Finger, str] = {}
-    for row in np.flatnonzero(failed).tolist():
-        causes.setdefault(fingers[row], table.column("cause")[row])
+    causes = pd.Series(table.column("cause"), dtype=str)[failed].groupby(finger[failed]).first()
     done = table.where(~failed)
-    asked = list(zip(done.words("stimulus"), done.words("afferent"), strict=True))
-    numbers = np.stack([done.numbers(quantity, least=0) for quantity in QUANTITIES], axis=1)
-    answers: dict[_Finger, dict[tuple[str, str], FloatArray]] = {each: {} for each in fingers}
-    for row, place in enumerate(np.flatnonzero(~failed).tolist()):
-        mine = answers[fingers[place]]
-        if asked[row] in mine:
-            raise done.error(row, f"duplicate: {', '.join(asked[row])} of the same finger")
-        mine[asked[row]] = numbers[row]
-    whole = {finger: rows for finger, rows in answers.items() if finger not in causes}
-    names, value = _parameters(table.path, parameters, list(whole))
-    outputs, answer = _means(table.path, list(whole.values()))
-    return SweptFingers(names, value, outputs, answer, tuple(causes.values()))
+    rows = pd.DataFrame(
+        {
+            "finger": finger[~failed],
+            "stimulus": done.words("stimulus"),
+            "afferent": done.words("afferent"),
+            **{quantity: done.numbers(quantity, least=0) for quantity in QUANTITIES},
+        }
+    )
+    done.refuse_duplicates(rows[["stimulus", "afferent", "finger"]])
+    rows = rows[~rows["finger"].isin(causes.index)]
+    answers = _means(rows, table.path)
+    values = cells.groupby(finger).first().loc[answers.index]
+    return SweptFingers(
+        _parameters(values, table.path).reset_index(drop=True),
+        answers.reset_index(drop=True),
+        tuple(causes),
+    )
 
 
-def _parameters(
-    path: Path, names: Sequence[str], fingers: Sequence[_Finger]
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Names and values ``(finger, parameter)`` of what is not the same in all."""
-    columns: dict[str, list[float]] = {}
-    for name, cells in zip(names, zip(*fingers, strict=True), strict=False):
-        if len(set(cells)) == 1:
-            continue
+def _parameters(cells: "pd.DataFrame", path: Path) -> "pd.DataFrame":
+    """What is not the same in all fingers, as numbers."""
+    cells = cells.loc[:, (cells != cells.iloc[:1].squeeze()).any()]
+    for name, column in cells.items():
         try:
-            columns[name] = [float(cell) for cell in cells]
-            if not np.isfinite(columns[name]).all():
-                raise ValueError
+            if np.isfinite(column.astype(float)).all():
+                continue
         except ValueError:
-            shown = ", ".join(repr(cell) for cell in list(dict.fromkeys(cells))[:3])
-            raise TableError(
-                f"{name} is {shown}: expected one for all, or different numbers", path
-            ) from None
-    values = np.array(list(columns.values())).reshape(len(columns), len(fingers))
-    return tuple(columns), values.T
+            pass
+        shown = ", ".join(repr(cell) for cell in column.unique()[:3])
+        raise TableError(f"{name} is {shown}: expected one for all, or different numbers", path)
+    return cells.astype(float)
 
 
-def _means(
-    path: Path, fingers: Sequence[Mapping[tuple[str, str], FloatArray]]
-) -> tuple[tuple[Output, ...], FloatArray]:
-    """Outputs and their means ``(finger, output)`` over groups of stimuli."""
-    if not fingers:
-        return (), np.zeros((0, 0))
-    asked = list(fingers[0])
-    for rows in fingers:
-        if set(rows) != set(asked):
-            odd = next(iter(set(rows) ^ set(asked)))
-            raise TableError(f"{' '.join(odd)} is not there for all fingers", path)
-    groups = {stimulus: group_of(stimulus) for stimulus, _ in asked}
-    means: dict[Output, FloatArray] = {}
-    for column, quantity in enumerate(QUANTITIES):
-        numbers = np.array([[rows[key][column] for key in asked] for rows in fingers])
-        for afferent in dict.fromkeys(name for _, name in asked):
-            for group in (ALL, *dict.fromkeys(groups.values())):
+def _means(rows: "pd.DataFrame", path: Path) -> "pd.DataFrame":
+    """Means over groups of stimuli: a row a finger, a column an output."""
+    import pandas as pd
+
+    found = rows.set_index(["finger", "stimulus", "afferent"]).unstack([1, 2])  # noqa: PD010 - no mean
+    odd = found.columns[np.isnan(found.to_numpy()).any(axis=0)].to_flat_index()
+    if odd.size:
+        raise TableError(f"{' '.join(odd[0][1:])} is not there for all fingers", path)
+    group = {stimulus: group_of(stimulus) for stimulus in rows["stimulus"].unique()}
+    means = {}
+    for quantity in QUANTITIES:
+        for afferent in rows["afferent"].unique():
+            for each in (ALL, *dict.fromkeys(group.values())):
                 members = [
-                    place
-                    for place, (stimulus, name) in enumerate(asked)
-                    if name == afferent and group in (ALL, groups[stimulus])
+                    (quantity, stimulus, afferent)
+                    for stimulus, its_group in group.items()
+                    if each in (ALL, its_group) and (quantity, stimulus, afferent) in found
                 ]
-                means[Output(afferent, quantity, group)] = numbers[:, members].mean(axis=1)
-    return tuple(means), np.stack(list(means.values()), axis=1)
-
-
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """One parameter from `low` to `high`, the others as in the base: one output.
-
-    `is_monotone`: between neighbouring values the answer never goes the other way.
-    """
-
-    parameter: str
-    low: float
-    base: float
-    high: float
-    output: Output
-    at_low: float
-    at_base: float
-    at_high: float
-    is_monotone: bool
-
-    @property
-    def change(self) -> float:
-        """From low to high."""
-        return self.at_high - self.at_low
-
-    @property
-    def percent(self) -> float:
-        """The change in percent of the base's answer; NaN where that is 0."""
-        return 100 * self.change / self.at_base if self.at_base else math.nan
+                means[afferent, quantity, each] = found[members].to_numpy().mean(axis=1)
+    columns = pd.MultiIndex.from_tuples(means, names=OUTPUT)
+    return pd.DataFrame(dict(enumerate(means.values())), found.index).set_axis(columns, axis=1)
 
 
 def is_one_at_a_time(swept: SweptFingers) -> bool:
     """Whether every finger differs from the first in one parameter at most."""
-    return bool(((swept.value != swept.value[0]).sum(axis=1) <= 1).all())
+    return bool(((swept.parameters != swept.parameters.iloc[0]).sum(axis=1) <= 1).all())
 
 
-def single_effects(swept: SweptFingers) -> list[Effect]:
-    """Effect of each parameter on each output, in the order of `swept`.
+def single_effects(swept: SweptFingers) -> "pd.DataFrame":
+    """What each parameter does to each output, from its low value to its high one.
 
     The first finger is the base; the others differ from it in one parameter.
+    ``change_percent`` is that of the base's answer, NaN where that is 0. ``monotone``:
+    between neighbouring values the answer never goes the other way.
     """
+    import pandas as pd
+
     effects = []
-    for place, name in enumerate(swept.names):
-        others = np.delete(swept.value, place, axis=1)
-        mine = np.flatnonzero((others == others[0]).all(axis=1))
-        mine = mine[swept.value[mine, place].argsort(kind="stable")]
-        low, *_, high = swept.value[mine, place].tolist()
-        for output in swept.outputs:
-            answers = swept.column(output)
-            steps = np.diff(answers[mine])
+    for name in swept.parameters:
+        others = swept.parameters.drop(columns=name)
+        mine = swept.parameters[name][(others == others.iloc[0]).all(axis=1)]
+        mine = mine.sort_values(kind="stable")
+        for output in swept.answers.columns.to_flat_index():
+            answers = swept.answers[output]
+            low, base, high = answers[mine.index[0]], answers[0], answers[mine.index[-1]]
+            steps = answers[mine.index].diff()[1:]
             effects.append(
-                Effect(
-                    name,
-                    low,
-                    float(swept.value[0, place]),
-                    high,
-                    output,
-                    float(answers[mine[0]]),
-                    float(answers[0]),
-                    float(answers[mine[-1]]),
-                    bool((steps >= 0).all() or (steps <= 0).all()),
-                )
+                {
+                    "parameter": name,
+                    "low": mine.iloc[0],
+                    "base": mine[0],
+                    "high": mine.iloc[-1],
+                    **dict(zip(OUTPUT, output, strict=True)),
+                    "at_low": low,
+                    "at_base": base,
+                    "at_high": high,
+                    "change": high - low,
+                    "change_percent": 100 * (high - low) / base if base else math.nan,
+                    "monotone": bool((steps >= 0).all() or (steps <= 0).all()),
+                }
             )
-    return effects
-
-
-def effects_in_order(effects: Sequence[Effect]) -> list[str]:
-    """Parameters, the one first that moves a class's mean rate most.
-
-    Most in percent of the base's rate, whichever class of `effects` that is; of equals
-    the one that moves the stress more.
-    """
-    strength: dict[str, list[float]] = {}
-    for effect in effects:
-        most = strength.setdefault(effect.parameter, [0.0, 0.0])
-        if effect.output.group == ALL and not math.isnan(effect.percent):
-            place = QUANTITIES.index(effect.output.quantity)
-            most[place] = max(most[place], abs(effect.percent))
-    return sorted(strength, key=strength.__getitem__, reverse=True)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RankRegression:
-    """How one output depends on all parameters; arrays are ``(parameter,)``.
-
-    `low` and `high` hold 95 % of the coefficients of resampled fingers. Without
-    variation of the output (`varies` is False) all are 0.
-    """
-
-    output: Output
-    coefficient: FloatArray
-    low: FloatArray
-    high: FloatArray
-    r_squared: float
-    fingers: int
-    varies: bool = True
-
-    @property
-    def adjusted_r_squared(self) -> float:
-        """R² without what so many parameters explain by chance; at least 0."""
-        free = self.fingers - len(self.coefficient) - 1
-        return max(0.0, 1 - (1 - self.r_squared) * (self.fingers - 1) / free)
-
-    def is_sure(self, parameter: int) -> bool:
-        """Whether the interval of the coefficient leaves out 0."""
-        return bool(self.low[parameter] > 0 or self.high[parameter] < 0)
+    return pd.DataFrame(effects)
 
 
 def rank_regressions(
     swept: SweptFingers, *, resamples: int = RESAMPLES, seed: int = 0
-) -> list[RankRegression]:
-    """Standardised rank regression of every output of `swept`, with intervals.
+) -> "pd.DataFrame":
+    """Standardised rank regression of every output, with 95 % intervals.
+
+    ``low`` and ``high`` are the ends of a parameter, ``low_95`` and ``high_95`` those
+    of the coefficients of resampled fingers. ``adjusted_r_squared`` is without what so
+    many parameters explain by chance, at least 0. All are NaN for an output that does
+    not vary.
 
     Raises
     ------
@@ -352,45 +253,37 @@ def rank_regressions(
     Saltelli & Marivoet 1990, Reliab. Eng. Syst. Saf. 28:229). The same seed draws the
     same resamples.
     """
-    fingers, parameters = swept.value.shape
+    import pandas as pd
+
+    fingers, parameters = swept.parameters.shape
     least = 2 * (parameters + 1)
     if fingers < least:
         raise UsageError(f"{fingers} fingers for {parameters} parameters, expected {least} or more")
     _check_apart(swept)
-    coefficient, r_squared = _fitted(swept.value, swept.answer)
-    rng = np.random.default_rng(seed)
-    rows = rng.integers(fingers, size=(resamples, fingers))
-    drawn, _ = _fitted(swept.value[rows], swept.answer[rows])
+    value, answer = swept.parameters.to_numpy(), swept.answers.to_numpy()
+    coefficient, r_squared = _fitted(value, answer)
+    rows = np.random.default_rng(seed).integers(fingers, size=(resamples, fingers))
+    drawn, _ = _fitted(value[rows], answer[rows])
     tail = 0.5 * (1 - SHARE)
     low, high = np.quantile(drawn, [tail, 1 - tail], axis=0)
-    varies = (swept.answer != swept.answer[0]).any(axis=0)
-    return [
-        RankRegression(
-            output,
-            coefficient[:, k],
-            low[:, k],
-            high[:, k],
-            float(r_squared[k]),
-            fingers,
-            bool(varies[k]),
-        )
-        for k, output in enumerate(swept.outputs)
-    ]
-
-
-def regressions_in_order(regressions: Sequence[RankRegression]) -> list[int]:
-    """Rows of parameters, the one first with the largest coefficient of a rate.
-
-    The mean rate over all stimuli counts, of whichever class of `regressions`; of
-    equals the coefficient of the stress.
-    """
-    most = np.zeros((len(QUANTITIES), len(regressions[0].coefficient)))
-    for each in regressions:
-        if each.output.group == ALL:
-            place = QUANTITIES.index(each.output.quantity)
-            most[place] = np.maximum(most[place], abs(each.coefficient))
-    strength = most.T.tolist()
-    return sorted(range(len(strength)), key=strength.__getitem__, reverse=True)
+    adjusted = np.maximum(0.0, 1 - (1 - r_squared) * (fingers - 1) / (fingers - parameters - 1))
+    outputs = swept.answers.columns
+    table = pd.DataFrame(
+        {
+            "parameter": np.repeat(swept.parameters.columns, len(outputs)),
+            "low": np.repeat(value.min(axis=0), len(outputs)),
+            "high": np.repeat(value.max(axis=0), len(outputs)),
+            **{name: np.tile(outputs.get_level_values(name), parameters) for name in OUTPUT},
+            "coefficient": coefficient.ravel(),
+            "low_95": low.ravel(),
+            "high_95": high.ravel(),
+            "r_squared": np.tile(r_squared, parameters),
+            "adjusted_r_squared": np.tile(adjusted, parameters),
+        }
+    )
+    still = np.tile((answer == answer[0]).all(axis=0), parameters)
+    table.loc[still, "coefficient":] = math.nan
+    return table
 
 
 def _fitted(value: FloatArray, answer: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -422,119 +315,104 @@ def _standardised(array: FloatArray) -> FloatArray:
 
 def _check_apart(swept: SweptFingers) -> None:
     """Refuse parameters that no fit can tell apart."""
-    x = _standardised(swept.value)
-    correlation = np.abs(x.T @ x) / len(x)
-    for row, name in enumerate(swept.names):
-        same = np.flatnonzero(correlation[row, :row] > 1 - _SINGULAR)
-        if same.size:
-            raise UsageError(
-                f"{swept.names[same[0]]} and {name} rise and fall together: their "
-                "effects cannot be told apart"
-            )
+    x = _standardised(swept.parameters.to_numpy())
+    same = np.tril(np.abs(x.T @ x) / len(x) > 1 - _SINGULAR, k=-1)
+    for row, column in np.argwhere(same):
+        raise UsageError(
+            f"{swept.parameters.columns[column]} and {swept.parameters.columns[row]} rise and fall "
+            "together: their effects cannot be told apart"
+        )
 
 
-def effect_rows(effects: Sequence[Effect]) -> list[Table]:
-    """A row a parameter and output; a percentage that cannot be is None."""
-    return [
-        {
-            "parameter": each.parameter,
-            "low": each.low,
-            "base": each.base,
-            "high": each.high,
-            "afferent": each.output.afferent,
-            "quantity": each.output.quantity,
-            "stimuli": each.output.group,
-            "at_low": each.at_low,
-            "at_base": each.at_base,
-            "at_high": each.at_high,
-            "change": each.change,
-            "change_percent": None if math.isnan(each.percent) else each.percent,
-            "monotone": each.is_monotone,
-        }
-        for each in effects
-    ]
+def in_order(table: "pd.DataFrame") -> list[str]:
+    """Parameters of effects or regressions, the one that moves a mean rate most first.
+
+    Most in percent of the base's rate, or by its coefficient, whichever class of the
+    table that is; of equals the one that moves the stress more.
+    """
+    column = "change_percent" if "change_percent" in table else "coefficient"
+    mean = table[table["stimuli"] == ALL]
+    most = mean[column].abs().groupby([mean["parameter"], mean["quantity"]]).max().to_dict()
+
+    def strength(name: str) -> list[float]:
+        found = (most.get((name, quantity), 0.0) for quantity in QUANTITIES)
+        return [0.0 if math.isnan(each) else each for each in found]
+
+    return sorted(table["parameter"].unique(), key=strength, reverse=True)
 
 
-def regression_rows(swept: SweptFingers, regressions: Sequence[RankRegression]) -> list[Table]:
-    """A row a parameter and output; without variation numbers are None."""
-    return [
-        {
-            "parameter": name,
-            "low": float(swept.value[:, row].min()),
-            "high": float(swept.value[:, row].max()),
-            "afferent": each.output.afferent,
-            "quantity": each.output.quantity,
-            "stimuli": each.output.group,
-            "coefficient": float(each.coefficient[row]) if each.varies else None,
-            "low_95": float(each.low[row]) if each.varies else None,
-            "high_95": float(each.high[row]) if each.varies else None,
-            "r_squared": each.r_squared if each.varies else None,
-            "adjusted_r_squared": each.adjusted_r_squared if each.varies else None,
-        }
-        for row, name in enumerate(swept.names)
-        for each in regressions
-    ]
+def csv_text(table: "pd.DataFrame") -> str:
+    """A table as CSV, six digits that count; a truth value is ``yes`` or ``no``."""
+    words = table.replace({True: "yes", False: "no"}) if "monotone" in table else table
+    return words.to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
-def csv_text(rows: Sequence[Table]) -> str:
-    """Rows as CSV; None is an empty cell, a truth value ``yes`` or ``no``."""
-    return _csv(list(rows[0]), ([_cell(value) for value in row.values()] for row in rows))
-
-
-def effects_markdown(swept: SweptFingers, effects: Sequence[Effect]) -> str:
+def effects_markdown(effects: "pd.DataFrame") -> str:
     """A table a class: from low to high, change of rates and of stress."""
-    found = {(each.parameter, each.output): each for each in effects}
     lines: list[str] = []
-    for afferent in swept.afferents:
-        columns = _columns(swept, afferent)
-        heads = []
-        for output in columns:
-            base = found[swept.names[0], output].at_base
-            heads.append(f"{_output_words(output)} ({_number(base, output.quantity)})")
-        lines += _head(afferent, ["parameter", "from, to", *heads])
-        for name in effects_in_order([e for e in effects if e.output.afferent == afferent]):
-            one = found[name, columns[0]]
-            span = f"{one.low:.4g}, {one.high:.4g} {unit_of(name)}".rstrip()
-            cells = [_change(found[name, output]) for output in columns]
-            lines.append(_line([parameter_words(name), span, *cells]))
-    return "\n".join(lines).strip() + "\n"
-
-
-def regressions_markdown(swept: SweptFingers, regressions: Sequence[RankRegression]) -> str:
-    """A table a class: coefficients, bold where their interval leaves out 0."""
-    found = {each.output: each for each in regressions}
-    lines: list[str] = []
-    for afferent in swept.afferents:
-        columns = _columns(swept, afferent)
-        lines += _head(afferent, ["parameter", *map(_output_words, columns)])
-        mine = [each for each in regressions if each.output.afferent == afferent]
-        for row in regressions_in_order(mine):
-            cells = [_coefficient(found[output], row) for output in columns]
-            lines.append(_line([parameter_words(swept.names[row]), *cells]))
-        fits = [
-            f"{fit.r_squared:.2f} ({fit.adjusted_r_squared:.2f})" if fit.varies else "no variation"
-            for fit in (found[output] for output in columns)
+    for afferent, mine in effects.groupby("afferent", sort=False):
+        order = in_order(mine)
+        heads = [
+            f"{_output_words(each)} ({_number(each['at_base'], each['quantity'])})"
+            for each in _for_people(mine, order[0])
         ]
-        lines.append(_line(["R² (adjusted)", *fits]))
-        lines.append(_line(["over all fingers", *(_span(swept, output) for output in columns)]))
+        lines += _head(str(afferent), ["parameter", "from, to", *heads])
+        for name in order:
+            rows = _for_people(mine, name)
+            span = f"{rows[0]['low']:.4g}, {rows[0]['high']:.4g} {unit_of(name)}".rstrip()
+            lines.append(_line([parameter_words(name), span, *map(_change, rows)]))
     return "\n".join(lines).strip() + "\n"
 
 
-def _columns(swept: SweptFingers, afferent: str) -> list[Output]:
-    """Outputs of a table for people: all rates of a class, and its mean stress."""
-    mine = [output for output in swept.outputs if output.afferent == afferent]
-    rates = [output for output in mine if output.quantity == RATE]
-    return [*rates, *(o for o in mine if o.quantity == STRESS and o.group == ALL)]
+def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> str:
+    """A table a class: coefficients, bold where their interval leaves out 0."""
+    lines: list[str] = []
+    for afferent, mine in regressions.groupby("afferent", sort=False):
+        order = in_order(mine)
+        outputs = _for_people(mine, order[0])
+        lines += _head(str(afferent), ["parameter", *map(_output_words, outputs)])
+        for name in order:
+            cells = map(_coefficient, _for_people(mine, name))
+            lines.append(_line([parameter_words(name), *cells]))
+        fits, spans = [], []
+        for each in outputs:
+            fit = f"{each['r_squared']:.2f} ({each['adjusted_r_squared']:.2f})"
+            fits.append("no variation" if math.isnan(each["r_squared"]) else fit)
+            answers, quantity = (
+                swept.answers[tuple(each[name] for name in OUTPUT)],
+                each["quantity"],
+            )
+            low = _number(answers.min(), quantity).partition(" ")[0]
+            spans.append(f"{low} to {_number(answers.max(), quantity)}")
+        lines.append(_line(["R² (adjusted)", *fits]))
+        lines.append(_line(["over all fingers", *spans]))
+    return "\n".join(lines).strip() + "\n"
 
 
-def _output_words(output: Output) -> str:
-    return "peak stress" if output.quantity == STRESS else group_words(output.group)
+def _for_people(table: "pd.DataFrame", parameter: str) -> list[dict[Any, Any]]:
+    """The rows of a table for people: all rates of `parameter`, then the mean stress."""
+    rows = table[table["parameter"] == parameter]
+    is_rate = rows["quantity"] == RATE
+    of_stress = rows[~is_rate & (rows["stimuli"] == ALL)]
+    return [*rows[is_rate].to_dict("records"), *of_stress.to_dict("records")]
 
 
-def _span(swept: SweptFingers, output: Output) -> str:
-    column = swept.column(output)
-    low = _number(float(column.min()), output.quantity).partition(" ")[0]
-    return f"{low} to {_number(float(column.max()), output.quantity)}"
+def _change(each: Mapping[str, Any]) -> str:
+    """An effect, in percent too; ``~`` where the answer comes back."""
+    quantity = each["quantity"]
+    change = signed(shown(quantity, each["change"]), _digits(each["at_base"], quantity))
+    percent = each["change_percent"]
+    share = "" if math.isnan(percent) else f" ({signed(percent, 0)} %)"
+    return f"{change}{share}{'' if each['monotone'] else ' ~'}"
+
+
+def _coefficient(each: Mapping[str, Any]) -> str:
+    number = signed(each["coefficient"], 2)
+    return f"**{number}**" if each["low_95"] > 0 or each["high_95"] < 0 else number
+
+
+def _output_words(each: Mapping[str, Any]) -> str:
+    return "peak stress" if each["quantity"] == STRESS else group_words(each["stimuli"])
 
 
 def _head(afferent: str, cells: Sequence[str]) -> list[str]:
@@ -543,20 +421,6 @@ def _head(afferent: str, cells: Sequence[str]) -> list[str]:
 
 def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
-
-
-def _change(effect: Effect) -> str:
-    quantity = effect.output.quantity
-    change = signed(shown(quantity, effect.change), _digits(effect.at_base, quantity))
-    percent = "" if math.isnan(effect.percent) else f" ({signed(effect.percent, 0)} %)"
-    return f"{change}{percent}{'' if effect.is_monotone else ' ~'}"
-
-
-def _coefficient(each: RankRegression, row: int) -> str:
-    if not each.varies:
-        return "–"
-    number = signed(float(each.coefficient[row]), 2)
-    return f"**{number}**" if each.is_sure(row) else number
 
 
 def _number(number: float, quantity: str) -> str:
@@ -568,20 +432,6 @@ def _digits(number: float, quantity: str) -> int:
     if quantity == STRESS:
         return 2 if abs(number) >= _PA_PER_KPA else 3
     return 0 if abs(number) >= _LARGE else 1
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else value
-
-
-def _csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    out = io.StringIO(newline="")
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(header)
-    table.writerows(rows)
-    return out.getvalue()
 
 
 _MINUS = "\N{MINUS SIGN}"

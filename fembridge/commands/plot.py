@@ -175,49 +175,38 @@ def _draw_stimulus(args: argparse.Namespace) -> dict[str, Any]:
 
 def _draw_sensitivity(args: argparse.Namespace) -> dict[str, Any]:
     """Draw; the summary holds every number of the tables."""
+    from fembridge import sensitivity
     from fembridge.errors import UsageError
     from fembridge.plots.sensitivity import effects_figure, regressions_figure
     from fembridge.plots.style import save_figure
-    from fembridge.sensitivity import (
-        csv_text,
-        effect_rows,
-        effects_markdown,
-        is_one_at_a_time,
-        rank_regressions,
-        read_swept,
-        regression_rows,
-        regressions_markdown,
-        single_effects,
-        swept_text,
-    )
     from fembridge.store import write_text
 
     if args.effects is not None and args.effects.suffix.lower() not in _TABLES:
         raise UsageError(f"{args.effects}: expected {' or '.join(_TABLES)}")
-    swept = read_swept(args.table)
+    swept = sensitivity.read_swept(args.table)
     for cause in swept.causes:
         print(f"{args.table}: a finger is left out: {cause}", file=sys.stderr)
-    single = is_one_at_a_time(swept)
+    single = sensitivity.is_one_at_a_time(swept)
     if single:
-        effects = single_effects(swept)
-        rows, people = effect_rows(effects), effects_markdown(swept, effects)
-        save_figure(effects_figure(swept, effects), args.output)
+        table = sensitivity.single_effects(swept)
+        people = sensitivity.effects_markdown(table)
+        save_figure(effects_figure(table), args.output)
     else:
-        regressions = rank_regressions(swept)
-        rows = regression_rows(swept, regressions)
-        people = regressions_markdown(swept, regressions)
-        save_figure(regressions_figure(swept, regressions), args.output)
+        table = sensitivity.rank_regressions(swept)
+        people = sensitivity.regressions_markdown(swept, table)
+        save_figure(regressions_figure(table, len(swept.parameters)), args.output)
     if args.effects is not None:
         is_csv = args.effects.suffix.lower() == ".csv"
-        write_text(args.effects, csv_text(rows) if is_csv else people)
+        write_text(args.effects, sensitivity.csv_text(table) if is_csv else people)
     if args.fingers is not None:
-        write_text(args.fingers, swept_text(swept))
+        write_text(args.fingers, swept.to_csv())
+    rows = table.astype(object).where(table.notna(), None)
     return {
         "kind": "one-at-a-time" if single else "rank regression",
-        "fingers": len(swept.value),
+        "fingers": len(swept.parameters),
         "left_out": len(swept.causes),
-        "parameters": list(swept.names),
-        "effects": rows,
+        "parameters": list(swept.parameters),
+        "effects": rows.to_dict("records"),
     }
 
 

@@ -5,6 +5,7 @@ where it is high (filled), about the base. All at once: coefficients of the rank
 regression with their intervals.
 """
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -24,18 +25,14 @@ from fembridge.sensitivity import (
     ALL,
     QUANTITIES,
     RATE,
-    Effect,
-    Output,
-    RankRegression,
-    SweptFingers,
-    effects_in_order,
+    in_order,
     parameter_words,
     quantity_words,
-    regressions_in_order,
     shown,
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -50,17 +47,18 @@ _ROOM = 0.07
 _OTHER_COLOUR = "#555555"
 
 
-def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
+def effects_figure(effects: "pd.DataFrame") -> "Figure":
     """One-at-a-time effects: rates above, stress below; at most `MOST_PARAMETERS`."""
-    order = effects_in_order(effects)
-    found = {(each.parameter, each.output): each for each in effects}
-    figure, panels = _panels(swept, len(QUANTITIES), len(order))
+    order = in_order(effects)
+    mean = effects[effects["stimuli"] == ALL]
+    mean = mean.set_index(["quantity", "afferent", "parameter"]).sort_index()
+    afferents = effects["afferent"].unique()
+    figure, panels = _panels(len(afferents), len(QUANTITIES), len(order))
     for quantity, row in zip(QUANTITIES, panels, strict=True):
-        for afferent, panel in zip(swept.afferents, row, strict=True):
-            output = Output(afferent, quantity, ALL)
+        for afferent, panel in zip(afferents, row, strict=True):
             colour = AFFERENT_COLOURS.get(afferent, _OTHER_COLOUR)
-            for place, name in enumerate(order):
-                effect = found[name, output]
+            mine = mean.loc[quantity, afferent].loc[order]
+            for place, effect in enumerate(mine.itertuples()):
                 ends = [shown(quantity, e) for e in (effect.at_low, effect.at_high)]
                 panel.plot(ends, [place] * 2, color=colour, linewidth=2 * LINE_PT)
                 for end, face in zip(ends, ("white", colour), strict=True):
@@ -74,7 +72,7 @@ def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
                         markeredgewidth=LINE_PT,
                         zorder=3 if face == "white" else 4,
                     )
-            base = found[order[0], output].at_base
+            base = mine["at_base"].iloc[0]
             panel.axvline(shown(quantity, base), color=INK, linewidth=HAIR_PT, zorder=1)
             _finish(panel, [parameter_words(name) for name in order])
             panel.margins(x=_ROOM)
@@ -85,30 +83,31 @@ def effects_figure(swept: SweptFingers, effects: Sequence[Effect]) -> "Figure":
     return figure
 
 
-def regressions_figure(swept: SweptFingers, regressions: Sequence[RankRegression]) -> "Figure":
+def regressions_figure(regressions: "pd.DataFrame", fingers: int) -> "Figure":
     """Rank regressions of rate and stress on each parameter; at most `MOST_PARAMETERS`."""
-    order = regressions_in_order(regressions)
-    found = {each.output: each for each in regressions}
-    figure, [panels] = _panels(swept, 1, len(order))
-    for afferent, panel in zip(swept.afferents, panels, strict=True):
+    order = in_order(regressions)
+    mean = regressions[regressions["stimuli"] == ALL]
+    mean = mean.set_index(["afferent", "quantity", "parameter"]).sort_index()
+    afferents = regressions["afferent"].unique()
+    figure, [panels] = _panels(len(afferents), 1, len(order))
+    for afferent, panel in zip(afferents, panels, strict=True):
         colour = AFFERENT_COLOURS.get(afferent, _OTHER_COLOUR)
-        told = []
+        notes = []
         for quantity, aside in zip(QUANTITIES, (-_ASIDE, _ASIDE), strict=True):
-            fit = found[Output(afferent, quantity, ALL)]
+            fits = mean.loc[afferent, quantity].loc[order]
+            r_squared = fits["r_squared"].iloc[0]
             is_rate = quantity == RATE
             word = "rate" if is_rate else "stress"
-            if not fit.varies:
-                told.append(f"{word}: no variation")
+            if math.isnan(r_squared):
+                notes.append(f"{word}: no variation")
                 continue
-            told.append(f"{word}: R² {fit.r_squared:.2f}")
-            for place, row in enumerate(order):
+            notes.append(f"{word}: R² {r_squared:.2f}")
+            for place, fit in enumerate(fits.itertuples()):
                 height = place + aside
                 shade = colour if is_rate else INK
+                panel.plot([fit.low_95, fit.high_95], [height] * 2, color=shade, linewidth=LINE_PT)
                 panel.plot(
-                    [fit.low[row], fit.high[row]], [height] * 2, color=shade, linewidth=LINE_PT
-                )
-                panel.plot(
-                    [fit.coefficient[row]],
+                    [fit.coefficient],
                     [height],
                     "o" if is_rate else "D",
                     color=shade,
@@ -117,16 +116,16 @@ def regressions_figure(swept: SweptFingers, regressions: Sequence[RankRegression
                     markeredgewidth=LINE_PT,
                 )
         panel.axvline(0.0, color=INK, linewidth=HAIR_PT, zorder=1)
-        _finish(panel, [parameter_words(swept.names[row]) for row in order])
+        _finish(panel, [parameter_words(name) for name in order])
         panel.set_xlim(-1.05, 1.05)
         panel.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["−1", "−0.5", "0", "0.5", "1"])
         panel.set_xlabel("Rank regression coefficient", fontsize=TEXT_PT)
-        _head(panel, afferent, ",  ".join(told))
-    _legend_of_quantities(figure, len(swept.value))
+        _head(panel, afferent, ",  ".join(notes))
+    _legend_of_quantities(figure, fingers)
     return figure
 
 
-def _panels(swept: SweptFingers, rows: int, parameters: int) -> "tuple[Figure, list[list[Axes]]]":
+def _panels(afferents: int, rows: int, parameters: int) -> "tuple[Figure, list[list[Axes]]]":
     """Make a figure of `rows` rows of panels with a class each."""
     from matplotlib.figure import Figure
 
@@ -136,7 +135,7 @@ def _panels(swept: SweptFingers, rows: int, parameters: int) -> "tuple[Figure, l
         )
     height_in = _MARGIN_IN + rows * (_BETWEEN_IN + _ROW_IN * max(parameters, 3))
     figure = Figure(figsize=(PAGE_WIDTH_IN, height_in), layout="constrained")
-    panels = figure.subplots(rows, len(swept.afferents), squeeze=False, sharey="row")
+    panels = figure.subplots(rows, afferents, squeeze=False, sharey="row")
     return figure, [list(row) for row in panels]
 
 
