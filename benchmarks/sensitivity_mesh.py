@@ -16,8 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from decks.finger import Finger, Resolution
-from decks.presets import QUICK
-from fembridge.build import model_of
+from decks.presets import QUICK, model_of
 from fembridge.report.indent import indent
 from fembridge.report.runs import Runs
 from fembridge.sensitivity import parameter_words, signed

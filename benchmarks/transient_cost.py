@@ -20,8 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.presets import PRESETS
-from fembridge.build import Model, build_run_folder, model_of
+from decks.analysis import Model
+from decks.presets import PRESETS, model_of
+from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import SolverSettings, run_ccx

@@ -10,7 +10,7 @@ from decks.dialects import DIALECTS, DeckOptions
 from decks.stimuli import CATALOGUE, resolve
 
 if TYPE_CHECKING:
-    from decks.analysis import Analysis, Contact, analyse
+    from decks.analysis import Analysis, Contact, Model
     from decks.finger import Finger
     from decks.finger_file import read_finger
     from decks.own_model.inp import rebase_inp
@@ -26,8 +26,8 @@ __all__ = [
     "Contact",
     "DeckOptions",
     "Finger",
+    "Model",
     "Probe",
-    "analyse",
     "make_stimulus",
     "mesh_of",
     "read_finger",
@@ -40,8 +40,8 @@ _MODULES = {
     "Analysis": "analysis",
     "Contact": "analysis",
     "Finger": "finger",
+    "Model": "analysis",
     "Probe": "probe",
-    "analyse": "analysis",
     "make_stimulus": "waveform",
     "mesh_of": "presets",
     "read_finger": "finger_file",

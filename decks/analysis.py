@@ -70,7 +70,11 @@ class Contact:
     stick_share: float = STICK_SHARE
 
     def __post_init__(self) -> None:
-        _check_word("contact formulation", self.formulation, FORMULATIONS)
+        if self.formulation not in FORMULATIONS:
+            raise DeckError(
+                f"contact formulation {self.formulation!r}, expected one of "
+                f"{', '.join(FORMULATIONS)}"
+            )
         positive(self, "stiffness_mpa_per_mm", "stick_share", error=DeckError)
         not_negative(self, "friction", error=DeckError)
 
@@ -335,93 +339,87 @@ class Analysis:
         return alone
 
 
-def analyse(
-    finger: Finger,
-    mesh: Mesh,
-    stimulus: Stimulus,
-    *,
-    probe: Probe | None = None,
-    contact: Contact | None = None,
-    element: str = "CPE4",
-    law: str = "linear",
-    watched: IntArray | None = None,
-    inertia: bool = False,
-    support: str = "prescribed",
-    section: str = "whole",
-) -> Analysis:
-    """Put a finger, its mesh and a stimulus together.
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What stays the same from stimulus to stimulus: finger, mesh, probe, contact.
 
-    Raises
-    ------
-    DeckError, FingerError
-        An unknown element, law, support or section, a node to be watched that the mesh
-        has not, an afferent without a node, a probe that is or comes beside the pad.
+    With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe, one
+    of `PROBE_SUPPORTS`: see `decks.calculix` for what a spring does. Of a section that is
+    a mirror image of itself half is enough for a probe on a spring; `section` "whole"
+    asks for all of it.
     """
-    _check_word("element", element, ELEMENTS)
-    _check_word("law", law, LAWS)
-    _check_word("support", support, PROBE_SUPPORTS)
-    _check_word("section", section, SECTIONS)
-    rows = np.array([] if watched is None else watched, dtype=np.int64)
-    if rows.size and not 0 <= rows.min() <= rows.max() < len(mesh.node_mm):
-        raise DeckError(
-            f"nodes to be watched from row {rows.min()} to {rows.max()}, expected "
-            f"within 0 to {len(mesh.node_mm) - 1}"
+
+    finger: Finger
+    mesh: Mesh
+    probe: Probe = field(default_factory=Probe)
+    contact: Contact = field(default_factory=Contact)
+    element: str = "CPE4"
+    inertia: bool = False
+    support: str = "spring"
+    section: str = "half"
+
+    @property
+    def depends_on_time(self) -> bool:
+        """Whether stress follows from more than the place of the probe."""
+        return self.inertia or self.finger.relaxing_s > 0
+
+    def at_once(self) -> "Model":
+        """The model whose stress does not depend on time, for its contact."""
+        if not self.depends_on_time:
+            return self
+        return replace(self, finger=self.finger.at_once(), inertia=False)
+
+    def analysis(
+        self, stimulus: Stimulus, *, law: str = "linear", watched: IntArray | None = None
+    ) -> Analysis:
+        """Put `stimulus` on this model; the nodes of rows `watched` are written too.
+
+        Raises
+        ------
+        DeckError, FingerError
+            An afferent without a node, a probe that is or comes beside the pad.
+        """
+        mesh, probe = self.mesh, self.probe
+        still = "viscous" if self.finger.relaxing_s else "static"
+        procedure = "dynamic" if self.inertia else still
+        motion = motion_of(stimulus, procedure, self.finger.relaxing_s)
+        probe_mesh = mesh_probe(probe, mesh)
+        aside_mm = np.zeros(1) if motion.aside_mm is None else motion.aside_mm
+        left_mm, right_mm = probe.x_mm + aside_mm.min(), probe.x_mm + aside_mm.max()
+        check_on_pad(mesh, left_mm, right_mm, 0.5 * probe.diameter_mm)
+        edge, owner, face = mesh.outline()
+        middle = mesh.node_mm[edge].mean(axis=1)
+        reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
+        reached = (
+            (middle[:, 0] >= left_mm - reach_mm)
+            & (middle[:, 0] <= right_mm + reach_mm)
+            & (middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min())
         )
-    probe = probe or Probe()
-    probe_mesh = mesh_probe(probe, mesh)
-    edge, owner, face = mesh.outline()
-    middle = mesh.node_mm[edge].mean(axis=1)
-    motion = motion_of(stimulus, _procedure(finger, inertia), finger.relaxing_s)
-    reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
-    left_mm, right_mm = _span_mm(probe, motion)
-    check_on_pad(mesh, left_mm, right_mm, 0.5 * probe.diameter_mm)
-    reached = (
-        (middle[:, 0] >= left_mm - reach_mm)
-        & (middle[:, 0] <= right_mm + reach_mm)
-        & (middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min())
-    )
-    nail = np.unique(mesh.quad[mesh.in_layer("nail")])
-    bone = np.unique(mesh.quad[mesh.in_layer("bone")])
-    return Analysis(
-        title=f"{stimulus.id} on finger {finger.name}",
-        finger=finger,
-        mesh=mesh,
-        probe_mesh=probe_mesh,
-        motion=motion,
-        contact=contact or Contact(),
-        element=element,
-        afferent_row={name: mesh.node_at(site) for name, site in finger.afferents.items()},
-        apex_row=touched_node(probe_mesh, mesh),
-        fixed_row=np.union1d(bone, np.intersect1d(nail, edge)),
-        contact_edge=np.stack([owner[reached], face[reached]], -1),
-        notes=(
-            f"finger {finger.name}: {len(mesh.quad)} elements, {len(mesh.node_mm)} corner nodes",
-            f"probe: {probe.shape}, {probe.diameter_mm:g} mm",
-        ),
-        law=law,
-        watched_row=rows,
-        inertia=inertia,
-        support=support,
-        section=section,
-    )
-
-
-def _check_word(name: str, word: str, known: tuple[str, ...]) -> None:
-    if word not in known:
-        raise DeckError(f"{name} {word!r}, expected one of {', '.join(known)}")
-
-
-def _procedure(finger: Finger, inertia: bool) -> str:
-    if inertia:
-        return "dynamic"
-    return "viscous" if finger.relaxing_s else "static"
-
-
-def _span_mm(probe: Probe, motion: Motion) -> tuple[float, float]:
-    """Leftmost and rightmost place of the probe's middle."""
-    if motion.aside_mm is None:
-        return probe.x_mm, probe.x_mm
-    return (probe.x_mm + float(motion.aside_mm.min()), probe.x_mm + float(motion.aside_mm.max()))
+        nail = np.unique(mesh.quad[mesh.in_layer("nail")])
+        bone = np.unique(mesh.quad[mesh.in_layer("bone")])
+        return Analysis(
+            title=f"{stimulus.id} on finger {self.finger.name}",
+            finger=self.finger,
+            mesh=mesh,
+            probe_mesh=probe_mesh,
+            motion=motion,
+            contact=self.contact,
+            element=self.element,
+            afferent_row={name: mesh.node_at(site) for name, site in self.finger.afferents.items()},
+            apex_row=touched_node(probe_mesh, mesh),
+            fixed_row=np.union1d(bone, np.intersect1d(nail, edge)),
+            contact_edge=np.stack([owner[reached], face[reached]], -1),
+            notes=(
+                f"finger {self.finger.name}: {len(mesh.quad)} elements, "
+                f"{len(mesh.node_mm)} corner nodes",
+                f"probe: {probe.shape}, {probe.diameter_mm:g} mm",
+            ),
+            law=law,
+            watched_row=np.array([] if watched is None else watched, dtype=np.int64),
+            inertia=self.inertia,
+            support="prescribed" if self.inertia else self.support,
+            section=self.section,
+        )
 
 
 def _on_the_right(node_mm: FloatArray, quad: IntArray) -> BoolArray:

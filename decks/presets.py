@@ -7,6 +7,7 @@ files; with the same gmsh the bytes do not change.
 from dataclasses import replace
 from pathlib import Path
 
+from decks.analysis import Model
 from decks.finger import Finger, Resolution
 from decks.mesh import Mesh, read_mesh
 
@@ -45,6 +46,11 @@ def mesh_of(finger: Finger) -> Mesh:
     from decks.mesher import mesh_finger
 
     return mesh_finger(finger)
+
+
+def model_of(finger: Finger) -> Model:
+    """`finger` and its mesh under the usual probe; see `mesh_of` for errors."""
+    return Model(finger, mesh_of(finger))
 
 
 def stored_mesh(name: str) -> Path:

@@ -11,14 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from decks.analysis import Contact
+from decks.analysis import Contact, Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.finger_file import read_finger
+from decks.presets import mesh_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import Model, build_run_folder, model_of
+from fembridge.build import build_run_folder
 from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
@@ -378,8 +379,10 @@ def _model(
     whole_section: bool,
 ) -> Model:
     chosen = read_finger(finger) if isinstance(finger, str) else finger
-    model = model_of(chosen, probe=probe, element=element, inertia=inertia)
-    return replace(model, section="whole") if whole_section else model
+    section = "whole" if whole_section else "half"
+    return Model(
+        chosen, mesh_of(chosen), probe or Probe(), Contact(), element, inertia, section=section
+    )
 
 
 def _build_own(

@@ -2,16 +2,12 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
-from decks.analysis import Analysis, Contact, analyse
+from decks.analysis import Analysis, Model
 from decks.dialects import DeckOptions, dialect_named
-from decks.finger import Finger
 from decks.finger_file import finger_table
-from decks.mesh import Mesh
-from decks.presets import mesh_of
-from decks.probe import Probe
 from fembridge.exports import write_csv
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
@@ -19,63 +15,6 @@ from fembridge.store import filling, write_text
 from fembridge.typing import Table
 
 _MS_PER_S = 1.0e3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """What stays the same from stimulus to stimulus: finger, mesh, probe, contact.
-
-    With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe, one
-    of `decks.analysis.PROBE_SUPPORTS`: see `decks.calculix` for what a spring does. Of a
-    section that is a mirror image of itself half is enough for a probe on a spring;
-    `section` "whole" asks for all of it.
-    """
-
-    finger: Finger
-    mesh: Mesh
-    probe: Probe = field(default_factory=Probe)
-    contact: Contact = field(default_factory=Contact)
-    element: str = "CPE4"
-    inertia: bool = False
-    support: str = "spring"
-    section: str = "half"
-
-    @property
-    def depends_on_time(self) -> bool:
-        """Whether stress follows from more than the place of the probe."""
-        return self.inertia or self.finger.relaxing_s > 0
-
-    def at_once(self) -> "Model":
-        """The model whose stress does not depend on time, for its contact."""
-        if not self.depends_on_time:
-            return self
-        return replace(self, finger=self.finger.at_once(), inertia=False)
-
-    def analysis(self, stimulus: Stimulus) -> Analysis:
-        """Put `stimulus` on this model."""
-        return analyse(
-            self.finger,
-            self.mesh,
-            stimulus,
-            probe=self.probe,
-            contact=self.contact,
-            element=self.element,
-            inertia=self.inertia,
-            support="prescribed" if self.inertia else self.support,
-            section=self.section,
-        )
-
-
-def model_of(
-    finger: Finger,
-    *,
-    probe: Probe | None = None,
-    contact: Contact | None = None,
-    element: str = "CPE4",
-    inertia: bool = False,
-) -> Model:
-    """Find or make the mesh of `finger`; see `decks.presets.mesh_of` for errors."""
-    return Model(finger, mesh_of(finger), probe or Probe(), contact or Contact(), element, inertia)
 
 
 def build_run_folder(

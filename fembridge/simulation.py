@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.analysis import Contact
+from decks.analysis import Contact, Model
 from fembridge import __version__
-from fembridge.build import Model, stimulus_inputs
+from fembridge.build import stimulus_inputs
 from fembridge.errors import MissingError, ResponseError, TraceError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import ResponseMap, reading_energy, stored_response

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.analysis import Analysis, Contact, analyse
+from decks.analysis import Analysis, Contact, Model
 from decks.dialects import JOB
 from decks.finger import Finger, Resolution
 from decks.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
 from decks.refinement import refined
-from fembridge.build import Model, build_analysis_folder, inputs_of
+from fembridge.build import build_analysis_folder, inputs_of
 from fembridge.deflection.profile import PROFILE_FILE, Deflection, write_profile
 from fembridge.errors import OutputError, ResponseError, UsageError
 from fembridge.response.acceptance import PROBE_SET, check_times
@@ -122,24 +122,21 @@ class Press:
 
     def analysis(self) -> Analysis:
         """The deck's content; the pad's whole surface is watched."""
-        return analyse(
-            self.finger,
-            self.mesh,
-            self.stimulus(),
-            probe=self.probe,
-            contact=self.contact,
-            law=self.law,
-            watched=surface_of(self.mesh),
+        return replace(self.model(), support="prescribed").analysis(
+            self.stimulus(), law=self.law, watched=surface_of(self.mesh)
         )
+
+    def model(self) -> Model:
+        """The finger under the probe."""
+        return Model(self.finger, self.mesh, self.probe, self.contact)
 
     def inputs(self) -> Table:
         """What the run is made from."""
-        model = Model(self.finger, self.mesh, self.probe, self.contact)
         return {
             "law": self.law,
             "elements": len(self.mesh.quad),
             "mesh_sha256": digest(self.mesh),
-            **inputs_of(model, self.stimulus()),
+            **inputs_of(self.model(), self.stimulus()),
         }
 
 

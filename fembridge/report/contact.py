@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from decks.analysis import Contact
-from decks.presets import QUICK
-from fembridge.build import Model, model_of
+from decks.analysis import Contact, Model
+from decks.presets import QUICK, model_of
 from fembridge.report.indent import (
     AFFERENTS,
     DEPTH_UM,

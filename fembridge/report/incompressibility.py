@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from decks.analysis import Model
 from decks.dialects import JOB
 from decks.finger import AfferentSite
 from decks.material import TABLE_1, Material
-from decks.presets import QUICK
-from fembridge.build import Model, model_of
+from decks.presets import QUICK, model_of
 from fembridge.report.indent import AFFERENTS, DEPTH_UM, down, indent
 from fembridge.report.mesh_convergence import LIMIT_KPA, member
 from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa

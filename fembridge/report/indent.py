@@ -1,14 +1,14 @@
 """A probe pressed into a finger to one depth, in equal steps: what most studies do."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.dialects import JOB
-from fembridge.build import Model, inputs_of
+from fembridge.build import inputs_of
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed import read_total_force
@@ -81,15 +81,7 @@ def attempt_indent(
     runs: Runs, name: str, model: Model, stimulus: Stimulus, *, law: str = "linear"
 ) -> Attempt:
     """Solve one indentation; a failure is in the attempt."""
-    analysis = analyse(
-        model.finger,
-        model.mesh,
-        stimulus,
-        probe=model.probe,
-        contact=model.contact,
-        element=model.element,
-        law=law,
-    )
+    analysis = replace(model, support="prescribed").analysis(stimulus, law=law)
     inputs = {"law": law, **inputs_of(model, stimulus)}
     return runs.attempt(name, analysis, stimulus, inputs)
 

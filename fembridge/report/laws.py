@@ -6,8 +6,7 @@ Table 1's moduli; a neo-Hookean skin has the same moduli at rest.
 
 import numpy as np
 
-from decks.presets import QUICK
-from fembridge.build import model_of
+from decks.presets import QUICK, model_of
 from fembridge.report.indent import AFFERENTS, down, indent
 from fembridge.report.plane import NEO_HOOKEAN
 from fembridge.report.runs import Runs

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.presets import PRESETS
+from decks.analysis import Model
+from decks.presets import PRESETS, model_of
 from decks.stimuli import CATALOGUE, resolve
 from decks.waveform import make_stimulus
-from fembridge.build import Model, inputs_of, model_of
+from fembridge.build import inputs_of
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, panels

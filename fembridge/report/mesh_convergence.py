@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from decks.analysis import Model
 from decks.finger import Finger, Resolution
-from decks.presets import PAPER, QUICK
+from decks.presets import PAPER, QUICK, model_of
 from decks.refinement import refined as refined_mesh
-from fembridge.build import Model, model_of
 from fembridge.errors import FingerError
 from fembridge.report.extrapolation import Extrapolation, extrapolation, power_law_limit
 from fembridge.report.indent import AFFERENTS, DEPTH_UM, Indented, indent

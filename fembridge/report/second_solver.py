@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.dialects import JOB
 from decks.finger import LAYERS
 from decks.presets import QUICK, mesh_of
@@ -86,7 +86,7 @@ def _off_percent(found: FloatArray, expected: FloatArray) -> float:
 def _problem(element: str) -> tuple[PlaneProblem, IntArray]:
     """Problem, and the layer of each element."""
     mesh = mesh_of(QUICK)
-    fixed = analyse(QUICK, mesh, down()).fixed_row
+    fixed = Model(QUICK, mesh).analysis(down()).fixed_row
     edge, _, _ = mesh.outline()
     skin = np.unique(edge)
     near = np.abs(mesh.node_mm[skin, 0]) <= PRESSED_HALF_MM + 1e-9

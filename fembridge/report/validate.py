@@ -1,15 +1,16 @@
 """Compute everything that a validation shows: models, rates, thresholds, deflections."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from decks.analysis import Model
 from decks.finger import Finger
+from decks.presets import model_of
 from decks.probe import Probe
 from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
-from fembridge.build import Model, model_of
 from fembridge.deflection.profile import ConvergenceRow, Deflection, convergence, stored_deflections
 from fembridge.errors import UsageError
 from fembridge.observed import ObservedRates
@@ -114,7 +115,7 @@ def validate(
     """
     left_out = _left_out(observed, log)
     response = stored_response(finger, Probe(), ELEMENT)
-    pressed = model_of(finger, element=ELEMENT)
+    pressed = replace(model_of(finger), element=ELEMENT)
     simulations = {model.name: _simulated(model, pressed) for model in models}
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: one.mean_rates for name, one in simulations.items()}

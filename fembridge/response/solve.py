@@ -18,8 +18,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from decks.analysis import Contact
-from fembridge.build import Model, build_run_folder
+from decks.analysis import Contact, Model
+from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
 from fembridge.response.acceptance import (
     CLOSURE_PERCENT,

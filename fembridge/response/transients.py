@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from decks.analysis import Contact
-from fembridge.build import Model, build_run_folder
+from decks.analysis import Contact, Model
+from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
 from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, accept_contact
 from fembridge.results import read

@@ -25,7 +25,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from decks.analysis import Contact
+from decks.analysis import Contact, Model
 from decks.finger import Finger
 from decks.finger_file import finger_table
 from decks.mesh import Mesh, read_mesh, write_mesh
@@ -34,7 +34,7 @@ from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus
 from fembridge import __version__, executor
-from fembridge.build import Model, stimulus_inputs
+from fembridge.build import stimulus_inputs
 from fembridge.errors import (
     FembridgeError,
     FingerError,

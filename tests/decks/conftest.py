@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from decks.analysis import Contact
+from decks.analysis import Contact, Model
 from decks.calculix import calculix_deck
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
-from fembridge.build import Model
 from fembridge.stimulus import Stimulus
 
 

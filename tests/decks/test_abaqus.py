@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.abaqus import abaqus_deck
-from decks.analysis import Contact, analyse
+from decks.analysis import Contact, Model
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import FingerError
@@ -128,7 +128,9 @@ def relaxing_finger():
 
 
 def test_relaxing_skin_is_a_prony_series_of_the_moduli_at_once(parse_deck, short):
-    deck = parse_deck(abaqus_deck(analyse(relaxing_finger(), SKIN, short)))
+    deck = parse_deck(
+        abaqus_deck(Model(relaxing_finger(), SKIN, support="prescribed").analysis(short))
+    )
 
     [(_, options, rows)] = deck.all("VISCOELASTIC")
     assert options["TIME"] == "PRONY"
@@ -139,7 +141,9 @@ def test_relaxing_skin_is_a_prony_series_of_the_moduli_at_once(parse_deck, short
 
 
 def test_inertia_is_a_dynamic_step_with_a_density_a_material(parse_deck, short):
-    deck = parse_deck(abaqus_deck(analyse(QUICK, SKIN, short, inertia=True)))
+    deck = parse_deck(
+        abaqus_deck(Model(QUICK, SKIN, inertia=True, support="prescribed").analysis(short))
+    )
 
     assert len(deck.all("DYNAMIC")) == 1
     assert len(deck.all("DENSITY")) == len(deck.all("MATERIAL"))
@@ -148,7 +152,9 @@ def test_inertia_is_a_dynamic_step_with_a_density_a_material(parse_deck, short):
 
 
 def test_a_sliding_probe_follows_a_second_amplitude(parse_deck, short):
-    deck = parse_deck(abaqus_deck(analyse(QUICK, SKIN, short.sliding(10.0))))
+    deck = parse_deck(
+        abaqus_deck(Model(QUICK, SKIN, support="prescribed").analysis(short.sliding(10.0)))
+    )
 
     names = [card[1]["NAME"] for card in deck.all("AMPLITUDE")]
     assert names == ["DEPTH", "ASIDE"]
@@ -160,4 +166,4 @@ def test_a_sliding_probe_follows_a_second_amplitude(parse_deck, short):
 
 def test_a_probe_that_would_slide_off_the_pad_is_refused(short):
     with pytest.raises(FingerError, match="on its way, expected inside the pad"):
-        analyse(QUICK, SKIN, short.sliding(1e5))
+        Model(QUICK, SKIN, support="prescribed").analysis(short.sliding(1e5))

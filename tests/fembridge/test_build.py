@@ -6,14 +6,14 @@ import hashlib
 import numpy as np
 import pytest
 
-from decks.analysis import Contact
+from decks.analysis import Contact, Model
 from decks.dialects import DeckOptions
-from decks.presets import PRESETS
+from decks.presets import PRESETS, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import build
-from fembridge.build import Model, build_run_folder, model_of
+from fembridge.build import build_run_folder
 from fembridge.errors import DeckError, OutputError
 from fembridge.run_folder import read_run_folder, read_waveform
 

@@ -9,12 +9,11 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from decks.analysis import Contact
-from decks.presets import PRESETS
+from decks.presets import PRESETS, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import simulation as module
-from fembridge.build import model_of
 from fembridge.errors import MissingError, ResponseError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.response import solve

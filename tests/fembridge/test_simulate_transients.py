@@ -9,11 +9,10 @@ import pytest
 from decks.analysis import Contact
 from decks.dialects import JOB
 from decks.material import PronyTerm
-from decks.presets import PRESETS
+from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import simulation as module
-from fembridge.build import model_of
 from fembridge.errors import SolverError, UsageError
 from fembridge.response import solve
 from fembridge.response import transients as transients_module

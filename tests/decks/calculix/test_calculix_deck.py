@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.finger import LAYERS, SITES
 from decks.keyword_deck import LONGEST_NUMBER
@@ -82,8 +82,8 @@ def test_the_heading_says_units_and_what_it_is(built, short):
 def test_no_name_of_a_finger_or_stimulus_can_become_a_card(name, short, parse_deck):
     finger = replace(QUICK, name=name)
     stimulus = replace(short, id=name)
-    text = calculix_deck(analyse(finger, SKIN, stimulus))
-    reference = calculix_deck(analyse(QUICK, SKIN, short))
+    text = calculix_deck(Model(finger, SKIN, support="prescribed").analysis(stimulus))
+    reference = calculix_deck(Model(QUICK, SKIN, support="prescribed").analysis(short))
     assert text.isascii()
     assert [card[:2] for card in parse_deck(text).cards] == [
         card[:2] for card in parse_deck(reference).cards
@@ -170,7 +170,7 @@ def test_every_material_amplitude_surface_and_interaction_named_is_defined(built
 def test_a_modulus_of_many_digits_is_not_cut_by_ccx(short, parse_deck):
     soft = Material(1.2345678901234567e-05, 0.12345678901234568)
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": soft})
-    deck = parse_deck(calculix_deck(analyse(finger, SKIN, short)))
+    deck = parse_deck(calculix_deck(Model(finger, SKIN, support="prescribed").analysis(short)))
     (row,) = deck.all("ELASTIC")[2][2]
     assert max(map(len, row)) <= LONGEST_NUMBER
     assert_allclose([*map(float, row)], [soft.young_mpa, soft.poisson], rtol=1e-12)
@@ -195,7 +195,7 @@ def test_cards_stand_in_the_order_that_ccx_asks_for(built):
 
 @pytest.mark.parametrize("element", ["CPE4H", "CPE4RH", "CPE8"])
 def test_an_element_that_ccx_has_not_is_refused(element, short):
-    analysis = analyse(QUICK, SKIN, short, element=element)
+    analysis = Model(QUICK, SKIN, element=element, support="prescribed").analysis(short)
     with pytest.raises(DeckError, match=f"calculix has no element '{element}'"):
         calculix_deck(analysis)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.material import PronyTerm
-from decks.presets import QUICK, mesh_of
+from decks.presets import QUICK, mesh_of, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder, model_of
+from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import SolverSettings, run_ccx
@@ -21,7 +21,7 @@ SKIN = mesh_of(QUICK)
 
 
 def deck_of(parse_deck, stimulus, **options):
-    analysis = analyse(QUICK, SKIN, stimulus, support="spring", **options)
+    analysis = Model(QUICK, SKIN, section="whole", **options).analysis(stimulus)
     return analysis, parse_deck(calculix_deck(analysis))
 
 
@@ -73,7 +73,7 @@ def test_a_probe_that_slides_hangs_on_two_springs(parse_deck, short):
 def test_no_number_is_given_twice(parse_deck, short):
     relaxing = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": relaxing})
-    analysis = analyse(finger, SKIN, short.sliding(10.0), support="spring")
+    analysis = Model(finger, SKIN, section="whole").analysis(short.sliding(10.0))
     deck = parse_deck(calculix_deck(analysis))
     numbers = [int(row[0]) for card in deck.all("ELEMENT") for row in card[2]]
     assert len(numbers) == len(set(numbers))

@@ -7,15 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.abaqus import abaqus_deck
-from decks.analysis import Contact, analyse
+from decks.analysis import Contact, Model
 from decks.calculix import calculix_deck
 from decks.dialects import DIALECTS, DeckOptions
 from decks.material import PronyTerm
-from decks.presets import QUICK, mesh_of
+from decks.presets import QUICK, mesh_of, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder, model_of
+from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.results.printed import read_total_force
 from fembridge.run_folder import read_run_folder
@@ -32,8 +32,7 @@ RELAXING = replace(
 
 
 def half_of(stimulus, finger=QUICK, **options):
-    asked = {"support": "spring", "section": "half", **options}
-    return analyse(finger, SKIN, stimulus, **asked)
+    return Model(finger, SKIN, **options).analysis(stimulus)
 
 
 @pytest.fixture(scope="module", params=["plain", "quadratic", "relaxing", "smooth", "flat"])

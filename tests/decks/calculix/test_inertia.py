@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.material import PronyTerm
-from decks.presets import QUICK, mesh_of
-from fembridge.build import build_run_folder, model_of
+from decks.presets import QUICK, mesh_of, model_of
+from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import SolverSettings, run_ccx
@@ -27,7 +27,9 @@ def held(short):
 
 @pytest.fixture
 def deck(parse_deck, held):
-    return parse_deck(calculix_deck(analyse(QUICK, SKIN, held, inertia=True)))
+    return parse_deck(
+        calculix_deck(Model(QUICK, SKIN, inertia=True, support="prescribed").analysis(held))
+    )
 
 
 def test_the_ramp_is_in_the_one_dynamic_step(deck):
@@ -66,7 +68,9 @@ def test_the_store_touches_nothing_and_outweighs_the_skin(deck):
 def test_no_number_is_given_twice_with_relaxing_skin_as_well(parse_deck, held):
     dermis = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
-    deck = parse_deck(calculix_deck(analyse(finger, SKIN, held, inertia=True)))
+    deck = parse_deck(
+        calculix_deck(Model(finger, SKIN, inertia=True, support="prescribed").analysis(held))
+    )
     for keyword in ("ELEMENT", "NODE"):
         numbers = [int(row[0]) for card in deck.all(keyword) for row in card[2]]
         assert len(numbers) == len(set(numbers))

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.keyword_deck import element_lines, node_lines, real
 from decks.material import TABLE_1
 from decks.presets import QUICK, mesh_of
-from fembridge.errors import DeckError
 from fembridge.machine import find_ccx
 from fembridge.results.printed import read_point_stress
 
@@ -25,7 +24,7 @@ def law_deck(parse_deck, short):
     """Give the deck of a law, as text and parsed."""
 
     def build(law):
-        text = calculix_deck(analyse(QUICK, SKIN, short, law=law))
+        text = calculix_deck(Model(QUICK, SKIN, support="prescribed").analysis(short, law=law))
         return text, parse_deck(text)
 
     return build
@@ -73,23 +72,12 @@ def test_the_laws_differ_in_nothing_but_materials(law_deck):
         assert cuts[0][part] == cuts[1][part]
 
 
-def test_an_unknown_law_is_refused(short):
-    with pytest.raises(DeckError, match="law 'ogden', expected one of linear, neo-hoo"):
-        analyse(QUICK, SKIN, short, law="ogden")
-
-
 def test_nodes_to_be_watched_follow_the_afferents_and_none_is_twice(short):
-    plain = analyse(QUICK, SKIN, short).watched.tolist()
+    plain = Model(QUICK, SKIN, support="prescribed").analysis(short).watched.tolist()
     apex = plain[-1]
     rows = np.array([apex - 1, 40, 7])
-    more = analyse(QUICK, SKIN, short, watched=rows).watched.tolist()
+    more = Model(QUICK, SKIN, support="prescribed").analysis(short, watched=rows).watched.tolist()
     assert more == [*plain, 41, 8]
-
-
-@pytest.mark.parametrize("row", [-1, len(SKIN.node_mm)])
-def test_a_node_to_be_watched_that_the_mesh_has_not_is_refused(short, row):
-    with pytest.raises(DeckError, match="nodes to be watched from row"):
-        analyse(QUICK, SKIN, short, watched=np.array([3, row]))
 
 
 def cauchy_mpa(gradient, c10_mpa, d1_per_mpa):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import ElementSet, analyse
+from decks.analysis import ElementSet, Model
 from decks.calculix import branch_lines, branches, branches_at, calculix_deck, lasting
 from decks.dialects import DIALECTS, DeckOptions
 from decks.keyword_deck import material, real
@@ -101,7 +101,7 @@ def test_a_layer_without_terms_stays_as_it_is():
 
 def test_branches_are_numbered_after_all_others_on_the_same_nodes(parse_deck, short):
     finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
-    model = analyse(finger, SKIN, short)
+    model = Model(finger, SKIN, support="prescribed").analysis(short)
     first = int(model.probe.number.max()) + 1
     found = branches(model.layers, first, model.motion.dt_s)
     numbers = np.concatenate([one.section.number for one in found])
@@ -112,21 +112,23 @@ def test_branches_are_numbered_after_all_others_on_the_same_nodes(parse_deck, sh
     for one in found:
         layer = by_name[one.section.name.rsplit("_prony_")[0]]
         assert np.array_equal(one.section.node, layer.node)
-    deck = parse_deck(calculix_deck(analyse(finger, SKIN, short)))
+    deck = parse_deck(calculix_deck(Model(finger, SKIN, support="prescribed").analysis(short)))
     assert len(deck.all("CREEP")) == 3
     assert not deck.all("VISCOELASTIC")
 
 
 def test_a_node_counts_the_branches_of_its_layer(short):
     finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
-    analysis = analyse(finger, SKIN, short)
+    analysis = Model(finger, SKIN, support="prescribed").analysis(short)
     counts = branches_at(analysis)
     assert counts == {analysis.afferent["PC"]: 2}
-    assert branches_at(analyse(QUICK, SKIN, short)) == {}
+    assert branches_at(Model(QUICK, SKIN, support="prescribed").analysis(short)) == {}
 
 
 def test_the_waveform_is_a_viscous_step(parse_deck, short):
-    deck = parse_deck(calculix_deck(analyse(finger_with(dermis=TERMS), SKIN, short)))
+    deck = parse_deck(
+        calculix_deck(Model(finger_with(dermis=TERMS), SKIN, support="prescribed").analysis(short))
+    )
     assert len(deck.all("VISCO")) == 1
     assert not deck.all("STATIC")
 
@@ -134,7 +136,7 @@ def test_the_waveform_is_a_viscous_step(parse_deck, short):
 def test_held_skin_gets_a_ramp_and_a_hold_before_the_waveform(short):
     held_um = 300.0 + short.displacement_um
     held = replace(short, displacement_um=held_um, preindent_um=300.0)
-    motion = analyse(finger_with(dermis=TERMS), SKIN, held).motion
+    motion = Model(finger_with(dermis=TERMS), SKIN, support="prescribed").analysis(held).motion
     assert [one.procedure for one in motion.phases] == ["static", "viscous", "viscous"]
     ramp, hold, waves = motion.phases
     assert hold.length_s >= 20 * max(term.tau_s for term in TERMS) - 1e-12
@@ -154,11 +156,13 @@ def test_a_share_of_next_to_nothing_is_a_branch_as_well():
 def test_a_term_faster_than_a_sample_is_refused(short):
     finger = finger_with(dermis=(PronyTerm(0.4, 0.0002),))
     with pytest.raises(DeckError, match=r"dermis: tau_s is 0.0002, expected the time"):
-        calculix_deck(analyse(finger, SKIN, short))
+        calculix_deck(Model(finger, SKIN, support="prescribed").analysis(short))
 
 
 def test_a_marc_deck_of_relaxing_skin_is_refused(short):
-    analysis = analyse(finger_with(dermis=TERMS), SKIN, short, element="CPE4H")
+    analysis = Model(
+        finger_with(dermis=TERMS), SKIN, element="CPE4H", support="prescribed"
+    ).analysis(short)
     with pytest.raises(DeckError, match="writes no relaxing skin for marc"):
         DIALECTS["marc"].write(analysis, DeckOptions())
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.analysis import Contact, analyse
+from decks.analysis import Contact, Model
 from decks.marc.write import marc_deck
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
@@ -135,7 +135,14 @@ SKIN = mesh_of(QUICK)
 
 
 def model_of(element="CPE4H", *, stimulus=SHORT, probe=None, contact=None, **changes):
-    analysis = analyse(QUICK, SKIN, stimulus, probe=probe, contact=contact, element=element)
+    analysis = Model(
+        QUICK,
+        SKIN,
+        probe=probe or Probe(),
+        contact=contact or Contact(),
+        element=element,
+        support="prescribed",
+    ).analysis(stimulus)
     return replace(analysis, **changes)
 
 

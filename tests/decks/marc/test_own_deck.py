@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.marc.contents import POST_EVERY, POST_KIND, POST_KINDS, read_marc_deck
 from decks.marc.write import marc_deck
 from decks.motion import Motion, motion_of
@@ -198,7 +198,7 @@ def test_a_mutated_deck_is_refused_or_taken(marc_text, data):
 
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 (SINE,) = (make_stimulus(entry) for entry in resolve("sine_20_250"))
-ANALYSIS = analyse(QUICK, mesh_of(QUICK), NOISE)
+ANALYSIS = Model(QUICK, mesh_of(QUICK), support="prescribed").analysis(NOISE)
 
 
 @pytest.fixture(scope="module", params=["rigid", "meshed"])

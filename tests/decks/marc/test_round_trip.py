@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import analyse
+from decks.analysis import Model
 from decks.marc.contents import POSITION, read_marc_deck
 from decks.marc.grammar import Section
 from decks.marc.write import marc_deck
@@ -40,7 +40,7 @@ def test_every_line_is_in_one_option_and_none_is_unknown(built):
 
 
 def test_the_papers_mesh_and_a_real_stimulus_come_back():
-    model = analyse(PAPER, mesh_of(PAPER), NOISE, element="CPE4H")
+    model = Model(PAPER, mesh_of(PAPER), element="CPE4H", support="prescribed").analysis(NOISE)
     deck = read_marc_deck(marc_deck(model).encode("ascii"))
     assert deck.sizes == (17_702, len(model.node_mm) + 17_702)
     for block, layer in zip(deck.elements, model.layers, strict=True):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.motion import Motion
 from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
-from fembridge.build import Model
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_displacement, read_stress_tensor
 from fembridge.stimulus import Stimulus

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.presets import PRESETS
-from fembridge.build import model_of
+from decks.presets import PRESETS, model_of
 from fembridge.response import solve
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import HysteresisError

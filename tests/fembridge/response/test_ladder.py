@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from decks.material import PronyTerm
-from decks.presets import PRESETS
+from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import model_of
 from fembridge.errors import OutputError, ResponseError, SolverError, StimulusError
 from fembridge.response import solve
 from fembridge.response.response_map import FOLDER, MAP_FILE, read_map

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.presets import PRESETS
+from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder, model_of
+from fembridge.build import build_run_folder
 from fembridge.response.response_map import FOLDER, read_map, stored_response
 from fembridge.response.solve import solve_response
 from fembridge.results import read

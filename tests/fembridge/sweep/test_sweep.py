@@ -7,10 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
-from decks.presets import PRESETS
+from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import model_of
 from fembridge.errors import UsageError
 from fembridge.simulation import simulate
 from fembridge.stimulus import Stimulus
