@@ -36,124 +36,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add = parser.add_argument
     many: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    add(
-        "result",
-        type=Path,
-        metavar="RESULT",
-        help="a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
-        "a plot that Mentat saved, .txt; or a run folder",
-    )
+    files = "a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
+    files += "a plot that Mentat saved, .txt; or a run folder"
+    add("result", type=Path, metavar="RESULT", help=files)
     add("--list", action="store_true", help="show what the file holds, write nothing")
-    add(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="table to write (default: RESULT's name and what it is, here); "
-        "for --field .npz or .csv",
-    )
-    add(
-        "--stress-unit",
-        choices=("MPa", "kPa", "Pa"),
-        help="unit of the file's stress (default: MPa, which is N and mm)",
-    )
-    add(
-        "--partial",
-        action="store_true",
-        help="take what is whole of a run that did not end normally",
-    )
+    table = "table to write (default: RESULT's name and what it is, here); for --field .npz or .csv"
+    add("-o", "--output", type=Path, metavar="FILE", help=table)
+    unit = "unit of the file's stress (default: MPa, which is N and mm)"
+    add("--stress-unit", choices=("MPa", "kPa", "Pa"), help=unit)
+    partial = "take what is whole of a run that did not end normally"
+    add("--partial", action="store_true", help=partial)
 
     add = parser.add_argument_group("traces at nodes of a .frd, .t16 or .t19").add_argument
     add("--node", type=int, metavar="N", help="nodes by number", **many)
-    add(
-        "--set",
-        metavar="NAME",
-        dest="sets",
-        help="nodes of a set: of the file, or of its deck",
-        **many,
-    )
-    add(
-        "--near",
-        type=place,
-        metavar="X,Y[,Z]",
-        help="the node with results nearest to a place in mm of the undeformed mesh; "
-        "before a negative X write --near=-X,Y",
-        **many,
-    )
-    add(
-        "--deck",
-        type=Path,
-        metavar="DECK",
-        help="where --set looks (default: the sets in a .t16 or .t19; of a .frd the "
-        "deck of the same name in .inp)",
-    )
-    add(
-        "--afferents",
-        action="store_true",
-        help="the nodes of run.toml's afferents (the default where there is one)",
-    )
-    add(
-        "--across-materials",
-        action="store_true",
-        help="allow nodes between two materials, where stress is a mean over both",
-    )
-    add(
-        "--one-sided",
-        nargs="?",
-        const="",
-        metavar="ELSET",
-        help="of such --node, the stress in each material for itself; of a .frd from "
-        "the points that the .dat beside it prints of this element set",
-    )
+    sets = "nodes of a set: of the file, or of its deck"
+    add("--set", metavar="NAME", dest="sets", help=sets, **many)
+    near = "the node with results nearest to a place in mm of the undeformed mesh; "
+    near += "before a negative X write --near=-X,Y"
+    add("--near", type=place, metavar="X,Y[,Z]", help=near, **many)
+    deck = "where --set looks (default: the sets in a .t16 or .t19; of a .frd the "
+    deck += "deck of the same name in .inp)"
+    add("--deck", type=Path, metavar="DECK", help=deck)
+    afferents = "the nodes of run.toml's afferents (the default where there is one)"
+    add("--afferents", action="store_true", help=afferents)
+    across = "allow nodes between two materials, where stress is a mean over both"
+    add("--across-materials", action="store_true", help=across)
+    sides = "of such --node, the stress in each material for itself; of a .frd from "
+    sides += "the points that the .dat beside it prints of this element set"
+    add("--one-sided", nargs="?", const="", metavar="ELSET", help=sides)
 
     add = parser.add_argument_group("from integration points of a .t16 or .t19").add_argument
-    add(
-        "--extrapolate",
-        choices=("linear", "translate", "average"),
-        help="how values get to the nodes: by the polynomial through the points "
-        "(the default), from the nearest point, or as the element's mean",
-    )
-    add(
-        "--von-mises",
-        choices=("tensor", "scalar"),
-        help="von Mises stress of the nodal tensor (the default), or of the points, "
-        "carried to the nodes as a number, as Mentat plots it",
-    )
+    carried = "how values get to the nodes: by the polynomial through the points "
+    carried += "(the default), from the nearest point, or as the element's mean"
+    add("--extrapolate", choices=("linear", "translate", "average"), help=carried)
+    mises = "von Mises stress of the nodal tensor (the default), or of the points, "
+    mises += "carried to the nodes as a number, as Mentat plots it"
+    add("--von-mises", choices=("tensor", "scalar"), help=mises)
 
     add = parser.add_argument_group("whole fields of a .frd, .t16 or .t19").add_argument
     add("--field", metavar="QUANTITY", help="all nodes at one increment: STRESS, DISP")
-    add(
-        "--increment",
-        default=LAST,
-        metavar="[STEP:]N",
-        help="which increment, or mode, --field takes (default: last)",
-    )
-    add(
-        "--vtu", type=Path, metavar="FOLDER", help="every increment as VTU, and a PVD, for ParaView"
-    )
-    add(
-        "--derived",
-        metavar="NAME",
-        help="what --vtu computes beside them: von_mises (the default), principal, "
-        "max_shear, mean_stress, strain_energy_density",
-        **many,
-    )
-    add(
-        "--quantity",
-        metavar="NAME",
-        help="only these: of a .frd for --vtu, of a .dat one for its table",
-        **many,
-    )
+    which = "which increment, or mode, --field takes (default: last)"
+    add("--increment", default=LAST, metavar="[STEP:]N", help=which)
+    series = "every increment as VTU, and a PVD, for ParaView"
+    add("--vtu", type=Path, metavar="FOLDER", help=series)
+    derived = "what --vtu computes beside them: von_mises (the default), principal, "
+    derived += "max_shear, mean_stress, strain_energy_density"
+    add("--derived", metavar="NAME", help=derived, **many)
+    only = "only these: of a .frd for --vtu, of a .dat one for its table"
+    add("--quantity", metavar="NAME", help=only, **many)
 
     add = parser.add_argument_group("prints in a .dat").add_argument
-    add(
-        "--point",
-        type=point,
-        metavar="ELEMENT:POINT",
-        help="stress traces at integration points, which no averaging has touched; "
-        "in the table their node is ELEMENT times 100 plus POINT",
-        **many,
-    )
+    points = "stress traces at integration points, which no averaging has touched; "
+    points += "in the table their node is ELEMENT times 100 plus POINT"
+    add("--point", type=point, metavar="ELEMENT:POINT", help=points, **many)
     add("--print-set", metavar="NAME", help="of which set, if several are printed")
 
 
@@ -174,7 +109,7 @@ def point(text: str) -> tuple[int, int]:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List, or read and write; the summary says what was written."""
     from fembridge.results import open_result
-    from fembridge.results.printed import print_table_of
+    from fembridge.results.printed import PRINT_TABLES
 
     result = open_result(
         args.result,
@@ -185,8 +120,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         von_mises=args.von_mises,
         log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
     )
-    path, printed = result.path, print_table_of(result.path)
-    if path.suffix.lower() == ".dat":  # of a Marc deck, too
+    path = result.path
+    suffix = path.suffix.lower()
+    printed = PRINT_TABLES.get(suffix)
+    if suffix == ".dat":  # of a Marc deck, too
         from decks.marc.grammar import is_marc_deck
 
         if is_marc_deck(path):
@@ -197,16 +134,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if not args.json:
             _show(path, held)
         return held
-    if kind == "traces":
-        return _traces(args, result)
-    if kind == "points":
-        from fembridge.results.printed import read_point_traces
-
-        found = read_point_traces(path, args.point, args.print_set, result.options)
-        return _written(args, result, found, foreign=True)
-    if kind == "table" and printed is not None:
-        return _table(args, result, printed)
-    return {"sides": _sides, "plot": _plot, "field": _field, "vtu": _vtu}[kind](args, result)
+    if printed is not None and kind == "table":
+        summary, lines = _table(args, result, printed)
+    else:
+        writers = {
+            "traces": _traces, "points": _points, "sides": _sides, "plot": _plot,
+            "field": _field, "vtu": _vtu,
+        }  # fmt: skip
+        summary, lines = writers[kind](args, result)
+    if not args.json:
+        print(*lines, sep="\n")
+    return summary
 
 
 def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
@@ -223,30 +161,29 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
     by_node = [word for word, value in given.items() if value]
     given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
     asked = [word for word, value in given.items() if value]
-    if args.afferents:
-        asked += [*by_node, "--afferents"]
-    else:
-        asked += by_node[:1]
-    if len(asked) > 1:
-        raise UsageError(f"{asked[0]} and {asked[1]} do not go together")
+    asked += [*by_node, "--afferents"] if args.afferents else by_node[:1]
     word = asked[0] if asked else ""
-    if printed and word not in ("", "--list", "--point"):
-        raise UsageError(f"{path}: {word} is for a .frd, .t16 or .t19")
-    if args.point and path.suffix.lower() != ".dat":
-        raise UsageError(f"{path}: --point is for a .dat")
-    if args.increment != LAST and word != "--field":
-        raise UsageError("--increment is for --field")
-    if args.derived and word != "--vtu":
-        raise UsageError("--derived is for --vtu")
-    if args.one_sided is not None:
-        if printed or by_node != ["--node"]:
-            raise UsageError("--one-sided is for the --node of a .frd, .t16 or .t19")
-        if args.von_mises:
-            raise UsageError("--one-sided and --von-mises do not go together")
+    sides = args.one_sided is not None
+    whole = word in ("--list", "--vtu", "--field")
+    misuse = (
+        (len(asked) > 1, " and ".join(asked[:2]) + " do not go together"),
+        (printed and word not in ("", "--list", "--point"), f"{word} is for a .frd, .t16 or .t19"),
+        (args.point and path.suffix.lower() != ".dat", "--point is for a .dat"),
+        (args.increment != LAST and word != "--field", "--increment is for --field"),
+        (args.derived and word != "--vtu", "--derived is for --vtu"),
+        (
+            sides and (printed or by_node != ["--node"]),
+            "--one-sided is for the --node of a .frd, .t16 or .t19",
+        ),
+        (sides and args.von_mises, "--one-sided and --von-mises do not go together"),
+        (whole and args.von_mises, f"{word} and --von-mises do not go together"),
+    )
+    for wrong, words in misuse:
+        if wrong:
+            raise UsageError(f"{path}: {words}")
+    if sides:
         return "sides"
-    if word in ("--list", "--vtu", "--field"):
-        if args.von_mises:
-            raise UsageError(f"{word} and --von-mises do not go together")
+    if whole:
         return word.removeprefix("--")
     if printed:
         return "points" if args.point else "table"
@@ -257,14 +194,17 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
     return "traces"
 
 
-def _traces(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
-    """Write the traces at chosen nodes, or of the afferents of ``run.toml``."""
+Written = tuple[dict[str, Any], list[str]]
+"""The summary of a command, and its lines for people."""
+
+
+def _traces(args: argparse.Namespace, result: "Result") -> Written:
+    """Traces at chosen nodes, or of the afferents of ``run.toml``."""
     from fembridge.errors import UsageError
 
     nodes: Sequence[int] | None = args.node
-    chosen = args.node or args.sets or args.near
-    if result.run is None and not chosen:
-        nodes = result.reader.named_nodes(result.path)
+    if result.run is None and not (args.node or args.sets or args.near):
+        nodes = result.named_nodes()
         if not nodes:
             held = result.describe()
             if not args.json:
@@ -277,137 +217,123 @@ def _traces(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     return _written(args, result, found, foreign=result.run is None)
 
 
+def _points(args: argparse.Namespace, result: "Result") -> Written:
+    """Traces at integration points."""
+    from fembridge.results.printed import read_point_traces
+
+    found = read_point_traces(result.path, args.point, args.print_set, result.options)
+    return _written(args, result, found, foreign=True)
+
+
 def _written(
     args: argparse.Namespace, result: "Result", found: Sequence["StressTrace"], *, foreign: bool
-) -> dict[str, Any]:
-    """Write traces, and say what they are."""
+) -> Written:
     from fembridge.tables import write_traces
 
     output: Path = args.output or Path(f"{result.path.stem}_traces.csv")
     write_traces(output, found)
     first = found[0]
-    if not args.json:
-        print(
-            f"{output}: {len(found)} trace{'s' * (len(found) > 1)}, "
-            f"{first.start_ms:g} to {first.times_ms[-1]:g} ms "
-            f"every {first.dt_ms:g} ms; {_unit_words(args, result, foreign)}"
-        )
-        for trace in found:
-            who = f"{trace.afferent} " if trace.afferent else ""
-            print(f"  {who}node {trace.node}: peak {trace.stress_pa.max():.6g} Pa")
+    rows = [
+        {"afferent": one.afferent, "node": one.node, "peak_pa": float(one.stress_pa.max())}
+        for one in found
+    ]
+    lines = [
+        f"{output}: {len(found)} trace{'s' * (len(found) > 1)}, "
+        f"{first.start_ms:g} to {first.times_ms[-1]:g} ms "
+        f"every {first.dt_ms:g} ms; {_unit_words(args, result, foreign)}"
+    ]
+    for row in rows:
+        who = f"{row['afferent']} " if row["afferent"] else ""
+        lines.append(f"  {who}node {row['node']}: peak {row['peak_pa']:.6g} Pa")
     return {
         "output": str(output),
         "stress_unit": result.options.stress_unit,
         "dt_ms": first.dt_ms,
         "start_ms": first.start_ms,
         "samples": int(first.stress_pa.size),
-        "traces": [
-            {
-                "afferent": trace.afferent,
-                "node": trace.node,
-                "peak_pa": float(trace.stress_pa.max()),
-            }
-            for trace in found
-        ],
-    }
+        "traces": rows,
+    }, lines
 
 
-def _sides(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
-    """Write the stress at nodes as each layer there has it."""
-    from fembridge.results.one_sided import write_sides
+def _sides(args: argparse.Namespace, result: "Result") -> Written:
+    """Stress at nodes as each layer there has it."""
+    from fembridge.errors import UsageError
+    from fembridge.results.one_sided import one_sided_stress, write_sides
 
-    found = [side for node in dict.fromkeys(args.node) for side in _sides_of(args, result, node)]
+    of_marc = result.reader.points
+    if of_marc and args.one_sided:
+        raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
+    if not of_marc and not args.one_sided:
+        raise UsageError("--one-sided takes the element set that the .dat beside a .frd prints")
+    found: list[OneSidedStress] = []
+    for node in dict.fromkeys(args.node):
+        if of_marc:
+            from fembridge.results.marc import read_one_sided
+
+            found += read_one_sided(result.path, node, result.options)
+        else:
+            found += one_sided_stress(result.path, node, args.one_sided, options=result.options)
     output: Path = args.output or Path(f"{result.path.stem}_sides.csv")
     write_sides(output, found)
-    if not args.json:
-        print(f"{output}: {len(found)} sides; {_unit_words(args, result)}")
-        for side in found:
-            print(f"  node {side.node} in {side.name}: peak {side.von_mises_pa.max():.6g} Pa")
-    return {
-        "output": str(output),
-        "stress_unit": result.options.stress_unit,
-        "sides": [
-            {
-                "node": side.node,
-                "material": side.name,
-                "elements": list(side.elements),
-                "peak_pa": float(side.von_mises_pa.max()),
-            }
-            for side in found
-        ],
-    }
+    rows = [
+        {
+            "node": side.node,
+            "material": side.name,
+            "elements": list(side.elements),
+            "peak_pa": float(side.von_mises_pa.max()),
+        }
+        for side in found
+    ]
+    lines = [f"{output}: {len(found)} sides; {_unit_words(args, result)}"]
+    lines += [f"  node {r['node']} in {r['material']}: peak {r['peak_pa']:.6g} Pa" for r in rows]
+    unit = result.options.stress_unit
+    return {"output": str(output), "stress_unit": unit, "sides": rows}, lines
 
 
-def _sides_of(
-    args: argparse.Namespace, result: "Result", node: int
-) -> "tuple[OneSidedStress, ...]":
-    from fembridge.errors import UsageError
-
-    if result.reader.points:
-        from fembridge.results.marc import read_one_sided
-
-        if args.one_sided:
-            raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
-        return read_one_sided(result.path, node, result.options)
-    from fembridge.results.one_sided import one_sided_stress
-
-    if not args.one_sided:
-        raise UsageError("--one-sided takes the element set that the .dat beside a .frd prints")
-    return one_sided_stress(result.path, node, args.one_sided, options=result.options)
-
-
-def _table(args: argparse.Namespace, result: "Result", printed: "PrintTable") -> dict[str, Any]:
-    """Write the prints of a solver as a table."""
+def _table(args: argparse.Namespace, result: "Result", printed: "PrintTable") -> Written:
+    """The prints of a solver as a table."""
     from fembridge.errors import UsageError
     from fembridge.results.printed import write_print_table
 
-    path = result.path
-    suffix = path.suffix.lower()
+    path, suffix = result.path, result.path.suffix.lower()
     if args.quantity and (len(args.quantity) > 1 or suffix != ".dat"):
         raise UsageError(f"{path}: --quantity takes one name, and of a .dat")
     output: Path = args.output or Path(f"{path.stem}_{suffix[1:]}.csv")
     quantity = args.quantity[0] if args.quantity else None
     columns, rows = write_print_table(printed, path, output, result.options, quantity)
-    if not args.json:
-        unit = f"; {_unit_words(args, result)}" if suffix == ".dat" else ""
-        print(f"{output}: {rows} rows{unit}")
+    unit = f"; {_unit_words(args, result)}" if suffix == ".dat" else ""
     return {
         "output": str(output),
         "format": printed.name,
         "rows": rows,
         "columns": list(columns),
         "stress_unit": result.options.stress_unit,
-    }
+    }, [f"{output}: {rows} rows{unit}"]
 
 
-def _plot(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
-    """Write a plot saved from Mentat as a table, number by number."""
+def _plot(args: argparse.Namespace, result: "Result") -> Written:
+    """A plot saved from Mentat as a table, number by number."""
     from fembridge.results.mentat import write_plot_table
 
     columns = result.describe()["columns"]
     output: Path = args.output or Path(f"{result.path.stem}_plot.csv")
     rows = write_plot_table(result.path, output)
-    if not args.json:
-        print(f"{output}: {rows} rows of {', '.join(columns)}; numbers as in the file")
-    return {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
+    words = f"{output}: {rows} rows of {', '.join(columns)}; numbers as in the file"
+    summary = {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
+    return summary, [words]
 
 
-def _field(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
-    """Write one quantity of one increment at all nodes."""
+def _field(args: argparse.Namespace, result: "Result") -> Written:
+    """One quantity of one increment at all nodes."""
     from fembridge.results.fields import read_field, write_field
 
     found = read_field(result.path, args.field, args.increment, result.options)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
     output: Path = args.output or Path(f"{result.path.stem}_{name}.npz")
     write_field(output, found)
-    if not args.json:
-        when = f"{found.axis} {found.axis_value:g}"
-        if found.time_ms == found.time_ms:
-            when = f"{found.time_ms:g} ms"
-        print(
-            f"{output}: {found.name} of {found.nodes.size} nodes, step {found.step}, "
-            f"increment {found.increment}, {when}; {_unit_words(args, result)}"
-        )
+    when = f"{found.axis} {found.axis_value:g}"
+    if found.time_ms == found.time_ms:  # not NaN, as of a mode
+        when = f"{found.time_ms:g} ms"
     return {
         "output": str(output),
         "quantity": found.name,
@@ -418,11 +344,14 @@ def _field(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
         "time_ms": found.time_ms,
         "nodes": int(found.nodes.size),
         "stress_unit": result.options.stress_unit,
-    }
+    }, [
+        f"{output}: {found.name} of {found.nodes.size} nodes, step {found.step}, "
+        f"increment {found.increment}, {when}; {_unit_words(args, result)}"
+    ]
 
 
-def _vtu(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
-    """Write every increment for ParaView."""
+def _vtu(args: argparse.Namespace, result: "Result") -> Written:
+    """Every increment for ParaView."""
     from fembridge.results.vtu import write_vtu_series
 
     options = result.options
@@ -437,13 +366,11 @@ def _vtu(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
         log=options.log,
     )
     count = len(list(args.vtu.glob("*.vtu")))
-    if not args.json:
-        print(f"{collection}: {count} increments; {_unit_words(args, result)}")
     return {
         "output": str(collection),
         "increments": count,
         "stress_unit": options.stress_unit,
-    }
+    }, [f"{collection}: {count} increments; {_unit_words(args, result)}"]
 
 
 def _unit_words(args: argparse.Namespace, result: "Result", foreign: bool = True) -> str:
@@ -456,62 +383,65 @@ def _unit_words(args: argparse.Namespace, result: "Result", foreign: bool = True
 
 def _show(path: Path, held: dict[str, Any]) -> None:
     """Print what `held`, a description of `path`, says."""
-    print(f"{path}: {held['format']}, {held['bytes']} bytes")
-    for name, value in held.get("header", {}).items():
-        print(f"  {name}: {value}")
+    lines = [f"{path}: {held['format']}, {held['bytes']} bytes"]
+    lines += [f"  {name}: {value}" for name, value in held.get("header", {}).items()]
     if "mesh_nodes" in held:
-        _show_results(held)
+        lines += _of_results(held)
     for one in held.get("sets", ()):
-        print(f"  set {one['name']}: {one['members']} of kind {one['kind']}")
+        lines.append(f"  set {one['name']}: {one['members']} of kind {one['kind']}")
     for name, count in held.get("sections", {}).items():
-        print(f"  {name}: {count} time{'s' * (count != 1)}")
+        lines.append(f"  {name}: {_counted(count, 'time')}")
     for name in () if "mesh_nodes" in held else _PLAIN:
-        if held.get(name) not in (None, [], ""):
-            value = held[name]
+        value = held.get(name)
+        if value not in (None, [], ""):
             words = ", ".join(map(str, value)) if isinstance(value, list) else value
-            print(f"  {name.replace('_', ' ')}: {words}")
+            lines.append(f"  {name.replace('_', ' ')}: {words}")
     if "rows" in held:
-        print(f"  {held['rows']} row{'s' * (held['rows'] != 1)}")
+        lines.append(f"  {_counted(held['rows'], 'row')}")
     if held.get("last"):
         last = (f"{name} {value}" for name, value in held["last"].items())
-        print(f"  last: {', '.join(last)}")
-    for remark in held.get("remarks", ()):
-        print(f"  remark: {remark}")
+        lines.append(f"  last: {', '.join(last)}")
+    lines += [f"  remark: {remark}" for remark in held.get("remarks", ())]
     if held.get("problem"):
-        print(f"  problem: {held['problem']}")
+        lines.append(f"  problem: {held['problem']}")
+    print(*lines, sep="\n")
 
 
-def _show_results(held: dict[str, Any]) -> None:
-    types = ", ".join(
-        f"{count} of type {number}" for number, count in held.get("element_types", {}).items()
-    )
-    print(f"  mesh: {held['mesh_nodes']} nodes, {held['elements']} elements{types and ': '}{types}")
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def _of_results(held: dict[str, Any]) -> list[str]:
+    """Mesh, materials and quantities of a ``.frd``, ``.t16`` or ``.t19``."""
+    types = [f"{count} of type {one}" for one, count in held.get("element_types", {}).items()]
+    mesh = f"  mesh: {held['mesh_nodes']} nodes, {held['elements']} elements"
+    lines = [f"{mesh}: {', '.join(types)}" if types else mesh]
     if held.get("codes"):
-        print(f"  element post codes: {', '.join(map(str, held['codes']))}")
+        lines.append(f"  element post codes: {', '.join(map(str, held['codes']))}")
     if held["materials"]:
         names = (f"{number} {name}" for number, name in held["materials"].items())
-        print(f"  materials: {', '.join(names)}")
+        lines.append(f"  materials: {', '.join(names)}")
     for one in held["quantities"]:
         where = "no nodes"
         if one["nodes"]:
             where = f"{one['nodes']} nodes, {one['lowest_node']} to {one['highest_node']}"
         if one.get("at", "nodes") != "nodes":
             where = f"at {one['at']}"
-        spans = []
+        words = [", ".join(one["components"])]
         count, first, last = (one[key] for key in ("increments", "first_ms", "last_ms"))
         if count:
             when = f"{first:g} to {last:g} ms" if count > 1 else f"at {last:g} ms"
-            spans.append(f"{count} increment{'s' * (count != 1)}, {when}")
+            words.append(f"{_counted(count, 'increment')}, {when}")
         count, first, last = (one[key] for key in ("modes", "first_value", "last_value"))
         if count:
             span = f"{first:g} to {last:g}" if count > 1 else f"{last:g}"
-            spans.append(f"{count} mode{'s' * (count != 1)} without time, {one['axis']} {span}")
-        components = ", ".join(one["components"])
-        print(f"  {one['name']}: {components}; {'; '.join(spans)}; {where}; {one['storage']}")
+            words.append(f"{_counted(count, 'mode')} without time, {one['axis']} {span}")
+        lines.append(f"  {one['name']}: {'; '.join([*words, where, one['storage']])}")
+    return lines
 
 
 def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
-    """Say what a Marc deck is: it has the suffix of CalculiX's prints."""
+    """What a Marc deck is: it has the suffix of CalculiX's prints."""
     from decks.marc.contents import describe_marc_deck
     from fembridge.errors import UsageError
 
@@ -548,11 +478,10 @@ def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
 def _in_words(value: object, between: str) -> str:
     """A dict as ``key value``, a list item by item; what is empty is left out."""
     if isinstance(value, dict):
+        held = {str(key).replace("_", " "): one for key, one in value.items()}
         return between.join(
-            str(key).replace("_", " ")
-            if one is True
-            else f"{str(key).replace('_', ' ')} {_in_words(one, ' ')}"
-            for key, one in value.items()
+            key if one is True else f"{key} {_in_words(one, ' ')}"
+            for key, one in held.items()
             if one not in (None, False, [], "")
         )
     if isinstance(value, list):

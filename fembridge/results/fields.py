@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
@@ -153,12 +152,7 @@ def open_source(path: Path | str, options: ReadOptions) -> FieldSource:
         No such file, or no reader takes it.
     """
     path = result_file(path)
-    reader = reader_of(path)
-    if not reader.source:
-        raise UsageError(f"{path}: {reader.name} gives traces, no whole fields")
-    reader.check(path, options)
-    module, _, name = reader.source.partition(":")
-    found: FieldSource = getattr(import_module(module), name)(path, options)
+    found: FieldSource = reader_of(path).open(path, options)
     return found
 
 

@@ -5,11 +5,11 @@ it. Another package adds a row, a `Reader`, under the entry point group
 ``fembridge.readers``; it is asked when none of ours takes the file.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from decks.dialects import JOB
@@ -67,33 +67,41 @@ class Reader:
         others = [other for other in READERS if other.first_bytes]
         return b"\0" not in start and not any(other.takes(start) for other in others)
 
-    def check(self, path: Path, options: ReadOptions) -> None:
-        """Refuse options that only a file with integration points can follow."""
-        if not self.points and (options.extrapolate or options.von_mises):
-            raise UsageError(
-                f"{path}: {self.name} holds values at nodes; how they are extrapolated "
-                "there is asked of a Marc post file"
-            )
-
-    def load(self) -> Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]:
-        """The reading function."""
+    def load(
+        self, path: Path, options: ReadOptions
+    ) -> Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]:
+        """The reading function, for `path` with `options`."""
         found: Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]
-        found = getattr(self._module(), self.target.partition(":")[2])
+        found = self._of(self.target, path, options)
         return found
+
+    def open(self, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401 - a FieldSource
+        """`path` as a source of whole fields."""
+        if not self.source:
+            raise UsageError(f"{path}: {self.name} gives traces, no whole fields")
+        return self._of(self.source, path, options)(path, options)
 
     def describe(self, path: Path) -> Table:
         """What `path` holds, as far as this format can say."""
-        describe: Any = getattr(self._module(), "describe", None)
+        describe = getattr(import_module(self.target.partition(":")[0]), "describe", None)
         found: Table = {"format": self.name} if describe is None else describe(path)
         return found
 
     def named_nodes(self, path: Path) -> Sequence[int]:
         """Nodes that a file of curves names itself; none of other files."""
-        names: Callable[[Path], Sequence[int]] = getattr(self._module(), "nodes_in", lambda _: ())
-        return names(path)
+        names = getattr(import_module(self.target.partition(":")[0]), "nodes_in", None)
+        nodes: Sequence[int] = () if names is None else names(path)
+        return nodes
 
-    def _module(self) -> ModuleType:
-        return import_module(self.target.partition(":")[0])
+    def _of(self, target: str, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401
+        """What ``module:name`` is; options that only integration points can follow are refused."""
+        if not self.points and (options.extrapolate or options.von_mises):
+            raise UsageError(
+                f"{path}: {self.name} holds values at nodes; how they are extrapolated "
+                "there is asked of a Marc post file"
+            )
+        module, _, name = target.partition(":")
+        return getattr(import_module(module), name)
 
 
 # A binary post file of Marc begins with the length of its first record, 70 words of 4
@@ -122,10 +130,7 @@ def reader_of(path: Path) -> Reader:
     if not start:
         raise ResultError("empty: 0 bytes", path)
     suffix = path.suffix.lower()
-    for reader in READERS:
-        if suffix == reader.suffix and reader.takes(start):
-            return reader
-    for reader in _plugged(path):
+    for reader in chain(READERS, _plugged(path)):
         if suffix == reader.suffix and reader.takes(start):
             return reader
     raise ResultError(_foreign(path, start), path)
@@ -168,10 +173,10 @@ def _foreign(path: Path, start: bytes) -> str:
     return f"no result file we read: begins with {start[:12]!r}{kind}; {wanted}"
 
 
-def _plugged(path: Path) -> list[Reader]:
+def _plugged(path: Path) -> Iterator[Reader]:
+    """Readers of other packages; none is loaded as long as one of ours takes the file."""
     from importlib.metadata import entry_points
 
-    found = []
     for point in entry_points(group=ENTRY_POINTS):
         where = f"reader {point.name} ({point.value})"
         try:
@@ -181,5 +186,4 @@ def _plugged(path: Path) -> list[Reader]:
         if not isinstance(reader, Reader):
             kind = type(reader).__name__
             raise ResultError(f"{where} is a {kind}, expected a fembridge.results.Reader", path)
-        found.append(reader)
-    return found
+        yield reader

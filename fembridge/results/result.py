@@ -1,4 +1,4 @@
-"""A result file that is opened once: its reader, its run folder, and how to read it.
+"""A result file: its reader, its run folder, and how to read it.
 
 Beside a ``run.toml`` of fembridge time 0 of a trace is the start of the stimulus. The
 solver's clock starts before (a ramp to a pre-indentation takes place there), and a
@@ -8,13 +8,11 @@ result file has no sample of the start itself.
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.nodes import choose_nodes
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import Reader, reader_of, result_file
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
@@ -25,47 +23,33 @@ from fembridge.typing import Table
 _BEFORE_STEPS = 0.25  # of a step that may be lost to rounding
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, slots=True)
 class Result:
-    """A result file at `path`; its `reader` and its `run` folder are looked up once.
+    """A result file at `path`, read with `options`.
 
-    `asked` are the options as the caller gave them; `stress_unit` None is that of the
-    ``run.toml``, without one MPa.
+    `run` is the run that it is a result of: None without a ``run.toml`` beside it, or
+    with one that cannot be read, which is the `trouble` that only `traces` mind.
     """
 
     path: Path
-    asked: ReadOptions = ReadOptions()  # noqa: RUF009 - frozen
-    stress_unit: str | None = None
+    options: ReadOptions
+    run: RunFolder | None = None
+    trouble: ResultError | None = None
 
-    @cached_property
+    @property
     def reader(self) -> Reader:
         """The reader that takes the file."""
         return reader_of(self.path)
 
-    @cached_property
-    def run(self) -> RunFolder | None:
-        """The run that the file is a result of; None without a ``run.toml`` beside it."""
-        folder = self.path.parent
-        return read_run_folder(folder) if (folder / RUN_FILE).exists() else None
-
-    @cached_property
-    def options(self) -> ReadOptions:
-        """The options, with the unit of the file's stress.
-
-        What a ``run.toml`` that cannot be read would say does not matter here: only
-        `traces` need it.
-        """
-        unit = self.stress_unit
-        if unit is None:
-            try:
-                unit = "MPa" if self.run is None else self.run.stress_unit
-            except ResultError:
-                unit = "MPa"
-        return replace(self.asked, stress_unit=unit)
-
     def describe(self) -> Table:
         """What the file holds."""
         return self.reader.describe(self.path)
+
+    def named_nodes(self) -> Sequence[int]:
+        """Nodes that a file of curves names itself; none of other files."""
+        if self.trouble is not None:
+            raise self.trouble
+        return self.reader.named_nodes(self.path)
 
     def traces(
         self,
@@ -76,11 +60,16 @@ class Result:
         deck: Path | None = None,
     ) -> Traces:
         """Stress traces at the chosen nodes, without a choice at the run's afferents."""
-        path, reader, run = self.path, self.reader, self.run
-        options = self.options
-        reader.check(path, options)
+        path, run, options = self.path, self.run, self.options
+        load = self.reader.load(path, options)
+        if self.trouble is not None:
+            raise self.trouble
         if nodes is not None or sets or len(near_mm):
-            chosen = choose_nodes(path, nodes or (), sets, near_mm, deck, options.log)
+            if sets or len(near_mm):
+                from fembridge.results.nodes import choose_nodes
+
+                nodes = choose_nodes(path, nodes or (), sets, near_mm, deck, options.log)
+            chosen = dict.fromkeys(int(node) for node in nodes or ())
             places: list[tuple[str | None, int]] = [(None, node) for node in chosen]
         elif run is not None:
             places = [(place.afferent, place.node) for place in run.afferents]
@@ -98,14 +87,19 @@ class Result:
             if run.before_ms:
                 since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms
                 options = replace(options, since_ms=since_ms)
-        found = reader.load()(path, [node for _, node in places], options)
+        found = load(path, [node for _, node in places], options)
         traces = [
             replace(trace, afferent=afferent)
             for trace, (afferent, _) in zip(found, places, strict=True)
         ]
         if run is None:
             return Traces(traces)
-        _check_reach(traces[0], run, path, options)
+        last_ms = float(traces[0].times_ms[-1])
+        if abs(last_ms - run.end_ms) > STEP_TOLERANCE * run.dt_ms * 10:
+            words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
+            if not options.partial:
+                raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
+            options.note(words)
         return Traces(_in_stimulus_time(trace, run, path) for trace in traces)
 
 
@@ -120,20 +114,20 @@ def open_result(
     log: Callable[[str], None] | None = None,
 ) -> Result:
     """The result file `path`, or that of the run folder `path`; options as for `read`."""
-    path = Path(path)
-    run = read_run_folder(path) if (path / RUN_FILE).exists() else None
-    asked = ReadOptions(
-        partial=partial,
-        across_materials=across_materials,
-        stress_unit=stress_unit or "MPa",
-        log=log,
-        extrapolate=extrapolate,
-        von_mises=von_mises,
-    )
-    result = Result(result_file(path) if run is None else run.results, asked, stress_unit)
-    if run is not None:
-        result.run = run
-    return result
+    path, run, trouble = Path(path), None, None
+    folder = path if path.is_dir() else path.parent
+    if (folder / RUN_FILE).exists():
+        try:
+            run = read_run_folder(folder)
+        except ResultError as error:
+            if folder is path:
+                raise
+            trouble = error
+    if folder is path:
+        path = result_file(path) if run is None else run.results
+    unit = stress_unit or (run.stress_unit if run is not None else "MPa")
+    options = ReadOptions(partial, across_materials, unit, log, extrapolate, von_mises)
+    return Result(path, options, run, trouble)
 
 
 def describe(path: Path | str) -> Table:
@@ -259,14 +253,3 @@ def _check_deck(run: RunFolder, path: Path) -> None:
             f"fembridge run {run.folder}",
             path,
         )
-
-
-def _check_reach(trace: StressTrace, run: RunFolder, path: Path, options: ReadOptions) -> None:
-    """Refuse a trace, in solver time, that stops before the end of the run."""
-    last_ms = float(trace.times_ms[-1])
-    if abs(last_ms - run.end_ms) <= STEP_TOLERANCE * run.dt_ms * 10:
-        return
-    words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
-    if not options.partial:
-        raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
-    options.note(words)
