@@ -201,26 +201,23 @@ def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
     """The table that is named, or the only one that moves something, and its uses."""
     uses = tuple(_uses(deck))
     if name is None:
+        problem = "no table drives a fixed displacement or the position of a contact body"
         moving = {use.table for use in uses if use.moves}
-        candidates = [table for table in deck.tables if table.number in moving]
-        if not candidates:
-            raise DeckError(
-                "no table drives a fixed displacement or the position of a contact body; "
-                f"{_listed_tables(deck.tables)}"
-            )
-        if len(candidates) > 1:
-            raise candidates[1].line.refuse(
-                f"{len(candidates)} tables drive a motion; name one: {_names(candidates)}"
-            )
-        table = candidates[0]
+        found = [table for table in deck.tables if table.number in moving]
     else:
-        table = _named(deck, name)
+        problem, wanted = f"no table {name!r}", name.strip()
+        found = [table for table in deck.tables if table.name == wanted]
+        found = found or [each for each in deck.tables if each.name.lower() == wanted.lower()]
+    if not found:
+        there = f"has tables {_names(deck.tables)}" if deck.tables else "has no tables"
+        raise DeckError(f"{problem}; the deck {there}")
+    if len(found) > 1:
+        what = "drive a motion; name one" if name is None else f"are named {name!r}"
+        raise found[1].line.refuse(f"{len(found)} tables {what}: {_names(found)}")
+    (table,) = found
     same = [each for each in deck.tables if each.number == table.number]
     if len(same) > 1:
-        raise same[1].line.refuse(
-            f"table {same[1].name!r} has number {table.number}, as has "
-            f"{same[0].name!r} on {same[0].line.place}"
-        )
+        raise same[1].line.refuse(f"{len(same)} tables have number {table.number}: {_names(same)}")
     mine = tuple(use for use in uses if use.table == table.number)
     for use in mine:
         if not use.moves:
@@ -228,34 +225,19 @@ def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
                 f"table {table.name!r} ({table.line.place}) also drives {use.what}, "
                 "which is no displacement: give the motion a table of its own"
             )
+    problem = ""
     if not mine:
-        raise table.line.refuse(
-            f"table {table.name!r} drives no fixed displacement and no contact body"
+        problem = "drives no fixed displacement and no contact body"
+    elif table.points is None or not len(table.points):
+        problem = (
+            "is a formula or of several variables, or its points are in a file that was not "
+            "read; expected points of time and value"
         )
-    if table.points is None or not len(table.points):
-        raise table.line.refuse(
-            f"table {table.name!r} is a formula or of several variables, or its points "
-            "are in a file that was not read; expected points of time and value"
-        )
-    if table.variable != TIME:
-        raise table.rows[1].refuse(
-            f"table {table.name!r} is of variable type {table.variable}, expected {TIME}, time"
-        )
+    elif table.variable != TIME:
+        problem = f"is of variable type {table.variable}, expected {TIME}, time"
+    if problem:
+        raise table.line.refuse(f"table {table.name!r} {problem}")
     return table, mine
-
-
-def _named(deck: MarcDeck, name: str) -> MarcTable:
-    wanted = name.strip()
-    found = [table for table in deck.tables if table.name == wanted] or [
-        table for table in deck.tables if table.name.lower() == wanted.lower()
-    ]
-    if not found:
-        raise DeckError(f"no table {name!r}; {_listed_tables(deck.tables)}")
-    if len(found) > 1:
-        raise found[1].line.refuse(
-            f"a second table {name!r}; the first is on {found[0].line.place}"
-        )
-    return found[0]
 
 
 def _one_factor(table: MarcTable, drives: _Uses) -> float:
@@ -271,10 +253,6 @@ def _one_factor(table: MarcTable, drives: _Uses) -> float:
     return abs(first.value)
 
 
-def _listed_tables(tables: Sequence[MarcTable]) -> str:
-    return f"the deck has tables {_names(tables)}" if tables else "the deck has no tables"
-
-
 def _names(tables: Sequence[MarcTable]) -> str:
     return ", ".join(f"{table.name} ({table.line.place})" for table in tables)
 
@@ -288,8 +266,8 @@ class _Chosen:
 
     case: LoadCase
     start_s: float
-    before: tuple[LoadCase, ...]
-    after: tuple[LoadCase, ...]
+    before: Sequence[LoadCase]
+    after: Sequence[LoadCase]
 
     @property
     def words(self) -> str:
@@ -301,45 +279,36 @@ class _Chosen:
 def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
     """The load case that is wanted, or the only one in which there is motion."""
     cases = deck.load_cases()
-    possible = [case for case in cases if case.stepping is not None]
+    named = cases
     if wanted is not None:
-        possible = _wanted(cases, possible, wanted)
+        named = [each for each in cases if each.name.lower() == wanted.strip().lower()]
+        if not named and wanted.strip().isdecimal():
+            named = [each for each in cases if each.number == int(wanted)]
+        if not named:
+            raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
+    possible = [case for case in named if case.stepping is not None]
+    if not possible:
+        raise DeckError(f"no load case has increments; there: {_listed_cases(named) or 'none'}")
     moving = [case for case in possible if _acting(case, drives)]
+    if not moving:
+        raise possible[0].line.refuse(
+            f"{drives[0].what} ({drives[0].line.place}) does not act in {_listed_cases(possible)}"
+        )
     if len(moving) > 1:
         raise moving[1].line.refuse(
             f"{len(moving)} load cases have increments and this motion; name one: "
             f"{_listed_cases(moving)}"
         )
-    if not possible:
-        raise DeckError(f"no load case has increments; there: {_listed_cases(cases)}")
-    if not moving:
-        raise possible[0].line.refuse(
-            f"{drives[0].what} ({drives[0].line.place}) does not act in {_listed_cases(possible)}"
-        )
-    case = moving[0]
-    before = tuple(each for each in cases if each.number < case.number)
+    (case,) = moving
     start_s = 0.0
-    for each in before:
+    for each in cases[: case.number - 1]:
         if each.period is None:
             raise each.line.refuse(
                 f"load case {each.number} {each.name!r} comes before the waveform, but "
                 "`auto load` or `auto step` does not say how long it takes"
             )
         start_s += each.period
-    after = tuple(each for each in cases if each.number > case.number and each.stepping)
-    return _Chosen(case, start_s, before, after)
-
-
-def _wanted(cases: Sequence[LoadCase], possible: Sequence[LoadCase], wanted: str) -> list[LoadCase]:
-    named = [each for each in cases if each.name.lower() == wanted.strip().lower()]
-    if not named and wanted.strip().isdecimal():
-        named = [each for each in cases if each.number == int(wanted)]
-    if not named:
-        raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
-    found = [each for each in possible if each in named]
-    if not found:
-        raise named[0].line.refuse(f"load case {wanted!r} has no increments")
-    return found
+    return _Chosen(case, start_s, cases[: case.number - 1], cases[case.number :])
 
 
 def _acting(case: LoadCase, drives: _Uses) -> _Uses:
@@ -366,8 +335,8 @@ def _set_points(
             f"{table.line.place}: the waveform starts at {chosen.start_s:g} s, when "
             f"{chosen.words} does"
         )
-    if chosen.after:
-        after = chosen.after[0]
+    after = next((each for each in chosen.after if each.stepping), None)
+    if after is not None:
         remarks.append(
             f"{after.line.place}: load case {after.number} follows: behind its last "
             "point the table goes on as its second line says"
@@ -461,41 +430,34 @@ def _set_output(edits: _Edits, deck: MarcDeck, case: int, results: str | None) -
         remarks = _changed_post(edits, found, kind)
     else:
         end = deck.find("end option")[0].head
-        lines = post_lines(_WANTED, POST_KINDS[results or "binary"], end.layout)
-        edits.insert(end, *lines)
+        edits.insert(end, *post_lines(_WANTED, POST_KINDS[results or "binary"], end.layout))
         remarks = [f"{end.place}: `post` put before it, with codes {VON_MISES}, {STRESS}"]
-    options = [
-        option
-        for option in deck.find("post increment", Section.HISTORY)
-        if option.case <= case and option.data
-    ]
-    if options:
-        line = options[-1].data[0]
-        (every,) = line.fields("i")
-        if every not in (0, 1):
-            edits.replace(line, line.with_integer(0, 1))
-            remarks.append(f"{line.place}: `post increment` every increment, not every {every}")
+    every = deck.find("post increment", Section.HISTORY)
+    every = [option for option in every if option.case <= case and option.data]
+    if every and (count := every[-1].data[0].first_integer()) not in (0, 1):
+        line = every[-1].data[0]
+        edits.replace(line, line.with_integer(0, 1))
+        remarks.append(f"{line.place}: `post increment` every increment, not every {count}")
     return remarks
 
 
 def _changed_post(edits: _Edits, found: Post, kind: int) -> list[str]:
     line, head = found.line, found.head
     missing = [code for code in _WANTED if code not in found.codes]
-    changed = line
+    text = line.text
     for row, new in (
         (POST_COUNT, len(found.codes) + len(missing)),
         (POST_KIND, kind),
         (POST_EVERY, 1),
     ):
         if new != head[row]:
-            changed = changed._replace(text=changed.with_integer(row, new))
+            text = line._replace(text=text).with_integer(row, new)
     last = found.code_lines[-1] if found.code_lines else line
-    added = [integers_line((code, 0), line.layout, free=last.free) for code in missing]
-    edits.replace(line, changed.text)
-    if added:
-        edits.replace(last, changed.text if last is line else last.text, *added)
+    edits.replace(line, text)
     remarks = []
     if missing:
+        added = [integers_line((code, 0), line.layout, free=last.free) for code in missing]
+        edits.replace(last, text if last is line else last.text, *added)
         remarks.append(f"{line.place}: `post` also asks for codes {', '.join(map(str, missing))}")
     if head[POST_EVERY] not in (0, 1):
         remarks.append(f"{line.place}: `post` every increment, not every {head[POST_EVERY]}")

@@ -147,11 +147,8 @@ def model_of(element="CPE4H", *, stimulus=SHORT, probe=None, contact=None, **cha
 
 
 KINDS = {
-    "80 rigid": (model_of(), "rigid"),
     "80 meshed": (model_of(), "meshed"),
     "11 rigid": (model_of("CPE4"), "rigid"),
-    "11 meshed": (model_of("CPE4"), "meshed"),
-    "27 rigid": (model_of("CPE8"), "rigid"),
     "27 meshed": (model_of("CPE8"), "meshed"),
     "54 rigid": (model_of("CPE8R"), "rigid"),
     "118 rigid": (model_of("CPE4RH"), "rigid"),

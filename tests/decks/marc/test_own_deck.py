@@ -268,7 +268,7 @@ def test_two_tables_that_drive_motions_are_refused_unless_one_is_named(marc_text
 def test_a_second_table_that_cannot_be_meant_is_refused(marc_text, name, number, asked, text):
     deck = marc_text()
     data = deck.text(table=[*deck.table(), *deck.table(name, number)])
-    said = refused(data, f"'{name}'", Request(amplitude=asked))
+    said = refused(data, name, Request(amplitude=asked))
     assert said.startswith(line_of(data, text, -1 if name != "wave" else 1))
 
 

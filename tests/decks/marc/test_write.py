@@ -42,18 +42,6 @@ def test_options_stand_in_the_order_of_a_real_deck(built, sample, name):
     assert [word for word in ours if word in common] == [word for word in theirs if word in common]
 
 
-def test_the_history_has_the_order_of_a_real_one(built, sample):
-    def after_end_option(deck):
-        words = deck.keywords[deck.keywords.index("end option") + 1 :]
-        return [word for word in words if word not in ("auto step", "auto load")]
-
-    _, _, deck = built
-    ours = after_end_option(deck)
-    assert ours[-2:] == ["time step", "continue"]
-    ours.remove("time step")  # Mentat has it within its `auto step`
-    assert ours == after_end_option(sample(PFL))
-
-
 PARAMETERS = ("title", "extended", "alloc", "table", "processor", "all points")
 
 
@@ -166,20 +154,6 @@ def test_every_element_has_its_type_and_nodes_and_a_pressure_of_its_own(built):
             assert nodes == wanted
     count = len(deck.nodes)
     assert sorted(pressures) == list(range(count + 1, count + 1 + len(pressures)))
-
-
-def test_corners_run_counter_clockwise_and_mid_sides_lie_between_them(built):
-    model, _, deck = built
-    place = np.full((max(deck.nodes) + 1, 2), np.nan)
-    place[list(deck.nodes)] = np.array([*deck.nodes.values()])[:, :2]
-    for layer in model.layers:
-        members = np.array([deck.elements[number][1:] for number in layer.number.tolist()])
-        corner = place[members[:, :4]]
-        across, up = np.moveaxis([corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]], 2, 1)
-        assert (across[0] * up[1] > across[1] * up[0]).all()
-        if members.shape[1] == 8:
-            between = 0.5 * (corner + np.roll(corner, -1, axis=1))
-            assert_allclose(place[members[:, 4:]], between, atol=1e-12)
 
 
 def test_one_block_a_layer_names_its_material_and_body(built):
@@ -327,12 +301,6 @@ def edges_of(elements, kinds):
         if kind in kinds:
             count.update(frozenset((members[k], members[(k + 1) % 4])) for k in range(4))
     return [edge for edge, owners in count.items() if owners == 1]
-
-
-def test_the_real_deck_has_as_many_boundary_nodes_as_its_outline_has(sample):
-    deck = sample("pfl_example_model_0")
-    outline = frozenset().union(*edges_of(deck.elements, {118}))
-    assert deck.integers(deck.one("contact").rows[0])[2] == len(outline) == 242
 
 
 def test_boundary_nodes_are_those_of_the_outline_mid_sides_included(built):

@@ -16,9 +16,8 @@ from fembridge.results.extrapolation import (
     point_places,
 )
 
-TYPES = sorted(ELEMENT_TYPES)
 ROOT3, ROOT15 = math.sqrt(3), math.sqrt(15)
-FULL = [n for n in TYPES if ELEMENT_TYPES[n].points > 1]
+FULL = [n for n in ELEMENT_TYPES if ELEMENT_TYPES[n].points > 1]
 
 
 def weights_of(number, method, stored=None):
@@ -37,13 +36,12 @@ def shape_functions(about, places):
     return np.prod((1 + corners[None] * places[:, None]) / 2, axis=2)
 
 
-@pytest.mark.parametrize("number", TYPES)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_constant_field_stays_what_it_is(number, method):
-    about = ELEMENT_TYPES[number]
-    weights = weights_of(number, method)
-    assert weights.shape == (about.nodes, about.points)
-    assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-13)
+def test_a_constant_field_stays_what_it_is(method):
+    for number, about in ELEMENT_TYPES.items():
+        weights = weights_of(number, method)
+        assert weights.shape == (about.nodes, about.points)
+        assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-13)
 
 
 @given(
@@ -114,24 +112,6 @@ def test_translate_takes_the_nearest_points_and_average_all(number):
         assert mean[node] == pytest.approx(sum(values) / len(values), rel=1e-12)
 
 
-def test_translate_gives_each_corner_of_a_quadrilateral_its_own_point():
-    assert (weights_of(11, "translate") @ [1, 2, 3, 4]).tolist() == [1, 2, 4, 3]
-    eight = weights_of(54, "translate") @ [1, 2, 3, 4]
-    assert eight.tolist() == [1, 2, 4, 3, 1.5, 3, 3.5, 2]
-    nine = weights_of(27, "translate") @ range(1, 10)
-    assert nine.tolist() == [1, 3, 9, 7, 2, 6, 8, 4]
-
-
-def test_nine_points_are_fitted_by_least_squares():
-    rng = np.random.default_rng(5)
-    values = rng.normal(size=9)
-    terms = lambda p: np.array([[1, x, y, x * y] for x, y in p])  # noqa: E731
-    about = ELEMENT_TYPES[27]
-    fit = np.linalg.lstsq(terms(point_places("quad", 9)), values, rcond=None)[0]
-    wanted = terms(node_places(about)) @ fit
-    assert_allclose(weights_of(27, "linear") @ values, wanted, rtol=1e-10)
-
-
 def test_a_pressure_node_gets_nothing():
     assert node_weights(80, 5, 4, "linear").shape == (4, 4)
     assert node_weights(118, 5, 1, "linear").tolist() == [[1.0]] * 4
@@ -144,13 +124,16 @@ def test_in_a_mixed_mesh_an_element_takes_its_own_points_alone():
     assert node_weights(6, 3, 4, "translate").tolist() == [[1, 0, 0, 0]] * 3
 
 
-def test_what_is_not_known_is_refused_and_average_is_left():
-    with pytest.raises(ValueError, match="element type 999: where its integration"):
-        node_weights(999, 5, 2, "linear")
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        ((999, 5, 2, "linear"), "999"),
+        ((27, 8, 4, "average"), "27 .*9.* 4"),
+        ((27, 4, 9, "average"), "27 .*4.* 8"),
+        ((11, 4, 4, "cubic"), "cubic"),
+    ],
+)
+def test_what_is_not_known_is_refused_and_average_is_left(asked, found):
+    with pytest.raises(ValueError, match=found):
+        node_weights(*asked)
     assert node_weights(999, 3, 2, "average").tolist() == [[0.5, 0.5]] * 3
-    with pytest.raises(ValueError, match=r"type 27 has 9 integration points.*stores 4"):
-        node_weights(27, 8, 4, "average")
-    with pytest.raises(ValueError, match="type 27 with 4 nodes, expected 8"):
-        node_weights(27, 4, 9, "average")
-    with pytest.raises(ValueError, match="extrapolation 'cubic', expected linear"):
-        node_weights(11, 4, 4, "cubic")

@@ -129,16 +129,6 @@ def test_what_is_no_von_mises_stress_is_left_out_and_told(text):
         read(text(none), ())
 
 
-def test_more_than_two_columns_without_names_are_a_table_alone(text, tmp_path):
-    path = text(COPIED.split("\n", 1)[1])
-    assert read_plot(path).labels == ("column_1", "column_2", "column_3")
-    with pytest.raises(ResultError, match="3 columns without names: which is time"):
-        read(path, [1, 2])
-    assert write_plot_table(path, tmp_path / "t.csv") == 3
-    header = (tmp_path / "t.csv").read_text().splitlines()[0]
-    assert header == "column_1,column_2,column_3"
-
-
 def test_curves_one_under_the_other_are_all_read(text, tmp_path):
     one, two = (
         f"Time \tEquivalent Von Mises Stress Node {node} \n0\t0\n0.0005\t{peak}\n0.001\t0\n"
@@ -289,25 +279,11 @@ def test_in_a_real_job_steps_add_up_to_times_and_cycles_to_their_total(name):
         assert row.total_cycles >= cycles
 
 
-def test_every_cell_of_a_row_goes_to_its_name(sts):
-    assert read_sts(sts(HEAD + ROW + END)).rows == (sts_row_of_text(),)
-
-
 def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):
     found = read_sts(sts(HEAD + ROW))
     assert found.exit_number is None
     assert found.problem == ("the job has not ended, or was killed, increment 3 at 1.5 ms")
     assert read_sts(sts(HEAD)).problem == "the job has not ended, or was killed"
-
-
-def test_a_last_line_that_is_still_being_written_is_left_out(sts):
-    found = read_sts(sts(HEAD + ROW + ROW[:60]))
-    assert len(found.rows) == 1
-
-
-def test_an_end_without_a_line_end_counts_as_the_end(sts):
-    assert read_sts(sts(HEAD + ROW + "\n Job ends with exit number :    3004")).rows
-    assert read_sts(sts(HEAD + ROW + END.rstrip("\n"))).problem is None
 
 
 @pytest.mark.parametrize("number", [13, 2004, 3002, 3015])
@@ -361,15 +337,6 @@ def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
     assert float(rows[-1]["displacement_max_mm"]) == 108.78
     assert heard == []
     assert table.describe(path)["problem"] is None
-
-
-def test_a_table_of_a_job_that_failed_is_written_and_told(sts, tmp_path):
-    path = sts(HEAD + ROW + END.replace("3004", "3002"))
-    table = print_table_of(path)
-    heard = []
-    write_print_table(table, path, tmp_path / "t.csv", ReadOptions(log=heard.append))
-    assert "exit number 3002" in heard[0]
-    assert "exit number 3002" in table.describe(path)["problem"]
 
 
 @given(cut=st.integers(0, len(HEAD + ROW * 3 + END)))
