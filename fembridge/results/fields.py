@@ -85,9 +85,10 @@ class Field:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneCells:
-    """Elements of one `kind` (``qu4``, see `frd_fields.Grid`) as rows of points.
+    """Elements of one `kind` (``qu4``, see `frd_fields.KIND_OF_TYPE`) as rows of points.
 
-    `ids` and `material` are ``(M,)``, `rows` ``(M, k)`` in the order of a ``.frd``.
+    `ids` and `material` are ``(M,)``, `rows` ``(M, k)`` in the order of a ``.frd``, see
+    `frd.ElementRows`. Material -1 is an unknown one.
     """
 
     kind: str
@@ -98,10 +99,10 @@ class SceneCells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A mesh for pictures: `points_mm` ``(P, 3)`` with the numbers `nodes` ``(P,)``.
+    """A mesh: `points_mm` ``(P, 3)`` with the numbers `nodes` ``(P,)``, `cells` by kind.
 
-    A node may be a point of each material there. `met` ``(P,)`` counts them;
-    `materials` names them.
+    Of Marc's a node may be a point of each material there. `met` ``(P,)`` counts the
+    materials at a node, over which stress is a mean; `materials` names them.
     """
 
     points_mm: FloatArray

@@ -15,7 +15,6 @@ with the unit "".
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,6 @@ from fembridge.results.fields import Field, Frame, Scene, SceneCells, rows_of, s
 from fembridge.results.frd import (
     NODES_OF_TYPE,
     STRESS,
-    ElementRows,
     FrdBlock,
     FrdIndex,
     Key,
@@ -144,48 +142,7 @@ def _fields(
         check_unchanged(file, options)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cells:
-    """Elements of one `kind`, in file order.
-
-    `ids` and `material` are ``(M,)``, `corners` ``(M, k)`` numbers of nodes in the order
-    of `frd.ElementRows`. Material -1 is an unknown one.
-    """
-
-    kind: str
-    ids: IntArray
-    material: IntArray
-    corners: IntArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Grid:
-    """A mesh: `nodes` ``(N,)``, `coordinates_mm` ``(N, 3)``, `cells` by kind.
-
-    Lengths are taken as mm. Plane elements (tr3, tr6, qu4, qu8) are at z = 0.
-    `materials` names material numbers, as far as the file does.
-    """
-
-    nodes: IntArray
-    coordinates_mm: FloatArray
-    cells: tuple[Cells, ...]
-    materials: Mapping[int, str] = field(default_factory=dict)
-
-    def materials_met(self) -> IntArray:
-        """How many materials meet at each node, ``(N,)``: stress is a mean over them.
-
-        1 inside a layer, 2 on its boundary, 0 at a node of no element.
-        """
-        met = np.zeros(self.nodes.size, dtype=np.int64)
-        for number in np.unique(np.concatenate([[0], *(cells.material for cells in self.cells)])):
-            touched = np.zeros(self.nodes.size, dtype=np.bool_)
-            for cells in self.cells:
-                touched[rows_of(cells.corners[cells.material == number], self.nodes)] = True
-            met += touched
-        return met
-
-
-def read_grid(path: Path | str) -> Grid:
+def read_mesh(path: Path | str) -> Scene:
     """The mesh of a ``.frd``, or of a run folder's.
 
     Raises
@@ -194,10 +151,11 @@ def read_grid(path: Path | str) -> Grid:
         The file is absent, foreign, has no mesh, or its mesh is damaged.
     """
     with ByteFile(result_file(path)) as file:
-        return _grid(FrdIndex(file))
+        return _mesh(FrdIndex(file))
 
 
-def _grid(index: FrdIndex) -> Grid:
+def _mesh(index: FrdIndex) -> Scene:
+    """Nodes in file order, elements by kind; of plane ones (tr3, tr6, qu4, qu8) z is 0."""
     file = index.file
     if index.nodes is None or index.elements is None:
         kind = "nodes" if index.nodes is None else "elements"
@@ -206,32 +164,33 @@ def _grid(index: FrdIndex) -> Grid:
     if not index.nodes.records:
         raise ResultError("node block: no nodes", file.path)
     block = _node_block(file, index.nodes)
-    nodes, coordinates_mm = next(_tables(file, block, (1.0,) * 3, block.records))
+    nodes, points_mm = next(_tables(file, block, (1.0,) * 3, block.records))
     if np.unique(nodes).size != nodes.size:
         raise ResultError("node block: a node is duplicate", file.path)
-    parts: dict[int, list[ElementRows]] = {}
-    for rows in element_rows(file, index.elements):
-        expected = NODES_OF_TYPE.get(rows.type)
-        if expected != rows.corners.shape[1]:
+    parts: dict[int, list[tuple[IntArray, IntArray, IntArray]]] = {}
+    for one in element_rows(file, index.elements):
+        expected = NODES_OF_TYPE.get(one.type)
+        if expected != one.corners.shape[1]:
             raise ResultError(
-                f"element {rows.ids[0]} of type {rows.type} has "
-                f"{rows.corners.shape[1]} nodes, expected {expected or 'another type'}",
+                f"element {one.ids[0]} of type {one.type} has "
+                f"{one.corners.shape[1]} nodes, expected {expected or 'another type'}",
                 file.path,
             )
-        absent = rows.corners[rows_of(rows.corners, nodes) < 0]
-        if absent.size:
-            raise ResultError(f"an element has node {absent[0]}, which the mesh has not", file.path)
-        parts.setdefault(rows.type, []).append(rows)
-    cells = [
-        Cells(
-            KIND_OF_TYPE[kind],
-            np.concatenate([rows.ids for rows in parts[kind]]),
-            np.concatenate([rows.material for rows in parts[kind]]),
-            np.concatenate([rows.corners for rows in parts[kind]]),
-        )
+        rows = rows_of(one.corners, nodes)
+        if (rows < 0).any():
+            absent = one.corners[rows < 0][0]
+            raise ResultError(f"an element has node {absent}, which the mesh has not", file.path)
+        parts.setdefault(one.type, []).append((one.ids, one.material, rows))
+    cells = tuple(
+        SceneCells(KIND_OF_TYPE[kind], *map(np.concatenate, zip(*parts[kind], strict=True)))
         for kind in sorted(parts)
-    ]
-    return Grid(nodes, coordinates_mm, tuple(cells), dict(index.materials))
+    )
+    # Inside a layer 1 material meets, on its boundary 2, at a node of no element none.
+    met = np.zeros(nodes.size, dtype=np.int64)
+    for number in {number for one in cells for number in np.unique(one.material)}:
+        touched = [one.rows[one.material == number].ravel() for one in cells]
+        met[np.unique(np.concatenate(touched))] += 1
+    return Scene(points_mm, nodes, cells, met, dict(index.materials))
 
 
 class FrdSource(AbstractContextManager["FrdSource"]):
@@ -278,17 +237,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         outputs = outputs_of(index, options)
         if quantities is not None:
             outputs = having(index, outputs, quantities, options)
-        grid = _grid(index)
-        scene = Scene(
-            points_mm=grid.coordinates_mm,
-            nodes=grid.nodes,
-            cells=tuple(
-                SceneCells(one.kind, one.ids, one.material, rows_of(one.corners, grid.nodes))
-                for one in grid.cells
-            ),
-            met=grid.materials_met(),
-            materials=grid.materials,
-        )
+        scene = _mesh(index)
         between = int((scene.met > 1).sum())
         if between:
             options.note(

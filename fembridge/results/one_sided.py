@@ -19,7 +19,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.extrapolation import brick_weights
-from fembridge.results.frd_fields import read_grid
+from fembridge.results.frd_fields import read_mesh
 from fembridge.results.printed import read_point_stress
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import result_file
@@ -91,11 +91,11 @@ def one_sided_stress(
         is not in the set, or of a kind whose points are not extrapolated here.
     """
     path = result_file(path)
-    grid = read_grid(path)
+    mesh = read_mesh(path)
     around = [
         (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
-        for cells in grid.cells
-        for row, corner in np.argwhere(cells.corners == node).tolist()
+        for cells in mesh.cells
+        for row, corner in np.argwhere(mesh.nodes[cells.rows] == node).tolist()
     ]
     if not around:
         raise ResultError(f"node {node} is at no element of the mesh", path)
@@ -117,7 +117,7 @@ def one_sided_stress(
         OneSidedStress(
             node=node,
             material=material,
-            name=grid.materials.get(material, f"material {material}"),
+            name=mesh.materials.get(material, f"material {material}"),
             elements=tuple(element for element, _ in sides[material]),
             times_ms=times_ms,
             tensor_pa=np.mean([tensor for _, tensor in sides[material]], axis=0),

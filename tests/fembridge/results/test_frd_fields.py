@@ -16,7 +16,7 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import column_names, read_field, write_field
 from fembridge.results.frd import NODES_OF_TYPE
-from fembridge.results.frd_fields import KIND_OF_TYPE, read_fields, read_grid
+from fembridge.results.frd_fields import KIND_OF_TYPE, read_fields, read_mesh
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import tensor_of, von_mises_pa
 
@@ -264,9 +264,9 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
     if mesh_flag == 2:
         line_end = "\n"  # among packed numbers it would be one of them
     path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end)
-    grid = read_grid(path)
+    grid = read_mesh(path)
     assert grid.nodes.tolist() == nodes
-    assert grid.coordinates_mm.tolist() == [[node, 0, 0] for node in nodes]
+    assert grid.points_mm.tolist() == [[node, 0, 0] for node in nodes]
     assert grid.materials == {1: "EPI", 2: "DER"}
     numbered = [(number, *row) for number, row in enumerate(elements, start=1)]
     assert [cells.kind for cells in grid.cells] == [
@@ -276,11 +276,11 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
         mine = [row for row in numbered if KIND_OF_TYPE[row[1]] == cells.kind]
         assert cells.ids.tolist() == [number for number, *_ in mine]
         assert cells.material.tolist() == [material for _, _, material, _ in mine]
-        assert cells.corners.tolist() == [corners for *_, corners in mine]
+        assert grid.nodes[cells.rows].tolist() == [corners for *_, corners in mine]
     met = [
         len({material for _, material, corners in elements if node in corners}) for node in nodes
     ]
-    assert grid.materials_met().tolist() == met
+    assert grid.met.tolist() == met
 
 
 @pytest.mark.parametrize("mesh_flag", [1, 2])
@@ -292,21 +292,22 @@ def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_by
     elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
     elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
     path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag)
-    he20, qu4 = read_grid(path).cells
+    mesh = read_mesh(path)
+    he20, qu4 = mesh.cells
     assert (he20.kind, qu4.kind) == ("he20", "qu4")
-    assert he20.corners.tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
-    assert qu4.corners.tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
+    assert mesh.nodes[he20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
+    assert mesh.nodes[qu4.rows].tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
     assert qu4.ids.tolist() == [*range(1, 51), *range(127, 175)]
 
 
 def test_all_storages_of_one_run_have_the_same_mesh(samples):
     text, single, double = (
-        read_grid(samples / f"cpe4_{how}.frd") for how in ("ascii", "bin_f32", "bin_f64")
+        read_mesh(samples / f"cpe4_{how}.frd") for how in ("ascii", "bin_f32", "bin_f64")
     )
     for other in (single, double):
         assert_array_equal(other.nodes, text.nodes)
-        assert_allclose(other.coordinates_mm, text.coordinates_mm, rtol=5.1e-6)
-        assert_array_equal(other.cells[0].corners, text.cells[0].corners)
+        assert_allclose(other.points_mm, text.points_mm, rtol=5.1e-6)
+        assert_array_equal(other.cells[0].rows, text.cells[0].rows)
         assert_array_equal(other.cells[0].material, text.cells[0].material)
         assert other.materials == text.materials
 
@@ -323,26 +324,26 @@ def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
             nodes[int(number)] = [float(word) for word in words]
         elif section == "*ELEMENT":
             elements[int(number)] = [int(word) for word in words]
-    grid = read_grid(samples / "interface_cpe8r.frd")
-    places = grid.coordinates_mm.tolist()
+    grid = read_mesh(samples / "interface_cpe8r.frd")
+    places = grid.points_mm.tolist()
     assert dict(zip(grid.nodes.tolist(), places, strict=True)) == nodes
     (cells,) = grid.cells
     assert cells.kind == "qu8"
-    assert dict(zip(cells.ids.tolist(), cells.corners.tolist(), strict=True)) == elements
-    on_boundary = grid.coordinates_mm[:, 1] == 0.5
-    assert_array_equal(grid.materials_met() == 2, on_boundary)
+    assert dict(zip(cells.ids.tolist(), grid.nodes[cells.rows].tolist(), strict=True)) == elements
+    on_boundary = grid.points_mm[:, 1] == 0.5
+    assert_array_equal(grid.met == 2, on_boundary)
 
 
 def test_blank_counts_and_beams_are_read(samples):
     """As in the file of the last iterations: contact springs are two-node beams."""
-    grid = read_grid(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
+    grid = read_mesh(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
     assert grid.nodes.size == 188
-    assert [(c.kind, c.corners.shape) for c in grid.cells] == [("he8", (30, 8)), ("be2", (112, 2))]
+    assert [(c.kind, c.rows.shape) for c in grid.cells] == [("he8", (30, 8)), ("be2", (112, 2))]
 
 
 def test_a_file_without_a_mesh_is_told(samples):
     with pytest.raises(ResultError):
-        read_grid(samples / "cpe4_nosolver.frd")
+        read_mesh(samples / "cpe4_nosolver.frd")
 
 
 @pytest.mark.parametrize(
@@ -364,7 +365,7 @@ def test_a_damaged_mesh_is_told(write_frd, old, new, words):
     assert content.count(old) == 1
     path.write_bytes(content.replace(old, new))
     with pytest.raises(ResultError, match=words):
-        read_grid(path)
+        read_mesh(path)
 
 
 def test_a_packed_element_of_unknown_type_is_told(write_frd):
@@ -375,7 +376,7 @@ def test_a_packed_element_of_unknown_type_is_told(write_frd):
     content[first + 4] = 77
     path.write_bytes(content)
     with pytest.raises(ResultError, match="element type 77 at byte"):
-        read_grid(path)
+        read_mesh(path)
 
 
 def test_a_quantity_that_is_not_there_is_named_with_those_that_are(samples):

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import OutputError, ResultError, UsageError
-from fembridge.results.frd_fields import read_grid
+from fembridge.results.frd_fields import read_mesh
 from fembridge.results.stress import principal_stresses_pa, tensor_of, von_mises_pa
 
 # Pairs of nodes between which the later nodes of each VTK cell lie, in its order
@@ -49,11 +49,11 @@ def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
     path = samples / f"{name}.frd"
     derived = ("von_mises", "principal")
     series = written(write_vtu_series(path, tmp_path / "out", derived=derived))
-    grid, fields = read_grid(path), list(read_fields(path))
+    grid, fields = read_mesh(path), list(read_fields(path))
     assert [time_ms for time_ms, _ in series] == [field.time_ms for field in fields]
     for (_, file), field in zip(series, fields, strict=True):
         mesh = meshio.read(file)
-        assert_array_equal(mesh.points, grid.coordinates_mm)
+        assert_array_equal(mesh.points, grid.points_mm)
         assert_array_equal(mesh.point_data["node"], grid.nodes)
         assert_array_equal(mesh.point_data["STRESS"], field.values)
         tensor_pa = tensor_of(field)
@@ -61,7 +61,7 @@ def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
         assert_array_equal(mesh.point_data["principal"], principal_stresses_pa(tensor_pa))
         (cells,) = mesh.cells
         assert cells.type == "quad"
-        assert_array_equal(grid.nodes[cells.data], grid.cells[0].corners)
+        assert_array_equal(grid.nodes[cells.data], grid.nodes[grid.cells[0].rows])
         assert_array_equal(mesh.cell_data["material"][0], grid.cells[0].material)
         for number, layer in ((1, "EPI"), (2, "DER"), (3, "STEEL")):
             assert_array_equal(
