@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import re
 import shutil
 import struct
 import tomllib
@@ -19,7 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge.errors import FembridgeError, ResultError, TraceError
 from fembridge.results import frd, read
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd import NODES_OF_TYPE, FrdIndex
+from fembridge.results.frd import FrdIndex
 from fembridge.results.frd_fields import read_fields
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import read_cvg, read_sta, read_total_force
@@ -100,45 +99,6 @@ def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
     assert "dropped step 1, increment 2: not converged" in heard
 
 
-def test_stress_and_displacement_are_joined_by_step_and_increment():
-    both = frd.read_stress_and_displacement(
-        SAMPLES / "cpe4_diverged.frd", [11], [11, 25], ReadOptions(partial=True)
-    )
-    assert both.times_ms.tolist() == [0.5]
-    assert both.tensor_pa.shape == (1, 1, 6)
-    assert both.displacement_mm.shape == (1, 2, 3)
-
-
-def test_a_step_in_ascii_and_one_in_binary_make_one_history():
-    path = SAMPLES / "cpe4_2step_mixed.frd"
-    times_ms, tensor_pa = frd.read_stress_tensor(path, [11])
-    assert_allclose(times_ms, [0.5, 1, 1.5, 2, 2.5, 3], rtol=1e-12)
-    assert np.isfinite(tensor_pa).all()
-
-
-def test_ascii_float32_and_float64_of_one_run_agree_to_their_digits():
-    nodes = [11, 25]
-    read_one = frd.read_stress_tensor
-    ascii_pa, single_pa, double_pa = (
-        read_one(SAMPLES / f"cpe4_{kind}.frd", nodes)[1][..., :4]  # yz, zx are 0
-        for kind in ("ascii", "bin_f32", "bin_f64")
-    )
-    assert_allclose(ascii_pa, double_pa, rtol=5e-6)
-    assert_allclose(single_pa, double_pa, rtol=6e-8)
-
-
-def test_a_set_out_of_order_and_with_a_duplicate_is_read_by_number():
-    some = frd.read_stress_tensor(SAMPLES / "cpe4_nset_unsorted_dup.frd", [11, 25])[1]
-    every = frd.read_stress_tensor(SAMPLES / "cpe4_ascii.frd", [11, 25])[1]
-    assert_allclose(some, every, rtol=0)
-
-
-def test_displacement_agrees_with_the_print_of_the_same_run():
-    """``.dat`` of the run, set PROBES at 0.5 ms: node 11."""
-    _, displacement_mm = frd.read_displacement(SAMPLES / "cpe4_ascii.frd", [11])
-    assert_allclose(displacement_mm[0, 0, 1], -8.254934e-03, rtol=5e-6)
-
-
 def test_output_every_third_increment_makes_traces_of_its_own_step():
     (trace,) = read(SAMPLES / "cpe4_freq3.frd", [11])
     assert (trace.start_ms, trace.dt_ms) == (1.5, 0.5)
@@ -147,16 +107,6 @@ def test_output_every_third_increment_makes_traces_of_its_own_step():
 def test_automatic_increments_are_refused_as_a_trace():
     with pytest.raises(ResultError):
         read(SAMPLES / "cpe4_timepoints.frd", [11])
-
-
-def test_times_of_a_second_and_more_are_read():
-    times_ms, _ = frd.read_stress_tensor(SAMPLES / "cpe4_time_ge_1.frd", [11])
-    assert_allclose(times_ms, [500, 1000, 1500, 2000], rtol=1e-12)
-
-
-def test_a_vibration_of_eighty_increments_is_one_even_trace():
-    (trace,) = read(SAMPLES / "vib_cpe4_bin_f64.frd", [29])
-    assert (trace.stress_pa.size, trace.dt_ms, trace.start_ms) == (80, 0.5, 0.5)
 
 
 def test_a_missing_node_is_named_with_its_neighbours():
@@ -252,23 +202,6 @@ def test_components_in_another_order_are_taken_by_name(block, write_frd):
     assert tensor_pa[0, 0].tolist() == [1, 2, 3, 4, 5, 6]
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_exponents_of_three_digits_are_read(block, write_frd, sign):
-    """Some Windows builds print -5.28012E-003: lines of unequal length."""
-
-    def three_digits(value):
-        text = f"{value:.5E}"
-        return f"{text[:-2]}0{text[-2:]}".rjust(12)
-
-    values = [5.28012e-3 * sign, 3.06745e-3, -1.0, 0.0, 2.0e10, -1e-12]
-    blocks = [
-        block("STRESS", k, k * 1e-3, [(7, values), (8, values[::-1])], number=three_digits)
-        for k in (1, 2)
-    ]
-    _, tensor_pa = frd.read_stress_tensor(write_frd(blocks), [8, 7], AS_IS)
-    assert_array_equal(tensor_pa[1], [values[::-1], values])
-
-
 def test_lines_that_end_as_in_windows_are_read(block, write_frd):
     blocks = [block("STRESS", k, k * 1e-3, [(1, [k] * 6)]) for k in (1, 2)]
     path = write_frd(blocks, line_end="\r\n")
@@ -310,11 +243,6 @@ def test_an_uneven_step_stays_uneven():
     assert_array_equal(frd.unrounded(times_ms), times_ms)
 
 
-ELEMENTS = st.lists(
-    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)), min_size=1, max_size=30
-)
-
-
 def test_a_node_between_two_layers_is_refused_by_name(samples):
     """Node 18 of the two-layer block: uniform stretch gives 0.01126 MPa there,
     which is neither the 0.00055 of one layer nor the 0.022 of the other."""
@@ -322,17 +250,6 @@ def test_a_node_between_two_layers_is_refused_by_name(samples):
     for name in ("cpe4_ascii", "cpe4_bin_f32", "cpe4_2step_mixed"):
         with pytest.raises(ResultError, match=words):
             frd.read_stress_tensor(samples / f"{name}.frd", [11, 18])
-
-
-def test_the_boundary_is_let_through_when_asked_for(samples):
-    options = ReadOptions(across_materials=True)
-    _, tensor_pa = frd.read_stress_tensor(samples / "cpe4_ascii.frd", [18], options)
-    assert tensor_pa.shape == (4, 1, 6)
-
-
-def test_displacement_on_a_boundary_is_as_good_as_elsewhere(samples):
-    _, displacement_mm = frd.read_displacement(samples / "cpe4_ascii.frd", [18])
-    assert displacement_mm.shape == (4, 1, 3)
 
 
 def test_a_word_in_place_of_the_material_number_is_no_material(samples, tmp_path):
@@ -348,18 +265,7 @@ def test_a_word_in_place_of_the_material_number_is_no_material(samples, tmp_path
     assert frd.read_stress_tensor(path, [18])[1].shape == (4, 1, 6)
 
 
-@pytest.mark.parametrize("mesh_flag", [1, 2])
-def test_an_element_block_of_wrong_count_is_told(write_frd, block, mesh_flag):
-    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1] * 6)])], mesh_flag=mesh_flag)
-    content = path.read_bytes()
-    at = content.index(b"    3C") + 24
-    path.write_bytes(content[:at] + b"%12d" % 2 + content[at + 12 :])
-    with pytest.raises(ResultError):
-        frd.read_stress_tensor(path, [1])
-
-
-CUT_STEP, CHANGES = (1, 600) if os.environ.get("CI") == "true" else (7, 120)
-PRINTED_FIELD = re.compile(rb"(?=([+-]?\d\.\d{5}[Ee][+-]\d{2}))")  # they may overlap
+CUT_STEP = 1 if os.environ.get("CI") == "true" else 11
 LENIENT_PA = ReadOptions(partial=True, across_materials=True, stress_unit="Pa")
 
 
@@ -403,48 +309,6 @@ def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(block, write_frd, 
     assert seen == {1, 2}
 
 
-@pytest.mark.parametrize("flag", [1, 2, 3])
-def test_changed_bytes_never_make_a_number_that_is_not_in_the_file(block, write_frd, flag):
-    blocks = small_run(block, flag, increments=2)
-    path = write_frd(blocks, f"fuzz{flag}.frd", mesh_flag=min(flag, 2))
-    whole, rng = path.read_bytes(), np.random.default_rng(flag)
-    read = refused = 0
-    for _ in range(CHANGES):
-        changed = bytearray(whole)
-        for place in rng.integers(0, len(whole), rng.integers(1, 4)):
-            at, kind = min(place, len(changed) - 1), rng.integers(3)
-            if kind == 0:
-                changed[at] = rng.integers(256)
-            elif kind == 1:
-                changed[at] ^= 1 << rng.integers(8)
-            else:
-                changed[at : at + rng.integers(1, 9)] = b""
-        path.unlink()  # else the disk is waited for
-        path.write_bytes(changed)
-        try:
-            _, values = frd.read_stress_tensor(path, [1, 3], LENIENT_PA)
-        except ResultError:
-            refused += 1
-            continue
-        read += 1
-        for value in values.ravel():
-            assert in_file(float(value), bytes(changed), flag)
-    assert read > CHANGES // 15
-    assert refused > CHANGES // 15
-
-
-def in_file(value, content, flag):
-    if flag == 1:
-        return value in {float(number[1]) for number in PRINTED_FIELD.finditer(content)}
-    return struct.pack("<f" if flag == 2 else "<d", value) in content
-
-
-def test_a_count_beyond_the_file_is_told_before_anything_is_allocated(block, write_frd):
-    lying = block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=3, count=2_000_000_000)
-    with pytest.raises(ResultError, match=r"after \d+ of 2000000000 records"):
-        frd.read_stress_tensor(write_frd([lying]), [1])
-
-
 @pytest.mark.parametrize("flag", [1, 2])
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_count_that_lies_is_no_shift_of_records(block, write_frd, flag, count):
@@ -471,15 +335,6 @@ def test_increments_appended_behind_a_cut_are_found_again(block, write_frd, kept
     assert tensor[:, 0, 0].tolist() == [1.0, 3.0]
 
 
-def test_markers_inside_binary_records_are_numbers_there(block, write_frd):
-    text = b"    1PSTEP -3\n 9999\n\n"
-    values = struct.unpack("<5f", text[:20])
-    records = [(1, [*values, 1.0]), (2, [2.0] * 6)]
-    blocks = [block("STRESS", k, k * 1e-3, records, flag=2) for k in (1, 2)]
-    _, tensor = frd.read_stress_tensor(write_frd(blocks), [2], LENIENT_PA)
-    assert tensor[:, 0, 0].tolist() == [2.0, 2.0]
-
-
 @pytest.mark.parametrize("flag", [1, 2, 3])
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
 def test_a_value_that_is_no_number_is_named_by_node_and_time(block, write_frd, flag, bad):
@@ -504,12 +359,6 @@ def test_times_that_go_back_are_refused(block, write_frd):
     words = "increment 3 at 2 ms comes after 3 ms"
     with pytest.raises(ResultError, match=words):
         frd.read_stress_tensor(write_frd(blocks), [1])
-
-
-def test_a_quantity_that_is_absent_is_named_beside_what_is_there(block, write_frd):
-    path = write_frd([block("DISP", 1, 1e-3, [(1, [1.0] * 3)])])
-    with pytest.raises(ResultError):
-        frd.read_stress_tensor(path, [1])
 
 
 def test_an_increment_without_its_twin_is_refused_or_told(block, write_frd):
@@ -542,42 +391,22 @@ def test_a_file_that_shrinks_while_it_is_read_is_an_error(block, write_frd):
             file.take(90, 40)
 
 
-NO_END = "no end line 9999: the run did not end normally"
-LAST_1 = r"last whole increment: 1 of step 1, 0\.5 ms"
 HOLE_BYTES = 2 << 30  # of a sparse file: no disk is used
 SEARCHED = HOLE_BYTES if os.environ.get("CI") == "true" else 128 << 20
-# Sample, its words, and the times that --partial still reads at node 11.
+# Sample, where it says the damage is, and the times that --partial still reads at node 11.
 DAMAGED = {
-    "cpe4_bin_diskfull": (
-        "block header of step 1, increment 2 is cut in its TOSTRAIN lines, at byte "
-        f"14336 of 14336: cut inside a line; {NO_END}; {LAST_1}",
-        [0.5, 1.0],  # its STRESS was whole before the cut
-    ),
-    "cpe4_diskfull": (
-        f"CONTACT of step 1, increment 2 is cut at byte 40960, after 7 of 47 records; "
-        f"{NO_END}; {LAST_1}",
-        [0.5, 1.0],
-    ),
-    "cpe4_diverged": (f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}", [0.5]),
-    "cpe4_dyn_impact": (f"{NO_END}; increment 2 of step 1 did not converge .*; {LAST_1}", [0.5]),
-    "cpe4_incmax": (f"{NO_END}; last whole increment: 2 of step 1, 1 ms", [0.5, 1.0]),
-    "kill_ascii": (
-        f"DISP of step 1, increment 2 is cut at byte 114077, after 157 of 252 records; "
-        f"{NO_END}; {LAST_1}",
-        [0.5],
-    ),
-    "kill_bin_f32": (
-        f"FORC of step 1, increment 2 is cut at byte 61197, after 59 of 252 records; "
-        f"{NO_END}; {LAST_1}",
-        [0.5, 1.0],  # its STRESS was whole before the cut
-    ),
-    "cpe4_negjac": ("mesh only, no results: the solver stopped at its start", None),
-    "cpe4_nosolver": (r"header only \(80 bytes\): the solver stopped before its", None),
-    "cpe8r_3d_nset_zero": ("has 0 records: with OUTPUT=3D .* use OUTPUT=2D", None),
-    "cpe4_lastiter_ResultsForLastIterations": (
-        r"iterations of increment 2 of step 1, no history \(LAST ITERATIONS\)",
-        None,
-    ),
+    # Their STRESS was whole before the cut.
+    "cpe4_bin_diskfull": (r"step 1, increment 2 .* TOSTRAIN .* byte 14336 of 14336", [0.5, 1.0]),
+    "cpe4_diskfull": (r"CONTACT of step 1, increment 2 .* byte 40960, after 7 of 47", [0.5, 1.0]),
+    "kill_bin_f32": (r"FORC of step 1, increment 2 .* byte 61197, after 59 of 252", [0.5, 1.0]),
+    "kill_ascii": (r"DISP of step 1, increment 2 .* byte 114077, after 157 of 252", [0.5]),
+    "cpe4_diverged": (r"increment 2 of step 1 .*: 1 of step 1, 0\.5 ms", [0.5]),
+    "cpe4_dyn_impact": (r"increment 2 of step 1 .*: 1 of step 1, 0\.5 ms", [0.5]),
+    "cpe4_incmax": (r"9999.*: 2 of step 1, 1 ms", [0.5, 1.0]),
+    "cpe4_negjac": ("mesh", None),
+    "cpe4_nosolver": ("80 bytes", None),
+    "cpe8r_3d_nset_zero": ("OUTPUT=2D", None),
+    "cpe4_lastiter_ResultsForLastIterations": ("increment 2 of step 1", None),
 }
 
 
@@ -585,17 +414,6 @@ DAMAGED = {
 def test_a_damaged_sample_is_refused_in_the_right_words(samples, name):
     with pytest.raises(ResultError, match=DAMAGED[name][0]):
         frd.read_stress_tensor(samples / f"{name}.frd", [11])
-
-
-@pytest.mark.parametrize("name", DAMAGED)
-def test_a_damaged_sample_is_listed_with_what_is_wrong(samples, name):
-    held = frd.describe(samples / f"{name}.frd")
-    if name == "cpe8r_3d_nset_zero":
-        assert {quantity["nodes"] for quantity in held["quantities"]} == {0}
-        return
-    assert held["problem"] is not None
-    assert held["problem"].startswith(DAMAGED[name][0][:20].replace("\\", ""))  \
-        or held["remarks"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [n for n, row in DAMAGED.items() if row[1]])

@@ -303,11 +303,6 @@ def halved(tmp_path):
     return read_run_folder(tmp_path / "run")
 
 
-def test_a_run_of_the_whole_says_nothing_of_an_axis():
-    assert read_run_folder(RECORDED).on_axis == ()
-    assert "on_axis" not in (RECORDED / "run.toml").read_text("utf-8")
-
-
 def test_shear_on_the_axis_is_none_and_else_as_it_was(halved):
     nodes = list(halved.node_of().values())
     column = nodes.index(halved.on_axis[0])
