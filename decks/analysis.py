@@ -13,15 +13,16 @@ by element. A half keeps the numbers of the whole; those of what is left out do 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from decks.checks import not_negative, positive
+from decks.checks import NOT_NEGATIVE, POSITIVE, Ranged
 from decks.finger import LAYERS, Finger
 from decks.material import Material
 from decks.mesh import Mesh
 from decks.motion import Motion, motion_of
-from decks.probe import Probe, ProbeMesh, check_on_pad, mesh_probe, touched_node
+from decks.probe import Probe, ProbeMesh, mesh_probe, touched_node
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -56,7 +57,7 @@ _MIRROR = np.array([-1.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(Ranged):
     """How probe and skin touch: penalty springs and Coulomb friction.
 
     `friction` 0.4 is that of skin on metal (Ishizuka et al., 3.1). The springs'
@@ -69,14 +70,20 @@ class Contact:
     friction: float = 0.4
     stick_share: float = STICK_SHARE
 
+    RANGES: ClassVar = {
+        "stiffness_mpa_per_mm": POSITIVE,
+        "stick_share": POSITIVE,
+        "friction": NOT_NEGATIVE,
+    }
+    ERROR: ClassVar = DeckError
+
     def __post_init__(self) -> None:
         if self.formulation not in FORMULATIONS:
             raise DeckError(
                 f"contact formulation {self.formulation!r}, expected one of "
                 f"{', '.join(FORMULATIONS)}"
             )
-        positive(self, "stiffness_mpa_per_mm", "stick_share", error=DeckError)
-        not_negative(self, "friction", error=DeckError)
+        Ranged.__post_init__(self)
 
     def __str__(self) -> str:
         rub = f"friction {self.friction:g}" if self.friction else "no friction"
@@ -383,16 +390,15 @@ class Model:
         still = "viscous" if self.finger.relaxing_s else "static"
         procedure = "dynamic" if self.inertia else still
         motion = motion_of(stimulus, procedure, self.finger.relaxing_s)
-        probe_mesh = mesh_probe(probe, mesh)
-        aside_mm = np.zeros(1) if motion.aside_mm is None else motion.aside_mm
-        left_mm, right_mm = probe.x_mm + aside_mm.min(), probe.x_mm + aside_mm.max()
-        check_on_pad(mesh, left_mm, right_mm, 0.5 * probe.diameter_mm)
+        way = motion.aside_mm
+        way_mm = (0.0, 0.0) if way is None else (float(way.min()), float(way.max()))
+        probe_mesh = mesh_probe(probe, mesh, way_mm)
         edge, owner, face = mesh.outline()
         middle = mesh.node_mm[edge].mean(axis=1)
         reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
         reached = (
-            (middle[:, 0] >= left_mm - reach_mm)
-            & (middle[:, 0] <= right_mm + reach_mm)
+            (middle[:, 0] >= probe.x_mm + way_mm[0] - reach_mm)
+            & (middle[:, 0] <= probe.x_mm + way_mm[1] + reach_mm)
             & (middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min())
         )
         nail = np.unique(mesh.quad[mesh.in_layer("nail")])

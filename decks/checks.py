@@ -1,35 +1,36 @@
-"""Checks that a finger, a probe and a contact share: numbers of a value by their names."""
+"""Ranges of the numbers of a finger, a probe and a contact, checked when one is made."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
 from fembridge.errors import FembridgeError, FingerError
 
-_Kind = type[FembridgeError]
+NOT_NEGATIVE = (0.0, math.inf)
+POSITIVE = (math.ulp(0.0), math.inf)
+FINITE = (-math.inf, math.inf)
+_WORDS = {NOT_NEGATIVE: ">= 0", POSITIVE: "> 0"}
 
 
-def finite(value: object, name: str, error: _Kind = FingerError) -> float:
-    """The number that `value` has under `name`."""
-    number: float = getattr(value, name)
-    if not math.isfinite(number):
-        raise error(f"{name} must be finite, got {number}")
-    return number
+@dataclass(frozen=True, slots=True)
+class Ranged:
+    """A value whose fields lie in `RANGES`, ends included, and are finite.
 
+    Raises
+    ------
+    FingerError
+        Or what `ERROR` says: names the field, its range and its value.
+    """
 
-def positive(value: object, *names: str, error: _Kind = FingerError) -> None:
-    """Refuse a number that is zero or less."""
-    for name in names:
-        if not (number := finite(value, name, error)) > 0:
-            raise error(f"{name} must be > 0, got {number:g}")
+    RANGES: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    ERROR: ClassVar[type[FembridgeError]] = FingerError
 
-
-def not_negative(value: object, *names: str, error: _Kind = FingerError) -> None:
-    """Refuse a number below zero."""
-    for name in names:
-        if not (number := finite(value, name, error)) >= 0:
-            raise error(f"{name} must be >= 0, got {number:g}")
-
-
-def between(value: object, name: str, least: float, most: float) -> None:
-    """Refuse a number outside `least` to `most`; both belong to the range."""
-    if not least <= (number := finite(value, name)) <= most:
-        raise FingerError(f"{name} must be {least:g} to {most:g}, got {number:g}")
+    def __post_init__(self) -> None:
+        for name, (least, most) in self.RANGES.items():
+            number = getattr(self, name)
+            if not math.isfinite(number):
+                raise self.ERROR(f"{name} must be finite, got {number}")
+            if not least <= number <= most:
+                words = _WORDS.get((least, most), f"{least:g} to {most:g}")
+                raise self.ERROR(f"{name} must be {words}, got {number:g}")

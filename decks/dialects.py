@@ -94,13 +94,21 @@ class Dialect:
             Something that this dialect cannot say.
         """
         self.element_named(analysis.element)
-        self._check_motion(analysis)
-        chosen = DeckOptions(
-            self._choice("results", options.results, self.result_kinds),
-            self._choice("probe", options.probe, self.probes),
-        )
+        motion, chosen = analysis.motion, {}
+        if motion.aside_mm is not None and not self.slides:
+            raise DeckError(f"fembridge writes no sliding probe for {self.name}")
+        for phase in motion.phases:
+            if phase.procedure not in self.procedures:
+                words = {"viscous": "relaxing skin", "dynamic": "inertia"}
+                raise DeckError(f"fembridge writes no {words[phase.procedure]} for {self.name}")
+        for what, known in (("results", self.result_kinds), ("probe", self.probes)):
+            word = chosen[what] = getattr(options, what) or known[0]
+            if word not in known:
+                raise DeckError(
+                    f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
+                )
         write: Callable[[Analysis, DeckOptions], dict[str, str]] = _named(self.target)
-        return write(analysis, chosen)
+        return write(analysis, DeckOptions(**chosen))
 
     def branches_at(self, analysis: "Analysis") -> dict[int, int]:
         """Count what a node's stress is the sum of, where the file holds the mean."""
@@ -108,22 +116,6 @@ class Dialect:
             return {}
         count: Callable[[Analysis], dict[int, int]] = _named(self.branches)
         return count(analysis)
-
-    def _check_motion(self, analysis: "Analysis") -> None:
-        motion = analysis.motion
-        if motion.aside_mm is not None and not self.slides:
-            raise DeckError(f"fembridge writes no sliding probe for {self.name}")
-        for phase in motion.phases:
-            if phase.procedure not in self.procedures:
-                words = {"viscous": "relaxing skin", "dynamic": "inertia"}
-                raise DeckError(f"fembridge writes no {words[phase.procedure]} for {self.name}")
-
-    def _choice(self, what: str, word: str | None, known: tuple[str, ...]) -> str:
-        if word is not None and word not in known:
-            raise DeckError(
-                f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
-            )
-        return known[0] if word is None else word
 
 
 def _named(target: str) -> Any:  # noqa: ANN401 - whatever the name stands for

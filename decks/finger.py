@@ -6,10 +6,11 @@ depth is ``-y`` there. Everything is in mm and MPa, the units of the decks.
 """
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
-from decks.checks import between, finite, not_negative, positive
+from decks.checks import FINITE, NOT_NEGATIVE, POSITIVE, Ranged
 from decks.material import TABLE_1, Material
 from fembridge.errors import FingerError
 
@@ -25,7 +26,7 @@ LAYERS = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue", "bone
 
 
 @dataclass(frozen=True, slots=True)
-class Outline:
+class Outline(Ranged):
     """An ellipse: a human index fingertip is about 16 mm wide and 13 mm high.
 
     Source: the sections of Dandekar, Raju & Srinivasan 2003, J. Biomech. Eng.
@@ -35,9 +36,7 @@ class Outline:
     half_width_mm: float = 8.0
     half_height_mm: float = 6.5
 
-    def __post_init__(self) -> None:
-        for name in ("half_width_mm", "half_height_mm"):
-            between(self, name, 2.0, 50.0)
+    RANGES: ClassVar = {"half_width_mm": (2.0, 50.0), "half_height_mm": (2.0, 50.0)}
 
     @property
     def least_radius_mm(self) -> float:
@@ -47,7 +46,7 @@ class Outline:
 
 
 @dataclass(frozen=True, slots=True)
-class Skin:
+class Skin(Ranged):
     """Thickness of the skin's layers on the pad, measured from the ridge tops.
 
     Stratum corneum about 0.3 mm: optical coherence tomography of a finger pad,
@@ -60,9 +59,9 @@ class Skin:
     epidermis_mm: float = 0.40
     dermis_mm: float = 1.10
 
-    def __post_init__(self) -> None:
-        for name in ("stratum_corneum_mm", "epidermis_mm", "dermis_mm"):
-            between(self, name, THINNEST_MM, 50.0)
+    RANGES: ClassVar = dict.fromkeys(
+        ("stratum_corneum_mm", "epidermis_mm", "dermis_mm"), (THINNEST_MM, 50.0)
+    )
 
     @property
     def epidermis_depth_mm(self) -> float:
@@ -76,7 +75,7 @@ class Skin:
 
 
 @dataclass(frozen=True, slots=True)
-class Ridges:
+class Ridges(Ranged):
     """Fingerprint ridges: a cosine on the pad, faded out over its last ridge.
 
     About 0.5 mm apart and 0.1 mm high: Adams et al. 2013, Fig. 1; Maeno,
@@ -87,9 +86,14 @@ class Ridges:
     height_mm: float = 0.1
     half_width_mm: float = 3.0
 
+    RANGES: ClassVar = {
+        "spacing_mm": POSITIVE,
+        "half_width_mm": POSITIVE,
+        "height_mm": NOT_NEGATIVE,
+    }
+
     def __post_init__(self) -> None:
-        positive(self, "spacing_mm", "half_width_mm")
-        not_negative(self, "height_mm")
+        Ranged.__post_init__(self)
         if self.spacing_mm > self.half_width_mm:
             raise FingerError(
                 f"ridges {self.spacing_mm:g} mm apart on a half pad of "
@@ -98,7 +102,7 @@ class Ridges:
 
 
 @dataclass(frozen=True, slots=True)
-class Papillae:
+class Papillae(Ranged):
     """Dermal papillae: two under each ridge, an intermediate ridge between them.
 
     The epidermis reaches deepest under the middle of a ridge; the papillae's
@@ -108,26 +112,26 @@ class Papillae:
 
     height_mm: float = 0.1
 
-    def __post_init__(self) -> None:
-        not_negative(self, "height_mm")
+    RANGES: ClassVar = {"height_mm": NOT_NEGATIVE}
 
 
 @dataclass(frozen=True, slots=True)
-class Bone:
+class Bone(Ranged):
     """The distal phalanx: an ellipse, `depth_mm` from the pad to its centre."""
 
     half_width_mm: float = 3.2
     half_height_mm: float = 2.2
     depth_mm: float = 8.5
 
-    def __post_init__(self) -> None:
-        for name in ("half_width_mm", "half_height_mm"):
-            between(self, name, 0.1, 50.0)
-        positive(self, "depth_mm")
+    RANGES: ClassVar = {
+        "half_width_mm": (0.1, 50.0),
+        "half_height_mm": (0.1, 50.0),
+        "depth_mm": POSITIVE,
+    }
 
 
 @dataclass(frozen=True, slots=True)
-class Nail:
+class Nail(Ranged):
     """The nail plate: takes the stratum corneum's place on the back of the finger.
 
     `start_deg` is the angle from the pad's apex, seen from the middle of the
@@ -137,13 +141,11 @@ class Nail:
     thickness_mm: float = 0.45
     start_deg: float = 125.0
 
-    def __post_init__(self) -> None:
-        between(self, "thickness_mm", THINNEST_MM, 50.0)
-        between(self, "start_deg", 95, 170)
+    RANGES: ClassVar = {"thickness_mm": (THINNEST_MM, 50.0), "start_deg": (95.0, 170.0)}
 
 
 @dataclass(frozen=True, slots=True)
-class AfferentSite:
+class AfferentSite(Ranged):
     """Where an afferent is looked for: the node of `layer` nearest this point.
 
     The node is one whose elements all belong to `layer`: a solver averages
@@ -155,17 +157,18 @@ class AfferentSite:
     x_mm: float
     depth_mm: float
 
+    RANGES: ClassVar = {"x_mm": FINITE, "depth_mm": NOT_NEGATIVE}
+
     def __post_init__(self) -> None:
+        Ranged.__post_init__(self)
         if self.layer not in LAYERS:
             raise FingerError(f"layer {self.layer!r} is none of {', '.join(LAYERS)}")
-        finite(self, "x_mm")
-        not_negative(self, "depth_mm")
 
 
 # Merkel cells sit at the tip of the intermediate ridge; the Meissner corpuscle
 # hangs by fibrils on the epidermis at the tip of a papilla, so it is given the
 # epidermis' stress there; Pacinian corpuscles lie in the subcutaneous tissue.
-SITES: Mapping[str, AfferentSite] = {
+SITES: dict[str, AfferentSite] = {
     "SA": AfferentSite("epidermis", 0.0, 0.5875),
     "RA": AfferentSite("epidermis", 0.125, 0.52),
     "PC": AfferentSite("subcutaneous_tissue", 0.0, 2.0),
@@ -173,7 +176,7 @@ SITES: Mapping[str, AfferentSite] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Resolution:
+class Resolution(Ranged):
     """How fine the mesh is: element widths along the skin, rows across layers.
 
     Columns are `contact_mm` wide within `contact_half_width_mm` of the apex,
@@ -188,27 +191,27 @@ class Resolution:
     epidermis_rows: int = 8
     dermis_rows: int = 6
 
+    RANGES: ClassVar = {
+        **dict.fromkeys(("contact_mm", "ridge_mm", "far_mm"), (0.005, 2.0)),
+        "contact_half_width_mm": POSITIVE,
+        **dict.fromkeys(("stratum_corneum_rows", "epidermis_rows", "dermis_rows"), (1, 200)),
+    }
+
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            positive(self, entry.name)
-        finest = min(self.contact_mm, self.ridge_mm)
-        if finest < 0.005:
-            raise FingerError(f"elements of {finest:g} mm: expected 0.005 mm or more")
+        Ranged.__post_init__(self)
         if max(self.contact_mm, self.ridge_mm) > self.far_mm:
             raise FingerError(
                 f"far_mm must be at least contact_mm ({self.contact_mm:g}) and "
                 f"ridge_mm ({self.ridge_mm:g}), got {self.far_mm:g}"
             )
-        between(self, "far_mm", 0.005, 2.0)
         if self.contact_half_width_mm < self.contact_mm:
             raise FingerError(
                 f"contact_half_width_mm must be at least contact_mm "
                 f"({self.contact_mm:g}), got {self.contact_half_width_mm:g}"
             )
         for name in ("stratum_corneum_rows", "epidermis_rows", "dermis_rows"):
-            rows = getattr(self, name)
-            if not isinstance(rows, int) or rows > 200:
-                raise FingerError(f"{name} must be a whole number to 200, got {rows}")
+            if not isinstance(rows := getattr(self, name), int):
+                raise FingerError(f"{name} must be a whole number, got {rows}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +226,8 @@ class Finger:
     bone: Bone = field(default_factory=Bone)
     nail: Nail = field(default_factory=Nail)
     resolution: Resolution = field(default_factory=Resolution)
-    materials: Mapping[str, Material] = field(default_factory=lambda: dict(TABLE_1))
-    afferents: Mapping[str, AfferentSite] = field(default_factory=lambda: dict(SITES))
+    materials: Mapping[str, Material] = field(default_factory=TABLE_1.copy)
+    afferents: Mapping[str, AfferentSite] = field(default_factory=SITES.copy)
 
     def __post_init__(self) -> None:
         for name in ("materials", "afferents"):  # nobody else's dict
@@ -232,7 +235,10 @@ class Finger:
         missing = [layer for layer in LAYERS if layer not in self.materials]
         if missing:
             raise FingerError(f"no material for {', '.join(missing)}")
-        _check_fit(self)
+        for misfit, words in _misfits(self):
+            if misfit:
+                raise FingerError(words)
+        _check_afferents(self)
 
     @property
     def relaxing_s(self) -> float:
@@ -249,92 +255,65 @@ class Finger:
 # ---- Whether the parts fit together
 
 
-def _check_fit(finger: Finger) -> None:
-    """Refuse a finger whose parts cross each other.
-
-    Raises
-    ------
-    FingerError
-        Names both parts, what they are and what they may be.
-    """
-    _check_layers(finger)
-    _check_ridges(finger)
-    _check_bone(finger)
-    _check_afferents(finger)
-
-
-def _check_layers(finger: Finger) -> None:
-    """Refuse layers that cross each other or fold where the outline bends."""
+def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
+    """What may be wrong between parts: whether it is, and both parts in words."""
     skin, ridges, papillae = finger.skin, finger.ridges, finger.papillae
-    if ridges.height_mm >= skin.stratum_corneum_mm:
-        raise FingerError(
-            f"ridges {ridges.height_mm:g} mm high in a stratum corneum of "
-            f"{skin.stratum_corneum_mm:g} mm: expected less"
-        )
-    if finger.nail.thickness_mm >= skin.epidermis_depth_mm:
-        raise FingerError(
-            f"a nail of {finger.nail.thickness_mm:g} mm: expected thinner than "
-            f"corneum and epidermis, {skin.epidermis_depth_mm:g} mm"
-        )
-    waves_mm = 0.5 * (papillae.height_mm + ridges.height_mm)
-    if papillae.height_mm >= skin.epidermis_mm or waves_mm >= skin.epidermis_mm:
-        raise FingerError(
-            f"papillae {papillae.height_mm:g} mm high under ridges of "
-            f"{ridges.height_mm:g} mm in an epidermis of {skin.epidermis_mm:g} mm: "
-            "expected less"
-        )
-    if 0.5 * papillae.height_mm >= skin.dermis_mm:
-        raise FingerError(
-            f"papillae {papillae.height_mm:g} mm high over a dermis of "
-            f"{skin.dermis_mm:g} mm: expected less than twice that"
-        )
-    if skin.dermis_depth_mm >= finger.outline.least_radius_mm:
-        raise FingerError(
-            f"skin {skin.dermis_depth_mm:g} mm deep folds where the outline's "
-            f"radius is {finger.outline.least_radius_mm:.3g} mm: expected less"
-        )
-
-
-def _check_ridges(finger: Finger) -> None:
-    """Refuse ridges that reach the nail's side, or that no column can follow."""
-    ridges, resolution = finger.ridges, finger.resolution
-    if ridges.half_width_mm > finger.outline.half_width_mm:
-        raise FingerError(
-            f"ridges to {ridges.half_width_mm:g} mm on both sides: expected at "
-            f"most the outline's half width, {finger.outline.half_width_mm:g} mm"
-        )
-    widest_mm = max(resolution.contact_mm, resolution.ridge_mm)
-    flat = ridges.height_mm == 0 == finger.papillae.height_mm
-    if not flat and widest_mm > (0.25 + 1e-9) * ridges.spacing_mm:
-        raise FingerError(
-            f"columns {widest_mm:g} mm wide under ridges {ridges.spacing_mm:g} mm "
-            f"apart: contact_mm and ridge_mm must be at most "
-            f"{0.25 * ridges.spacing_mm:g} mm, four to a ridge"
-        )
-
-
-def _check_bone(finger: Finger) -> None:
-    """Refuse a bone that reaches into the skin.
-
-    Inside means: within the outline's ellipse less skin and gap on each half
-    axis, which is the curve at that depth to a few hundredths of a mm.
-    """
-    bone, outline = finger.bone, finger.outline
-    wall_mm = finger.skin.dermis_depth_mm + _BONE_GAP_MM
-    top_mm = bone.depth_mm - bone.half_height_mm
-    bottom_mm = bone.depth_mm + bone.half_height_mm
+    outline, bone = finger.outline, finger.bone
+    yield (
+        ridges.height_mm >= skin.stratum_corneum_mm,
+        f"ridges {ridges.height_mm:g} mm high in a stratum corneum of "
+        f"{skin.stratum_corneum_mm:g} mm: expected less",
+    )
+    yield (
+        finger.nail.thickness_mm >= skin.epidermis_depth_mm,
+        f"a nail of {finger.nail.thickness_mm:g} mm: expected thinner than corneum and "
+        f"epidermis, {skin.epidermis_depth_mm:g} mm",
+    )
+    waves_mm = max(papillae.height_mm, 0.5 * (papillae.height_mm + ridges.height_mm))
+    yield (
+        waves_mm >= skin.epidermis_mm,
+        f"papillae {papillae.height_mm:g} mm high under ridges of {ridges.height_mm:g} mm "
+        f"in an epidermis of {skin.epidermis_mm:g} mm: expected less",
+    )
+    yield (
+        0.5 * papillae.height_mm >= skin.dermis_mm,
+        f"papillae {papillae.height_mm:g} mm high over a dermis of {skin.dermis_mm:g} mm: "
+        "expected less than twice that",
+    )
+    yield (
+        skin.dermis_depth_mm >= outline.least_radius_mm,
+        f"skin {skin.dermis_depth_mm:g} mm deep folds where the outline's radius is "
+        f"{outline.least_radius_mm:.3g} mm: expected less",
+    )
+    yield (
+        ridges.half_width_mm > outline.half_width_mm,
+        f"ridges to {ridges.half_width_mm:g} mm on both sides: expected at most the "
+        f"outline's half width, {outline.half_width_mm:g} mm",
+    )
+    widest_mm = max(finger.resolution.contact_mm, finger.resolution.ridge_mm)
+    flat = ridges.height_mm == 0 == papillae.height_mm
+    yield (
+        not flat and widest_mm > (0.25 + 1e-9) * ridges.spacing_mm,
+        f"columns {widest_mm:g} mm wide under ridges {ridges.spacing_mm:g} mm apart: "
+        f"contact_mm and ridge_mm must be at most {0.25 * ridges.spacing_mm:g} mm, four "
+        "to a ridge",
+    )
+    # Inside is within the outline's ellipse less skin and gap on each half axis, which
+    # is the curve at that depth to a few hundredths of a mm.
+    wall_mm = skin.dermis_depth_mm + _BONE_GAP_MM
+    top_mm, bottom_mm = bone.depth_mm - bone.half_height_mm, bone.depth_mm + bone.half_height_mm
     lowest_mm = 2 * outline.half_height_mm - wall_mm
-    if top_mm < wall_mm or bottom_mm > lowest_mm:
-        raise FingerError(
-            f"the bone spans depth {top_mm:g} to {bottom_mm:g} mm and touches "
-            f"the skin: expected inside {wall_mm:g} to {lowest_mm:g} mm"
-        )
+    yield (
+        top_mm < wall_mm or bottom_mm > lowest_mm,
+        f"the bone spans depth {top_mm:g} to {bottom_mm:g} mm and touches the skin: "
+        f"expected inside {wall_mm:g} to {lowest_mm:g} mm",
+    )
     room_mm = _half_width_mm(outline, bone, wall_mm)
-    if bone.half_width_mm > room_mm:
-        raise FingerError(
-            f"bone half width {bone.half_width_mm:g} mm, expected at most "
-            f"{room_mm:.3g} mm: it touches the skin"
-        )
+    yield (
+        bone.half_width_mm > room_mm,
+        f"bone half width {bone.half_width_mm:g} mm, expected at most {room_mm:.3g} mm: "
+        "it touches the skin",
+    )
 
 
 def _check_afferents(finger: Finger) -> None:

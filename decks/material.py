@@ -5,10 +5,10 @@ Prony terms, by which a layer relaxes, and the density, which counts where inert
 is asked for. Neither is in the paper; both are a user's choice.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
-from decks.checks import between, finite
+from decks.checks import NOT_NEGATIVE, POSITIVE, Ranged
 from fembridge.errors import FingerError
 
 _MOST_TERMS = 5
@@ -16,7 +16,7 @@ _LONGEST_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class PronyTerm:
+class PronyTerm(Ranged):
     """A share `g` of the shear modulus that is lost with time constant `tau_s`.
 
     ``G(t) = G0 (1 - sum g (1 - exp(-t/tau)))``, as Abaqus has it; the bulk modulus
@@ -26,14 +26,11 @@ class PronyTerm:
     g: float
     tau_s: float
 
-    def __post_init__(self) -> None:
-        if not 0 < finite(self, "g") < 1:
-            raise FingerError(f"g must be in (0, 1), got {self.g}")
-        between(self, "tau_s", 1e-4, _LONGEST_S)
+    RANGES: ClassVar = {"g": POSITIVE, "tau_s": (1e-4, _LONGEST_S)}
 
 
 @dataclass(frozen=True, slots=True)
-class Material:
+class Material(Ranged):
     """Linear elastic, isotropic; with `prony` terms the moduli are those at once.
 
     `density_kg_m3` counts where inertia is asked for; 1109 is that of skin (IT'IS
@@ -45,11 +42,16 @@ class Material:
     prony: tuple[PronyTerm, ...] = ()
     density_kg_m3: float = 1109.0
 
+    RANGES: ClassVar = {
+        "young_mpa": (1e-6, 1e9),
+        "poisson": NOT_NEGATIVE,
+        "density_kg_m3": (1.0, 1e5),
+    }
+
     def __post_init__(self) -> None:
-        between(self, "young_mpa", 1e-6, 1e9)
-        if not 0 <= finite(self, "poisson") < 0.5:
+        Ranged.__post_init__(self)
+        if not self.poisson < 0.5:
             raise FingerError(f"poisson must be in [0, 0.5), got {self.poisson}")
-        between(self, "density_kg_m3", 1.0, 1e5)
         object.__setattr__(self, "prony", tuple(self.prony))
         if len(self.prony) > _MOST_TERMS:
             raise FingerError(f"{len(self.prony)} Prony terms, expected at most {_MOST_TERMS}")
@@ -77,7 +79,7 @@ class Material:
 
 # Ishizuka et al., Table 1. Densities: IT'IS Foundation 4.1 (skin; subcutaneous fat;
 # cortical bone); of the nail that of keratin, rounded.
-TABLE_1: Mapping[str, Material] = {
+TABLE_1: dict[str, Material] = {
     "stratum_corneum": Material(2.0, 0.30),
     "epidermis": Material(2.0, 0.30),
     "dermis": Material(0.050, 0.48),

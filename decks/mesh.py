@@ -48,13 +48,8 @@ _DAMAGE = (
 class Mesh:
     """`node_mm` ``(N, 2)``, `quad` ``(E, 4)`` rows of nodes, `layer` ``(E,)``.
 
-    `layer` indexes `decks.finger.LAYERS`. Quads run counter-clockwise.
-
-    Raises
-    ------
-    FingerError
-        A quad that is clockwise, folded or too skewed, a node that no element
-        uses, two nodes in one place, or a section with a gap or an overlap.
+    `layer` indexes `decks.finger.LAYERS`. Quads run counter-clockwise. One that is made
+    of a user's finger is `checked`; a stored one was.
     """
 
     node_mm: FloatArray
@@ -66,9 +61,6 @@ class Mesh:
             array = np.array(getattr(self, name), dtype=kind)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        _check_tables(self.node_mm, self.quad, self.layer)
-        self._check_shapes()
-        _check_cover(self.node_mm, self.quad)
 
     def scaled_jacobian(self) -> FloatArray:
         """Worst corner of each quad ``(E,)``: 1 is a rectangle, <= 0 is folded."""
@@ -141,7 +133,23 @@ class Mesh:
             )
         return int(rows[nearest])
 
-    def _check_shapes(self) -> None:
+    def checked(self) -> "Mesh":
+        """The mesh itself, if it covers a section exactly once with sound quads.
+
+        Raises
+        ------
+        FingerError
+            A quad that is clockwise, folded or too skewed, a node that no element
+            uses, two nodes in one place, or a section with a gap or an overlap.
+        """
+        unused = np.setdiff1d(np.arange(len(self.node_mm)), self.quad)
+        if unused.size:
+            raise FingerError(f"node {unused[0] + 1} belongs to no element")
+        place = np.round(self.node_mm / _SAME_PLACE_MM)
+        _, first, count = np.unique(place, axis=0, return_index=True, return_counts=True)
+        if count.max() > 1:
+            x, y = self.node_mm[first[count.argmax()]]
+            raise FingerError(f"two nodes in one place, at ({x:.6f}, {y:.6f}) mm")
         worst = self.scaled_jacobian()
         row = int(worst.argmin())
         if not worst[row] >= MIN_SCALED_JACOBIAN:
@@ -153,6 +161,8 @@ class Mesh:
                 f"element {row + 1} at ({x:.3f}, {y:.3f}) mm is {fault}: scaled "
                 f"Jacobian {worst[row]:.2f}, expected {MIN_SCALED_JACOBIAN} or more"
             )
+        _check_cover(self.node_mm, self.quad)
+        return self
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
@@ -172,42 +182,17 @@ def read_mesh(path: Path) -> Mesh:
     Raises
     ------
     FingerError
-        There is none, it is damaged, or it is a mesh that `Mesh` refuses.
+        There is none, or it is damaged.
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             arrays = [stored[name] for name in ("node_mm", "quad", "layer")]
         return Mesh(*arrays)
-    except FingerError as error:
-        raise FingerError(f"{path}: {error}") from error
     except _DAMAGE as error:
         raise FingerError(f"{path}: not a stored mesh: {error}") from error
 
 
 # ---- Checks
-
-
-def _check_tables(node_mm: FloatArray, quad: IntArray, layer: IntArray) -> None:
-    """Refuse tables of the wrong shape, nodes that nobody uses or that coincide."""
-    if node_mm.ndim != 2 or node_mm.shape[1] != 2:
-        raise FingerError(f"expected nodes (N, 2), got {node_mm.shape}")
-    if quad.ndim != 2 or quad.shape[1] != 4 or not len(quad):
-        raise FingerError(f"expected quads (E, 4), got {quad.shape}")
-    if layer.shape != (len(quad),):
-        raise FingerError(f"expected a layer for {len(quad)} quads, got {layer.shape}")
-    if layer.min() < 0 or layer.max() >= len(LAYERS):
-        raise FingerError(f"layers {layer.min()} to {layer.max()}, expected 0 to 5")
-    bad = np.flatnonzero(~np.isfinite(node_mm).all(axis=1))
-    if bad.size:
-        raise FingerError(f"node {bad[0] + 1} is at {node_mm[bad[0]]}")
-    if quad.min() < 0 or quad.max() >= len(node_mm):
-        raise FingerError(
-            f"quads name nodes {quad.min() + 1} to {quad.max() + 1}, there are 1 to {len(node_mm)}"
-        )
-    unused = np.flatnonzero(np.bincount(quad.ravel(), minlength=len(node_mm)) == 0)
-    if unused.size:
-        raise FingerError(f"node {unused[0] + 1} belongs to no element")
-    _check_places(node_mm)
 
 
 def _check_cover(node_mm: FloatArray, quad: IntArray) -> None:
@@ -237,14 +222,6 @@ def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         worst: FloatArray = np.nan_to_num(cross / length, nan=-1.0).min(axis=1)
     return worst
-
-
-def _check_places(node_mm: FloatArray) -> None:
-    place = np.round(node_mm / _SAME_PLACE_MM)
-    _, first, count = np.unique(place, axis=0, return_index=True, return_counts=True)
-    if count.max() > 1:
-        x, y = node_mm[first[count.argmax()]]
-        raise FingerError(f"two nodes in one place, at ({x:.6f}, {y:.6f}) mm")
 
 
 def _ring(following: dict[int, int], start: int) -> list[int]:

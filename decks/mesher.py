@@ -97,7 +97,7 @@ def _mesh(section: Section, stretch: float) -> Mesh:
         geometry.generate_mesh(dim=2, algorithm=8)
         gmsh.model.mesh.optimize("UntangleMeshGeometry", niter=10)
         half = _collect(gmsh, surfaces)
-    return half.snapped(section.finger.afferents.values()).mirrored()
+    return half.snapped(section.finger.afferents.values()).mirrored().checked()
 
 
 def _expected_elements(section: Section) -> float:

@@ -5,10 +5,11 @@ a single row of quads gives it a surface that a solver can find.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from decks.checks import between, finite, not_negative
+from decks.checks import FINITE, NOT_NEGATIVE, Ranged
 from decks.mesh import Mesh
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray, IntArray
@@ -29,7 +30,7 @@ _DIGITS = 9
 
 
 @dataclass(frozen=True, slots=True)
-class Probe:
+class Probe(Ranged):
     """A cylinder of `diameter_mm`, or a flat punch of that width.
 
     `fillet_mm` rounds the punch's edges (a sharp edge has no finite stress
@@ -42,12 +43,16 @@ class Probe:
     fillet_mm: float = 0.1
     x_mm: float = 0.0
 
+    RANGES: ClassVar = {
+        "diameter_mm": (0.01, 20.0),
+        "fillet_mm": NOT_NEGATIVE,
+        "x_mm": FINITE,
+    }
+
     def __post_init__(self) -> None:
+        Ranged.__post_init__(self)
         if self.shape not in SHAPES:
             raise FingerError(f"probe shape {self.shape!r}, expected one of {', '.join(SHAPES)}")
-        between(self, "diameter_mm", 0.01, 20)
-        not_negative(self, "fillet_mm")
-        finite(self, "x_mm")
         if self.shape == "flat" and self.fillet_mm > 0.5 * self.diameter_mm:
             raise FingerError(
                 f"fillet {self.fillet_mm:g} mm, expected at most half the "
@@ -108,22 +113,31 @@ class ProbeMesh:
         return np.arange(len(self.quad) + 1)
 
 
-def mesh_probe(probe: Probe, skin: Mesh) -> ProbeMesh:
+def mesh_probe(probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0)) -> ProbeMesh:
     """Mesh `probe` and set it on `skin`: at first touch, nothing pressed.
 
     Raises
     ------
     FingerError
-        The probe stands beside the skin.
+        The probe stands beside the pad, or comes there on its way along x, `way_mm`.
     """
     outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
+    pad_mm = skin.node_mm[_pad(skin)]
+    first_mm, last_mm = outer[0, 0] + way_mm[0], outer[-1, 0] + way_mm[1]
+    if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:
+        raise FingerError(
+            f"the probe spans x = {first_mm:g} to {last_mm:g} mm, expected inside the "
+            f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
+        )
+    over_skin_mm = outer[:, 1] - np.interp(outer[:, 0], pad_mm[:, 0], pad_mm[:, 1])
+    lowest_mm = min(over_skin_mm.min(), _gap_mm(pad_mm, outer).min())
     middle = np.array([probe.x_mm, 0.5 * probe.diameter_mm])
     inner = middle + _INNER_SHARE * (outer - middle)
     count = len(outer)
     left = np.arange(count - 1)
     quad = np.stack([left, left + 1, left + 1 + count, left + count], -1)
     node_mm = np.concatenate([outer, inner])
-    node_mm[:, 1] += _touching_height_mm(outer, skin)
+    node_mm[:, 1] -= lowest_mm
     return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad)
 
 
@@ -142,37 +156,6 @@ def touched_node(probe: ProbeMesh, skin: Mesh) -> int:
     if np.isfinite(gap_mm).any():
         aside_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
     return int(pad[aside_mm.argmin()])
-
-
-def check_on_pad(skin: Mesh, left_mm: float, right_mm: float, half_width_mm: float) -> None:
-    """Refuse a probe whose middle goes from `left_mm` to `right_mm` beyond the pad.
-
-    Raises
-    ------
-    FingerError
-        Tells where it would come to.
-    """
-    pad_mm = skin.node_mm[_pad(skin)]
-    first_mm, last_mm = left_mm - half_width_mm, right_mm + half_width_mm
-    if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:
-        raise FingerError(
-            f"the probe spans x = {first_mm:g} to {last_mm:g} mm on its way, expected "
-            f"inside the pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
-        )
-
-
-def _touching_height_mm(lower_mm: FloatArray, skin: Mesh) -> float:
-    """Height of the lowest point of the probe at which it first touches."""
-    pad_mm = skin.node_mm[_pad(skin)]
-    ends = lower_mm[0, 0], lower_mm[-1, 0]
-    if ends[0] < pad_mm[0, 0] or ends[1] > pad_mm[-1, 0]:
-        raise FingerError(
-            f"the probe spans x = {ends[0]:g} to {ends[1]:g} mm, expected inside the "
-            f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
-        )
-    over_skin_mm = lower_mm[:, 1] - np.interp(lower_mm[:, 0], pad_mm[:, 0], pad_mm[:, 1])
-    lowest = min(over_skin_mm.min(), _gap_mm(pad_mm, lower_mm).min())
-    return -float(lowest) + 0.0
 
 
 def _pad(skin: Mesh) -> IntArray:

@@ -34,7 +34,7 @@ def refined(mesh: Mesh, at_mm: tuple[float, float], radius_mm: float) -> Mesh:
         pieces = _pieces(cut, quad, fine)
         quads += pieces
         layers += [layer] * len(pieces)
-    return Mesh(cut.node_mm(), np.array(quads), np.array(layers))
+    return Mesh(cut.node_mm(), np.array(quads), np.array(layers)).checked()
 
 
 def _fine_nodes(quad: IntArray, near: BoolArray) -> BoolArray:

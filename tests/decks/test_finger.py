@@ -79,14 +79,14 @@ def test_a_modulus_that_no_tissue_has_is_refused(young_mpa):
 
 
 def test_a_mesh_of_a_billion_rows_is_refused():
-    with pytest.raises(FingerError, match="epidermis_rows must be a whole number"):
+    with pytest.raises(FingerError, match=r"epidermis_rows .* 200"):
         Resolution(epidermis_rows=10**9)
     with pytest.raises(FingerError, match=r"got 8\.0"):
         Resolution(epidermis_rows=8.0)
 
 
 def test_elements_too_small_for_a_finger_are_refused():
-    with pytest.raises(FingerError, match=r"0\.001 mm: expected 0\.005 mm or more"):
+    with pytest.raises(FingerError, match=r"contact_mm .* 0\.001"):
         Resolution(contact_mm=0.001)
 
 

@@ -30,8 +30,8 @@ def test_prony_terms_leave_a_share_that_lasts():
     ("terms", "words"),
     [
         ([(0.6, 0.1), (0.4, 0.2)], "take 1 of the shear modulus"),
-        ([(0.0, 0.1)], "g must be in"),
-        ([(1.0, 0.1)], "g must be in"),
+        ([(0.0, 0.1)], "g must be > 0"),
+        ([(1.0, 0.1)], "take 1 of"),
         ([(0.5, 0.0)], "tau_s must be 0.0001 to 10, got 0"),
         ([(0.5, float("nan"))], "tau_s must be finite"),
         ([(0.1, 0.1)] * 6, "6 Prony terms, expected at most 5"),
@@ -56,10 +56,10 @@ def test_a_finger_file_has_terms_and_a_density():
     ("prony", "words"),
     [
         ("0.3", "prony"),
-        ([0.3], r"prony\[0\]"),
-        ([{"g": 0.3}], r"prony\[0\].*tau_s"),
-        ([{"g": 0.3, "tau": 1}], r"prony\[0\].*tau_s"),
-        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], r"prony\[1\]\.g: 'x'"),
+        ([0.3], "prony 1: 0.3"),
+        ([{"g": 0.3}], "prony 1.*tau_s"),
+        ([{"g": 0.3, "tau": 1}], "prony 1.*tau_s"),
+        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], "prony 2.g: 'x'"),
     ],
 )
 def test_terms_in_a_file_that_mean_nothing_are_refused(prony, words):
