@@ -456,11 +456,11 @@ def fit(
     asked = {"evaluations": evaluations, "seed": seed}
     given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
     settings = FitSettings(preindent_um=fitted_preindent_um(), **given)
-    drives = {
+    models = {
         name: model_named(DEFAULT_MODELS[name], name) for name in afferents or rates.afferents
     }
     response = stored_source(finger).response
-    return fit_afferents(rates, response, drives, settings, on_progress=on_progress)
+    return fit_afferents(rates, response, models, settings, on_progress=on_progress)
 
 
 def validate(

@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Encode, write, and tell the rate of each afferent."""
+    """Encode and write; the summary holds the rate of each afferent."""
     from fembridge.simulation import trains_of
     from fembridge.tables import Rate, read_traces
     from neural import encode_cells, mean_rate_ips, parameter_set_or_file
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "window_ms": list(windows_ms[name]),
         }
     files = _write(args, list(traces.values()), trains, rates)
-    _tell_unloaded(chosen, list(traces.values()))
+    _warn_unloaded(chosen, list(traces.values()))
     if args.window_ms is None:
         print("rates over the whole trace; narrow it with --window-ms START END", file=sys.stderr)
     if not args.json:
@@ -124,15 +124,14 @@ def _refuse_energy(chosen: "ParameterSet", afferents: Collection[str]) -> None:
     read = {name: chosen.parameters[name] for name in afferents}
     if (other := reading_energy(read)) is not None:
         raise UsageError(
-            f"drive {chosen.parameters[other].drive!r} of {other} reads strain energy, "
+            f"model {chosen.parameters[other].drive!r} of {other} reads strain energy, "
             "a table of traces has von Mises stress: `fembridge simulate` takes it"
         )
 
 
-def _tell_unloaded(chosen: "ParameterSet", traces: "list[StressTrace]") -> None:
-    """Say it where the parameters hold for another start than the traces have."""
-    held = chosen.preindent_um > 0
-    if held and not any(trace.stress_pa[0] > 0 for trace in traces):
+def _warn_unloaded(chosen: "ParameterSet", traces: "list[StressTrace]") -> None:
+    """Warn where the parameters hold for another start than the traces have."""
+    if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
         print(
             f"parameters {chosen.name} were fitted with the probe "
             f"{chosen.preindent_um:g} um deep before time 0; the traces start without "
@@ -168,18 +167,18 @@ def _write(
 
 def _print_table(afferents: dict[str, dict[str, Any]]) -> None:
     print(f"{'afferent':<9}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
-    for name, told in afferents.items():
-        start, end = told["window_ms"]
+    for name, row in afferents.items():
+        start, end = row["window_ms"]
         print(
-            f"{name:<9}{told['node']:>7}{told['spikes_in_window']:>8}"
-            f"{told['rate_ips']:>10.2f}  {start:g} to {end:g}"
+            f"{name:<9}{row['node']:>7}{row['spikes_in_window']:>8}"
+            f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
         )
 
 
 def _one_of_each(
     traces: "list[StressTrace]", unnamed: list[str] | None, path: Path
 ) -> "dict[str, StressTrace]":
-    """Give the traces by class, in the order of the table."""
+    """Traces by class, in the order of the table."""
     from fembridge.errors import TableError
 
     chosen: dict[str, StressTrace] = {}
@@ -205,7 +204,7 @@ def _one_of_each(
 def _window(
     afferent: str, trace: "StressTrace", asked_ms: list[float] | None
 ) -> tuple[float, float]:
-    """Give the window to count in: what was asked, if the trace covers it."""
+    """The window to count in: what was asked, if the trace covers it."""
     from fembridge.errors import UsageError
 
     first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])

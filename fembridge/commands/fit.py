@@ -1,6 +1,6 @@
 """Find the parameters of afferents whose rates come closest to observed ones.
 
-NSGA-II searches the free parameters of a drive; each frequency is an objective.
+NSGA-II searches the free parameters of a model; each frequency is an objective.
 Written are the Pareto front of each class, the parameters of the candidate that was
 taken, with how they came about (fitted.toml, which --parameters takes), the rates
 that they give, and a picture of the trade-offs. Ctrl-C keeps the best so far.
@@ -13,14 +13,17 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_output_option
+from fembridge.commands.options import (
+    add_observed_option,
+    add_output_option,
+    add_stored_finger_option,
+    checked_model,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
-    from fembridge.fitting.fit import Fit, FitRun, FitSettings
-    from fembridge.fitting.problem import ResponseSource
+    from fembridge.fitting.fit import Fit
     from fembridge.observed import ObservedRates
     from neural.agreement import Agreement
     from neural.models import Model
@@ -31,8 +34,8 @@ LIST = "list"
 EVERY = "all"
 PICTURE_FILE = "tradeoffs.png"
 _WIDTH = 22
+_RECORDED = ("afferent", "drive", "cells", "family", "preindent_um", "finger")
 _INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
-_PUBLISHED = "published"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,33 +44,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from neural.parameter_sets import fitted_preindent_um
     from neural.search import EVALUATIONS, POPULATION, RULES
 
-    defaults = ", ".join(f"{drive} {name}" for name, drive in DEFAULT_MODELS.items())
+    defaults = ", ".join(f"{model} {name}" for name, model in DEFAULT_MODELS.items())
     rules = "; ".join(f"{name}: {sentence}" for name, sentence in RULES.items())
-    parser.add_argument(
-        "--observed",
-        required=True,
-        metavar="RATES.csv",
-        help="what to fit to: a table stimulus,afferent,rate_ips",
-    )
+    add_observed_option(parser)
     parser.add_argument(
         "--afferent",
         nargs="+",
         choices=("SA", "RA", "PC", EVERY),
         metavar="CLASS",
-        help="SA, RA, PC or all (default: all that the table and the drive have)",
+        help="SA, RA, PC or all (default: all that the table and the model have)",
     )
     parser.add_argument(
         "--drive",
-        action=_Drive,
+        action=_Model,
         metavar="NAME",
         help=f"the model whose parameters are searched (default: {defaults}); "
-        f"'--drive {LIST}' tells all, with equation and free parameters",
+        f"'--drive {LIST}' lists all, with equation and free parameters",
     )
     parser.add_argument(
         "--cells",
         type=int,
         metavar="N",
-        help="cells that stand for a population (default: the drive's own number)",
+        help="cells that stand for a population (default: the model's own number)",
     )
     parser.add_argument(
         "--family",
@@ -100,15 +98,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preindent-um",
         type=float,
         metavar="DEPTH",
-        help="depth of the probe before time 0 (default: 0 for drive published, "
+        help="depth of the probe before time 0 (default: 0 for published, "
         f"else {fitted_preindent_um():g})",
     )
     stress = parser.add_mutually_exclusive_group()
-    stress.add_argument(
-        "--finger",
-        choices=("quick", "paper"),
-        help="whose stored response gives the stress (default: quick)",
-    )
+    add_stored_finger_option(stress, default=None)
     stress.add_argument(
         "--response",
         metavar="DIR|FILE.toml",
@@ -126,37 +120,80 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Fit and write; the summary holds choice, parameters and agreement a class."""
     from pathlib import Path
 
-    from fembridge.fitting.fit import SearchBar, fit_afferents
-    from fembridge.observed import read_observed
+    from fembridge.fitting.fit import (
+        FRONT_FILES,
+        PARAMETERS_FILE,
+        RATES_FILE,
+        FitSettings,
+        SearchBar,
+        fit_afferents,
+        fit_table,
+        front_file,
+        write_fit,
+    )
+    from fembridge.fitting.problem import solved_source, stored_source
+    from fembridge.observed import FAMILIES, read_observed
+    from fembridge.plots.style import save_figure
+    from fembridge.plots.tradeoffs import tradeoffs_figure
+    from fembridge.store import filling
+    from neural.parameter_sets import fitted_preindent_um
 
     notes: list[str] = []
 
-    def tell(line: str) -> None:
+    def log(line: str) -> None:
         notes.append(line)
         print(line, file=sys.stderr)
 
-    settings = settings_from(args)
+    preindent_um = args.preindent_um
+    if preindent_um is None:
+        preindent_um = 0.0 if args.drive == "published" else fitted_preindent_um()
+    settings = FitSettings(
+        families=FAMILIES if args.family == EVERY else (args.family,),
+        preindent_um=preindent_um,
+        cells=args.cells,
+        evaluations=args.evaluations,
+        population=args.population,
+        seed=args.seed,
+        rule=args.rule,
+    )
     observed = read_observed(Path(args.observed), complete=not args.allow_missing)
-    models = models_from(args, observed, tell)
-    source = source_from(args)
+    models = _models_from(args, observed, settings.families, log)
+    if args.response is not None:
+        source = solved_source(Path(args.response))
+    else:
+        source = stored_source(args.finger or "quick")
     with SearchBar() as bar:
 
         def on_fit(fit: "Fit") -> None:
             bar.remove(fit.afferent)
-            tell(line_of(fit))
+            state = "" if fit.front.finished else ", interrupted"
+            log(
+                f"{fit.afferent}, model {fit.problem.model.name}: {fit.front.evaluations} "
+                f"evaluations in {fit.seconds:.1f} s{state}, front of "
+                f"{len(fit.front.values)}, chosen RMSE {fit.fitted.total.rmse_ips:.3g} ips"
+            )
 
         made = fit_afferents(
             observed, source.response, models, settings, on_progress=bar, on_fit=on_fit
         )
+    options = {name: getattr(args, name) for name in _RECORDED}
+    options |= {"own_response": args.response is not None, "allow_missing": args.allow_missing}
     output = Path(args.output)
-    files = _write(output, made, args, observed, source)
+    with filling(output, last=PARAMETERS_FILE) as draft:
+        name = "fit" if args.drive is None else f"fit_{args.drive}"
+        write_fit(draft, made, name, fit_table(made, observed, source, options))
+        save_figure(tradeoffs_figure(made), draft / PICTURE_FILE)
+    fronts = [front_file(fit.afferent) for fit in made.fits]
+    for other in set(FRONT_FILES) - set(fronts):  # of an earlier fit
+        (output / other).unlink(missing_ok=True)
+    files = [PARAMETERS_FILE, *fronts, RATES_FILE, PICTURE_FILE]
     if not args.json:
         for fit in made.fits:
-            print_fit(fit)
+            _print_fit(fit)
         print(f"{', '.join(files)}: {output}")
     if not made.finished:
         classes = ", ".join(fit.afferent for fit in made.fits)
-        tell(f"interrupted: the best so far of {classes} is kept, finished = false")
+        log(f"interrupted: the best so far of {classes} is kept, finished = false")
     return {
         "output": args.output,
         "finished": made.finished,
@@ -166,173 +203,69 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "response": source.to_table(),
         "notes": notes,
         "files": files,
-        "afferents": {fit.afferent: summary_of(fit) for fit in made.fits},
+        "afferents": {fit.afferent: _summary_of(fit) for fit in made.fits},
         "exit_code": 0 if made.finished else _INTERRUPTED,
     }
 
 
-def settings_from(args: argparse.Namespace) -> "FitSettings":
-    """Make the settings that the options describe."""
-    from fembridge.fitting.fit import FitSettings
-    from fembridge.observed import FAMILIES
-    from neural.parameter_sets import fitted_preindent_um
-
-    preindent_um = args.preindent_um
-    if preindent_um is None:
-        preindent_um = 0.0 if args.drive == _PUBLISHED else fitted_preindent_um()
-    return FitSettings(
-        families=FAMILIES if args.family == EVERY else (args.family,),
-        preindent_um=preindent_um,
-        cells=args.cells,
-        evaluations=args.evaluations,
-        population=args.population,
-        seed=args.seed,
-        rule=args.rule,
-    )
-
-
-def models_from(
-    args: argparse.Namespace, observed: "ObservedRates", tell: "Callable[[str], None]"
+def _models_from(
+    args: argparse.Namespace,
+    observed: "ObservedRates",
+    families: tuple[str, ...],
+    log: "Callable[[str], None]",
 ) -> "dict[str, Model]":
-    """Give the drive of each class to fit; tell of classes that are left out."""
+    """Model of each class to fit; where all are asked for, classes that lack one go."""
     from fembridge.errors import ParameterError, UsageError
+    from fembridge.fitting.problem import observed_entries
     from neural.models import DEFAULT_MODELS, MODELS, model_named
 
-    if args.drive is not None and args.drive not in MODELS:
-        raise UsageError(
-            f"drive {args.drive!r}, expected one of {', '.join(MODELS)}; "
-            "`fembridge fit --drive list` tells about each"
-        )
+    if args.drive is not None:
+        checked_model(args.drive)
     asked = tuple(dict.fromkeys(args.afferent or (EVERY,)))
     classes = observed.afferents if EVERY in asked else asked
     for name in classes:
-        observed.of(name)  # or tells which classes there are
+        observed.of(name)  # refuses one that was not observed
     if EVERY in asked:
-        classes = _with_rates(classes, args.family, observed, tell)
-    if args.drive is not None and EVERY in asked:
-        lacking = [name for name in classes if name not in MODELS[args.drive]]
-        classes = tuple(name for name in classes if name not in lacking)
-        if lacking:
-            known = ", ".join(MODELS[args.drive])
-            tell(f"{', '.join(lacking)} left out: drive {args.drive!r} is of {known}")
+        there = tuple(name for name in classes if observed_entries(observed, name, families))
+        if there and there != classes:
+            lacking = ", ".join(name for name in classes if name not in there)
+            log(f"{lacking} left out: no observed rates of family {args.family}")
+        classes = there or classes
+        if args.drive is not None:
+            known = MODELS[args.drive]
+            lacking = ", ".join(name for name in classes if name not in known)
+            if lacking:
+                log(f"{lacking} left out: model {args.drive!r} is of {', '.join(known)}")
+            classes = tuple(name for name in classes if name in known)
     try:
         return {name: model_named(args.drive or DEFAULT_MODELS[name], name) for name in classes}
     except ParameterError as error:
         raise UsageError(str(error)) from error
 
 
-def _with_rates(
-    classes: "tuple[str, ...]",
-    family: str,
-    observed: "ObservedRates",
-    tell: "Callable[[str], None]",
-) -> "tuple[str, ...]":
-    """Leave out classes without a rate of the family to fit, if others have one."""
-    from fembridge.fitting.problem import observed_entries
-    from fembridge.observed import FAMILIES
-
-    families = FAMILIES if family == EVERY else (family,)
-    there = [name for name in classes if observed_entries(observed, name, families)]
-    lacking = [name for name in classes if name not in there]
-    if there and lacking:
-        tell(f"{', '.join(lacking)} left out: no observed rates of family {family}")
-    return tuple(there) or classes
-
-
-def source_from(args: argparse.Namespace) -> "ResponseSource":
-    """Give the response that the options name."""
-    from pathlib import Path
-
-    from fembridge.fitting.problem import solved_source, stored_source
-
-    if args.response is not None:
-        return solved_source(Path(args.response))
-    return stored_source(args.finger or "quick")
-
-
-def line_of(fit: "Fit") -> str:
-    """Tell of one search in a line."""
-    front, least = fit.front, fit.fitted.total.rmse_ips
-    state = "" if front.finished else ", interrupted"
-    return (
-        f"{fit.afferent}, drive {fit.problem.model.name}: {front.evaluations} "
-        f"evaluations in {fit.seconds:.1f} s{state}, front of {len(front.values)}, "
-        f"chosen RMSE {least:.3g} ips"
-    )
-
-
-def _write(
-    output: "Path",
-    made: "FitRun",
-    args: argparse.Namespace,
-    observed: "ObservedRates",
-    source: "ResponseSource",
-) -> list[str]:
-    """Write all files, or none; fronts that an earlier fit left beside them go."""
-    from fembridge.fitting.fit import (
-        FRONT_FILES,
-        PARAMETERS_FILE,
-        RATES_FILE,
-        fit_table,
-        front_file,
-        write_fit,
-    )
-    from fembridge.plots.style import save_figure
-    from fembridge.plots.tradeoffs import tradeoffs_figure
-    from fembridge.store import filling
-
-    name = "fit" if args.drive is None else f"fit_{args.drive}"
-    table = fit_table(made, observed, source, _options(args))
-    with filling(output, last=PARAMETERS_FILE) as draft:
-        write_fit(draft, made, name, table)
-        save_figure(tradeoffs_figure(made), draft / PICTURE_FILE)
-    fronts = [front_file(fit.afferent) for fit in made.fits]
-    for other in set(FRONT_FILES) - set(fronts):
-        (output / other).unlink(missing_ok=True)
-    return [PARAMETERS_FILE, *fronts, RATES_FILE, PICTURE_FILE]
-
-
-def _options(args: argparse.Namespace) -> dict[str, object]:
-    """Give what was asked for, but for places on this machine."""
-    return {
-        "afferent": args.afferent,
-        "drive": args.drive,
-        "cells": args.cells,
-        "family": args.family,
-        "preindent_um": args.preindent_um,
-        "finger": args.finger,
-        "own_response": args.response is not None,
-        "allow_missing": args.allow_missing,
-    }
-
-
-def print_fit(fit: "Fit") -> None:
+def _print_fit(fit: "Fit") -> None:
     """Print parameters, agreement and the reason of the choice."""
-    from fembridge.fitting.fit import agreement_rows
-
     model, cells = fit.problem.model, fit.problem.cells
     print(
-        f"{fit.afferent}, drive {model.name}: {len(fit.problem.free)} free parameters, "
+        f"{fit.afferent}, model {model.name}: {len(fit.problem.free)} free parameters, "
         f"{cells} cell{'s' if cells > 1 else ''}"
     )
     for one in fit.problem.free:
         unit = "" if one.unit == "1" else f" {one.unit}"
         print(f"  {one.field} = {getattr(fit.parameters, one.field):.5g}{unit}")
     print(f"  {'':<{_WIDTH}}{'n':>4}{'R²':>8}{'RMSE':>9}{'bias':>9}   impulses/s")
-    for judged, row in agreement_rows(fit):
+    for row in fit.agreement_rows():
         name = f"{row.family}, {row.group}" if row.group == EVERY else row.group
         if row.family == EVERY:
             name = "all families"
-        _print_row(name if judged.seen else f"{name}, unseen", row.agreement)
+        _print_row(name if row.seen else f"{name}, unseen", row.agreement)
     _print_row("Table 2, all", fit.published.total)
     print(f"  chosen: candidate {fit.choice.row + 1}, {fit.choice.why}")
 
 
-def summary_of(fit: "Fit") -> dict[str, Any]:
-    """Give the fit of a class for ``--json``."""
+def _summary_of(fit: "Fit") -> dict[str, Any]:
+    """The fit of a class for ``--json``."""
     from dataclasses import asdict
-
-    from fembridge.fitting.fit import agreement_rows
 
     return {
         "drive": fit.problem.model.name,
@@ -347,10 +280,10 @@ def summary_of(fit: "Fit") -> dict[str, Any]:
             {
                 "family": row.family,
                 "group": row.group,
-                "seen": judged.seen,
+                "seen": row.seen,
                 **row.agreement.to_row(),
             }
-            for judged, row in agreement_rows(fit)
+            for row in fit.agreement_rows()
         ],
         "published": fit.published.total.to_row(),
     }
@@ -358,15 +291,15 @@ def summary_of(fit: "Fit") -> dict[str, Any]:
 
 def _print_row(name: str, found: "Agreement") -> None:
     share = found.regression.r_squared
-    told = "-" if math.isnan(share) else f"{share:.3f}"
+    text = "-" if math.isnan(share) else f"{share:.3f}"
     print(
-        f"  {name:<{_WIDTH}}{found.regression.count:>4}{told:>8}"
+        f"  {name:<{_WIDTH}}{found.regression.count:>4}{text:>8}"
         f"{found.rmse_ips:>9.2f}{found.bias_ips:>9.2f}"
     )
 
 
 def models_text() -> str:
-    """Give the table of drives: class, equation, free parameters, reason."""
+    """The table of models: class, equation, free parameters, reason."""
     from neural.models import DEFAULT_MODELS, MODELS
 
     lines = []
@@ -379,21 +312,21 @@ def models_text() -> str:
                 for one in model.free()
             )
             lines.append(f"{name}, {afferent}{default}")
-            for word, told in (
+            for word, text in (
                 ("equation", model.equation),
                 ("free", f"{len(model.free())}: {free}"),
                 ("cells", str(model.cells)),
                 ("reason", model.reason),
             ):
                 lines += textwrap.wrap(
-                    told, width=88, initial_indent=f"  {word:<10}", subsequent_indent=" " * 12
+                    text, width=88, initial_indent=f"  {word:<10}", subsequent_indent=" " * 12
                 )
             lines.append("")
     return "\n".join(lines[:-1])
 
 
-class _Drive(argparse.Action):
-    """Take the name of a drive, or print the table of drives and end, as --help."""
+class _Model(argparse.Action):
+    """Take the name of a model, or print the table of models and end, as --help."""
 
     def __call__(
         self,

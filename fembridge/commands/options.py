@@ -88,6 +88,41 @@ def add_solving_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_observed_option(parser: argparse.ArgumentParser) -> None:
+    """What to fit to."""
+    parser.add_argument(
+        "--observed",
+        required=True,
+        metavar="RATES.csv",
+        help="what to fit to: a table stimulus,afferent,rate_ips",
+    )
+
+
+def add_stored_finger_option(
+    parser: argparse._ActionsContainer, default: str | None = "quick"
+) -> None:
+    """Whose stored response; None as the default tells whether it was asked for."""
+    parser.add_argument(
+        "--finger",
+        choices=("quick", "paper"),
+        default=default,
+        help="whose stored response gives the stress (default: quick)",
+    )
+
+
+def checked_model(name: str) -> str:
+    """`name` if it is a model of an afferent."""
+    from fembridge.errors import UsageError
+    from neural.models import MODELS
+
+    if name not in MODELS:
+        raise UsageError(
+            f"model {name!r}, expected one of {', '.join(MODELS)}; "
+            "`fembridge fit --drive list` describes each"
+        )
+    return name
+
+
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     """Where to."""
     parser.add_argument(

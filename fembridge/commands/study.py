@@ -1,9 +1,9 @@
 """Compare models of the afferents on the same observed rates, honestly.
 
-Every drive is fitted to the sinusoids of the table, then again without each
+Every model is fitted to the sinusoids of the table, then again without each
 frequency, which it has to predict, all with several seeds. Written are a row a case
 and seed (study.csv), the medians as tables (study.md) and a picture (study.png).
-Without --drive the whole study is made: all drives, pre-indentations, cells. It takes
+Without --drive the whole study is made: all models, pre-indentations, cells. It takes
 most of an hour on one core.
 """
 
@@ -11,7 +11,12 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_output_option
+from fembridge.commands.options import (
+    add_observed_option,
+    add_output_option,
+    add_stored_finger_option,
+    checked_model,
+)
 
 if TYPE_CHECKING:
     from fembridge.fitting.study import Case, Finding
@@ -24,12 +29,7 @@ PICTURE_FILE = "study.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    parser.add_argument(
-        "--observed",
-        required=True,
-        metavar="RATES.csv",
-        help="what to fit to: a table stimulus,afferent,rate_ips",
-    )
+    add_observed_option(parser)
     parser.add_argument(
         "--drive",
         nargs="+",
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="models to compare, of all classes that have them (default: the study)",
     )
     parser.add_argument(
-        "--cells", type=int, metavar="N", help="cells of each (default: the drive's)"
+        "--cells", type=int, metavar="N", help="cells of each (default: the model's)"
     )
     parser.add_argument(
         "--preindent-um",
@@ -55,12 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="candidates that each search tries (default: %(default)d)",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
-    parser.add_argument(
-        "--finger",
-        choices=("quick", "paper"),
-        default="quick",
-        help="whose stored response gives the stress (default: quick)",
-    )
+    add_stored_finger_option(parser)
     add_output_option(parser, default="study")
 
 
@@ -72,10 +67,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.fitting.study import (
         CASES_FILE,
         SUMMARY_FILE,
-        cases_text,
+        fitted_rmse_ips,
         held_out_rmse_ips,
         study_models,
         summary_text,
+        write_cases,
     )
     from fembridge.observed import read_observed
     from fembridge.plots.study import study_figure
@@ -83,12 +79,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.store import filling, write_text
 
     observed = read_observed(Path(args.observed))
-    cases = cases_from(args, observed)
+    cases = _cases_from(args, observed)
     done: list[Finding] = []
 
-    def tell(finding: "Finding") -> None:
+    def on_finding(finding: "Finding") -> None:
         done.append(finding)
-        print(f"{len(done)}/{len(cases)} {line_of(finding)}", file=sys.stderr)
+        case = finding.case
+        print(
+            f"{len(done)}/{len(cases)} {case.afferent} {case.model}, cells {case.cells}, "
+            f"pre-indented by {case.preindent_um:g} um: "
+            f"RMSE {finding.median(fitted_rmse_ips):.1f} ips fitted, "
+            f"{finding.median(held_out_rmse_ips):.1f} held out",
+            file=sys.stderr,
+        )
 
     study = study_models(
         observed,
@@ -97,11 +100,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         seeds=args.seeds,
         evaluations=args.evaluations,
         jobs=args.jobs,
-        on_finding=tell,
+        on_finding=on_finding,
     )
     output = Path(args.output)
     with filling(output, last=SUMMARY_FILE) as draft:
-        write_text(draft / CASES_FILE, cases_text(study))
+        write_cases(draft / CASES_FILE, study)
         save_figure(study_figure(study), draft / PICTURE_FILE)
         write_text(draft / SUMMARY_FILE, summary_text(study))
     best = {name: study.best(name) for name in study.unfitted}
@@ -113,7 +116,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "cases": len(cases),
         "best": {
             name: {
-                "drive": one.case.drive,
+                "drive": one.case.model,
                 "cells": one.case.cells,
                 "preindent_um": one.case.preindent_um,
                 "free_parameters": one.case.free_parameters,
@@ -124,8 +127,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Case, ...]":
-    """Give the cases that the options name."""
+def _cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Case, ...]":
+    """Cases that the options name."""
     from fembridge.errors import UsageError
     from fembridge.fitting.fit import FitSettings
     from fembridge.fitting.study import Case, default_cases
@@ -135,12 +138,6 @@ def cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Ca
         if args.cells is not None or args.preindent_um is not None:
             raise UsageError("--cells and --preindent-um go with --drive; the study has its own")
         return default_cases(observed.afferents)
-    unknown = [name for name in args.drive if name not in MODELS]
-    if unknown:
-        raise UsageError(
-            f"drive {unknown[0]!r}, expected one of {', '.join(MODELS)}; "
-            "`fembridge fit --drive list` tells about each"
-        )
     FitSettings(cells=args.cells, evaluations=args.evaluations)  # checks both
     return tuple(
         Case(
@@ -149,20 +146,8 @@ def cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Ca
             MODELS[name][afferent].cells if args.cells is None else args.cells,
             depth_um,
         )
-        for name in args.drive
+        for name in map(checked_model, args.drive)
         for depth_um in args.preindent_um or (0.0,)
         for afferent in observed.afferents
         if afferent in MODELS[name]
-    )
-
-
-def line_of(finding: "Finding") -> str:
-    """Tell of one case in a line."""
-    from fembridge.fitting.study import fitted_rmse_ips, held_out_rmse_ips
-
-    case = finding.case
-    return (
-        f"{case.afferent} {case.drive}, cells {case.cells}, held at "
-        f"{case.preindent_um:g} um: RMSE {finding.median(fitted_rmse_ips):.1f} ips "
-        f"fitted, {finding.median(held_out_rmse_ips):.1f} held out"
     )

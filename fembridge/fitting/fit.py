@@ -7,10 +7,10 @@ clock time, so that the same fit gives the same bytes.
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import chain
+from itertools import compress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -30,7 +30,7 @@ from neural.agreement import Agreement, agreement
 from neural.fit_problem import FitProblem
 from neural.models import Model, model_named
 from neural.parameter_sets import parameters_to_table
-from neural.parameters import PUBLISHED, AfferentParameters
+from neural.parameters import MOST_CELLS, PUBLISHED, AfferentParameters
 from neural.search import (
     EVALUATIONS,
     POPULATION,
@@ -43,10 +43,12 @@ from neural.search import (
 )
 
 EVERY = "all"
-_PUBLISHED = "published"
 _LEAST_POPULATION = 4
 _MOST_POPULATION = 10_000
-_MOST_CELLS = 1000
+_FAMILY_WORDS = {"sine": "sinusoids", "diharm": "diharmonics", "noise": "noises"}
+
+# Called with the class and where its search stands.
+OnProgress: TypeAlias = Callable[[str, Progress], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +56,7 @@ class FitSettings:
     """How long is searched, in which stimuli, and which candidate is taken.
 
     `families` of stimuli are fitted; the others are judged only. `cells` is None
-    for as many as each drive has.
+    for as many as each model has.
 
     Raises
     ------
@@ -73,8 +75,8 @@ class FitSettings:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.preindent_um) and self.preindent_um >= 0):
             raise UsageError(f"preindent_um is {self.preindent_um}, expected >= 0")
-        if self.cells is not None and not 1 <= self.cells <= _MOST_CELLS:
-            raise UsageError(f"cells is {self.cells}, expected 1 to {_MOST_CELLS}")
+        if self.cells is not None and not 1 <= self.cells <= MOST_CELLS:
+            raise UsageError(f"cells is {self.cells}, expected 1 to {MOST_CELLS}")
         if not _LEAST_POPULATION <= self.population <= _MOST_POPULATION:
             raise UsageError(
                 f"population is {self.population}, expected {_LEAST_POPULATION} to "
@@ -95,6 +97,7 @@ class AgreementRow:
 
     family: str
     group: str
+    seen: bool
     agreement: Agreement
 
 
@@ -121,38 +124,28 @@ class JudgedRates:
         return agreement(self.observed_ips, self.predicted_ips)
 
     def rows(self) -> list[AgreementRow]:
-        """Give the agreement of each group, each family, and of all families."""
-        families = [entry.family for entry in self.entries]
+        """Agreement over each group, over each family, and over all families."""
         found = []
-        for family in dict.fromkeys(families):
-            mine = [k for k, name in enumerate(families) if name == family]
-            for group in dict.fromkeys(self.groups[k] for k in mine):
-                inside = [k for k in mine if self.groups[k] == group]
-                found.append(AgreementRow(family, group, self._over(inside)))
-            found.append(AgreementRow(family, EVERY, self._over(mine)))
-        if len(set(families)) > 1:
-            found.append(AgreementRow(EVERY, EVERY, self.total))
+        for family in dict.fromkeys(entry.family for entry in self.entries):
+            mine = self._part([entry.family == family for entry in self.entries])
+            for group in dict.fromkeys(mine.groups):
+                found.append(AgreementRow(family, group, self.seen, mine.of_group(group).total))
+            found.append(AgreementRow(family, EVERY, self.seen, mine.total))
+        if len({row.family for row in found}) > 1:
+            found.append(AgreementRow(EVERY, EVERY, self.seen, self.total))
         return found
 
     def of_group(self, group: str) -> "JudgedRates":
-        """Give the stimuli of one group, in their order."""
-        inside = [k for k, name in enumerate(self.groups) if name == group]
+        """The stimuli of one group, in their order."""
+        return self._part([name == group for name in self.groups])
+
+    def _part(self, kept: list[bool]) -> "JudgedRates":
         return JudgedRates(
-            tuple(self.entries[k] for k in inside),
-            self.observed_ips[inside],
-            self.predicted_ips[inside],
+            tuple(compress(self.entries, kept)),
+            self.observed_ips[kept],
+            self.predicted_ips[kept],
             self.seen,
         )
-
-    def _over(self, rows: Sequence[int]) -> Agreement:
-        inside = list(rows)
-        return agreement(self.observed_ips[inside], self.predicted_ips[inside])
-
-
-OnProgress: TypeAlias = Callable[[str, Progress], None]
-"""Hears the class and where its search stands."""
-
-_PUBLISHED = "published"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +177,10 @@ class Fit:
         """Rates under all observed stimuli: those of the fit, then the others."""
         return (self.fitted,) if self.unseen is None else (self.fitted, self.unseen)
 
+    def agreement_rows(self) -> list[AgreementRow]:
+        """Agreement with all observed rates: those of the fit, then the others."""
+        return [row for judged in self.judged for row in judged.rows()]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitRun:
@@ -209,19 +206,13 @@ def fit_afferents(
     settings: FitSettings | None = None,
     *,
     on_progress: OnProgress | None = None,
-    on_fit: Callable[[Fit], None] | None = None,
+    on_fit: Callable[[Fit], None] = lambda fit: None,
 ) -> FitRun:
     """Fit each class of `models` to its observed rates, one after the other.
 
     The same seed gives the same fits. An interrupt from the keyboard ends the search
-    at its last whole generation and leaves later classes out.
-
-    Parameters
-    ----------
-    on_progress
-        Hears of each generation.
-    on_fit
-        Hears of each fit when it is made.
+    at its last whole generation and leaves later classes out. `on_progress` is called
+    with each generation, `on_fit` with each fit.
 
     Raises
     ------
@@ -235,7 +226,17 @@ def fit_afferents(
     settings = settings or FitSettings()
     if not models:
         raise UsageError("no class to fit, expected some of SA, RA, PC")
-    problems = [_problem(observed, response, model, settings) for model in models.values()]
+    problems = [
+        fit_problem(
+            observed,
+            response,
+            model,
+            families=settings.families,
+            preindent_um=settings.preindent_um,
+            cells=settings.cells or 0,
+        )
+        for model in models.values()
+    ]
     fits: list[Fit] = []
     for problem in problems:
         try:
@@ -244,24 +245,10 @@ def fit_afferents(
             if not fits:
                 raise
             break
-        if on_fit is not None:
-            on_fit(fits[-1])
+        on_fit(fits[-1])
         if not fits[-1].front.finished:
             break
     return FitRun(tuple(fits), tuple(models), settings)
-
-
-def _problem(
-    observed: ObservedRates, response: ResponseMap, model: Model, settings: FitSettings
-) -> FitProblem:
-    return fit_problem(
-        observed,
-        response,
-        model,
-        families=settings.families,
-        preindent_um=settings.preindent_um,
-        cells=settings.cells or 0,
-    )
 
 
 def _fit(
@@ -283,63 +270,38 @@ def _fit(
     seconds = time.perf_counter() - start_s
     choice = choose(problem, front, settings.rule)
     values = front.values[choice.row]
+
+    def judged(
+        by: FitProblem, families: tuple[str, ...], values: FloatArray, seen: bool
+    ) -> JudgedRates:
+        entries = observed_entries(observed, afferent, families)
+        return JudgedRates(entries, by.observed_ips, by.rates_ips(values)[0], seen)
+
+    unseen = None
+    others = tuple(name for name in FAMILIES if name not in settings.families)
+    if observed_entries(observed, afferent, others):
+        other = fit_problem(
+            observed,
+            response,
+            problem.model,
+            families=others,
+            preindent_um=settings.preindent_um,
+            cells=problem.cells,
+        )
+        unseen = judged(other, others, values, seen=False)
+    as_printed = fit_problem(
+        observed, response, model_named("published", afferent), families=settings.families
+    )
+    table_2 = np.array([getattr(PUBLISHED[afferent], one.field) for one in as_printed.free])
     return Fit(
         problem=problem,
         front=front,
         choice=choice,
         parameters=problem.parameters(values),
-        fitted=_judged(observed, problem, settings.families, values, seen=True),
-        unseen=_unseen(observed, response, problem, settings, values),
-        published=_published(observed, response, afferent, settings),
+        fitted=judged(problem, settings.families, values, seen=True),
+        unseen=unseen,
+        published=judged(as_printed, settings.families, table_2, seen=False),
         seconds=seconds,
-    )
-
-
-def _unseen(
-    observed: ObservedRates,
-    response: ResponseMap,
-    problem: FitProblem,
-    settings: FitSettings,
-    values: FloatArray,
-) -> JudgedRates | None:
-    """Judge the chosen candidate by the observed rates that it was not fitted to."""
-    others = tuple(name for name in FAMILIES if name not in settings.families)
-    if not observed_entries(observed, problem.model.afferent, others):
-        return None
-    other = fit_problem(
-        observed,
-        response,
-        problem.model,
-        families=others,
-        preindent_um=settings.preindent_um,
-        cells=problem.cells,
-    )
-    return _judged(observed, other, others, values, seen=False)
-
-
-def _published(
-    observed: ObservedRates, response: ResponseMap, afferent: str, settings: FitSettings
-) -> JudgedRates:
-    model = model_named(_PUBLISHED, afferent)
-    problem = fit_problem(observed, response, model, families=settings.families)
-    known = PUBLISHED[afferent]
-    values = np.array([getattr(known, one.field) for one in problem.free])
-    return _judged(observed, problem, settings.families, values, seen=False)
-
-
-def _judged(
-    observed: ObservedRates,
-    problem: FitProblem,
-    families: tuple[str, ...],
-    values: FloatArray,
-    *,
-    seen: bool,
-) -> JudgedRates:
-    return JudgedRates(
-        observed_entries(observed, problem.model.afferent, families),
-        problem.observed_ips,
-        problem.rates_ips(values)[0],
-        seen,
     )
 
 
@@ -348,22 +310,18 @@ RATES_FILE = "fitted_rates.csv"
 
 
 def front_file(afferent: str) -> str:
-    """Give the name of the file with the front of a class."""
+    """Name of the file with the front of a class."""
     return f"pareto_{afferent}.csv"
 
 
 FRONT_FILES = tuple(map(front_file, AFFERENTS))
 
 
-def write_fit(folder: Path, run: FitRun, name: str, provenance: Table) -> None:
+def write_fit(folder: Path, run: FitRun, name: str, provenance: Mapping[str, object]) -> None:
     """Write ``pareto_*.csv``, ``fitted.toml`` and ``fitted_rates.csv`` into `folder`.
 
-    Parameters
-    ----------
-    name
-        What the parameters are called.
-    provenance
-        The section ``fit`` of the file of parameters; see `fit_table`.
+    `name` is what the parameters are called, `provenance` the section ``fit`` of their
+    file; see `fit_table`.
 
     Raises
     ------
@@ -374,30 +332,20 @@ def write_fit(folder: Path, run: FitRun, name: str, provenance: Table) -> None:
 
     for fit in run.fits:
         _write_front(folder / front_file(fit.afferent), fit)
-    write_rates(folder / RATES_FILE, fitted_rates(run))
-    table = parameter_table(run, name, provenance)
-    write_text(folder / PARAMETERS_FILE, tomli_w.dumps(table))
-
-
-def parameter_table(run: FitRun, name: str, provenance: Mapping[str, object]) -> Table:
-    """Give what ``fitted.toml`` holds: a file of parameters for every verb."""
-    parameters = {fit.afferent: fit.parameters for fit in run.fits}
-    return {
-        "name": name,
-        "preindent_um": float(run.settings.preindent_um),
-        **parameters_to_table(parameters),
-        "fit": dict(provenance),
-    }
-
-
-def fitted_rates(run: FitRun) -> list[Rate]:
-    """Give the rates that the chosen candidates predict, of all observed stimuli."""
-    return [
+    rates = [
         Rate(entry.id, fit.afferent, rate_ips)
         for fit in run.fits
         for judged in fit.judged
         for entry, rate_ips in zip(judged.entries, judged.predicted_ips.tolist(), strict=True)
     ]
+    write_rates(folder / RATES_FILE, rates)
+    table = {
+        "name": name,
+        "preindent_um": float(run.settings.preindent_um),
+        **parameters_to_table({fit.afferent: fit.parameters for fit in run.fits}),
+        "fit": dict(provenance),
+    }
+    write_text(folder / PARAMETERS_FILE, tomli_w.dumps(table))
 
 
 def _write_front(path: Path, fit: Fit) -> None:
@@ -426,25 +374,22 @@ def _write_front(path: Path, fit: Fit) -> None:
     write_table(path, header, rows)
 
 
-_FAMILY_WORDS = {"sine": "sinusoids", "diharm": "diharmonics", "noise": "noises"}
-
-
 def fit_table(
     run: FitRun,
     observed: ObservedRates,
     source: ResponseSource,
     options: Mapping[str, object] | None = None,
 ) -> Table:
-    """Give the section ``fit`` of a file of fitted parameters.
+    """The section ``fit`` of a file of fitted parameters.
 
-    Parameters
-    ----------
-    options
-        What was asked for on the command line, without paths.
+    `options` are what was asked for on the command line, without paths.
     """
     settings = run.settings
+    words = " and ".join(_FAMILY_WORDS[name] for name in settings.families)
+    classes = ", ".join(fit.afferent for fit in run.fits)
+    state = "" if run.finished else ", interrupted"
     table: Table = {
-        "source": _source(run),
+        "source": f"fembridge fit: NSGA-II on observed rates of {classes}, {words}{state}",
         "finished": run.finished,
         "seed": settings.seed,
         "evaluations": settings.evaluations,
@@ -466,22 +411,7 @@ def fit_table(
     return table | {fit.afferent: _class_table(fit) for fit in run.fits}
 
 
-def agreement_rows(fit: Fit) -> list[tuple[JudgedRates, AgreementRow]]:
-    """Give every row of agreement of a fit, each with the rates it is of."""
-    return list(
-        chain.from_iterable(((judged, row) for row in judged.rows()) for judged in fit.judged)
-    )
-
-
-def _source(run: FitRun) -> str:
-    words = " and ".join(_FAMILY_WORDS[name] for name in run.settings.families)
-    classes = ", ".join(fit.afferent for fit in run.fits)
-    state = "" if run.finished else ", interrupted"
-    return f"fembridge fit: NSGA-II on observed rates of {classes}, {words}{state}"
-
-
 def _class_table(fit: Fit) -> Table:
-    """Give how one class was fitted."""
     model, free = fit.problem.model, fit.problem.free
     return {
         "drive": model.name,
@@ -512,13 +442,13 @@ def _class_table(fit: Fit) -> Table:
             {
                 "family": row.family,
                 "group": row.group,
-                "seen": judged.seen,
+                "seen": row.seen,
                 "count": row.agreement.regression.count,
                 "r_squared": row.agreement.regression.r_squared,
                 "rmse_ips": row.agreement.rmse_ips,
                 "bias_ips": row.agreement.bias_ips,
             }
-            for judged, row in agreement_rows(fit)
+            for row in fit.agreement_rows()
         ],
     }
 
@@ -528,12 +458,8 @@ class SearchBar(Bars):
 
     def __call__(self, afferent: str, progress: Progress) -> None:
         """Move the bar of this class."""
-        self.show(afferent, progress.evaluations / progress.of, words_of(progress))
-
-
-def words_of(progress: Progress) -> str:
-    """Evaluations, the size of the front and its least RMSE, in a line."""
-    return (
-        f"{progress.evaluations}/{progress.of} evaluations, front of "
-        f"{progress.front_size}, best RMSE {progress.least_rmse_ips:.3g} ips"
-    )
+        words = (
+            f"{progress.evaluations}/{progress.of} evaluations, front of "
+            f"{progress.front_size}, best RMSE {progress.least_rmse_ips:.3g} ips"
+        )
+        self.show(afferent, progress.evaluations / progress.of, words)

@@ -24,7 +24,7 @@ from neural.models import Model
 
 
 def group_of(entry: Entry) -> str:
-    """Name the group that `entry` is in: ``20 Hz``, ``10+50 Hz`` or ``5-25 Hz``."""
+    """The group that `entry` is in: ``20 Hz``, ``10+50 Hz`` or ``5-25 Hz``."""
     numbers = [number_text(number) for number in entry.numbers().values()]
     match entry:
         case Sine():
@@ -38,7 +38,7 @@ def group_of(entry: Entry) -> str:
 def observed_entries(
     observed: ObservedRates, afferent: str, families: Sequence[str] = FAMILIES
 ) -> tuple[Entry, ...]:
-    """Give the stimuli of `families` with an observed rate of `afferent`."""
+    """Stimuli of `families` with an observed rate of `afferent`."""
     stimuli, _ = observed.of(afferent)
     entries = (resolve(stimulus)[0] for stimulus in stimuli)
     return tuple(entry for entry in entries if entry.family in families)
@@ -53,23 +53,11 @@ def fit_problem(
     preindent_um: float = 0.0,
     cells: int = 0,
 ) -> FitProblem:
-    """Put together what a fit of one class minimises.
+    """What a fit of the class and model of `model` minimises.
 
-    Parameters
-    ----------
-    model
-        Its row says which class is fitted, and which stress it reads.
-    families
-        The stimuli to take of `observed`, by family.
-    preindent_um
-        Depth of the probe before time 0.
-    cells
-        Cells of a candidate; 0: as many as the model has.
-
-    Returns
-    -------
-    FitProblem
-        Stimuli stand in the order of `observed`; each is counted in its own window.
+    Stimuli are those of `families`, in the order of `observed`; each is counted in its own
+    window. `preindent_um` is the depth of the probe before time 0; 0 `cells` are as many
+    as the model has.
 
     Raises
     ------
@@ -120,26 +108,26 @@ class ResponseSource:
     stored: bool
 
     def to_table(self) -> Table:
-        """Tell in TOML where the stress comes from, without any path."""
+        """Where the stress comes from, for TOML and without any path."""
         origin = self.response.origin
         finger = origin.get("finger")
-        told: Table = {
+        table: Table = {
             "source": "stored response" if self.stored else "solved response",
             "file": self.name,
             "sha256": self.sha256,
         }
         if isinstance(finger, dict) and "name" in finger:
-            told["finger"] = str(finger["name"])
+            table["finger"] = str(finger["name"])
         for key in ("solver", "element", "deck_sha256"):
             if key in origin:
-                told[key] = origin[key]
+                table[key] = origin[key]
         if self.response.closure_percent == self.response.closure_percent:  # no NaN
-            told["closure_percent"] = self.response.closure_percent
-        return told
+            table["closure_percent"] = self.response.closure_percent
+        return table
 
 
 def stored_source(finger: str) -> ResponseSource:
-    """Take the stored response of a reference finger, ``quick`` or ``paper``.
+    """The stored response of a reference finger, ``quick`` or ``paper``.
 
     Raises
     ------
@@ -154,7 +142,7 @@ def stored_source(finger: str) -> ResponseSource:
 
 
 def solved_source(place: Path) -> ResponseSource:
-    """Read a response that was solved: its file, its folder, or simulate's output.
+    """A response that was solved: its file, its folder, or simulate's output.
 
     Raises
     ------
@@ -164,11 +152,10 @@ def solved_source(place: Path) -> ResponseSource:
     path = place
     if place.is_dir():
         known = (place / MAP_FILE, place / _SOLVED / MAP_FILE)
-        there = [file for file in known if file.is_file()]
-        if not there:
+        path = next(filter(Path.is_file, known), place)
+        if path == place:
             raise ResponseError(
                 f"{place}: no {MAP_FILE} here nor in {_SOLVED}/, expected what "
                 "`fembridge simulate` keeps of a solved response"
             )
-        path = there[0]
     return ResponseSource(read_map(path), path.name, sha256_of(path), stored=False)

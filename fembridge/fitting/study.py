@@ -5,20 +5,20 @@ sinusoids, and then without each frequency in turn, which is predicted; both aga
 with other seeds. Written are a row a seed as CSV, and the summary as Markdown.
 """
 
-import csv
-import io
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import UsageError
+from fembridge.executor import LocalExecutor
 from fembridge.fitting.problem import fit_problem
 from fembridge.observed import ObservedRates
 from fembridge.response.response_map import ResponseMap
+from fembridge.tables import write_table
 from neural.agreement import Agreement, agreement
 from neural.encoder import encode_cells
 from neural.models import DEFAULT_MODELS, MODELS, model_named
@@ -27,11 +27,9 @@ from neural.parameters import PUBLISHED
 from neural.rates import mean_rate_ips
 from neural.search import EVALUATIONS, Trial, cross_validate
 
-PUBLISHED_DRIVE = "published"
-TABLE_2 = "Table 2"
 SEEDS = (1, 2, 3)
 
-# Pre-indentations at which the default drives are compared.
+# Pre-indentations at which the default models are compared.
 _DEPTHS_UM = (0.0, 25.0, 50.0, 75.0, 100.0, 125.0, 150.0)
 _MANY_CELLS = 5
 
@@ -40,7 +38,7 @@ _MANY_CELLS = 5
 class Case:
     """One model of one class, and where the probe stands before time 0."""
 
-    drive: str
+    model: str
     afferent: str
     cells: int
     preindent_um: float
@@ -48,7 +46,7 @@ class Case:
     @property
     def free_parameters(self) -> int:
         """How many parameters a fit searches."""
-        return len(model_named(self.drive, self.afferent).free(self.cells))
+        return len(model_named(self.model, self.afferent).free(self.cells))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +57,7 @@ class Finding:
     trials: tuple[Trial, ...]
 
     def median(self, measure: Callable[[Trial], float]) -> float:
-        """Give the median over seeds of a number of a trial."""
+        """Median over seeds of a number of a trial."""
         return float(np.median([measure(trial) for trial in self.trials]))
 
 
@@ -73,7 +71,7 @@ class ModelStudy:
     evaluations: int
 
     def best(self, afferent: str) -> Finding:
-        """Give the finding with the smallest held-out error of a class."""
+        """The finding with the smallest held-out error of a class."""
         mine = [one for one in self.findings if one.case.afferent == afferent]
         return min(mine, key=lambda one: one.median(held_out_rmse_ips))
 
@@ -89,10 +87,10 @@ def held_out_rmse_ips(trial: Trial) -> float:
 
 
 def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
-    """Give the cases of the whole study.
+    """Cases of the whole study.
 
-    Every drive with its own cells, unheld and held; the default drives over a range
-    of pre-indentations, and with one cell; the published drive with many.
+    Every model with its own cells, with and without pre-indentation; the default models
+    over a range of pre-indentations, and with one cell; the published model with many.
     """
     cases = [
         Case(name, afferent, rows[afferent].cells, depth_um)
@@ -107,7 +105,7 @@ def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
         cases += [Case(name, afferent, cells, depth_um) for depth_um in _DEPTHS_UM]
         cases.append(Case(name, afferent, 1, fitted_preindent_um()))
         cases += [
-            Case(PUBLISHED_DRIVE, afferent, _MANY_CELLS, depth_um)
+            Case("published", afferent, _MANY_CELLS, depth_um)
             for depth_um in (0.0, fitted_preindent_um())
         ]
     return tuple(dict.fromkeys(cases))
@@ -138,10 +136,9 @@ def study_models(
         raise UsageError(f"jobs is {jobs}, expected 1 or more")
     finding_of = partial(_finding, observed, response, tuple(seeds), evaluations)
     findings = []
-    # Forking would copy the threads of whoever calls.
-    spawn = get_context("spawn")
-    with _Here() if jobs == 1 else ProcessPoolExecutor(jobs, spawn) as pool:
-        for finding in pool.map(finding_of, cases):
+    with ExitStack() as stack:
+        each = map if jobs == 1 else stack.enter_context(LocalExecutor(jobs)).map
+        for finding in each(finding_of, cases):
             findings.append(finding)
             on_finding(finding)
     classes = dict.fromkeys(case.afferent for case in cases)
@@ -151,12 +148,6 @@ def study_models(
         seeds=tuple(seeds),
         evaluations=evaluations,
     )
-
-
-class _Here(Executor):
-    """Runs in this process what is asked of it, when its result is."""
-
-    map = staticmethod(map)  # type: ignore[assignment]
 
 
 def _finding(
@@ -169,7 +160,7 @@ def _finding(
     problem = fit_problem(
         observed,
         response,
-        model_named(case.drive, case.afferent),
+        model_named(case.model, case.afferent),
         preindent_um=case.preindent_um,
         cells=case.cells,
     )
@@ -179,8 +170,8 @@ def _finding(
 
 
 def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> Agreement:
-    """Judge Table 2 as it is printed, without pre-indentation."""
-    problem = fit_problem(observed, response, model_named(PUBLISHED_DRIVE, afferent))
+    """Agreement of Table 2 as it is printed, without pre-indentation."""
+    problem = fit_problem(observed, response, model_named("published", afferent))
     runs = encode_cells(problem.stress_pa, problem.dt_ms, PUBLISHED[afferent])
     rates = [
         mean_rate_ips(cells, window) for cells, window in zip(runs, problem.windows_ms, strict=True)
@@ -206,38 +197,35 @@ _COLUMNS = (
 )
 
 
-def cases_text(study: ModelStudy) -> str:
-    """Give a row a case and seed; ``parameters`` as ``name=value`` with blanks."""
-    out = io.StringIO(newline="")
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(_COLUMNS)
+def write_cases(path: Path, study: ModelStudy) -> None:
+    """Write a row a case and seed; ``parameters`` as ``name=value`` with blanks."""
+    rows = []
     for finding in study.findings:
         case = finding.case
-        free = model_named(case.drive, case.afferent).free(case.cells)
+        free = model_named(case.model, case.afferent).free(case.cells)
         for trial in finding.trials:
-            found = " ".join(
-                f"{one.field}={getattr(trial.parameters, one.field):.6g}" for one in free
-            )
-            table.writerow(
+            rows.append(
                 [
                     case.afferent,
-                    case.drive,
+                    case.model,
                     case.cells,
                     f"{case.preindent_um:g}",
-                    case.free_parameters,
+                    len(free),
                     trial.seed,
                     f"{trial.fitted.regression.r_squared:.4f}",
                     f"{trial.fitted.rmse_ips:.3f}",
                     f"{trial.held_out.regression.r_squared:.4f}",
                     f"{trial.held_out.rmse_ips:.3f}",
-                    found,
+                    " ".join(
+                        f"{one.field}={getattr(trial.parameters, one.field):.6g}" for one in free
+                    ),
                 ]
             )
-    return out.getvalue()
+    write_table(path, _COLUMNS, rows)
 
 
 def summary_text(study: ModelStudy) -> str:
-    """Give a table a class, the smallest held-out error first; medians over seeds."""
+    """A table a class, the smallest held-out error first; medians over seeds."""
     lines = []
     for afferent, unfitted in study.unfitted.items():
         lines += [
@@ -248,35 +236,21 @@ def summary_text(study: ModelStudy) -> str:
             "|---|---|---|---|---|---|---|---|",
         ]
         mine = [one for one in study.findings if one.case.afferent == afferent]
-        lines += map(_row, sorted(mine, key=_held_out))
+        for finding in sorted(mine, key=lambda one: one.median(held_out_rmse_ips)):
+            case = finding.case
+            errors = [held_out_rmse_ips(trial) for trial in finding.trials]
+            r_squared = finding.median(lambda trial: trial.fitted.regression.r_squared)
+            held_out = finding.median(lambda trial: trial.held_out.regression.r_squared)
+            lines.append(
+                f"| {case.model} | {case.cells} | {case.preindent_um:g} | "
+                f"{case.free_parameters} | {r_squared:.3f} | "
+                f"{finding.median(fitted_rmse_ips):.1f} | {held_out:.3f} | "
+                f"{finding.median(held_out_rmse_ips):.1f} "
+                f"({min(errors):.1f}–{max(errors):.1f}) |"
+            )
         lines += [
-            f"| published, {TABLE_2} as printed | 1 | 0 | 0 | "
+            "| published, Table 2 as printed | 1 | 0 | 0 | "
             f"{unfitted.regression.r_squared:.3f} | {unfitted.rmse_ips:.1f} | | |",
             "",
         ]
     return "\n".join(lines)
-
-
-def _row(finding: Finding) -> str:
-    case = finding.case
-    errors = [held_out_rmse_ips(trial) for trial in finding.trials]
-    return (
-        f"| {case.drive} | {case.cells} | {case.preindent_um:g} | "
-        f"{case.free_parameters} | {finding.median(_fitted_r_squared):.3f} | "
-        f"{finding.median(fitted_rmse_ips):.1f} | "
-        f"{finding.median(_held_out_r_squared):.3f} | "
-        f"{finding.median(held_out_rmse_ips):.1f} "
-        f"({min(errors):.1f}–{max(errors):.1f}) |"
-    )
-
-
-def _held_out(finding: Finding) -> float:
-    return finding.median(held_out_rmse_ips)
-
-
-def _fitted_r_squared(trial: Trial) -> float:
-    return trial.fitted.regression.r_squared
-
-
-def _held_out_r_squared(trial: Trial) -> float:
-    return trial.held_out.regression.r_squared

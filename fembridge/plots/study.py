@@ -45,7 +45,7 @@ def study_figure(study: ModelStudy) -> "Figure":
             panel.plot(held, [place] * len(held), "o", color=AFFERENT_COLOURS[name], markersize=3.5)
         panel.axvline(study.unfitted[name].rmse_ips, color=INK, linewidth=HAIR_PT, dashes=(4, 3))
         labels = [
-            f"{one.case.drive}, {one.case.cells}, {one.case.preindent_um:g}" for one in findings
+            f"{one.case.model}, {one.case.cells}, {one.case.preindent_um:g}" for one in findings
         ]
         panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT - 1)
         panel.set_ylim(len(labels) - 0.4, -0.6)

@@ -25,13 +25,13 @@ KNOWN = {
 
 @pytest.fixture(scope="session")
 def response():
-    """Give the stored response of the quick finger."""
+    """The stored response of the quick finger."""
     return read_map(FOLDER / "quick.toml")
 
 
 @pytest.fixture(scope="session")
 def known_rates(response):
-    """Make the rates of `KNOWN`, worked out apart from the fit."""
+    """Rates of `KNOWN`, worked out apart from the fit."""
 
     def rates(preindent_um, words=SINES + OTHERS, known=KNOWN):
         classes = [place.afferent for place in response.places]
@@ -51,7 +51,7 @@ def known_rates(response):
 
 @pytest.fixture(scope="session")
 def table(tmp_path_factory, known_rates):
-    """Write a table of rates of `KNOWN`; give its path."""
+    """Writes a table of rates of `KNOWN`."""
 
     def write(preindent_um=0.0, **options):
         path = tmp_path_factory.mktemp("observed") / "rates.csv"
@@ -67,5 +67,5 @@ def table(tmp_path_factory, known_rates):
 
 @pytest.fixture(scope="session")
 def observed(table):
-    """Give rates of `KNOWN` as observed ones, at 75 um of pre-indentation."""
+    """Rates of `KNOWN` as observed ones, at 75 um of pre-indentation."""
     return read_observed(table(75.0))

@@ -1,7 +1,6 @@
 """The model study: cases, findings, their files, and the verb."""
 
 import csv
-import io
 import json
 
 import numpy as np
@@ -12,11 +11,11 @@ from fembridge.errors import UsageError
 from fembridge.fitting.problem import stored_source
 from fembridge.fitting.study import (
     Case,
-    cases_text,
     default_cases,
     held_out_rmse_ips,
     study_models,
     summary_text,
+    write_cases,
 )
 from fembridge.observed import read_observed
 from fembridge.tables import Rate, write_rates
@@ -48,7 +47,7 @@ def made(table):
 
 
 def test_each_case_has_a_trial_a_seed(made):
-    assert [finding.case.drive for finding in made.findings] == ["published", "rising"]
+    assert [finding.case.model for finding in made.findings] == ["published", "rising"]
     for finding in made.findings:
         assert [trial.seed for trial in finding.trials] == [1, 2]
         assert {trial.held_out_ips.shape for trial in finding.trials} == {(4,)}
@@ -62,8 +61,10 @@ def test_the_best_case_has_the_smallest_held_out_error(made):
     assert made.best("RA") is made.findings[int(np.argmin(errors))]
 
 
-def test_the_table_has_a_row_a_case_and_seed(made):
-    rows = list(csv.DictReader(io.StringIO(cases_text(made))))
+def test_the_table_has_a_row_a_case_and_seed(made, tmp_path):
+    write_cases(tmp_path / "study.csv", made)
+    with (tmp_path / "study.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
     assert [(row["drive"], row["cells"], row["seed"]) for row in rows] == [
         ("published", "1", "1"),
         ("published", "1", "2"),
@@ -85,7 +86,7 @@ def test_the_summary_ends_with_the_paper_s_parameters_as_printed(made):
 
 def test_the_whole_study_has_every_drive_unheld_and_held():
     cases = default_cases(("SA", "RA", "PC"))
-    found = {(case.drive, case.afferent, case.preindent_um) for case in cases}
+    found = {(case.model, case.afferent, case.preindent_um) for case in cases}
     for name, rows in MODELS.items():
         for afferent in rows:
             assert {(name, afferent, 0.0), (name, afferent, fitted_preindent_um())} <= found
@@ -97,7 +98,7 @@ def test_two_processes_find_what_one_finds(table, made):
     cases = [finding.case for finding in made.findings]
     response = stored_source("quick").response
     again = study_models(read_observed(table), response, cases, jobs=2, **SHORT)
-    assert cases_text(again) == cases_text(made)
+    assert summary_text(again) == summary_text(made)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +135,7 @@ def test_cells_without_a_drive_are_misuse(table, tmp_path, capsys):
     assert "go with --drive" in capsys.readouterr().err
 
 
-def test_an_unknown_drive_is_misuse(table, tmp_path, capsys):
+def test_an_unknown_model_is_misuse(table, tmp_path, capsys):
     words = ["study", "--observed", str(table), "--drive", "shrap", "-o", str(tmp_path)]
     assert main(words) == 2
-    assert "drive 'shrap', expected one of published" in capsys.readouterr().err
+    assert "'shrap'" in capsys.readouterr().err

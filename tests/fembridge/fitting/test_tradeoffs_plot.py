@@ -4,14 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge.errors import UsageError
 from fembridge.fitting.fit import FitSettings, fit_afferents
-from fembridge.plots.style import save_figure
 from fembridge.plots.tradeoffs import strongest_tradeoff, tradeoffs_figure
 from neural.models import model_named
 
@@ -121,30 +116,6 @@ def test_one_group_has_nothing_to_trade(observed, response):
     assert [panel.axison for panel in panels] == [True, False, True]
 
 
-def test_the_same_run_gives_the_same_bytes_and_an_odd_suffix_none(run, tmp_path):
-    alone = replace(run, fits=run.fits[:1], asked=run.asked[:1])
-    save_figure(tradeoffs_figure(alone), tmp_path / "a.svg")
-    save_figure(tradeoffs_figure(alone), tmp_path / "b.svg")
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
-    with pytest.raises(UsageError, match="cannot draw"):
-        save_figure(tradeoffs_figure(run), tmp_path / "a.docx")
-
-
 def test_the_strongest_trade_off_is_between_the_groups_that_rank_opposite():
     errors = np.array([[1.0, 1.0, 9.0], [2.0, 3.0, 5.0], [3.0, 2.0, 1.0]])
     assert strongest_tradeoff(errors) == (0, 2)
-
-
-@given(
-    errors=arrays(np.float64, (6, 4), elements=st.floats(0.0, 1e4), unique=True),
-    power=st.sampled_from([0.5, 2.0]),
-)
-def test_the_strongest_trade_off_is_the_same_in_any_rising_scale(errors, power):
-    from scipy.stats import spearmanr
-
-    first, second = strongest_tradeoff(errors)
-    alike = spearmanr(errors).statistic
-    least = alike[~np.eye(4, dtype=bool)].min()
-    assert alike[first, second] == pytest.approx(least)
-    squeezed = np.argsort(np.argsort(errors, axis=0), axis=0) ** power
-    assert strongest_tradeoff(squeezed) == (first, second)
