@@ -190,7 +190,7 @@ class PostFile:
     `kind` is "t16" or "t19", `byte_order` "little" or "big" ("little" for text),
     `precision` "single" or "double". `codes` and `points` (NSTRES, integration points an
     element) are those of the first model. `problem` says where the file is cut or
-    damaged; None when it is whole. `unread_bytes` counts what no block accounts for.
+    damaged; None when it is whole.
 
     Raises
     ------
@@ -208,7 +208,6 @@ class PostFile:
         self._mesh: tuple[int, PostMesh] | None = None
         self._unknown: set[int] = set()
         self._of = self._where = ""
-        self._whole_bytes = 0  # up to here every byte belongs to a block
         self._file = ByteFile(path)
         try:
             self._records = _records_of(self._file)
@@ -222,7 +221,6 @@ class PostFile:
         self.byte_order = self._records.byte_order
         self.precision = "double" if self._records.real_bytes == 8 else "single"
         self.revision, self.codes, self.points = first.revision, first.codes, first.points
-        self.unread_bytes = self._file.size - self._whole_bytes
 
     def __enter__(self) -> "PostFile":
         return self
@@ -308,8 +306,11 @@ class PostFile:
                 repeat = self._repeats.find(self._records.at)
                 if repeat is None:
                     self._increment()
-                else:
-                    self._repeated(repeat)
+                    continue
+                layout, length, integers, reals = repeat
+                for words, some in zip(integers.tolist(), reals.tolist(), strict=True):
+                    self._append(layout, self._records.at - layout.start, words, some)
+                    self._records.at += length
             self._ending(word)
         except PostDamageError as damage:
             self.problem = self._located(damage)
@@ -351,7 +352,6 @@ class PostFile:
         if model.revision not in _SEEN_REVISIONS:
             self._remark(f"post revision {model.revision}: real files of 12 and 14 were seen")
         self._models.append(model)
-        self._whole_bytes = self._records.at
 
     def _increment(self) -> None:
         records, model = self._records, self._models[-1]
@@ -382,29 +382,13 @@ class PostFile:
         integers = layout.integers.values(records.file)[0].tolist()
         reals = layout.reals.values(records.file)[0].tolist()
         self._append(layout, 0, integers, reals)
-        self._whole_bytes = records.at
-
-    def _repeated(self, repeat: "_Repeat") -> None:
-        """Append increments that look like one before."""
-        at = self._records.at
-        for words, reals in zip(repeat.integers.tolist(), repeat.reals.tolist(), strict=True):
-            self._append(repeat.layout, at - repeat.layout.start, words, reals)
-            at += repeat.length
-        self._records.at = self._whole_bytes = at
 
     def _append(self, layout: "_Layout", offset: int, words: list[int], reals: list[float]) -> None:
+        mesh, row = len(self._models) - 1, len(self.increments)
+        number, sub, harmonic = words[1], words[2], words[6]
+        time_s, frequency = reals[:2]
         self.increments.append(
-            PostIncrement(
-                row=len(self.increments),
-                increment=words[1],
-                sub_increment=words[2],
-                time_s=reals[0],
-                mesh=len(self._models) - 1,
-                harmonic=words[6],
-                frequency=reals[1],
-                layout=layout,
-                offset=offset,
-            )
+            PostIncrement(row, number, sub, time_s, mesh, harmonic, frequency, layout, offset)
         )
 
     def _model_block(self, base: int, revision: int, model: "PostModel") -> "PostModel":
@@ -436,12 +420,9 @@ class PostFile:
         self._where = "at the end"
         if word == FILE_END:
             records.skip_word()
-            self._whole_bytes = records.at
             rest = records.file.size - records.at
             if records.file.peek(records.at, min(rest, _MOST_BLANKS)).strip():
                 self._remark(f"{rest} bytes behind the end of the file")
-            else:
-                self._whole_bytes = records.file.size
         elif records.at >= records.file.size:
             self.problem = f"no {FILE_END} at the end: the run is going on, or was stopped"
         else:
@@ -1149,18 +1130,6 @@ def _read_increment_block(
 # comparing arrays, and a large increment by looking at a few places of it.
 
 
-class _Repeat(NamedTuple):
-    """Increments of one layout, one after the other, `length` bytes each.
-
-    `integers` ``(K, 12)`` and `reals` ``(K, ...)`` begin their verification data.
-    """
-
-    layout: _Layout
-    length: int
-    integers: IntArray
-    reals: FloatArray
-
-
 class _Part(NamedTuple):
     """`length` bytes at `offset`, of which those at `places` are `expected`."""
 
@@ -1206,18 +1175,24 @@ class _Repeats:
         if head <= start + parts[0].length:
             self._known = [(layout, end - start, parts), *self._known[: _TEMPLATES - 1]]
 
-    def find(self, at: int) -> _Repeat | None:
-        """The increments from byte `at` that look like one before."""
+    def find(self, at: int) -> tuple[_Layout, int, IntArray, FloatArray] | None:
+        """The increments from byte `at` that look like one before.
+
+        Their layout, the bytes of each, and their verification data, ``(K, 12)`` and
+        ``(K, ...)``.
+        """
         for place, (layout, length, parts) in enumerate(self._known):
             found = self._match(layout, length, parts, at)
             if found is not None:
                 self._known.insert(0, self._known.pop(place))
                 self._at_once = min(2 * self._at_once, _READ_BYTES)
-                return found
+                return layout, length, *found
         self._at_once = 1
         return None
 
-    def _match(self, layout: _Layout, length: int, parts: list[_Part], at: int) -> _Repeat | None:
+    def _match(
+        self, layout: _Layout, length: int, parts: list[_Part], at: int
+    ) -> tuple[IntArray, FloatArray] | None:
         count = max(1, min(self._at_once, _READ_BYTES // length)) if len(parts) == 1 else 1
         count = min(count, (self._file.size - at) // length)
         if count == 0:
@@ -1234,7 +1209,7 @@ class _Repeats:
             )
         except ValueError:
             return None  # the walk will say what is wrong
-        return _Repeat(layout, length, integers, reals)
+        return integers, reals
 
     def _compared(
         self, part: _Part, at: int, count: int
