@@ -483,8 +483,6 @@ class _Numbers:
         """
         count = self.table_rows if self.wrapped else self.rows
         wanted = np.arange(count) if rows is None else np.asarray(rows, dtype=np.int64)
-        if wanted.size and not 0 <= wanted.min() <= wanted.max() < count:
-            raise IndexError(f"rows {wanted.min()} to {wanted.max()} of {count}")
         try:
             if not self.wrapped:
                 return self._converted(self._fields(file, wanted, offset))
