@@ -10,6 +10,7 @@ import stat
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 
 from fembridge.errors import ResultError
@@ -138,7 +139,7 @@ class ByteFile(AbstractContextManager["ByteFile"]):
     def lines(self) -> Iterator[bytes]:
         """Lines with their ends, in pieces of at most `LONGEST_LINE` + 1 bytes."""
         try:
-            yield from iter(lambda: self._file.readline(LONGEST_LINE + 1), b"")
+            yield from iter(partial(self._file.readline, LONGEST_LINE + 1), b"")
         except OSError as error:
             raise ResultError(f"cannot be read: {error.strerror}", self.path) from error
 
@@ -151,7 +152,7 @@ def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
     """
     with ByteFile(path) as file:
         for number, line in enumerate(file.lines(), start=1):
-            if line.endswith(b"\n"):
+            if line[-1:] == b"\n":
                 yield number, line.decode("latin-1").rstrip("\r\n"), True
             elif len(line) <= LONGEST_LINE:
                 yield number, line.decode("latin-1"), False

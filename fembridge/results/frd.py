@@ -63,6 +63,7 @@ _MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
 _REALS = {2: "<f4", 3: "<f8"}  # by flag
 _FORM = bytes.maketrans(b"0123456789e-", b"0000000000E+")  # of a usual field
+_NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _SOME_PROBLEMS = 3  # that a message names
 _DEFAULTS = ReadOptions()
@@ -849,14 +850,17 @@ def _integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
     The second array says which rows are such integers; elsewhere the value
     means nothing.
     """
-    digit = (characters >= ord("0")) & (characters <= ord("9"))
-    fine = (digit | (characters == ord(" "))).all(axis=1) & digit[:, -1]
-    fine &= (digit[:, :-1] <= digit[:, 1:]).all(axis=1)  # no blank after a digit
     value = np.zeros(len(characters), dtype=np.int64)
-    for column in range(characters.shape[1]):
+    begun = np.zeros(len(characters), dtype=np.bool_)
+    fine = np.ones(len(characters), dtype=np.bool_)
+    for column in np.ascontiguousarray(characters.T):
+        number = column - ord("0")  # wraps below 0
+        digit = number < 10
+        fine &= digit | (column == ord(" ")) & ~begun
+        begun |= digit
         value *= 10
-        value += np.where(digit[:, column], characters[:, column] - ord("0"), 0)
-    return value, fine
+        value += np.where(digit, number, 0)
+    return value, fine & begun
 
 
 def _floats(fields: NDArray[np.uint8]) -> FloatArray:
@@ -959,8 +963,8 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     table = np.array(lines)
     size = max(table.itemsize, _MARK + max(width + 15, 10 * width))
     characters = table.astype(f"S{size}").view(np.uint8).reshape(-1, size)
-    heads = (characters[:, :_MARK] == np.frombuffer(b" -1", np.uint8)).all(axis=1)
-    tails = (characters[:, :_MARK] == np.frombuffer(b" -2", np.uint8)).all(axis=1)
+    marks = table.astype(f"S{_MARK}")
+    heads, tails = marks == b" -1", marks == b" -2"
     at_type = _MARK + width
     ids, fine = _integers(characters[heads, _MARK:at_type])
     kind, good = _integers(characters[heads, at_type : at_type + 5])
@@ -968,7 +972,8 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     material[~known] = UNKNOWN_MATERIAL
     # Fields of a line that are not blank, and to which element they belong.
     fields = characters[tails, _MARK : _MARK + 10 * width].reshape(-1, width)
-    filled = ((fields != ord(" ")) & (fields != ord("\r")) & (fields != 0)).any(axis=1)
+    text = fields.tobytes().translate(_NO_LINE_END)
+    filled = np.frombuffer(text, f"S{width}") != b" " * width
     nodes, whole = _integers(fields[filled])
     element = np.repeat(np.cumsum(heads)[tails] - 1, 10)[filled]
     counts = np.bincount(element[element >= 0], minlength=kind.size)
