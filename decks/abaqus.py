@@ -56,7 +56,7 @@ def _around(model: Analysis) -> Iterator[str]:
 
 
 def _materials(model: Analysis) -> Iterator[str]:
-    yield from parts.materials_heading()
+    yield from parts.MATERIALS_HEADING
     for section in (*model.layers, model.probe):
         relaxes = bool(section.material.prony)
         yield from material(

@@ -107,7 +107,7 @@ def _axis(model: Analysis) -> Iterator[str]:
 
 
 def _materials(model: Analysis) -> Iterator[str]:
-    yield from parts.materials_heading()
+    yield from parts.MATERIALS_HEADING
     mass, thick_mm = model.inertia, model.thickness_mm
     for section in (*map(lasting, model.layers), model.probe):
         yield from material(section, inertia=mass, thickness_mm=thick_mm)

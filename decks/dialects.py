@@ -4,7 +4,7 @@ A dialect is one module with a function from `decks.analysis.Analysis` to the
 files of a run folder; it is imported when a deck of it is written.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -107,20 +107,17 @@ class Dialect:
                 raise DeckError(
                     f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
                 )
-        write: Callable[[Analysis, DeckOptions], dict[str, str]] = _named(self.target)
-        return write(analysis, DeckOptions(**chosen))
+        files: dict[str, str] = _called(self.target, analysis, DeckOptions(**chosen))
+        return files
 
     def branches_at(self, analysis: "Analysis") -> dict[int, int]:
         """Count what a node's stress is the sum of, where the file holds the mean."""
-        if not self.branches:
-            return {}
-        count: Callable[[Analysis], dict[int, int]] = _named(self.branches)
-        return count(analysis)
+        return _called(self.branches, analysis) if self.branches else {}
 
 
-def _named(target: str) -> Any:  # noqa: ANN401 - whatever the name stands for
+def _called(target: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever it gives
     module, _, function = target.partition(":")
-    return getattr(import_module(module), function)
+    return getattr(import_module(module), function)(*arguments)
 
 
 DIALECTS = {

@@ -14,7 +14,7 @@ Ten lines make another finger::
     depth_mm = 0.70
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -61,10 +61,22 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     if not isinstance(base, str) or base not in PRESETS:
         raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
     for part, names in (("materials", LAYERS), ("afferents", SITES)):
-        _check_names(table.get(part), part, names)
+        there = table.get(part)
+        for key in there if isinstance(there, Mapping) else ():
+            if key not in names:
+                raise FingerError(
+                    f"{part}: unknown key {key!r}, expected {', '.join(names)}"
+                    + near_hint(str(key), names)
+                )
     own = {key: value for key, value in table.items() if key != "base"}
     finger = changed(replace(PRESETS[base], name=name), own, FingerError)
-    _check_name(finger.name)
+    # The name is in decks and reports, and becomes a file's.
+    printable = 0 < len(finger.name) <= _NAME_LENGTH and finger.name.isprintable()
+    if not printable or finger.name.startswith((".", " ")) or set(finger.name) & set("/\\"):
+        raise FingerError(
+            f"name must be 1 to {_NAME_LENGTH} printable characters, none of them "
+            f"a slash, the first no dot or space, got {finger.name!r}"
+        )
     return finger
 
 
@@ -81,20 +93,3 @@ def finger_table(finger: Finger) -> dict[str, Any]:
             if material[key] == usual:
                 del material[key]
     return table
-
-
-def _check_names(table: object, part: str, known: Iterable[str]) -> None:
-    for name in table if isinstance(table, Mapping) else ():
-        if name not in known:
-            hint = near_hint(str(name), known)
-            raise FingerError(f"{part}: unknown key {name!r}, expected {', '.join(known)}{hint}")
-
-
-def _check_name(name: str) -> None:
-    """Refuse a name that cannot be in decks and reports, or become a file's."""
-    printable = 0 < len(name) <= _NAME_LENGTH and name.isprintable()
-    if not printable or name.startswith((".", " ")) or set(name) & set("/\\"):
-        raise FingerError(
-            f"name must be 1 to {_NAME_LENGTH} printable characters, none of them "
-            f"a slash, the first no dot or space, got {name!r}"
-        )

@@ -14,7 +14,6 @@ from itertools import chain
 import numpy as np
 
 from decks.analysis import Analysis, ElementSet
-from decks.motion import Phase
 from fembridge.typing import FloatArray, IntArray
 
 LONGEST_NUMBER = 20
@@ -165,10 +164,7 @@ def contact_pair(
 # ---- Materials
 
 
-def materials_heading() -> Iterator[str]:
-    """A comment on what follows."""
-    yield "**"
-    yield "** ---- Materials: Young's modulus in MPa, Poisson's ratio"
+MATERIALS_HEADING = ("**", "** ---- Materials: Young's modulus in MPa, Poisson's ratio")
 
 
 def material(
@@ -252,32 +248,26 @@ def steps(
     `cards` are the solver's words for `decks.motion.PROCEDURES`, `large_strain` its
     word for that, with its comma, or "".
     """
-    for phase in model.motion.phases:
-        yield from _step(model, phase, cards, large_strain, moved)
+    phases = model.motion.phases
+    for count, phase in enumerate(phases, start=1):
+        which = "One step" if len(phases) == 1 else f"Step {count}"
+        yield "**"
+        yield f"** ---- {which} of equal increments: {_PROCEDURES[phase.procedure]}"
+        yield f"*STEP{large_strain}, INC=100000"
+        yield cards[phase.procedure]
+        yield f"{fixed(phase.dt_s, 7)}, {fixed(phase.length_s, 7)}"
+        yield from moved.controls
+        yield "*BOUNDARY"
+        yield "HELD, 1, 2"
+        yield from moved.fixed
+        if model.motion.aside_mm is None:
+            yield f"{moved.name}, 1, 1"
+        else:
+            yield "*BOUNDARY, AMPLITUDE=ASIDE"
+            yield f"{moved.name}, 1, 1, 1.0"
+        yield "** into the skin is -y"
+        yield "*BOUNDARY, AMPLITUDE=DEPTH"
+        yield f"{moved.name}, 2, 2, -1.0"
+        yield from moved.loads
         yield from output(model)
         yield "*END STEP"
-
-
-def _step(
-    model: Analysis, phase: Phase, cards: Mapping[str, str], large_strain: str, moved: Moved
-) -> Iterator[str]:
-    phases = model.motion.phases
-    which = "One step" if len(phases) == 1 else f"Step {phases.index(phase) + 1}"
-    yield "**"
-    yield f"** ---- {which} of equal increments: {_PROCEDURES[phase.procedure]}"
-    yield f"*STEP{large_strain}, INC=100000"
-    yield cards[phase.procedure]
-    yield f"{fixed(phase.dt_s, 7)}, {fixed(phase.length_s, 7)}"
-    yield from moved.controls
-    yield "*BOUNDARY"
-    yield "HELD, 1, 2"
-    yield from moved.fixed
-    if model.motion.aside_mm is None:
-        yield f"{moved.name}, 1, 1"
-    else:
-        yield "*BOUNDARY, AMPLITUDE=ASIDE"
-        yield f"{moved.name}, 1, 1, 1.0"
-    yield "** into the skin is -y"
-    yield "*BOUNDARY, AMPLITUDE=DEPTH"
-    yield f"{moved.name}, 2, 2, -1.0"
-    yield from moved.loads

@@ -204,11 +204,16 @@ def _check_cover(node_mm: FloatArray, quad: IntArray) -> None:
         raise FingerError("two elements on the same side of an edge: layers overlap")
     alone = edge[~np.isin(directed, end * len(node_mm) + start)]
     following = dict(alone.tolist())
-    ring = _ring(following, start=int(alone[0, 0]))
+    start_node = int(alone[0, 0])
+    ring = [start_node]
+    while (node := following.get(ring[-1], start_node)) != start_node:
+        ring.append(node)
+        if len(ring) > len(following):
+            break
     if len(ring) != len(alone) or len(following) != len(alone):
         raise FingerError("the outline is not one closed line: layers leave a gap")
-    if (node := _crossing(node_mm[ring])) is not None:
-        x, y = node_mm[ring[node]]
+    if (row := _crossing(node_mm[ring])) is not None:
+        x, y = node_mm[ring[row]]
         raise FingerError(f"the outline crosses itself near ({x:.3f}, {y:.3f}) mm: layers overlap")
 
 
@@ -222,15 +227,6 @@ def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         worst: FloatArray = np.nan_to_num(cross / length, nan=-1.0).min(axis=1)
     return worst
-
-
-def _ring(following: dict[int, int], start: int) -> list[int]:
-    ring = [start]
-    while (node := following.get(ring[-1], start)) != start:
-        ring.append(node)
-        if len(ring) > len(following):
-            break
-    return ring
 
 
 def _crossing(point_mm: FloatArray) -> int | None:

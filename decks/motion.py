@@ -111,7 +111,14 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
         time_s: FloatArray = np.arange(ramp + samples + 1, dtype=np.float64) * dt_s
         phases: tuple[Phase, ...] = (Phase(procedure, dt_s, ramp + samples),)
     else:
-        phases = _phases(procedure, dt_s, ramp, samples, relaxing_s)
+        # A static ramp, a hold of relaxing skin, and the waveform.
+        hold_s = _HOLD_TIME_CONSTANTS * relaxing_s
+        stages = (
+            Phase("static", dt_s, ramp),
+            Phase("viscous", hold_s, HOLD_INCREMENTS if ramp and hold_s else 0),
+            Phase(procedure, dt_s, samples),
+        )
+        phases = tuple(phase for phase in stages if phase.increments)
         steps_s = [np.full(one.increments, one.dt_s) for one in phases]
         time_s = np.concatenate([[0.0], np.cumsum(np.concatenate(steps_s))])
     before = len(time_s) - 1 - samples
@@ -158,16 +165,3 @@ def _finer(samples: FloatArray) -> FloatArray:
     fine = np.empty(2 * len(samples) - 1)
     fine[::2], fine[1::2] = samples, middle
     return fine
-
-
-def _phases(
-    procedure: str, dt_s: float, ramp: int, samples: int, relaxing_s: float
-) -> tuple[Phase, ...]:
-    """A static ramp, a hold of relaxing skin, and the waveform."""
-    hold_s = _HOLD_TIME_CONSTANTS * relaxing_s
-    phases = [
-        Phase("static", dt_s, ramp),
-        Phase("viscous", hold_s, HOLD_INCREMENTS if ramp and hold_s else 0),
-        Phase(procedure, dt_s, samples),
-    ]
-    return tuple(phase for phase in phases if phase.increments)

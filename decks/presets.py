@@ -41,7 +41,7 @@ def mesh_of(finger: Finger) -> Mesh:
         The finger needs a mesh of its own; see `decks.mesher.mesh_finger`.
     """
     for preset in PRESETS.values():
-        if _shape(finger) == _shape(preset):
+        if finger == replace(preset, name=finger.name, materials=finger.materials):
             return read_mesh(stored_mesh(preset.name))
     from decks.mesher import mesh_finger
 
@@ -56,11 +56,6 @@ def model_of(finger: Finger) -> Model:
 def stored_mesh(name: str) -> Path:
     """Path of a preset's stored mesh."""
     return _MESHES / f"{name}.npz"
-
-
-def _shape(finger: Finger) -> Finger:
-    """The finger without what does not change its mesh."""
-    return replace(finger, name="", materials=PRESETS["quick"].materials)
 
 
 def _store() -> None:

@@ -16,7 +16,6 @@ from decks.stimuli import (
     DURATION_MS,
     LONG_WINDOW_MS,
     MAX_AMPLITUDE_UM,
-    Diharmonic,
     Entry,
     Noise,
     Sine,
@@ -74,8 +73,11 @@ def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = No
             raise StimulusError(f"{entry.id}: seed must be >= 0, got {drawn}")
         origin["seed"] = drawn
         wave_um = band_noise(entry, np.random.default_rng(drawn))
+    elif isinstance(entry, Sine):
+        wave_um = entry.amplitude_um * _sine(entry.frequency_hz)
     else:
-        wave_um = _harmonics(entry)
+        wave_um = entry.amplitude1_um * _sine(entry.frequency1_hz)
+        wave_um = wave_um + entry.amplitude2_um * _sine(entry.frequency2_hz)
     wave_um = np.round(wave_um, DECIMALS)
     if not wave_um.any():
         raise StimulusError(
@@ -111,7 +113,9 @@ def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
     frequency_hz = np.fft.rfftfreq(drawn.size, DT_MS / 1000.0).astype(np.float64)
     spectrum *= butterworth_power(frequency_hz, entry.low_hz, entry.high_hz)
     filtered = np.fft.irfft(spectrum, drawn.size)
-    wave: FloatArray = filtered[MARGIN_SAMPLES : MARGIN_SAMPLES + SAMPLES] * _taper()
+    phase = np.minimum(np.arange(SAMPLES) * DT_MS / TAPER_MS, 1.0)
+    taper = 0.5 * (1.0 - np.cos(np.pi * phase))
+    wave: FloatArray = filtered[MARGIN_SAMPLES : MARGIN_SAMPLES + SAMPLES] * taper
     wave *= entry.rms_um / math.sqrt(np.mean(wave**2))
     return wave
 
@@ -132,25 +136,6 @@ def butterworth_power(frequency_hz: FloatArray, low_hz: float, high_hz: float) -
     return gain
 
 
-def _harmonics(entry: Sine | Diharmonic) -> FloatArray:
-    if isinstance(entry, Sine):
-        return entry.amplitude_um * _sine(entry.frequency_hz)
-    first = entry.amplitude1_um * _sine(entry.frequency1_hz)
-    return first + entry.amplitude2_um * _sine(entry.frequency2_hz)
-
-
-def _times_ms() -> FloatArray:
-    steps: FloatArray = np.arange(SAMPLES, dtype=np.float64)
-    return steps * DT_MS
-
-
 def _sine(frequency_hz: float) -> FloatArray:
-    cycles = frequency_hz * _times_ms() / 1000.0
-    wave: FloatArray = np.sin(2.0 * np.pi * cycles)
+    wave: FloatArray = np.sin(2.0 * np.pi * (frequency_hz * (np.arange(SAMPLES) * DT_MS) / 1000.0))
     return wave
-
-
-def _taper() -> FloatArray:
-    phase = np.minimum(_times_ms() / TAPER_MS, 1.0)
-    ramp: FloatArray = 0.5 * (1.0 - np.cos(np.pi * phase))
-    return ramp
