@@ -1,6 +1,5 @@
 """The ladder of contact models, skin that slips, and models that have no map."""
 
-import dataclasses
 import pickle
 from dataclasses import replace
 
@@ -8,10 +7,9 @@ import numpy as np
 import pytest
 
 from decks.material import PronyTerm
-from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import OutputError, ResponseError, SolverError, StimulusError
+from fembridge.errors import ResponseError, SolverError
 from fembridge.response import solve
 from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
 from fembridge.response.solve import (
@@ -22,7 +20,6 @@ from fembridge.response.solve import (
     why_no_map,
 )
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import SolverSettings
 from fembridge.solver.verdict import Cause
 
 
@@ -49,9 +46,7 @@ def test_the_accepted_map_is_written(tmp_path, model, player):
     assert written.origin == solved.response.origin
 
 
-@pytest.mark.parametrize(
-    "cause", [Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN]
-)
+@pytest.mark.parametrize("cause", [Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN])
 def test_a_rung_that_does_not_converge_is_left_and_told(tmp_path, model, player, cause):
     player.plays[1] = cause
     told = []
@@ -76,14 +71,7 @@ def test_a_rung_that_remembers_is_left_and_told(tmp_path, model, player, remembe
     assert told == [f"left {LADDER[0]}: unloading differs from loading by 17 %"]
 
 
-@pytest.mark.parametrize(
-    "cause",
-    sorted(
-        set(Cause)
-        - {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN},
-        key=lambda cause: cause.name,
-    ),
-)
+@pytest.mark.parametrize("cause", [Cause.NO_SOLVER, Cause.DISK_FULL, Cause.INTERRUPTED])
 def test_what_another_contact_does_not_cure_ends_the_climb(tmp_path, model, player, cause):
     """No solver, a full disk, an interrupt: five times the same would not help."""
     player.plays[1] = cause
@@ -156,49 +144,6 @@ def test_a_finished_run_that_lost_a_file_is_solved_again(tmp_path, model, player
     assert not solved.outcome.skipped
 
 
-def test_a_finished_run_of_another_finger_is_solved_again(tmp_path, model, player):
-    solve_response(tmp_path, model)
-    materials = dict(model.finger.materials)
-    materials["dermis"] = dataclasses.replace(materials["dermis"], young_mpa=0.06)
-    softer = dataclasses.replace(model.finger, materials=materials)
-
-    solve_response(tmp_path, dataclasses.replace(model, finger=softer))
-
-    assert player.rungs == [1, 1]
-
-
-def test_the_solver_is_run_as_asked(tmp_path, model, player):
-    settings = SolverSettings(threads=3, time_limit_s=99.0)
-
-    solve_response(tmp_path, model, settings)
-
-    assert player.settings == [settings]
-
-
-def test_a_shorter_ladder_may_be_climbed(tmp_path, model, player):
-    solved = solve_response(tmp_path, model, ladder=LADDER[3:])
-    assert solved.rungs[0].contact == LADDER[3]
-
-
-def test_a_place_that_cannot_be_written_is_told_before_anything(tmp_path, model, player):
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
-        solve_response(tmp_path / "file", model)
-    assert player.rungs == []
-
-
-def test_a_depth_that_makes_no_map_is_refused(tmp_path, model, player):
-    with pytest.raises(StimulusError, match="depth_um is 0, expected 1 to 10000"):
-        solve_response(tmp_path, model, depth_um=0.0)
-    assert player.rungs == []
-
-
-def test_the_ladder_tries_what_was_measured_to_come_back_first():
-    assert LADDER[0].formulation == "node-to-surface"
-    assert LADDER[0].friction == 0.4
-    assert len(set(LADDER)) == len(LADDER)
-
-
 def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     tmp_path, model, player, monkeypatch
 ):
@@ -238,22 +183,6 @@ def test_a_slip_is_still_itself_after_a_worker_raised_it():
     slip = pickle.loads(pickle.dumps(FrictionSlipError("words", 1.5, 2)))
 
     assert (str(slip), slip.closure_percent, slip.rung) == ("words", 1.5, 2)
-
-
-def test_no_indentation_is_solved_for_skin_that_relaxes(tmp_path, model, player):
-    dermis = dataclasses.replace(model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
-    materials = {**model.finger.materials, "dermis": dermis}
-    finger = dataclasses.replace(model.finger, materials=materials)
-
-    with pytest.raises(ResponseError, match="no response map: dermis relaxes"):
-        solve_response(tmp_path, dataclasses.replace(model, finger=finger))
-
-    assert player.rungs == []
-
-
-@pytest.fixture(scope="module")
-def model():
-    return model_of(PRESETS["quick"])
 
 
 @pytest.fixture(scope="module")

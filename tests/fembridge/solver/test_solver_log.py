@@ -42,11 +42,6 @@ def test_the_card_goes_with_the_message_before_it(read):
     assert error.text == "reading *BOUNDARY: node set NOPE has not been defined."
 
 
-def test_a_card_without_a_message_before_it_is_a_message(read):
-    (error,) = read(" *ERROR reading *NODE. Card image:\n    9,ABC,1.\n\n").errors
-    assert str(error) == "reading *NODE [9,ABC,1.]"
-
-
 def test_two_cards_are_two_messages(read):
     warning = " *WARNING in calinput. Card image cannot be inter    preted:\n"
     image = " *WARNING reading the input file. Card image:\n          {}\n\n"
@@ -68,11 +63,6 @@ def test_a_warning_that_leaves_something_out_is_seen(read, warning):
     assert len(read(f" *WARNING {warning}\n\n").dropped) == 1
 
 
-def test_a_warning_that_leaves_nothing_out_is_not_kept(read):
-    log = read(" *WARNING reading *STATIC:\n     the minimum increment is small\n\n")
-    assert log.dropped == ()
-
-
 def test_a_thousand_warnings_do_not_hide_the_error_after_them(read):
     many = "".join(f" *WARNING: parameter not recognized: P{n}\n" for n in range(1000))
     assert read(many + " *ERROR in here: no\n").error_with("in here")
@@ -84,20 +74,10 @@ def test_the_summary_of_errors_is_kept_only_when_it_is_alone(read):
     assert [str(e) for e in read(" *ERROR in x: y\n\n" + summary).errors] == ["in x: y"]
 
 
-def test_version_and_end_are_read(read):
-    log = read(" Job finished\n\n________\n\nTotal CalculiX Time: 0.082145\n________\n")
-    assert log.version == "2.20"
-    assert log.end == "Job finished | Total CalculiX Time: 0.082145"
-
-
 def test_bytes_that_are_no_text_do_not_matter(tmp_path):
     path = tmp_path / "solver.log"
     path.write_bytes(b"\xff\xfe\x00 *ERROR in x: \xe9\n")
     assert str(read_solver_log(path).errors[0]) == "in x: é"
-
-
-def test_an_absent_log_is_empty(tmp_path):
-    assert read_solver_log(tmp_path / "solver.log").end == "it said nothing"
 
 
 def test_a_card_is_found_whatever_its_blanks_and_case(tmp_path):

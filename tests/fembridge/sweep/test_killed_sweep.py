@@ -190,13 +190,6 @@ def test_a_response_that_was_edited_by_hand_is_read_again_from_the_solver(
     assert len(begun(ledger)) == 2  # what the solver wrote was whole
 
 
-@pytest.mark.slow
-def test_a_folder_of_many_strange_letters_is_a_folder(dermis_study, tmp_path):
-    folder = tmp_path / "Über prüfung 'ß' {x}" / ("long" * 40)
-    assert not run_sweep(dermis_study(1), folder).failed
-    assert (folder / "results.csv").read_text().count("done") == 3
-
-
 def test_a_folder_in_which_nothing_can_be_made_is_one_line(dermis_study, tmp_path, command, capsys):
     (tmp_path / "out").write_text("a file")
     assert command(dermis_study(1), "-o", tmp_path / "out") == 1

@@ -23,7 +23,7 @@ from fembridge.sweeps.design import (
     one_at_a_time,
     range_of,
 )
-from fembridge.sweeps.fingers import MOST_POINTS, Anchor, anchor_of, anchored, combinations
+from fembridge.sweeps.fingers import MOST_POINTS, Anchor, anchor_of, anchored
 from fembridge.sweeps.study import study_from
 from fembridge.sweeps.sweep import plan_of
 
@@ -104,19 +104,6 @@ def test_lists_of_a_probe_multiply_and_a_flat_one_gets_its_fillet(study_file):
     assert study.probes[4] == Probe("flat", 0.2, 0.05)
     assert study.contacts == ({"friction": 0.0}, {"friction": 0.2})
     assert study.points == 10
-
-
-@given(
-    st.dictionaries(
-        st.sampled_from(["a.x", "a.y", "b.x", "c.x"]),
-        st.lists(st.floats(0, 1), max_size=4, unique=True),
-    )
-)
-def test_the_size_of_a_grid_is_the_number_of_its_rows(grid):
-    count, found = combinations({n: v for n, v in grid.items() if v}, "grid")
-    rows = list(found)
-    assert count == len(rows)
-    assert len({tuple(row.items()) for row in rows}) == len(rows)
 
 
 HOSTILE = {
@@ -218,25 +205,11 @@ def test_a_product_of_probes_or_contacts_is_refused_alike(part):
         study_from({**LEAST, part: [wide]}, folder=None)
 
 
-def test_a_study_may_be_as_large_as_the_limit_says():
-    values = [0.5 + 1e-5 * k for k in range(1000)]
-    table = {**LEAST, "probes": [{"x_mm": values}]}
-    study = study_from({**table, "preindent_um": [float(k) for k in range(100)]}, None)
-    assert study.points == MOST_POINTS
-    assert math.isclose(study.probes[-1].x_mm, values[-1])
-
-
 @pytest.mark.parametrize("path", ["", ".", "absent.toml", "a\0b"])
 def test_what_is_no_file_is_told_so(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match=r"cannot be read|null byte"):
         read_study(Path(path) if "\0" in path else tmp_path / path)
-
-
-def test_bytes_that_are_no_text_are_refused(tmp_path):
-    (tmp_path / "study.toml").write_bytes(b"stimuli = '\xff\xfe'")
-    with pytest.raises(UsageError, match="0xff"):
-        read_study(tmp_path / "study.toml")
 
 
 RANGES = {"skin.dermis_mm": [0.9, 1.2], "materials.dermis.young_mpa": "20 %"}
@@ -431,17 +404,6 @@ def test_friction_cannot_be_asked_of_fingers_and_of_contacts(tmp_path):
         study_from(table, tmp_path)
 
 
-def test_the_studies_of_the_documentation_are_what_it_says(request):
-    studies = request.config.rootpath / "docs" / "studies"
-    single = read_study(studies / "sensitivity_one_at_a_time.toml")
-    cube = read_study(studies / "sensitivity_hypercube.toml")
-
-    assert (len(single.variants), len(cube.variants)) == (29, 50)
-    assert len(single.stimuli) == len(cube.stimuli) == 82
-    assert set(single.variants[0].changes) == set(cube.variants[0].changes)
-    assert single.variants[0].finger == QUICK
-
-
 @pytest.mark.parametrize(("samples", "parameters"), [(7, 1), (7, 3), (201, 3)])
 def test_each_slice_of_each_range_has_one_finger(samples, parameters):
     shares = np.array(hypercube_shares(parameters, samples, seed=3))
@@ -466,21 +428,6 @@ def test_drawn_parameters_hardly_go_together():
 
     together = np.corrcoef(shares.T) - np.eye(14)
     assert abs(together).max() < 0.2
-
-
-@given(
-    low=st.floats(0.001, 10),
-    times=st.floats(1.001, 100),
-    share=st.floats(0, 1),
-    logarithmic=st.booleans(),
-)
-def test_a_value_lies_in_its_range_and_even_steps_are_even(low, times, share, logarithmic):
-    span = Range(low, low * times, logarithmic)
-    value = span.at(share)
-
-    assert span.low * (1 - 1e-5) <= value <= span.high * (1 + 1e-5)
-    middle = (span.low * span.high) ** 0.5 if logarithmic else 0.5 * low * (1 + times)
-    assert span.at(0.5) == pytest.approx(middle, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -569,15 +516,6 @@ def test_on_the_axis_the_distance_is_that_of_the_flat_layers():
     }
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_nothing_moves_where_nothing_is_different(name):
-    finger = PRESETS[name]
-    kept = {each: anchor_of(finger, each) for each in finger.afferents}
-
-    assert anchored(finger, kept) == finger
-    assert anchored(finger, {}) is finger
-
-
 @given(
     corneum=st.floats(0.2, 0.32),
     epidermis=st.floats(0.3, 0.48),
@@ -616,11 +554,3 @@ def test_a_site_that_is_not_in_its_layer_has_no_boundary_to_keep_to():
         anchor_of(boned, "RA")
     with pytest.raises(FingerError, match="afferent 'XX', expected one of SA, RA, PC"):
         anchor_of(QUICK, "XX")
-
-
-def test_in_the_dermis_the_nearer_boundary_counts():
-    shallow = with_site(QUICK, "RA", AfferentSite("dermis", 0.0, 0.8))
-    deep = with_site(QUICK, "RA", AfferentSite("dermis", 0.0, 1.7))
-
-    assert anchor_of(shallow, "RA") == Anchor(upper=True, distance_mm=0.1)
-    assert anchor_of(deep, "RA") == Anchor(upper=False, distance_mm=0.05)

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import UsageError
 from fembridge.simulation import simulate
 from fembridge.stimulus import Stimulus
 from fembridge.sweeps import Study, Variant, run_sweep
@@ -115,14 +113,6 @@ def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(here, tmp_path, n
     assert item.is_finished(tmp_path)
 
 
-def test_the_record_of_another_item_is_no_record(here, tmp_path):
-    made = study("sine_20_250", preindents_um=(0.0, 75.0))
-    one, other = run_sweep(made, tmp_path).plan.items.values()
-    shutil.rmtree(tmp_path / one.place)
-    shutil.copytree(tmp_path / other.place, tmp_path / one.place)
-    assert not one.is_finished(tmp_path)
-
-
 def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
     table = {
         "stimuli": ["noise_25_250", "sine_20_250"],
@@ -176,11 +166,6 @@ def test_the_study_stands_beside_its_results_and_is_the_same_study(here, tmp_pat
     assert copy.startswith("# sweep of the study 'study', 2 points, 2 items\n# fembri")
     again = run_sweep(tmp_path / "out/study.toml", tmp_path / "out")
     assert (again.before, again.rows) == (2, sweep.rows)
-
-
-def test_an_executor_that_is_none_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="executor 'slurm'"):
-        run_sweep(study("sine_20_250"), tmp_path, executor="slurm")
 
 
 def test_an_old_table_does_not_outlive_the_start_of_a_sweep(here, tmp_path, monkeypatch):

@@ -12,11 +12,11 @@ from decks.analysis import Contact
 from decks.material import PronyTerm
 from decks.presets import PRESETS
 from decks.probe import Probe
-from decks.stimuli import CATALOGUE, resolve
+from decks.stimuli import resolve
 from fembridge.errors import FembridgeError
 from fembridge.response.solve import LADDER
 from fembridge.store import folder_lock
-from fembridge.sweeps import Study, Variant, run_sweep
+from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import work as module
 from fembridge.sweeps.study import ladder_of, study_from
 from fembridge.sweeps.sweep import plan_of
@@ -101,11 +101,6 @@ def test_the_same_finger_under_two_names_is_done_once_and_told_twice(tmp_path):
     assert [point.columns["finger"] for point in plan.points] == ["quick", "mine"]
 
 
-def test_a_finger_that_stands_there_twice_is_told_once():
-    plan = plan_of(study(variants=(QUICK, QUICK)), CCX)
-    assert len(plan.points) == len(plan.items) == 1
-
-
 def test_what_a_variant_does_not_change_has_the_value_of_its_base():
     table = {
         "stimuli": ["sine_20_250"],
@@ -144,11 +139,6 @@ def test_the_order_of_keys_in_a_study_changes_no_address(order):
         table = {"stimuli": ["sine_20"], "fingers": [{"grid": grid}]}
         keys.append(list(plan_of(study_from(table, None), CCX).items))
     assert keys[0] == keys[1]
-
-
-@given(st.permutations(CATALOGUE[:6]))
-def test_the_order_of_stimuli_changes_no_address(entries):
-    assert item(entries=tuple(entries)).key == item(entries=CATALOGUE[:6]).key
 
 
 def numbers_of(value, above=""):
@@ -236,10 +226,6 @@ def test_all_that_goes_into_an_item_changes_its_address(changes):
     assert item(**changes).response.key == item().response.key
 
 
-def test_seeds_that_no_float_tells_apart_have_two_addresses():
-    assert item(seed=2**64).key != item(seed=2**64 + 1).key
-
-
 def test_every_number_of_the_cells_changes_the_address():
     fitted = dict(parameter_set("fitted").parameters)
     for afferent, one in fitted.items():
@@ -316,12 +302,3 @@ def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, le
 def test_a_folder_that_this_machine_does_not_see_is_told(tmp_path):
     [item] = plan_with().items.values()
     assert "all need to share it" in work(item, tmp_path).cause
-
-
-def test_what_a_sweep_gives_can_be_sent_to_another_process(tmp_path):
-    variants = (Variant("quick", PRESETS["quick"]),)
-    study = Study(resolve("sine_20_250"), variants, stored=True)
-    sweep = run_sweep(study, tmp_path)
-    again = pickle.loads(pickle.dumps(sweep))
-    assert again.results == sweep.results
-    assert list(again.plan.items) == list(sweep.plan.items)

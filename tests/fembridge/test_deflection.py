@@ -1,0 +1,631 @@
+"""Deflection of the skin: profile, convergence, probe pressed in, verb, picture, page."""
+
+import argparse
+import csv
+import json
+import math
+import re
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from decks.calculix import calculix_deck
+from decks.finger_file import finger_table
+from decks.material import TABLE_1, Material
+from decks.presets import PAPER, QUICK, mesh_of
+from decks.probe import Probe
+from fembridge.commands import deflect
+from fembridge.deflection.press import (
+    FINGERS,
+    PROBE,
+    STEPS,
+    Press,
+    both_sides,
+    press_of,
+    solve_deflection,
+    surface_of,
+    why_not,
+)
+from fembridge.deflection.profile import (
+    COMPARED_MM,
+    PAPER_STEP_MM,
+    PROFILE_FILE,
+    Deflection,
+    convergence,
+    read_profile,
+    richardson,
+    stored_deflection,
+    stored_deflections,
+    write_profile,
+)
+from fembridge.errors import FingerError, ResponseError, SolverError, UsageError
+from fembridge.plots.deflection import MOST_MESHES, deflection_figure
+from fembridge.plots.style import save_figure
+from fembridge.solver.ccx import SolverSettings
+
+MESHES = stored_deflections()
+STORED = {mesh.name: mesh for mesh in MESHES}
+NODE_MM = np.array([0.0, 0.1, 0.4, 1.0, 2.5, 6.0])
+ONE_THREAD = SolverSettings(threads=1)
+
+
+def profile(**changes):
+    fields = {
+        "name": "µ-mesh",
+        "elements": 3698,
+        "distance_mm": NODE_MM,
+        "deflection_mm": 1.0 - NODE_MM / 8,
+        "depth_mm": 1.0,
+        "loading_mm": np.array([0.0, 0.25, 1.0]),
+        "loading_n_per_mm": np.array([0.0, 0.008, 0.035]),
+        "origin": {"solver": "calculix", "finger": {"name": "µ-mesh"}},
+    }
+    return Deflection(**(fields | changes))
+
+
+@given(st.lists(st.floats(0, 6), min_size=1, max_size=20))
+def test_between_nodes_the_profile_is_straight(distances_mm):
+    found_mm = profile().at(np.array(distances_mm))
+    assert_allclose(found_mm, 1.0 - np.array(distances_mm) / 8, rtol=0, atol=1e-12)
+
+
+def test_at_a_node_it_is_that_of_the_node():
+    bent_mm = np.array([1.0, 0.97, 0.98, 0.8, 0.4, 0.1])
+    assert_array_equal(profile(deflection_mm=bent_mm).at(NODE_MM), bent_mm)
+
+
+@pytest.mark.parametrize("distance_mm", [-0.01, 6.01, [0.0, 7.0], np.nan])
+def test_beyond_its_ends_nothing_is_known(distance_mm):
+    with pytest.raises(ResponseError, match="the profile has 0 to 6 mm"):
+        profile().at(np.array(distance_mm))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"distance_mm": NODE_MM[1:]},
+        {"distance_mm": NODE_MM + 0.1},
+        {"distance_mm": NODE_MM[[0, 2, 1, 3, 4, 5]]},
+        {"deflection_mm": np.full(6, np.nan)},
+        {"deflection_mm": np.zeros((6, 1))},
+        {"loading_n_per_mm": [0.0, 1.0]},
+        {"depth_mm": 0.9},
+        {"elements": 0},
+    ],
+)
+def test_what_is_no_profile_is_refused(changes):
+    with pytest.raises(ResponseError):
+        profile(**changes)
+
+
+def test_a_profile_comes_back_from_its_file_bit_by_bit(tmp_path):
+    made = profile(deflection_mm=np.sqrt(np.arange(6.0)) / 3)
+    path = tmp_path / "deflection.toml"
+    write_profile(path, made)
+    found = read_profile(path)
+    for name in ("distance_mm", "deflection_mm", "loading_mm", "loading_n_per_mm"):
+        assert_array_equal(getattr(found, name), getattr(made, name))
+    for name in ("name", "elements", "depth_mm", "origin"):
+        assert getattr(found, name) == getattr(made, name)
+    first = path.read_bytes()
+    write_profile(path, found)
+    assert path.read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("elements = 3698", "elements = 3699"),
+        ("format = 1", "format = 9"),
+        ("format = 1", "format = "),
+    ],
+)
+def test_a_file_that_was_altered_is_refused(tmp_path, old, new):
+    path = tmp_path / "deflection.toml"
+    write_profile(path, profile())
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ResponseError, match=r"deflection\.toml"):
+        read_profile(path)
+
+
+EVERY_MM = np.linspace(0.0, 6.0, 61)
+
+
+def mesh(elements, error=0.0, depth_mm=1.0):
+    """A mesh whose deflection and force are wrong by `error` everywhere."""
+    return Deflection(
+        name=f"mesh {elements}",
+        elements=elements,
+        distance_mm=EVERY_MM,
+        deflection_mm=1.0 - EVERY_MM / 8 + error,
+        depth_mm=depth_mm,
+        loading_mm=np.array([0.0, depth_mm]),
+        loading_n_per_mm=np.array([0.0, 0.035 + error]),
+    )
+
+
+@given(
+    limit=st.floats(-2, 2),
+    factor=st.floats(0.1, 5) | st.floats(-5, -0.1),
+    order=st.floats(0.5, 4),
+    ratios=st.tuples(st.floats(1.3, 3), st.floats(1.3, 3)),
+)
+def test_three_meshes_give_limit_and_order_of_a_power_law(limit, factor, order, ratios):
+    width = np.array([ratios[0] * ratios[1], ratios[1], 1.0])
+    found, found_order = richardson(width, limit + factor * width**order)
+    assert_allclose(found_order, order, rtol=1e-6)
+    assert_allclose(found, limit, rtol=1e-6, atol=1e-6 * abs(factor))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        pytest.param([1.0, 1.2, 1.1], id="from both sides"),
+        pytest.param([1.0, 1.0, 1.0], id="no change"),
+        pytest.param([1.0, 1.1, 1.5], id="ever faster"),
+        pytest.param([1.0, 1.1, np.nan], id="no number"),
+    ],
+)
+def test_values_that_do_not_close_in_have_no_limit(values):
+    limit, order = richardson(np.array([4.0, 2.0, 1.0]), np.array(values))
+    assert math.isnan(limit)
+    assert math.isnan(order)
+
+
+def test_the_table_has_the_distances_and_the_force_and_finds_the_limit_of_each():
+    """Errors go with the width squared, so with one over the number of elements."""
+    meshes = [mesh(count, error=30 / count) for count in (18000, 3000, 8000)]
+    *down, force = convergence(meshes)
+    names = [f"deflection_mm at {x_mm:g} mm" for x_mm in COMPARED_MM]
+    assert [row.quantity for row in down] == names
+    for row, distance_mm in zip(down, COMPARED_MM, strict=True):
+        exact = 1 - distance_mm / 8
+        assert_allclose(row.values, [exact + 30 / n for n in (3000, 8000, 18000)])
+        assert_allclose((row.limit, row.order), (exact, 2.0), rtol=1e-6)
+        change = 100 * (30 / 18000 - 30 / 8000) / (exact + 30 / 18000)
+        assert_allclose(row.change_percent, change)
+    assert force.quantity == "force_n_per_mm"
+    assert_allclose(force.limit, 0.035, rtol=1e-6)
+
+
+def test_two_meshes_have_a_change_and_no_limit():
+    row = convergence([mesh(3000, 0.02), mesh(8000, 0.01)])[0]
+    assert_allclose(row.change_percent, -100 * 0.01 / 1.01)
+    assert math.isnan(row.limit)
+
+
+def test_one_mesh_or_two_depths_are_no_study():
+    for meshes in ([mesh(3000)], [mesh(3000), mesh(8000, depth_mm=0.5)]):
+        with pytest.raises(ResponseError):
+            convergence(meshes)
+
+
+PRESSES = {finger.name: press_of(finger) for finger in (QUICK, PAPER)}
+
+
+@pytest.fixture(params=PRESSES)
+def press(request):
+    return PRESSES[request.param]
+
+
+def test_a_tenth_of_the_probe_is_wider_than_the_elements_under_it(press):
+    """Wider ones let the probe slip between their nodes."""
+    x_mm = press.mesh.node_mm[surface_of(press.mesh), 0]
+    under = np.diff(x_mm[np.abs(x_mm) <= press.probe.diameter_mm])
+    assert under.size >= 18
+    assert under.max() <= press.probe.diameter_mm / 10
+
+
+def test_the_surface_runs_from_side_to_side_over_the_origin(press):
+    x_mm, y_mm = press.mesh.node_mm[surface_of(press.mesh)].T
+    assert (np.diff(x_mm) > 0).all()
+    half_mm = press.finger.outline.half_width_mm
+    assert_allclose([x_mm[0], x_mm[-1]], [-half_mm, half_mm], rtol=0.01)
+    ((row,),) = np.nonzero(x_mm == 0)
+    assert y_mm[row] == 0 == y_mm.max()
+
+
+def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth(press):
+    depth_um = press.stimulus().displacement_um
+    assert (depth_um.size, depth_um[0], depth_um[-1]) == (STEPS + 1, 0.0, 1000.0)
+    steps_um = np.diff(depth_um)
+    assert (np.diff(steps_um) > 0).all()
+    assert 0 < steps_um[0] < 0.05 * 1000 * press.probe.diameter_mm
+    assert steps_um[-1] < 43.0
+
+
+def test_the_deck_presses_a_neo_hookean_skin_and_watches_all_of_its_surface(press):
+    analysis = press.analysis()
+    assert analysis.law == "neo-hookean"
+    assert set(surface_of(press.mesh) + 1) <= set(analysis.watched.tolist())
+    assert "*HYPERELASTIC, NEO HOOKE" in calculix_deck(analysis)
+
+
+@pytest.mark.parametrize("depth_mm", [0.0, -1.0, 0.04, 2.1, np.nan])
+def test_a_depth_that_no_pad_has_is_refused(depth_mm):
+    with pytest.raises(UsageError, match=r"expected 0\.05 to 2 mm"):
+        Press(QUICK, PRESSES["quick"].mesh, depth_mm=depth_mm)
+
+
+def test_a_probe_aside_of_the_fine_elements_is_refused():
+    aside = Probe(diameter_mm=0.05, x_mm=0.25)
+    with pytest.raises(UsageError, match=r"0\.25 mm"):
+        Press(QUICK, PRESSES["quick"].mesh, aside)
+
+
+def test_the_surface_of_the_refined_mesh_is_that_of_the_preset_between_its_nodes():
+    coarse_mm = mesh_of(QUICK).node_mm[surface_of(mesh_of(QUICK))]
+    fine = PRESSES["quick"].mesh
+    fine_mm = fine.node_mm[surface_of(fine)]
+    on_coarse = np.interp(fine_mm[:, 0], *coarse_mm.T)
+    assert_allclose(fine_mm[:, 1], on_coarse, rtol=0, atol=3e-9)
+    assert_array_equal(np.isin(coarse_mm[:, 0], fine_mm[:, 0]), True)
+
+
+FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
+
+
+@pytest.mark.parametrize(
+    ("apex_mm", "force", "found"),
+    [
+        (0.999, np.zeros(41), "0 N/mm"),
+        (0.999, -FORCE, "-0.0"),
+        (0.999, np.where(np.arange(41) == 7, np.nan, FORCE), "0.025"),
+        (0.0, FORCE, "moved 0 mm"),
+        (0.94, FORCE, "moved 0.94 mm"),
+        (1.03, FORCE, "moved 1.03 mm"),
+        (np.nan, FORCE, "moved nan mm"),
+        (0.999, np.where(np.arange(41) == 30, 0.0, FORCE), "the force fell by"),
+    ],
+)
+def test_a_run_in_which_the_probe_did_not_push_is_refused(apex_mm, force, found):
+    assert found in why_not(1.0, apex_mm, force)
+    assert why_not(1.0, 0.999, FORCE) is None
+
+
+@given(
+    x_mm=st.lists(st.floats(0.01, 8), min_size=2, max_size=30, unique=True),
+    slope=st.floats(-0.01, 0.01),
+)
+def test_folding_gives_the_even_part_and_tells_the_odd_part(x_mm, slope):
+    """Of ``cos(x/8) + slope x`` the mean of both sides is the cosine alone."""
+    right_mm = np.sort(x_mm)
+    all_mm = np.concatenate([-right_mm[::-1], [0.0], right_mm])
+    down_mm = np.cos(all_mm / 8) + slope * all_mm
+    distance_mm, mean_mm, unlike_mm = both_sides(all_mm, down_mm)
+    assert_allclose(distance_mm, [0.0, *right_mm])
+    assert_allclose(mean_mm, np.cos(distance_mm / 8), atol=1e-12)
+    assert_allclose(unlike_mm, 2 * abs(slope) * right_mm[-1], rtol=1e-9, atol=1e-12)
+
+
+@pytest.fixture(params=STORED)
+def deflection(request):
+    return STORED[request.param]
+
+
+def test_each_is_of_a_finger_that_we_ship_and_of_the_probe_of_the_paper(deflection):
+    assert deflection.origin["finger"] == finger_table(FINGERS[deflection.name])
+    assert deflection.origin["probe"] == asdict(PROBE)
+    assert deflection.depth_mm == 1.0
+
+
+@pytest.mark.parametrize("finger", [QUICK, PAPER], ids=lambda finger: finger.name)
+def test_those_of_the_presets_were_solved_on_the_meshes_that_we_ship(finger):
+    found, press = STORED[finger.name], press_of(finger)
+    assert found.elements == len(press.mesh.quad)
+    for part, made_of in press.inputs().items():
+        assert found.origin[part] == made_of, part
+
+
+def test_the_skin_follows_the_probe_to_a_millimetre_and_the_force_grows(deflection):
+    """Figure 2c: "the maximum skin surface deflection was approximately 1 mm"."""
+    forces = deflection.loading_n_per_mm
+    assert why_not(1.0, float(deflection.at(0.0)), forces) is None
+    assert_allclose(deflection.at(0.0), 1.0, atol=0.002)
+    assert (np.diff(forces) > 0).all()
+    assert deflection.deflection_mm.max() == deflection.deflection_mm[0]
+
+
+def test_the_deflection_gradually_decreases_with_distance(deflection):
+    """As Fig. 2c says, at the interval of the paper and at each node."""
+    every_mm = np.arange(0.0, 6.0 + 1e-9, PAPER_STEP_MM)
+    steps_mm = -np.diff(deflection.at(every_mm))
+    assert (steps_mm > 0).all()
+    assert steps_mm.max() < 0.15
+    assert (np.diff(deflection.deflection_mm) < 0.0005).all()  # ridges tilt
+    assert 0 < deflection.at(6.0) < 0.1
+
+
+def test_close_to_the_probe_the_skin_hangs_from_it_in_a_dent_of_its_own_size(deflection):
+    """Beyond ten of its diameters only a stiff, bent layer carries the skin."""
+    dent_mm = deflection.at(0.0) - deflection.at(0.1)
+    assert 0.01 < dent_mm < PROBE.diameter_mm
+    assert deflection.at(0.1) - deflection.at(0.5) < 0.08
+
+
+def test_both_sides_of_the_finger_went_down_alike(deflection):
+    assert 0 <= deflection.origin["sides_differ_mm"] < 0.001
+
+
+def test_meshes_agree_within_a_hundredth_of_a_millimetre():
+    meshes = MESHES
+    every_mm = np.arange(0.0, 6.0 + 1e-9, 0.05)
+    finest_mm = meshes[-1].at(every_mm)
+    off_mm = [np.abs(mesh.at(every_mm) - finest_mm).max() for mesh in meshes[:-1]]
+    assert max(off_mm) < 0.012
+    assert off_mm == sorted(off_mm, reverse=True)
+
+
+def test_between_the_two_finest_meshes_nothing_changes_by_half_a_percent():
+    for row in convergence(MESHES):
+        assert abs(row.change_percent) < 0.5, row
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "deflection.md").read_text("utf-8")
+
+
+def row(label):
+    """Cells of the table's row that begins with `label`."""
+    (line,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.MULTILINE)
+    return [cell.strip() for cell in line.split("|")]
+
+
+@pytest.mark.parametrize("distance_mm", [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 6.0])
+def test_the_table_holds_the_stored_deflections(distance_mm):
+    label = f"{distance_mm:g} mm"
+    cells = row(label if distance_mm else "deflection at 0 mm, in mm")
+    assert cells[:-1] == [f"{float(mesh.at(distance_mm)):.4f}" for mesh in MESHES]
+
+
+def test_the_table_holds_elements_and_forces():
+    assert [int(cell.replace(" ", "")) for cell in row("elements")[:-1]] == [
+        mesh.elements for mesh in MESHES
+    ]
+    forces = [f"{mesh.force_n_per_mm:.5f}" for mesh in MESHES]
+    assert row("force, in N/mm")[:-1] == forces
+
+
+def test_the_page_does_not_claim_more_agreement_than_there_is():
+    every_mm = np.arange(0.0, 6.0 + 1e-9, 0.01)
+    for mesh in MESHES[:-1]:
+        (told,) = re.findall(rf"`{mesh.name}`(?: is everywhere)? within ([\d.]+) µm", PAGE)
+        off_um = 1000 * np.abs(mesh.at(every_mm) - MESHES[-1].at(every_mm)).max()
+        assert off_um <= float(told) <= 1.1 * off_um
+
+
+def test_the_uncertainty_covers_both_limits():
+    """Of the force, and of the deflection 3 mm away, from the first and last three."""
+    width = np.array([mesh.elements**-0.5 for mesh in MESHES])
+    for values in (
+        np.array([mesh.force_n_per_mm for mesh in MESHES]),
+        np.array([float(mesh.at(3.0)) for mesh in MESHES]),
+    ):
+        first, _ = richardson(width[:3], values[:3])
+        last, _ = richardson(width[1:], values[1:])
+        assert not math.isnan(first + last)
+        assert abs(first / last - 1) <= 0.005
+
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def call(tmp_path):
+    """Run the verb with words, into a folder ``out``; give its summary."""
+
+    def run(*words):
+        parser = argparse.ArgumentParser()
+        deflect.add_arguments(parser)
+        parser.add_argument("--json", action="store_true")
+        return deflect.run(parser.parse_args([*words, "-o", str(tmp_path / "out")]))
+
+    return run
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_without_options_all_stored_meshes_are_written_and_drawn(call, tmp_path):
+    call()
+    rows = table(tmp_path / "out" / "deflection.csv")
+    assert list(rows[0]) == ["mesh", "distance_mm", "deflection_mm"]
+    for mesh in MESHES:
+        mine = [row for row in rows if row["mesh"] == mesh.name]
+        distance_mm = np.array([float(row["distance_mm"]) for row in mine])
+        deflection_mm = np.array([float(row["deflection_mm"]) for row in mine])
+        assert_array_equal(distance_mm, mesh.distance_mm)
+        assert_array_equal(deflection_mm, mesh.deflection_mm)
+    assert len(rows) == sum(m.distance_mm.size for m in MESHES)
+    assert (tmp_path / "out" / "deflection.png").read_bytes().startswith(PNG)
+
+
+def test_the_screen_shows_each_mesh_with_change_and_limit(call, capsys):
+    call("--stored")
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].split() == ["mesh", *STORED, "change", "limit"]
+    assert told[1].split() == ["elements", *(str(mesh.elements) for mesh in MESHES)]
+    (line,) = (line for line in told if line.startswith("deflection at 1 mm "))
+    values = line.split()[4 : 4 + len(MESHES)]
+    assert values == [f"{float(mesh.at(1.0)):.5f}" for mesh in MESHES]
+    assert told[-1].startswith("deflection.csv, deflection.png: ")
+
+
+def test_one_mesh_is_shown_alone(call, capsys):
+    summary = call("--finger", "quick")
+    told = capsys.readouterr().out
+    assert told.splitlines()[0].split() == ["mesh", "quick"]
+    assert "medium" not in told
+    assert summary["convergence"] == []
+    assert [mesh["mesh"] for mesh in summary["meshes"]] == ["quick"]
+
+
+def test_the_summary_is_what_json_holds_and_nothing_else_is_printed(call, capsys):
+    from fembridge.cli import _strict
+
+    summary = call("--json")
+    assert capsys.readouterr().out == ""
+    found = json.loads(json.dumps(_strict(summary), allow_nan=False))
+    assert found["source"] == "stored"
+    force = found["convergence"][-1]
+    assert force["quantity"] == "force_n_per_mm"
+    assert_allclose(force["values"], [mesh.force_n_per_mm for mesh in MESHES])
+
+
+def test_a_mesh_that_is_not_stored_is_refused_and_nothing_is_written(call, tmp_path):
+    with pytest.raises(ResponseError, match=r"'mine', only for .*--solver run solves"):
+        call("--finger", "mine")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", ["--depth-mm", "--threads", "--time-limit"])
+def test_what_is_for_the_solver_is_refused_without_it(call, option):
+    with pytest.raises(UsageError, match=f"{option} is for --solver run"):
+        call(option, "1")
+
+
+def test_a_finger_that_does_not_exist_is_refused_before_anything_is_solved(call):
+    with pytest.raises(FingerError, match=r"absent\.toml"):
+        call("--solver", "run", "--finger", "absent.toml")
+
+
+@pytest.mark.solver
+def test_a_shallow_run_is_solved_written_and_kept(call, tmp_path, capsys):
+    summary = call("--solver", "run", "--depth-mm", "0.05", "--threads", "1")
+    assert (summary["source"], summary["depth_mm"]) == ("solved", 0.05)
+    assert summary["meshes"][0]["force_n_per_mm"] > 0
+    rows = table(tmp_path / "out" / "deflection.csv")
+    assert {row["mesh"] for row in rows} == {"quick"}
+    assert_allclose(float(rows[0]["deflection_mm"]), 0.05, rtol=0.03)
+    assert (tmp_path / "out" / "run" / "deflection.toml").is_file()
+    assert "stored differ" not in capsys.readouterr().err  # it is of another depth
+
+
+def drawn(figure):
+    """Lay the figure out, as saving it does."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return canvas.get_renderer()
+
+
+def test_down_is_down_and_each_mesh_has_its_line():
+    panel = deflection_figure(MESHES).axes[0]
+    bottom, top = panel.get_ylim()
+    assert bottom > 1.0 > 0.0 > top
+    named = {line.get_label(): line for line in panel.get_lines()}
+    for mesh in MESHES:
+        (line,) = (named[label] for label in named if label.startswith(mesh.name))
+        assert_array_equal(line.get_xdata(), mesh.distance_mm)
+        assert_array_equal(line.get_ydata(), mesh.deflection_mm)
+
+
+def test_the_dots_are_those_of_the_finest_mesh_every_half_millimetre():
+    panel = deflection_figure(MESHES).axes[0]
+    (dots,) = (line for line in panel.get_lines() if line.get_marker() == "o")
+    assert_allclose(dots.get_xdata(), np.arange(0, 6.01, 0.5))
+    assert_allclose(dots.get_ydata(), MESHES[-1].at(np.arange(0, 6.01, 0.5)))
+
+
+def test_the_middle_panel_shows_micrometres_from_the_finest_mesh():
+    panel = deflection_figure(MESHES).axes[1]
+    zero, *lines = panel.get_lines()
+    assert_array_equal(zero.get_ydata(), [0, 0])
+    assert len(lines) == len(MESHES) - 1
+    for mesh, line in zip(MESHES, lines, strict=False):
+        at_mm = line.get_xdata()
+        expected_um = 1000 * (mesh.at(at_mm) - MESHES[-1].at(at_mm))
+        assert_allclose(line.get_ydata(), expected_um)
+
+
+def test_one_mesh_has_nothing_to_differ_from():
+    figure = deflection_figure(MESHES[:1])
+    assert len(figure.axes) == 2
+    assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), 1000 * MESHES[0].loading_n_per_mm)
+
+
+def test_the_legend_covers_no_line():
+    figure = deflection_figure(MESHES)
+    renderer = drawn(figure)
+    panel = figure.axes[0]
+    box = panel.get_legend().get_window_extent(renderer)
+    for mesh in MESHES:
+        every_mm = np.linspace(0, 6, 601)
+        points = np.stack([every_mm, mesh.at(every_mm)], -1)
+        assert not box.count_contains(panel.transData.transform(points))
+
+
+def test_the_order_in_which_meshes_come_changes_no_byte(tmp_path):
+    save_figure(deflection_figure(MESHES), tmp_path / "a.svg")
+    save_figure(deflection_figure(MESHES[::-1]), tmp_path / "b.svg")
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+
+
+@pytest.mark.parametrize("count", [0, MOST_MESHES + 1])
+def test_no_mesh_or_too_many_make_no_picture(count):
+    with pytest.raises(UsageError, match=f"{count} profiles, expected 1 to 5"):
+        deflection_figure([MESHES[0]] * count)
+
+
+@pytest.mark.solver
+def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
+    press = press_of(QUICK)
+    solved = solve_deflection(tmp_path, press, ONE_THREAD)
+    stored = stored_deflection("quick")
+    assert solved.origin["deck_sha256"] == stored.origin["deck_sha256"]
+    assert_allclose(solved.deflection_mm, stored.deflection_mm, rtol=0, atol=1e-4)
+    assert_allclose(solved.loading_n_per_mm, stored.loading_n_per_mm, rtol=0, atol=1e-5)
+    written = read_profile(tmp_path / PROFILE_FILE)
+    assert_allclose(written.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
+
+    before = (tmp_path / "job.frd").stat().st_mtime_ns
+    again = solve_deflection(tmp_path, press, ONE_THREAD)
+    assert (tmp_path / "job.frd").stat().st_mtime_ns == before
+    assert_allclose(again.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
+
+
+@pytest.mark.solver
+def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(tmp_path):
+    """``u(a) − u(b) = 2 P (1 − ν²)/(π E) ln(b/a)`` on a half plane.
+
+    Johnson, Contact Mechanics (1985), section 2.3. From 0.1 to 1 mm away the probe
+    is thin, and bone and sides are far; ridges and they leave 4 %.
+    """
+    soft = Material(0.05, 0.40)
+    skin = dict.fromkeys(("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue"), soft)
+    finger = replace(QUICK, materials={**TABLE_1, **skin})
+    solved = solve_deflection(tmp_path, press_of(finger, 0.05), ONE_THREAD)
+    plane = 2 * (1 - soft.poisson**2) / (math.pi * soft.young_mpa)
+    for near_mm, far_mm in ((0.1, 0.2), (0.25, 0.5), (0.5, 1.0)):
+        found_mm = float(solved.at(near_mm) - solved.at(far_mm))
+        flamant_mm = solved.force_n_per_mm * plane * math.log(far_mm / near_mm)
+        assert_allclose(found_mm, flamant_mm, rtol=0.04)
+
+
+@pytest.mark.solver
+def test_on_the_mesh_as_it_is_stored_the_probe_slips_and_the_run_is_refused(tmp_path):
+    """CalculiX ends well there: at 1 mm, with no force and the skin at rest."""
+    press = Press(QUICK, mesh_of(QUICK))
+    write_profile(tmp_path / PROFILE_FILE, stored_deflection("quick"))  # of before
+    with pytest.raises(ResponseError, match="slipped between its nodes"):
+        solve_deflection(tmp_path, press, ONE_THREAD)
+    assert (tmp_path / "solver.toml").is_file()
+    assert not (tmp_path / PROFILE_FILE).exists()
+
+
+@pytest.mark.solver
+def test_the_linear_law_gives_way_before_a_millimetre(tmp_path):
+    """Strongly compressed, it has no stiffness left: decision 0008."""
+    press = replace(press_of(QUICK), law="linear")
+    with pytest.raises(SolverError, match="did not converge"):
+        solve_deflection(tmp_path, press, ONE_THREAD)
+    assert (tmp_path / "failed").is_dir()
