@@ -190,7 +190,11 @@ def solve_deflection(folder: Path, press: Press, settings: SolverSettings = DEFA
     stimulus = press.stimulus()
     run = build_analysis_folder(folder, press.analysis(), stimulus, press.inputs())
     if finished_outcome(run) is None:
-        _remove(folder / PROFILE_FILE)  # of a run that is not there any more
+        try:  # of a run that is not there any more
+            (folder / PROFILE_FILE).unlink(missing_ok=True)
+        except OSError as error:
+            problem = f"cannot be replaced: {error.strerror}"
+            raise OutputError(problem, folder / PROFILE_FILE) from error
     outcome, found = solve_once(run, settings, lambda run: measured_deflection(run, press))
     if found is None:
         raise outcome.to_error()
@@ -282,10 +286,3 @@ def both_sides(x_mm: FloatArray, down_mm: FloatArray) -> tuple[FloatArray, Float
     left_mm = np.interp(x_mm[right], -x_mm[::-1], down_mm[::-1])
     unlike_mm = float(np.abs(down_mm[right] - left_mm).max())
     return x_mm[right], 0.5 * (down_mm[right] + left_mm), unlike_mm
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be replaced: {error.strerror}", path) from error

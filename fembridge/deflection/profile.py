@@ -45,7 +45,7 @@ class Deflection:
     ------
     ResponseError
         Shapes that do not belong together, what is not finite, distances or depths
-        that do not ascend from 0.
+        that do not ascend.
     """
 
     name: str
@@ -60,25 +60,14 @@ class Deflection:
     def __post_init__(self) -> None:
         for axis, values in (("distance_mm", "deflection_mm"), ("loading_mm", "loading_n_per_mm")):
             x, y = (np.array(getattr(self, name), dtype=np.float64) for name in (axis, values))
-            if x.ndim != 1 or x.size < 2 or x.shape != y.shape:
+            if x.shape != y.shape or not np.isfinite([x, y]).all() or not (np.diff(x) > 0).all():
                 raise ResponseError(
-                    f"{self.name}: {axis} is {x.shape} and {values} is {y.shape}, expected "
-                    "as many of both, two or more"
+                    f"{self.name}: {axis} and {values}: expected as many finite numbers of both, "
+                    f"{axis} ascending"
                 )
-            if not (np.isfinite(x).all() and np.isfinite(y).all()):
-                raise ResponseError(f"{self.name}: {axis} or {values} is not finite everywhere")
-            if x[0] != 0 or not (np.diff(x) > 0).all():
-                raise ResponseError(f"{self.name}: {axis} does not ascend from 0")
             for name, array in ((axis, x), (values, y)):
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
-        if self.elements < 1:
-            raise ResponseError(f"{self.name}: {self.elements} elements, expected 1 or more")
-        if self.loading_mm[-1] != self.depth_mm:
-            raise ResponseError(
-                f"{self.name}: loading ends at {self.loading_mm[-1]:g} mm, expected "
-                f"the depth, {self.depth_mm:g} mm"
-            )
 
     @property
     def force_n_per_mm(self) -> float:

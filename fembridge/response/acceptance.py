@@ -195,7 +195,13 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     check_times(found.times_ms, times_ms[1:], run.results)
     force_times_ms, force_n = read_total_force(folder / f"{JOB}.dat", PROBE_SET)
     check_times(force_times_ms, times_ms[1:], folder / f"{JOB}.dat")
-    tensor_pa = _from_rest(_in_plane(found.tensor_pa, run.results))
+    tensor_pa = _from_rest(found.tensor_pa)
+    shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
+    if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
+        raise ResultError(
+            f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain", run.results
+        )
+    tensor_pa[..., IN_PLANE:] = 0.0  # rounding noise
     apex_um = _from_rest(-_UM_PER_MM * found.displacement_mm[:, 0, 1])
     # `RF` is the force that pushes the probe down; the section is 1 mm thick.
     force_n_per_mm = _from_rest(-force_n[:, 1])
@@ -245,18 +251,6 @@ def _closure_percent(depth_um: FloatArray, stress_pa: FloatArray, deepest: int) 
             with np.errstate(divide="ignore", invalid="ignore"):
                 worst.append(np.max(np.abs(stress_pa[row] / loading - 1)))
     return 100 * float(np.max(worst)) if worst else math.nan
-
-
-def _in_plane(tensor_pa: FloatArray, path: Path) -> FloatArray:
-    """Without the out-of-plane shears: in plane strain they are rounding noise."""
-    shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
-    if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
-        raise ResultError(
-            f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain", path
-        )
-    tensor_pa = tensor_pa.copy()
-    tensor_pa[..., IN_PLANE:] = 0.0
-    return tensor_pa
 
 
 def _from_rest(values: FloatArray) -> FloatArray:

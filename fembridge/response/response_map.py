@@ -53,8 +53,7 @@ class ResponseMap:
     Raises
     ------
     ResponseError
-        Shapes that do not belong together, depths that do not ascend from 0, stress
-        that plane strain has not.
+        Shapes that do not belong together, depths that do not ascend from 0.
     """
 
     depth_um: FloatArray
@@ -79,17 +78,8 @@ class ResponseMap:
                 f"response map: tensors {self.tensor_pa.shape} and forces "
                 f"{self.force_n_per_mm.shape}, expected {expected} and ({count},)"
             )
-        if not self.places or self.closure_percent < 0:
-            raise ResponseError(
-                f"response map: {len(self.places)} afferents, closure_percent "
-                f"{self.closure_percent}, expected one or more, and 0 or more"
-            )
         if depth_um.ndim != 1 or count < 3 or depth_um[0] or not (np.diff(depth_um) > 0).all():
             raise ResponseError("response map: expected three or more depths, ascending from 0")
-        if self.tensor_pa[0].any() or self.tensor_pa[..., IN_PLANE:].any():
-            raise ResponseError(
-                "response map: expected no stress at depth 0 and no out-of-plane shear"
-            )
 
     @property
     def deepest_um(self) -> float:

@@ -250,7 +250,14 @@ class Watchdog:
         OutputError
             Somebody has removed the folder.
         """
-        before, self._sizes = self._sizes, _sizes(self._work)
+        before, self._sizes = self._sizes, {}
+        try:
+            with os.scandir(self._work) as entries:
+                for entry in entries:
+                    with contextlib.suppress(FileNotFoundError):  # a scratch file of the solver
+                        self._sizes[entry.name] = entry.stat().st_size
+        except OSError as error:
+            raise OutputError(f"gone during the run: {error.strerror}", self._work) from error
         changed = {name for name, _ in before.items() ^ self._sizes.items()}
         if changed:
             self._grown_at_s = elapsed_s
@@ -381,7 +388,14 @@ def _run(
 ) -> Outcome:
     """Run, judge, and put the files where they belong; the folder is locked for it."""
     work = run.folder / WORK_FOLDER
-    deck_sha256 = _prepare(run, work)
+    for name in (WORK_FOLDER, FAILED_FOLDER):
+        _remove(run.folder / name)
+    make_folder(work)
+    try:
+        shutil.copyfile(run.deck, work / f"{JOB}.inp")
+    except OSError as error:
+        raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
+    deck_sha256 = sha256_of(work / f"{JOB}.inp")
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
@@ -448,18 +462,6 @@ def _watch(
             if on_progress is not None:
                 on_progress(replace(progress, ended=True))
             return failure
-
-
-def _prepare(run: RunFolder, work: Path) -> str:
-    """Make `work` anew with a copy of the deck; the deck's SHA-256."""
-    for name in (WORK_FOLDER, FAILED_FOLDER):
-        _remove(run.folder / name)
-    make_folder(work)
-    try:
-        shutil.copyfile(run.deck, work / f"{JOB}.inp")
-    except OSError as error:
-        raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
-    return sha256_of(work / f"{JOB}.inp")
 
 
 def _collect(run: RunFolder, work: Path) -> None:
@@ -537,15 +539,3 @@ def _remove(folder: Path) -> None:
         raise OutputError(
             f"cannot be removed to make room for a run: {error.strerror or error}", folder
         ) from error
-
-
-def _sizes(folder: Path) -> dict[str, int]:
-    sizes = {}
-    try:
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                with contextlib.suppress(FileNotFoundError):  # a scratch file of the solver
-                    sizes[entry.name] = entry.stat().st_size
-    except OSError as error:
-        raise OutputError(f"gone during the run: {error.strerror}", folder) from error
-    return sizes

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import chain
 from pathlib import Path
 
 from decks.dialects import JOB
@@ -269,16 +270,10 @@ def judge(work: Path, run: RunFolder, exit_code: int, log: SolverLog) -> Failure
     """
     deck = work / f"{JOB}.inp"
     failure = _from_errors(work, run, log, deck) or _from_exit(work, exit_code, log)
-    if failure is not None:
-        return failure
-    if log.dropped:
-        return Failure(Cause.CARD_DROPPED, _quoted(log.dropped), deck_line=_line(log.dropped, deck))
-    results = _whole_results(work)
-    if isinstance(results, FrdIndex):
-        return _from_sta(work, run, log) or _from_blocks(results, run)
-    if results.cause is Cause.DISK_FULL:  # which cuts the .sta as well
-        return results
-    return _from_sta(work, run, log) or results
+    if failure is None and log.dropped:
+        line = _line(log.dropped, deck)
+        failure = Failure(Cause.CARD_DROPPED, _quoted(log.dropped), deck_line=line)
+    return failure or _from_files(work, run, log)
 
 
 def _messages(lines: Iterable[str]) -> tuple[list[LogMessage], list[LogMessage]]:
@@ -311,22 +306,16 @@ def _messages(lines: Iterable[str]) -> tuple[list[LogMessage], list[LogMessage]]
 def _blocks(lines: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Kind and text of each message: its line and those up to the next blank one."""
     kind, parts = "", list[str]()
-    for line in lines:
+    for line in chain(lines, "\n"):
         begin = _BEGIN.search(line)
         over = line.isspace() or _OTHER.match(line) or len(parts) > _MORE_LINES
         if parts and (begin or over):
-            yield kind, _one_line(parts)
+            yield kind, " ".join(" ".join(parts).split())[:LONGEST_MESSAGE]
             parts = []
         if begin:
             kind, parts = begin[1], [begin[2]]
         elif parts:
             parts.append(line)
-    if parts:
-        yield kind, _one_line(parts)
-
-
-def _one_line(parts: list[str]) -> str:
-    return " ".join(" ".join(parts).split())[:LONGEST_MESSAGE]
 
 
 def _from_errors(work: Path, run: RunFolder, log: SolverLog, deck: Path) -> Failure | None:
@@ -361,7 +350,15 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
     if exit_code == -signal.SIGXFSZ:
         return _disk_full(work, "a limit of file size (ulimit -f) was reached")
     if exit_code < 0:
-        return _from_signal(-exit_code, log)
+        name = f"signal {-exit_code}"
+        if -exit_code in set(signal.Signals):
+            name += f" ({signal.Signals(-exit_code).name})"
+        if -exit_code in CRASHES:
+            remedy = "an element with a node that is not there does this, for one"
+            return Failure(Cause.CRASHED, f"{name}; last words: {log.end}", remedy)
+        if exit_code == -signal.SIGKILL:
+            name += ", which Linux also sends when memory runs out"
+        return Failure(Cause.KILLED, name)
     if exit_code == OUT_OF_MEMORY_EXIT:
         return _out_of_memory(log)
     if exit_code in (CANNOT_EXECUTE, CANNOT_RUN):
@@ -371,22 +368,39 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
     return Failure(Cause.UNKNOWN, f"exit code {exit_code}; last words: {log.end}")
 
 
-def _from_signal(number: int, log: SolverLog) -> Failure:
-    name = f"signal {number}"
-    if number in set(signal.Signals):
-        name += f" ({signal.Signals(number).name})"
-    if number in CRASHES:
-        return Failure(
-            Cause.CRASHED,
-            f"{name}; last words: {log.end}",
-            "an element with a node that is not there does this, for one",
-        )
-    if number == signal.SIGKILL:
-        name += ", which Linux also sends when memory runs out"
-    return Failure(Cause.KILLED, name)
+def _from_files(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
+    """What is wrong with the result file or the increments; a cut file explains the rest."""
+    unfinished = _unfinished(work, run, log)
+    path = work / f"{JOB}.frd"
+    try:
+        with ByteFile(path) as file:
+            index = FrdIndex(file)
+    except ResultError as error:
+        if path.exists():  # empty, or cut before its first line was whole
+            return _disk_full(work, f"{path.name}: {error.problem}")
+        return unfinished or Failure(Cause.MISSING_OUTPUT, f"no {path.name}")
+    if not index.ended:
+        return _disk_full(work, f"{path.name} stops at byte {index.size} without its end line 9999")
+    if index.damage:
+        harm = index.damage[0]
+        return _disk_full(work, f"{path.name}, byte {harm.offset}: {harm.problem}")
+    if unfinished is not None:
+        return unfinished
+    found, remedy = "", ""
+    if not index.blocks:
+        found = f"{path.name} holds the mesh alone"
+        remedy = "the deck asks for no *NODE OUTPUT and no *ELEMENT OUTPUT"
+    elif not _is_end(index.blocks[-1].time_ms, run):
+        last = index.blocks[-1]
+        found = f"{path.name} ends with {last} at {last.time_ms:g} ms, expected {run.end_ms:g} ms"
+    elif index.blocks[-1].records == 0:
+        found = f"{path.name} holds no node in {index.blocks[-1]}"
+        remedy = "NSET does not go with OUTPUT=3D"
+    return Failure(Cause.MISSING_OUTPUT, found, remedy) if found else None
 
 
-def _from_sta(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
+def _unfinished(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
+    """Why the increments are not those of the whole run, if they are not."""
     try:
         rows = read_sta(work / f"{JOB}.sta")
     except ResultError as error:
@@ -400,45 +414,6 @@ def _from_sta(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
             Cause.WRONG_END,
             f"{rows[-1].total_time_ms:g} ms, run.toml says {run.end_ms:g} ms",
             "build the deck again",
-        )
-    return None
-
-
-def _whole_results(work: Path) -> FrdIndex | Failure:
-    path = work / f"{JOB}.frd"
-    try:
-        with ByteFile(path) as file:
-            index = FrdIndex(file)
-    except ResultError as error:
-        if path.exists():  # empty, or cut before its first line was whole
-            return _disk_full(work, f"{path.name}: {error.problem}")
-        return Failure(Cause.MISSING_OUTPUT, f"no {path.name}")
-    if not index.ended:
-        return _disk_full(work, f"{path.name} stops at byte {index.size} without its end line 9999")
-    if index.damage:
-        harm = index.damage[0]
-        return _disk_full(work, f"{path.name}, byte {harm.offset}: {harm.problem}")
-    return index
-
-
-def _from_blocks(index: FrdIndex, run: RunFolder) -> Failure | None:
-    if not index.blocks:
-        return Failure(
-            Cause.MISSING_OUTPUT,
-            f"{JOB}.frd holds the mesh alone",
-            "the deck asks for no *NODE OUTPUT and no *ELEMENT OUTPUT",
-        )
-    last = index.blocks[-1]
-    if not _is_end(last.time_ms, run):
-        return Failure(
-            Cause.MISSING_OUTPUT,
-            f"{JOB}.frd ends with {last} at {last.time_ms:g} ms, expected {run.end_ms:g} ms",
-        )
-    if last.records == 0:
-        return Failure(
-            Cause.MISSING_OUTPUT,
-            f"{JOB}.frd holds no node in {last}",
-            "NSET does not go with OUTPUT=3D",
         )
     return None
 

@@ -87,14 +87,10 @@ BAD = [
     {"force_n_per_mm": np.zeros(3)},
     {"tensor_pa": np.zeros((8, 2, 4))},
     {"tensor_pa": np.zeros((8, 3, 6))},
-    {"places": (), "tensor_pa": np.zeros((8, 0, 6))},
     {"depth_um": np.arange(8.0) + 1},
     {"depth_um": np.array([0.0, 1, 2, 2, 3, 4, 5, 6])},
-    {"depth_um": np.arange(8.0)[:, None]},
     {"depth_um": np.full(8, np.nan)},
     {"tensor_pa": np.full((8, 2, 6), np.inf)},
-    {"tensor_pa": np.ones((8, 2, 6))},
-    {"closure_percent": -1.0},
 ]
 
 
