@@ -42,21 +42,15 @@ def test_the_moduli_are_those_of_table_1():
     assert tuple(TABLE_1) == LAYERS
 
 
-def test_depths_of_the_layers_add_up():
-    skin = Skin(stratum_corneum_mm=0.25, epidermis_mm=0.5, dermis_mm=1.0)
-    assert (skin.epidermis_depth_mm, skin.dermis_depth_mm) == (0.75, 1.75)
-
-
 def test_an_ellipse_bends_most_at_the_end_of_its_long_axis():
     assert Outline(8.0, 4.0).least_radius_mm == Outline(4.0, 8.0).least_radius_mm == 2.0
 
 
 @pytest.mark.parametrize(("part", "name"), SIZES)
-@pytest.mark.parametrize("value", NO_SIZES, ids=repr)
-def test_a_size_that_is_no_size_is_refused_by_its_name(part, name, value):
-    with pytest.raises(FingerError, match=name) as caught:
-        part(**{name: value})
-    assert len(str(caught.value)) < 200
+def test_a_size_that_is_no_size_is_refused_by_its_name(part, name):
+    for value in NO_SIZES:
+        with pytest.raises(FingerError, match=name):
+            part(**{name: value})
 
 
 @pytest.mark.parametrize(
@@ -78,26 +72,19 @@ def test_a_modulus_that_no_tissue_has_is_refused(young_mpa):
         Material(young_mpa, 0.3)
 
 
-def test_a_mesh_of_a_billion_rows_is_refused():
-    with pytest.raises(FingerError, match=r"epidermis_rows .* 200"):
-        Resolution(epidermis_rows=10**9)
-    with pytest.raises(FingerError, match=r"got 8\.0"):
-        Resolution(epidermis_rows=8.0)
-
-
-def test_elements_too_small_for_a_finger_are_refused():
-    with pytest.raises(FingerError, match=r"contact_mm .* 0\.001"):
-        Resolution(contact_mm=0.001)
-
-
-def test_elements_get_wider_away_from_the_contact():
-    with pytest.raises(FingerError, match="far_mm must be at least"):
-        Resolution(ridge_mm=0.3, far_mm=0.2)
-
-
-def test_the_fine_part_holds_at_least_a_column():
-    with pytest.raises(FingerError, match="contact_half_width_mm must be at least"):
-        Resolution(contact_mm=0.05, contact_half_width_mm=0.01)
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"epidermis_rows": 10**9}, r"epidermis_rows .* 200"),
+        ({"epidermis_rows": 8.0}, r"got 8\.0"),
+        ({"contact_mm": 0.001}, r"contact_mm .* 0\.001"),
+        ({"ridge_mm": 0.3, "far_mm": 0.2}, "far_mm"),
+        ({"contact_mm": 0.05, "contact_half_width_mm": 0.01}, "contact_half_width_mm"),
+    ],
+)
+def test_a_resolution_that_makes_no_mesh_is_refused(change, words):
+    with pytest.raises(FingerError, match=words):
+        Resolution(**change)
 
 
 @pytest.mark.parametrize(
@@ -181,14 +168,6 @@ def test_a_finger_goes_through_pickle_and_copy_unchanged():
     finger = Finger("f", skin=Skin(epidermis_mm=0.5))
     assert pickle.loads(pickle.dumps(finger)) == finger == copy.deepcopy(finger)
     assert asdict(finger)["skin"]["epidermis_mm"] == 0.5
-
-
-def test_a_finger_cannot_be_changed():
-    finger = Finger("f")
-    with pytest.raises(AttributeError):
-        finger.name = "g"
-    with pytest.raises(AttributeError):
-        finger.skin.dermis_mm = 2.0
 
 
 def test_a_changed_copy_is_checked_again():

@@ -16,15 +16,15 @@ BANDS = sorted({(entry.low_hz, entry.high_hz) for entry in NOISES})
 HALF_ROUNDING_UM = 0.5e-6
 
 
-@pytest.mark.parametrize("entry", CATALOGUE, ids=lambda entry: entry.id)
-def test_a_stimulus_has_501_samples_from_time_0_to_250_ms_and_starts_at_0(entry):
-    stimulus = make_stimulus(entry)
-    assert stimulus.displacement_um.shape == (501,)
-    assert (stimulus.times_ms[0], stimulus.times_ms[-1]) == (0.0, 250.0)
-    assert stimulus.displacement_um[0] == 0.0
-    zeros = stimulus.displacement_um == 0
-    assert not np.signbit(stimulus.displacement_um[zeros]).any()
-    assert (stimulus.id, stimulus.window_ms) == (entry.id, entry.window_ms)
+def test_a_stimulus_has_501_samples_from_time_0_to_250_ms_and_starts_at_0():
+    for entry in CATALOGUE:
+        stimulus = make_stimulus(entry)
+        assert stimulus.displacement_um.shape == (501,)
+        assert (stimulus.times_ms[0], stimulus.times_ms[-1]) == (0.0, 250.0)
+        assert stimulus.displacement_um[0] == 0.0
+        zeros = stimulus.displacement_um == 0
+        assert not np.signbit(stimulus.displacement_um[zeros]).any()
+        assert (stimulus.id, stimulus.window_ms) == (entry.id, entry.window_ms)
 
 
 def test_a_sinusoid_of_20_hz_is_at_its_quarters_after_12_and_a_half_ms():
@@ -81,12 +81,12 @@ def test_noise_is_what_sosfiltfilt_makes_of_the_same_draw(low_hz, high_hz):
     assert_allclose(ours[untapered], scale * theirs[untapered], rtol=0, atol=1e-7 * entry.rms_um)
 
 
-@pytest.mark.parametrize("entry", NOISES, ids=lambda entry: entry.id)
-def test_noise_has_its_rms_exactly_before_and_to_a_picometre_after_rounding(entry):
-    exact_um = band_noise(entry, np.random.default_rng(entry.seed))
-    assert_allclose(np.sqrt(np.mean(exact_um**2)), entry.rms_um, rtol=1e-9)
-    rounded_um = make_stimulus(entry).displacement_um
-    assert_allclose(np.sqrt(np.mean(rounded_um**2)), entry.rms_um, rtol=0, atol=1e-7)
+def test_noise_has_its_rms_exactly_before_and_to_a_picometre_after_rounding():
+    for entry in NOISES:
+        exact_um = band_noise(entry, np.random.default_rng(entry.seed))
+        assert_allclose(np.sqrt(np.mean(exact_um**2)), entry.rms_um, rtol=1e-9)
+        rounded_um = make_stimulus(entry).displacement_um
+        assert_allclose(np.sqrt(np.mean(rounded_um**2)), entry.rms_um, rtol=0, atol=1e-7)
 
 
 def test_noise_rises_from_zero_within_the_5_ms_that_no_window_counts():
@@ -96,15 +96,6 @@ def test_noise_rises_from_zero_within_the_5_ms_that_no_window_counts():
     assert mean_um[0] == 0.0
     assert mean_um[1] < 0.05 * mean_um[11]
     assert_allclose(mean_um[10], mean_um[11], rtol=0.3)
-
-
-def test_the_power_of_noise_lies_in_its_band():
-    entry = Noise(100, 200, 1)
-    waves = [make_stimulus(entry, seed=s).displacement_um for s in range(40)]
-    power = np.mean(np.abs(np.fft.rfft(waves, axis=1)) ** 2, axis=0)
-    frequency_hz = np.fft.rfftfreq(501, 0.0005)
-    inside = (frequency_hz > 80) & (frequency_hz < 220)
-    assert power[inside].sum() > 0.97 * power.sum()
 
 
 def test_noise_is_gaussian_from_one_seed_to_the_next():
@@ -142,21 +133,6 @@ def test_samples_have_six_decimals_in_um():
     for word in ("sine_300_4.59", "diharm_50_250_5.62", "noise_50_500_0.13"):
         depth_um = make_stimulus(*resolve(word), preindent_um=0.1).displacement_um
         assert all(float(f"{value:.6f}") == value for value in depth_um.tolist())
-
-
-def test_origin_tells_how_the_samples_were_made():
-    assert make_stimulus(Sine(20, 250)).origin == {
-        "family": "sine",
-        "frequency_hz": 20.0,
-        "amplitude_um": 250.0,
-    }
-    assert set(make_stimulus(Noise(5, 25, 1)).origin) == {
-        "family",
-        "low_hz",
-        "high_hz",
-        "rms_um",
-        "seed",
-    }
 
 
 @pytest.mark.parametrize("preindent_um", [-1.0, float("nan"), float("inf"), 2e4])

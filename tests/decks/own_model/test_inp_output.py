@@ -1,9 +1,10 @@
 """What an own deck writes: U and S in every increment, at some nodes or at all."""
 
 import numpy as np
+import pytest
 
 from decks.motion import Motion
-from decks.own_model.inp import rebase_inp
+from decks.own_model.inp import dialect_of, rebase_inp
 from decks.own_model.request import Request
 
 MOTION = Motion(np.arange(3) * 5e-4, np.array([0.0, 0.1, 0.2]), 5e-4, 0)
@@ -174,3 +175,137 @@ def test_data_that_input_names_counts_and_is_needed():
     rebased = rebase_inp(deck, MOTION, request, resolver=read)
     assert rebased.place_mm == {"PC": (3.0, 4.0)}
     assert rebased.needs == ("more.txt",)
+
+
+# ---- Abaqus: whose decks are its own, what they write, where their nodes are
+
+
+FIELD = """\
+*OUTPUT, FIELD, FREQUENCY=1
+*NODE OUTPUT, NSET=FEMBRIDGE_OUTPUT
+U,
+*ELEMENT OUTPUT, ELSET=FEMBRIDGE_OUTPUT, POSITION=NODES
+S,
+*END STEP
+"""
+
+
+@pytest.mark.parametrize(
+    ("deck", "whose"),
+    [
+        (MODEL + HEAD, "calculix"),
+        ("*OUTPUT, FREQUENCY=2", "calculix"),
+        ("*NODE FILE,\nU\n", "calculix"),
+        ("", "calculix"),
+        ("*Output, field, variable=PRESELECT", "abaqus"),
+        ("*OUTPUT, HISTORY", "abaqus"),
+        (" *Part, name=FINGER", "abaqus"),
+        ("*Preprint, echo=NO", "abaqus"),
+        ("*ELEMENT, TYPE=CPE4RH, ELSET=E", "abaqus"),
+        ("*BOUNDARY,\n  AMPLITUDE=A\n", "abaqus"),
+    ],
+)
+def test_whose_deck_it_is_shows_in_what_ccx_could_not_read(deck, whose):
+    assert dialect_of(deck.encode()) == whose
+
+
+def test_abaqus_writes_displacement_and_the_stress_of_the_elements_around():
+    around = "*ELSET, ELSET=FEMBRIDGE_OUTPUT\n1, 2,\n"
+    text = steps_of(MODEL, "", afferents=WITH_SETS, dialect="abaqus")
+    assert text == SETS + around + HEAD + FIELD
+
+
+def test_without_afferents_abaqus_writes_everything():
+    text = steps_of(MODEL, "*OUTPUT, FIELD, VARIABLE=PRESELECT\n")
+    everywhere = FIELD.replace(", NSET=FEMBRIDGE_OUTPUT", "")
+    assert text == HEAD + everywhere.replace(", ELSET=FEMBRIDGE_OUTPUT", "")
+
+
+def test_field_requests_of_nodes_and_elements_go_and_history_and_contact_stay():
+    requests = (
+        "*Restart, write, frequency=0\n** FIELD\n"
+        "*Output, field\n*Node Output\nU, RF\n*Element Output, directions=YES\nS,\n"
+        "*Output, field, frequency=10\n*Node Output, nset=ALL\nU\n"
+        "*Contact Output\nCSTRESS\n"
+        "*Output, field, variable=PRESELECT\n"
+        "*EL PRINT, ELSET=SKIN\nS\n*NODE FILE\nU\n"
+        "*Output, history\n*Node Output, nset=ALL\nU2\n*Energy Output\nALLSE\n"
+    )
+    stay = (
+        "*Restart, write, frequency=0\n** FIELD\n"
+        "*Output, field, frequency=10\n*Contact Output\nCSTRESS\n"
+        "*EL PRINT, ELSET=SKIN\nS\n*NODE FILE\nU\n"
+        "*Output, history\n*Node Output, nset=ALL\nU2\n*Energy Output\nALLSE\n"
+    )
+    everywhere = FIELD.replace(", NSET=FEMBRIDGE_OUTPUT", "")
+    everywhere = everywhere.replace(", ELSET=FEMBRIDGE_OUTPUT", "")
+    assert steps_of(MODEL, requests) == HEAD + stay + everywhere
+
+
+PARTS = """\
+*Part, name=FINGER
+*Node
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+*Element, type=CPE4H
+1, 1, 2,
+ 3, 4
+*Nset, nset=AFFERENT_SA
+1,
+*End Part
+*Part, name=TIP
+*Node
+30, 0., 0.
+*End Part
+*Assembly, name=A
+*Instance, name=Finger-1, part=FINGER
+ 0.5, -2., 0.
+*End Instance
+*Instance, name=Tip-1, part=TIP
+*Node
+31, 7., 7.
+*Element, type=MASS
+1, 31
+*End Instance
+*Node
+99, 0., 0.
+*End Assembly
+*Amplitude, name=PRESS
+0., 0., 1., 1.
+"""
+
+
+def test_in_an_assembly_sets_name_their_instance_and_nodes_stand_where_it_puts_them():
+    deck = f"{PARTS}{HEAD}*End Step\n".encode()
+    request = Request(afferents={"SA": 3, "RA": 4, "PC": 31})
+    rebased = rebase_inp(deck, MOTION, request)
+    assert rebased.place_mm == {"SA": (1.5, -1.0), "RA": (0.5, -1.0), "PC": (7.0, 7.0)}
+    names = "AFFERENT_SA, AFFERENT_RA, AFFERENT_PC, FEMBRIDGE_OUTPUT"
+    assert any(remark.endswith(f"sets {names}") for remark in rebased.remarks)
+    text = rebased.deck.decode()
+    assert text[text.index("99, 0., 0.\n") : text.index("*Amplitude")] == (
+        "99, 0., 0.\n"
+        "*NSET, NSET=AFFERENT_SA, INSTANCE=Finger-1\n3,\n"
+        "*NSET, NSET=AFFERENT_RA, INSTANCE=Finger-1\n4,\n"
+        "*NSET, NSET=AFFERENT_PC, INSTANCE=Tip-1\n31,\n"
+        "*NSET, NSET=FEMBRIDGE_OUTPUT, INSTANCE=Finger-1\n3, 4,\n"
+        "*NSET, NSET=FEMBRIDGE_OUTPUT, INSTANCE=Tip-1\n31,\n"
+        "*ELSET, ELSET=FEMBRIDGE_OUTPUT, INSTANCE=Finger-1\n1,\n"
+        "*ELSET, ELSET=FEMBRIDGE_OUTPUT, INSTANCE=Tip-1\n1,\n"
+        "*End Assembly\n"
+    )
+    assert rebase_inp(rebased.deck, MOTION, request).deck == rebased.deck
+
+
+def test_it_is_told_whose_deck_it_was_taken_for_and_by_what():
+    def first_remark(deck, dialect=None):
+        rebased = rebase_inp(deck.encode(), MOTION, Request(), dialect=dialect)
+        return rebased.remarks[0]
+
+    plain = f"{MODEL}{HEAD}*END STEP\n"
+    assert first_remark(plain) == "read as a deck for CalculiX"
+    assert first_remark(plain, "abaqus") == "read as a deck for Abaqus"
+    parts = f"{PARTS}{HEAD}*END STEP\n"
+    assert first_remark(parts) == "line 1: *PART: read as a deck for Abaqus"
