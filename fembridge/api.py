@@ -7,7 +7,6 @@ stress in Pa, rates in impulses per second. Errors are `FembridgeError`.
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,13 +18,13 @@ from decks.presets import mesh_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder
+from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
-from neural import Parameters, ParameterSet, parameter_set_or_file
+from neural import ParameterSet, parameter_set_or_file
 
 if TYPE_CHECKING:
     import pandas
@@ -111,13 +110,16 @@ def simulate(
     """
     from fembridge.simulation import simulate as simulate_model
 
-    chosen = _parameter_set(parameters)
+    if isinstance(parameters, ParameterSet):
+        chosen = parameters
+    else:
+        chosen = parameter_set_or_file(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     settings = SolverSettings(
         threads=threads, jobs=jobs, time_limit_s=time_limit_s, on_progress=on_progress
     )
     stimuli = stimuli_of(stimulus, depth_um, seed, slide_mm_per_s)
-    model = _model(finger, probe, element, inertia=inertia, whole_section=whole_section)
+    model = _model(finger, probe, Contact(), element, inertia, whole_section)
     with ExitStack() as stack:
         if output is None:
             output = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
@@ -206,20 +208,18 @@ def build_deck(
     """
     stimuli = stimuli_of(stimulus, preindent_um or 0.0, seed, slide_mm_per_s)
     if base_deck is not None:
-        return _build_own(
-            stimuli,
-            Path(output),
-            Path(base_deck),
-            solver,
-            {
-                "amplitude": amplitude,
-                "step": step,
-                "afferents": dict(afferents or {}),
-                "results": results,
-            },
-            length_unit,
-            log,
-        )
+        from decks.own_model.request import Request
+
+        base = read_base_deck(Path(base_deck), solver)
+        length_mm, stress_unit = LENGTH_UNITS[length_unit]
+        request = Request(amplitude, step, dict(afferents or {}), length_mm, results)
+        changed = [
+            build_own_folder(Path(output) / one.id, base, one, request, stress_unit)
+            for one in stimuli
+        ]
+        for remark in changed[-1][1]:
+            log(remark)
+        return [run for run, _ in changed]
     solver = solver or "calculix"
     dialect = dialect_named(solver)
     asked = {
@@ -239,8 +239,7 @@ def build_deck(
         element = dialect.element_named(element or dialect.element)
     except DeckError as error:
         raise UsageError(str(error)) from error
-    model = _model(finger, probe, element, inertia=inertia, whole_section=whole_section)
-    model = replace(model, contact=of_contact)
+    model = _model(finger, probe, of_contact, element, inertia, whole_section)
     options = DeckOptions(results, probe_body)
     return [
         build_run_folder(Path(output) / one.id, model, one, solver=solver, options=options)
@@ -249,7 +248,7 @@ def build_deck(
 
 
 def run(
-    folders: PathLike | Sequence[PathLike],
+    folders: PathLike | RunFolder | Sequence[PathLike | RunFolder],
     *,
     threads: int | None = None,
     jobs: int = 1,
@@ -259,9 +258,10 @@ def run(
     force: bool = False,
     on_progress: OnProgress | None = None,
 ) -> "list[Outcome]":
-    """Run the solver in run folders; accepted results are beside their deck.
+    """Run the solver in run folders, or in what `build_deck` gave.
 
-    A folder whose results are whole and of its deck is skipped, unless `force`.
+    Accepted results are beside their deck. A folder whose results are whole and of its
+    deck is skipped, unless `force`.
 
     Returns
     -------
@@ -272,20 +272,28 @@ def run(
     ------
     UsageError
         `threads` or `jobs` below 1, a limit that is not more than 0.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> [outcome] = fb.run("no_run_folder")
+    >>> outcome.accepted
+    False
     """
     from fembridge.solver.batch import run_folders
 
     settings = SolverSettings(
         threads, jobs, time_limit_s, stall_limit_s, iteration_limit, on_progress
     )
-    listed = [folders] if isinstance(folders, str | Path) else folders
-    return run_folders(map(Path, listed), settings, force=force)
+    listed = [folders] if isinstance(folders, str | Path | RunFolder) else folders
+    runs = [one if isinstance(one, RunFolder) else Path(one) for one in listed]
+    return run_folders(runs, settings, force=force)
 
 
 def encode(
     traces: PathLike | Sequence[StressTrace],
     *,
-    parameters: str | ParameterSet = "fitted",
+    parameters: str | ParameterSet = "published",
     stimulus: str = "traces",
     derivative: str = "backward",
 ) -> "pandas.DataFrame":
@@ -297,7 +305,8 @@ def encode(
         Each with the class of its afferent, a sample every 0.5 ms; or the path of their
         table. `repeat` numbers the cells of a population from 1, and is 0 for one cell.
     parameters
-        ``fitted``, ``published`` (Table 2 of the paper), a TOML file or a set.
+        ``published`` (Table 2 of the paper), ``fitted`` (for traces of a probe that was
+        75 um deep before time 0), a TOML file or a set.
     stimulus
         What the table calls the stimulus.
 
@@ -312,32 +321,18 @@ def encode(
     --------
     >>> import fembridge as fb
     >>> result = fb.simulate("sine_20_250", stored=True)
-    >>> spikes = fb.encode(result.traces[0], stimulus="sine_20_250")
+    >>> spikes = fb.encode(result.traces[0], parameters="fitted", stimulus="sine_20_250")
     >>> spikes.equals(result.spikes)
     True
     """
-    from fembridge.response.response_map import reading_energy
-    from fembridge.simulation import spikes_frame, trains_of
+    from fembridge.simulation import encode_traces, spikes_frame
     from fembridge.tables import read_traces
-    from neural import encode_cells
 
     if isinstance(traces, str | Path):
         traces = read_traces(Path(traces))
-    chosen: Parameters = _parameter_set(parameters).parameters
-    trains = []
-    for trace in traces:
-        name = trace.afferent or "none"
-        if name not in chosen:
-            raise UsageError(
-                f"node {trace.node} is of class {name}, expected one of {', '.join(chosen)}"
-            )
-        if reading_energy({name: chosen[name]}):
-            raise UsageError(f"{name} reads strain energy: fembridge.simulate takes it")
-        [cells_ms] = encode_cells(
-            trace.stress_pa, trace.dt_ms, chosen[name], trace.start_ms, derivative
-        )
-        trains += trains_of(stimulus, name, cells_ms)
-    return spikes_frame(trains)
+    if isinstance(parameters, str):
+        parameters = parameter_set_or_file(parameters)
+    return spikes_frame(encode_traces(traces, parameters.parameters, stimulus, derivative))
 
 
 def stimuli_of(
@@ -366,57 +361,79 @@ def stimuli_of(
     return [one.sliding(slide_mm_per_s) for one in found]
 
 
-def _parameter_set(parameters: str | ParameterSet) -> ParameterSet:
-    return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
-
-
 def _model(
     finger: str | Finger,
     probe: Probe | None,
+    contact: Contact,
     element: str,
-    *,
     inertia: bool,
     whole_section: bool,
 ) -> Model:
     chosen = read_finger(finger) if isinstance(finger, str) else finger
     section = "whole" if whole_section else "half"
-    return Model(
-        chosen, mesh_of(chosen), probe or Probe(), Contact(), element, inertia, section=section
-    )
-
-
-def _build_own(
-    stimuli: Sequence[Stimulus],
-    output: Path,
-    path: Path,
-    solver: str | None,
-    asked: Mapping[str, Any],
-    length_unit: str,
-    log: Callable[[str], None],
-) -> list[RunFolder]:
-    from decks.own_model.request import Request
-    from fembridge.own_model import build_own_folder, read_base_deck
-
-    length_mm, stress_unit = LENGTH_UNITS[length_unit]
-    base = read_base_deck(path, solver)
-    request = Request(length_mm=length_mm, **asked)
-    built = [build_own_folder(output / one.id, base, one, request, stress_unit) for one in stimuli]
-    for remark in built[-1][1]:
-        log(remark)
-    return [run for run, _ in built]
+    mesh = mesh_of(chosen)
+    return Model(chosen, mesh, probe or Probe(), contact, element, inertia, section=section)
 
 
 def sweep(
-    study: PathLike, output: PathLike = "sweep", *, jobs: int = 1, threads: int | None = None
+    study: PathLike,
+    output: PathLike = "sweep",
+    *,
+    jobs: int = 1,
+    executor: str = "local",
+    scheduler: str | None = None,
+    threads: int | None = None,
+    shows: bool = False,
 ) -> "Sweep":
     """Solve many stimuli on many fingers, each once, as the TOML file `study` says.
 
-    Goes on where an earlier sweep into `output` ended. ``results`` of what comes back is
-    the path of its table, ``failed`` lists items without an answer, ``causes`` why.
+    Goes on where an earlier sweep into `output` ended.
+
+    Parameters
+    ----------
+    jobs
+        Processes on this machine.
+    executor, scheduler
+        ``local``, or ``dask`` with the address of a cluster, without one of one made here.
+    threads
+        Of each solver.
+    shows
+        Show on stderr how far it is.
+
+    Returns
+    -------
+    Sweep
+        ``results`` is the path of its table, ``failed`` lists items without an answer,
+        ``causes`` why.
+
+    Raises
+    ------
+    UsageError
+        A study or numbers that mean nothing.
+    MissingError
+        No solver, and the study does not say ``stored``; or no dask.
+    OutputError
+        `output` cannot be written.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> with open("study.toml", "w") as file:
+    ...     print('stimuli = ["sine_20_250"]', "stored = true", sep=chr(10), file=file)
+    >>> fb.sweep("study.toml", "sweep").failed
+    ()
     """
     from fembridge.sweeps import run_sweep
 
-    return run_sweep(Path(study), Path(output), jobs=jobs, threads=threads)
+    return run_sweep(
+        Path(study),
+        Path(output),
+        jobs=jobs,
+        executor=executor,
+        scheduler=scheduler,
+        threads=threads,
+        shows=shows,
+    )
 
 
 def fit(
@@ -440,6 +457,28 @@ def fit(
         Whose stored response makes the stress.
     evaluations, seed
         Of the search; the same seed gives the same fit.
+    on_progress
+        Called with a class and how far its search is.
+
+    Returns
+    -------
+    FitRun
+        ``fits`` has one a class, with ``parameters``; an interrupt leaves out later ones.
+
+    Raises
+    ------
+    TableError
+        A row of `observed` that is no rate, with its line.
+    UsageError, ResponseError
+        A class without rates; a finger without a stored response.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> observed = fb.simulate("sine_20", stored=True).rates
+    >>> [fit] = fb.fit(observed, afferents=["SA"], evaluations=200).fits
+    >>> fit.afferent
+    'SA'
     """
     from fembridge.fitting.fit import FitSettings, fit_afferents
     from fembridge.fitting.problem import stored_source
@@ -471,7 +510,36 @@ def validate(
     parameters: str = "fitted",
     log: Callable[[str], None] = lambda line: None,
 ) -> "Validation":
-    """The paper's figures and tables against the model; with `output` as a page there."""
+    """The paper's figures and tables against the model; with `output` as a page there.
+
+    Parameters
+    ----------
+    finger
+        ``quick``, ``paper`` or a TOML file.
+    observed
+        Table of observed rates, ``stimulus, afferent, rate_ips``.
+    parameters
+        ``fitted``, ``published`` or a TOML file.
+    log
+        Called with a line about where the stress comes from.
+
+    Returns
+    -------
+    Validation
+        The tables of the page as values.
+
+    Raises
+    ------
+    TableError, ParameterError, FingerError
+        A file that is wrong, with its line or key.
+    MissingError
+        No solver, and no response is stored for `finger`.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> study = fb.validate()
+    """
     from fembridge.observed import read_observed
     from fembridge.report.validate import judged_models
     from fembridge.report.validate import validate as validate_models

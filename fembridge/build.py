@@ -1,20 +1,29 @@
-"""From a finger and stimuli to run folders: decks that a solver, or a person, takes."""
+"""Run folders: of our finger under our probe, or of a deck that somebody brings."""
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from decks.analysis import Analysis, Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger_file import finger_table
+from decks.motion import motion_of
+from fembridge.errors import DeckError
 from fembridge.exports import write_csv
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, write_text
+from fembridge.store import filling, replacing
+from fembridge.trace import MS_PER_S
 from fembridge.typing import Table
 
-_MS_PER_S = 1.0e3
+if TYPE_CHECKING:
+    from decks.own_model.request import Request
+
+_SOLVERS = {".inp": ("calculix", "abaqus"), ".dat": ("marc",)}
+_OURS = (RUN_FILE, STIMULUS_FILE, "job.inp", "job.dat")
 
 
 def build_run_folder(
@@ -38,11 +47,11 @@ def build_run_folder(
     DeckError, FingerError
         The model or the stimulus cannot be put into a deck.
     """
-    inputs = inputs_of(model, stimulus)
-    held = dialect_named(solver).contact
-    inputs["contact"] = {name: getattr(model.contact, name) for name in held}
+    dialect = dialect_named(solver)
     analysis = model.analysis(stimulus)
-    if analysis.support != "prescribed" and dialect_named(solver).springs:
+    inputs = inputs_of(model, stimulus)
+    inputs["contact"] = {name: getattr(model.contact, name) for name in dialect.contact}
+    if analysis.support != "prescribed" and dialect.springs:
         inputs["drive"] = analysis.support
         why = analysis.why_whole
         inputs["section"] = f"whole: {why}" if why else "half"
@@ -64,45 +73,36 @@ def build_analysis_folder(
     prescribes. Errors are the same.
     """
     dialect = dialect_named(solver)
-    files = dialect.write(analysis, options)
+    files = {name: text.encode() for name, text in dialect.write(analysis, options).items()}
     motion = analysis.motion
-    own_steps = len(motion.phases) > 1  # up to the waveform
     last = motion.phases[-1]
+    own_steps = len(motion.phases) > 1  # up to the waveform
+    increments = last.increments // last.every
     start_ms = (
-        _MS_PER_S * motion.start_s if own_steps else motion.ramp // last.every * stimulus.dt_ms
+        MS_PER_S * motion.start_s if own_steps else motion.ramp // last.every * stimulus.dt_ms
     )
+    places = []
+    for name, node in analysis.afferent.items():
+        x_mm, y_mm = analysis.node_mm[node - 1].tolist()
+        layer = analysis.finger.afferents[name].layer
+        places.append(AfferentNode(name, node, layer, x_mm, y_mm, depth_mm=-y_mm))
     run = RunFolder(
         folder=folder,
         solver=solver,
-        increments=last.increments // last.every,
-        solver_increments=(
-            motion.increments if motion.increments != last.increments // last.every else 0
-        ),
+        increments=increments,
+        solver_increments=0 if motion.increments == increments else motion.increments,
         dt_ms=stimulus.dt_ms,
         start_ms=start_ms,
         before_ms=start_ms if own_steps else 0.0,
         branches=dialect.branches_at(analysis),
         on_axis=analysis.watched_on_axis if dialect.springs else (),
-        afferents=_places(analysis),
+        afferents=tuple(places),
         apex_node=analysis.apex,
-        deck_sha256=hashlib.sha256(files[dialect.deck].encode()).hexdigest(),
+        deck_sha256=hashlib.sha256(files[dialect.deck]).hexdigest(),
         inputs=inputs,
     )
-    with filling(folder, last=RUN_FILE) as draft:
-        for name, text in files.items():
-            write_text(draft / name, text)
-        write_csv(stimulus, draft / STIMULUS_FILE)
-        replace(run, folder=draft).write()
+    _write(run, stimulus, files)
     return run
-
-
-def _places(analysis: Analysis) -> tuple[AfferentNode, ...]:
-    places = []
-    for name, node in analysis.afferent.items():
-        x, y = analysis.node_mm[node - 1].tolist()
-        layer = analysis.finger.afferents[name].layer
-        places.append(AfferentNode(name, node, layer, x, y, -y))
-    return tuple(places)
 
 
 def inputs_of(model: Model, stimulus: Stimulus) -> Table:
@@ -119,10 +119,126 @@ def inputs_of(model: Model, stimulus: Stimulus) -> Table:
 
 def stimulus_inputs(stimulus: Stimulus) -> Table:
     """What `stimulus` is: name, window, pre-indentation, origin."""
-    origin: Mapping[str, object] = stimulus.origin
     return {
         "id": stimulus.id,
         "window_ms": list(stimulus.window_ms),
         "preindent_um": stimulus.preindent_um,
-        **{key: value for key, value in origin.items() if value is not None},
+        **{key: value for key, value in stimulus.origin.items() if value is not None},
     }
+
+
+@dataclass(frozen=True, slots=True)
+class BaseDeck:
+    """A deck as its owner has it: `data` is the file, `solver` whose it is."""
+
+    path: Path
+    data: bytes
+    solver: str
+
+
+def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
+    """Read `path`; `solver` says whose it is where the text leaves it open.
+
+    Raises
+    ------
+    DeckError
+        No such file, not a deck by its name, or another solver's.
+    """
+    from decks.own_model.inp import dialect_of as dialect_in
+
+    known = _SOLVERS.get(path.suffix.lower())
+    if known is None:
+        raise DeckError(f"{path}: expected a deck: a .inp of CalculiX or Abaqus, or a .dat of Marc")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DeckError(f"{path}: cannot be read: {error.strerror}") from error
+    if solver is None:
+        solver = known[0] if len(known) == 1 else dialect_in(data)
+    elif solver not in known:
+        raise DeckError(
+            f"{path}: a {path.suffix} is a deck for {' or '.join(known)}, not for {solver}"
+        )
+    return BaseDeck(path, data, solver)
+
+
+def build_own_folder(
+    folder: Path,
+    base: BaseDeck,
+    stimulus: Stimulus,
+    request: "Request",
+    stress_unit: str = "MPa",
+) -> tuple[RunFolder, tuple[str, ...]]:
+    """Write `base` with `stimulus` in it, as `build_run_folder`: the run, and what was changed.
+
+    The deck is kept to the byte but for the waveform, the increments and the output.
+    Files that it includes are copied beside it. `stress_unit` is the unit of its
+    stresses: MPa for N and mm, Pa for N and m.
+
+    Raises
+    ------
+    DeckError
+        Something that is missing or ambiguous, with its line.
+    OutputError
+        The folder cannot be made or written.
+    """
+    from decks.marc.contents import beside
+    from decks.own_model.inp import rebase_inp
+    from decks.own_model.marc import rebase_marc
+
+    if stimulus.aside_um is not None:
+        raise DeckError(
+            f"{stimulus.id}: a probe of your own deck slides by your own conditions; "
+            "fembridge puts in its way into the skin alone"
+        )
+    motion = motion_of(stimulus)
+    rebase = rebase_marc if base.solver == "marc" else partial(rebase_inp, dialect=base.solver)
+    try:
+        rebased = rebase(base.data, motion, request, resolver=beside(base.path))
+    except DeckError as error:
+        raise DeckError(f"{base.path}: {error}") from error
+    files = {dialect_named(base.solver).deck: rebased.deck}
+    for name in rebased.needs:
+        source = base.path.parent / name
+        if PurePosixPath(name.replace("\\", "/")).name != name or name in _OURS:
+            raise DeckError(
+                f"{base.path}: includes {name!r}, expected a file beside it, by its name alone"
+            )
+        if not source.is_file():
+            raise DeckError(f"{base.path}: includes {name}, which is not there")
+        files[name] = source.read_bytes()
+    before_ms = rebased.before_s * MS_PER_S
+    run = RunFolder(
+        folder=folder,
+        solver=base.solver,
+        increments=motion.increments,
+        dt_ms=stimulus.dt_ms,
+        start_ms=before_ms + motion.ramp * stimulus.dt_ms,
+        before_ms=before_ms,
+        stress_unit=stress_unit,
+        afferents=tuple(
+            AfferentNode(name, request.afferents[name], "", *place)
+            for name, place in rebased.place_mm.items()
+        ),
+        deck_sha256=hashlib.sha256(rebased.deck).hexdigest(),
+        inputs={
+            "base_deck": {
+                "file": base.path.name,
+                "sha256": hashlib.sha256(base.data).hexdigest(),
+                "changes": list(rebased.remarks),
+            },
+            "stimulus": stimulus_inputs(stimulus),
+        },
+    )
+    _write(run, stimulus, files)
+    return run, rebased.remarks
+
+
+def _write(run: RunFolder, stimulus: Stimulus, files: Mapping[str, bytes]) -> None:
+    """Put `files`, the waveform and ``run.toml`` into the folder of `run`, all or none."""
+    with filling(run.folder, last=RUN_FILE) as draft:
+        for name, content in files.items():
+            with replacing(draft / name) as path:
+                path.write_bytes(content)
+        write_csv(stimulus, draft / STIMULUS_FILE)
+        replace(run, folder=draft).write()

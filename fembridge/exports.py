@@ -8,15 +8,12 @@
 Displacement is positive into the skin and holds the whole depth in all four.
 """
 
-import os
 import wave
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import OutputError
 from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
 from fembridge.store import replacing, write_text
@@ -26,49 +23,16 @@ S_PER_MS = 1.0e-3
 PCM16_PEAK = 32767
 
 
-@dataclass(frozen=True, slots=True)
-class Export:
-    """One written file; `full_scale_um` is what a WAV's 32767 is."""
+def write_stimulus(stimulus: Stimulus, path: Path, format_name: str) -> float | None:
+    """Write `stimulus` to `path`, whole or not at all, in one of `FORMATS`.
 
-    stimulus: str
-    format: str
-    path: Path
-    full_scale_um: float | None = None
-
-
-def write_stimulus(stimulus: Stimulus, path: Path, format_name: str) -> Export:
-    """Write `stimulus` to `path`, whole or not at all.
-
-    Parameters
-    ----------
-    format_name
-        One of :data:`FORMATS`.
+    Returns
+    -------
+    float or None
+        Of a WAV the displacement in um that 32767 is.
     """
     _, write = FORMATS[format_name]
-    full_scale_um = write(stimulus, path)
-    return Export(stimulus.id, format_name, path, full_scale_um)
-
-
-def export_paths(ids: Sequence[str], format_name: str, output: str | None) -> list[Path]:
-    """Where each stimulus goes: into the folder `output`, or the one into that file.
-
-    Without `output` the folder is the current one. A single stimulus takes
-    `output` as its file's name unless that is a folder or ends in a slash.
-
-    Raises
-    ------
-    OutputError
-        Several stimuli, and `output` is a file.
-    """
-    suffix, _ = FORMATS[format_name]
-    folder = Path(output or ".")
-    if output and len(ids) == 1:
-        names_folder = output.endswith(("/", os.sep))
-        if not (names_folder or folder.is_dir()):
-            return [folder]
-    if len(ids) > 1 and folder.is_file():
-        raise OutputError(f"a file, expected a folder for {len(ids)} stimuli", folder)
-    return [folder / f"{stimulus_id}{suffix}" for stimulus_id in ids]
+    return write(stimulus, path)
 
 
 def write_csv(stimulus: Stimulus, path: Path) -> None:

@@ -11,15 +11,14 @@ After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
 
 import csv
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from decks.dialects import dialect_of
 from fembridge.errors import ResultError
-from fembridge.store import write_text
+from fembridge.store import read_toml, structure, write_text
 from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
@@ -42,19 +41,6 @@ class AfferentNode:
     x_mm: float
     y_mm: float
     depth_mm: float | None = None
-
-    @classmethod
-    def from_table(cls, afferent: str, table: Mapping[str, Any]) -> "AfferentNode":
-        """From a section of TOML; what is wrong in it is a `ValueError`."""
-        node = table["node"]
-        if not _is_whole(node, least=1):
-            raise ValueError(f"{afferent}: node is {node!r}, expected 1 or more")
-        layer = str(table["layer"])
-        keys = ("x_mm", "y_mm", "depth_mm") if layer else ("x_mm", "y_mm")
-        place = [float(table[key]) for key in keys]
-        if not all(map(math.isfinite, place)):
-            raise ValueError(f"{afferent}: its place is not finite")
-        return cls(afferent, node, layer, *place)
 
     def to_table(self) -> Table:
         """Section of TOML, without the afferent's name."""
@@ -81,11 +67,6 @@ class RunFolder:
     probe pushed (0 where unknown).
     `inputs` is what the deck was made from: for people, and for the origin of a
     response map.
-
-    Raises
-    ------
-    ResultError
-        Increments, times or a node's number that no run has.
     """
 
     folder: Path
@@ -96,35 +77,12 @@ class RunFolder:
     afferents: tuple[AfferentNode, ...]
     deck_sha256: str
     apex_node: int = 0
-    inputs: Mapping[str, object] = field(default_factory=dict)
+    inputs: Mapping[str, Any] = field(default_factory=dict)
     before_ms: float = 0.0
     stress_unit: str = "MPa"
     branches: Mapping[int, int] = field(default_factory=dict)
     solver_increments: int = 0
     on_axis: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name, least in (("increments", 1), ("apex_node", 0), ("solver_increments", 0)):
-            if not _is_whole(number := getattr(self, name), least):
-                raise self._error(f"{name} is {number!r}, expected {least} or more")
-        for node, count in self.branches.items():
-            if not (_is_whole(node, 1) and _is_whole(count, 1)):
-                raise self._error(f"branches of node {node!r} are {count!r}")
-        for node in self.on_axis:
-            if not _is_whole(node, 1):
-                raise self._error(f"a node on the axis is {node!r}, expected 1 or more")
-        if not (math.isfinite(self.dt_ms) and self.dt_ms > 0):
-            raise self._error(f"dt_ms is {self.dt_ms}, expected more than 0")
-        if not (math.isfinite(self.before_ms) and self.before_ms >= 0):
-            raise self._error(f"before_ms is {self.before_ms}, expected 0 or more")
-        if not self.before_ms <= self.start_ms <= self.end_ms:
-            raise self._error(
-                f"start_ms is {self.start_ms:g}, expected from {self.before_ms:g} to "
-                f"the end of the run, {self.end_ms:g}"
-            )
-
-    def _error(self, problem: str) -> ResultError:
-        return ResultError(problem, self.folder / RUN_FILE)
 
     @property
     def increments_in_all(self) -> int:
@@ -159,30 +117,54 @@ class RunFolder:
         """Write ``run.toml``."""
         import tomli_w
 
+        time = {
+            "increments": self.increments,
+            "dt_ms": self.dt_ms,
+            "start_ms": self.start_ms,
+            "before_ms": self.before_ms,
+            "solver_increments": self.solver_increments,
+        }
         table: Table = {
             "format": FORMAT,
             "solver": self.solver,
             "deck_sha256": self.deck_sha256,
-            "time": {
-                "increments": self.increments,
-                "dt_ms": self.dt_ms,
-                "start_ms": self.start_ms,
-                **({"before_ms": self.before_ms} if self.before_ms else {}),
-                **({"solver_increments": self.solver_increments} if self.solver_increments else {}),
-            },
+            "time": {k: v for k, v in time.items() if v or k not in _MAY_BE_ABSENT},
             "apex_node": self.apex_node,
-            **({"on_axis": list(self.on_axis)} if self.on_axis else {}),
-            **({} if self.stress_unit == "MPa" else {"stress_unit": self.stress_unit}),
+            "on_axis": list(self.on_axis),
+            "stress_unit": self.stress_unit if self.stress_unit != "MPa" else "",
             "afferents": {place.afferent: place.to_table() for place in self.afferents},
-            **self._branches_table(),
+            "branches": {str(node): count for node, count in self.branches.items()},
             "inputs": dict(self.inputs),
         }
+        table = {k: v for k, v in table.items() if v or k not in _MAY_BE_ABSENT}
         write_text(self.folder / RUN_FILE, tomli_w.dumps(table))
 
-    def _branches_table(self) -> Table:
-        if not self.branches:
-            return {}
-        return {"branches": {str(node): n for node, n in self.branches.items()}}
+
+_MAY_BE_ABSENT = ("before_ms", "solver_increments", "on_axis", "stress_unit", "branches")
+
+
+@dataclass(frozen=True, slots=True)
+class _Time:
+    increments: int
+    dt_ms: float
+    start_ms: float
+    before_ms: float = 0.0
+    solver_increments: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _RunFile:
+    """``run.toml`` as it stands; `inputs` is the last section, a cut file has none."""
+
+    solver: str
+    deck_sha256: str
+    time: _Time
+    afferents: dict[str, AfferentNode]
+    inputs: dict[str, Any]
+    apex_node: int = 0
+    stress_unit: str = "MPa"
+    branches: dict[str, int] = field(default_factory=dict)
+    on_axis: tuple[int, ...] = ()
 
 
 def read_run_folder(folder: Path) -> RunFolder:
@@ -194,44 +176,51 @@ def read_run_folder(folder: Path) -> RunFolder:
         There is none, or it is not one that fembridge wrote.
     """
     path = folder / RUN_FILE
-    try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise ResultError("no run.toml: not a run folder of fembridge", folder) from (error)
-    except OSError as error:
-        raise ResultError(f"cannot be read: {error.strerror}", path) from error
-    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
-        raise ResultError(f"not readable as TOML: {error}", path) from error
-    if table.get("format") != FORMAT:
-        raise ResultError(
-            f"format {table.get('format')!r}, expected {FORMAT}; "
-            "build the deck again with this version",
-            path,
-        )
-    try:
-        return RunFolder(
-            folder=folder,
-            solver=str(table["solver"]),
-            increments=table["time"]["increments"],
-            dt_ms=float(table["time"]["dt_ms"]),
-            start_ms=float(table["time"]["start_ms"]),
-            before_ms=float(table["time"].get("before_ms", 0.0)),
-            solver_increments=table["time"].get("solver_increments", 0),
-            afferents=tuple(
-                AfferentNode.from_table(name, place) for name, place in table["afferents"].items()
-            ),
-            apex_node=table.get("apex_node", 0),
-            stress_unit=str(table.get("stress_unit", "MPa")),
-            branches={int(k): n for k, n in table.get("branches", {}).items()},
-            on_axis=tuple(table.get("on_axis", ())),
-            deck_sha256=str(table["deck_sha256"]),
-            inputs=dict(table["inputs"]),  # the last section: a cut file has none
-        )
-    except KeyError as error:
-        raise ResultError(f"not a run.toml of fembridge: no {error}", path) from error
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise ResultError(f"not a run.toml of fembridge: {error}", path) from error
+
+    def failed(problem: str) -> ResultError:
+        return ResultError(problem.removeprefix(f"{path}: "), path)
+
+    if not path.exists():
+        raise ResultError("no run.toml: not a run folder of fembridge", folder)
+    table = read_toml(path, failed)
+    if (found := table.pop("format", None)) != FORMAT:
+        raise failed(f"format {found!r}, expected {FORMAT}; build the deck again with this version")
+    places = table.get("afferents")
+    if isinstance(places, dict):  # a section is named after its afferent
+        for name, place in places.items():
+            places[name] = {"afferent": name, **place} if isinstance(place, dict) else place
+    file = structure(table, _RunFile, failed)
+    time = file.time
+    for node in file.branches:
+        if not node.isdecimal():
+            raise failed(f"branches.{node}: expected the number of a node")
+    run = RunFolder(
+        folder=folder,
+        solver=file.solver,
+        afferents=tuple(file.afferents.values()),
+        deck_sha256=file.deck_sha256,
+        apex_node=file.apex_node,
+        inputs=file.inputs,
+        stress_unit=file.stress_unit,
+        branches={int(node): count for node, count in file.branches.items()},
+        on_axis=file.on_axis,
+        **asdict(time),
+    )
+    for name, value, least in (
+        ("time.increments", time.increments, 1),
+        ("time.solver_increments", time.solver_increments, 0),
+        ("time.before_ms", time.before_ms, 0),
+        ("time.start_ms", time.start_ms, time.before_ms),
+        ("apex_node", run.apex_node, 0),
+        *((f"afferents.{place.afferent}.node", place.node, 1) for place in run.afferents),
+    ):
+        if not value >= least:
+            raise failed(f"{name} is {value}, expected {least:g} or more")
+    if not (math.isfinite(time.dt_ms) and time.dt_ms > 0):
+        raise failed(f"time.dt_ms is {time.dt_ms}, expected more than 0")
+    if time.start_ms > run.end_ms:
+        raise failed(f"time.start_ms is {time.start_ms:g}, after the end at {run.end_ms:g} ms")
+    return run
 
 
 def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
@@ -244,31 +233,23 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
     """
     import numpy as np
 
-    path = folder / STIMULUS_FILE
-    rows = []
+    path, line = folder / STIMULUS_FILE, 1
+    rows: list[list[float]] = []
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.reader(file)
             header = next(reader, [])
             if header not in (COLUMNS[:2], COLUMNS):
-                raise ResultError("expected time_ms,displacement_um", path, 1)
-            for row in reader:
-                sample = [float(field) for field in row]
-                if len(sample) != len(header):
-                    raise ValueError(f"{len(sample)} numbers, not {len(header)}")
-                if not all(map(math.isfinite, sample)):
-                    raise ValueError("not finite")
-                rows.append((sample[0], sample[1]))
+                raise ValueError("expected time_ms,displacement_um")
+            for line, row in enumerate(reader, start=2):  # noqa: B007 - of the error
+                rows.append([float(cell) for cell in row])
+                if len(row) != len(header) or not all(map(math.isfinite, rows[-1])):
+                    raise ValueError(f"not a sample: {','.join(row)}")
+        if len(rows) < 2:
+            raise ValueError(f"{len(rows)} samples, expected two or more")
     except (ValueError, csv.Error) as error:  # also: not UTF-8
-        raise ResultError(f"not a sample: {error}", path, len(rows) + 2) from error
+        raise ResultError(str(error), path, line) from error
     except OSError as error:
         raise ResultError(f"cannot be read: {error.strerror}", path) from error
-    if len(rows) < 2:
-        raise ResultError(f"{len(rows)} samples, expected two or more", path)
-    times_ms, depth_um = np.array(rows, dtype=np.float64).T
+    times_ms, depth_um = np.array(rows)[:, :2].T
     return times_ms, depth_um
-
-
-def _is_whole(number: object, least: int) -> TypeGuard[int]:
-    """Whether it is a whole number, and no truth value, that is large enough."""
-    return isinstance(number, int) and not isinstance(number, bool) and number >= least

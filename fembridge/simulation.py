@@ -11,7 +11,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from fembridge.store import filling, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
-from neural import PUBLISHED, Parameters, encode_afferents, mean_rate_ips
+from neural import PUBLISHED, Parameters, encode_afferents, encode_cells, mean_rate_ips
 from neural.parameter_sets import parameters_to_table
 
 if TYPE_CHECKING:
@@ -84,7 +84,14 @@ class Simulation:
         """Raster of the spikes: a panel a class, a row a stimulus, as a Matplotlib figure."""
         from fembridge.plots.raster import raster_figure
 
-        return raster_figure(self.trains, **self._raster())
+        windows_ms = {stimulus.window_ms for stimulus in self.stimuli}
+        return raster_figure(
+            self.trains,
+            stimuli=[stimulus.id for stimulus in self.stimuli],
+            afferents=[str(trace.afferent) for trace in self.traces[0]],
+            window_ms=windows_ms.pop() if len(windows_ms) == 1 else None,
+            waveform=self.stimuli[0] if len(self.stimuli) == 1 else None,
+        )
 
     def write(self, folder: Path | str, *, plot: bool = False) -> None:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.
@@ -103,39 +110,24 @@ class Simulation:
         stimuli = {stimulus.id: stimulus_inputs(stimulus) for stimulus in self.stimuli}
         for table in stimuli.values():
             del table["id"]
+        stress_pa = [[trace.stress_pa for trace in row] for row in self.traces]
         with filling(Path(folder), last=RECORD_FILE) as draft:
-            self._write_traces(draft / TRACES_FILE)
+            with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
+                np.savez(
+                    file,
+                    stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
+                    afferent=np.array([trace.afferent for trace in self.traces[0]]),
+                    dt_ms=np.array(self.stimuli[0].dt_ms),
+                    displacement_um=np.array([one.displacement_um for one in self.stimuli]),
+                    von_mises_pa=np.moveaxis(np.array(stress_pa), 1, -1),
+                )
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.mean_rates)
             write_text(draft / RECORD_FILE, tomli_w.dumps({**self.origin, "stimuli": stimuli}))
             if plot:
-                from fembridge.plots.raster import raster_figure
                 from fembridge.plots.style import save_figure
 
-                figure = raster_figure(self.trains, **self._raster())
-                save_figure(figure, draft / RASTER_FILE)
-
-    def _raster(self) -> dict[str, Any]:
-        """What a raster shows beside the spikes."""
-        windows = {stimulus.window_ms for stimulus in self.stimuli}
-        return {
-            "stimuli": [stimulus.id for stimulus in self.stimuli],
-            "afferents": [str(trace.afferent) for trace in self.traces[0]],
-            "window_ms": windows.pop() if len(windows) == 1 else None,
-            "waveform": self.stimuli[0] if len(self.stimuli) == 1 else None,
-        }
-
-    def _write_traces(self, path: Path) -> None:
-        stress_pa = [[trace.stress_pa for trace in row] for row in self.traces]
-        with replacing(path) as draft, draft.open("wb") as file:
-            np.savez(
-                file,
-                stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
-                afferent=np.array([trace.afferent for trace in self.traces[0]]),
-                dt_ms=np.array(self.stimuli[0].dt_ms),
-                displacement_um=np.array([one.displacement_um for one in self.stimuli]),
-                von_mises_pa=np.moveaxis(np.array(stress_pa), 1, -1),
-            )
+                save_figure(self.plot(), draft / RASTER_FILE)
 
 
 def simulate(
@@ -267,7 +259,7 @@ def encode_all(
     for row, stimulus in enumerate(stimuli):
         for afferent in afferents:
             spikes_ms = cells[afferent][row]
-            trains.extend(trains_of(stimulus.id, afferent, spikes_ms))
+            trains.extend(_trains_of(stimulus.id, afferent, spikes_ms))
             rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
             rates.append(Rate(stimulus.id, afferent, rate))
     return Simulation(
@@ -279,7 +271,30 @@ def encode_all(
     )
 
 
-def trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> list[SpikeTrain]:
+def encode_traces(
+    traces: Sequence[StressTrace], parameters: Parameters, stimulus: str, derivative: str
+) -> list[SpikeTrain]:
+    """Spike trains of `traces`, each with its class: a train a cell; see `fembridge.encode`."""
+    trains = []
+    for trace in traces:
+        name = trace.afferent or "none"
+        if name not in parameters:
+            raise UsageError(
+                f"node {trace.node} is of class {name}, expected one of {', '.join(parameters)}"
+            )
+        if reading_energy({name: parameters[name]}):
+            raise UsageError(
+                f"model {parameters[name].drive!r} of {name} reads strain energy, traces hold "
+                "von Mises stress: simulate takes it"
+            )
+        [cells_ms] = encode_cells(
+            trace.stress_pa, trace.dt_ms, parameters[name], trace.start_ms, derivative
+        )
+        trains += _trains_of(stimulus, name, cells_ms)
+    return trains
+
+
+def _trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> list[SpikeTrain]:
     """A train a cell; `repeat` counts them from 1, and is 0 for a single one."""
     first = 1 if len(cells_ms) > 1 else 0
     return [

@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin
 
 from fembridge.errors import FembridgeError, LockedError, OutputError, ResponseError
 from fembridge.typing import Table
@@ -38,6 +38,8 @@ SHORT = 16
 
 _NO_FLOAT = 2**1023  # from here on a whole number is no float
 _Value = TypeVar("_Value")
+MakeError: TypeAlias = Callable[[str], FembridgeError]
+"""A kind of error, or what makes one of the problem that is found."""
 
 
 @contextmanager
@@ -229,7 +231,7 @@ def _same(new: Path, old: Path) -> bool:
 MAX_TOML_BYTES = 1_000_000
 
 
-def read_toml(path: Path, error: type[FembridgeError], max_bytes: int = MAX_TOML_BYTES) -> Table:
+def read_toml(path: Path, error: MakeError, max_bytes: int = MAX_TOML_BYTES) -> Table:
     """Table of the TOML file `path`, of at most `max_bytes`.
 
     Raises
@@ -249,7 +251,7 @@ def read_toml(path: Path, error: type[FembridgeError], max_bytes: int = MAX_TOML
         raise error(f"{path}: not readable as TOML: {problem}") from problem
 
 
-def structure(table: object, kind: type[_Value], error: type[FembridgeError]) -> _Value:
+def structure(table: object, kind: type[_Value], error: MakeError) -> _Value:
     """Value of the dataclass `kind` from a table as TOML gives it.
 
     Numbers, words and truth values are taken as they are: no word becomes a number. An
@@ -268,7 +270,7 @@ def structure(table: object, kind: type[_Value], error: type[FembridgeError]) ->
         raise error(_first_problem(problem)) from problem
 
 
-def changed(value: _Value, table: object, error: type[FembridgeError]) -> _Value:
+def changed(value: _Value, table: object, error: MakeError) -> _Value:
     """`value`, a dataclass, with what `table` says in place of its own; as `structure`."""
     if not isinstance(table, Mapping):
         raise error(f"{table!r}, expected a table")

@@ -15,13 +15,14 @@ from typing import Any
 
 from decks.dialects import DIALECTS, PROBES, RESULTS
 from fembridge.commands.options import (
-    add_finger_options,
+    FINGER,
+    SOLVING,
+    STIMULUS,
+    add_options,
     add_output_option,
-    add_own_model_options,
-    add_solving_options,
-    add_stimulus_options,
-    model_words,
-    stimulus_words,
+    option,
+    probe_from,
+    words_of,
 )
 from fembridge.errors import UsageError
 
@@ -30,16 +31,47 @@ EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    add_stimulus_options(parser)
+    add_options(parser, STIMULUS)
     parser.add_argument("--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)")
     add_output_option(parser, default="runs")
     _add_deck_options(parser.add_argument_group("the deck of our finger"))
-    add_own_model_options(parser.add_argument_group("your own model"))
+    add = parser.add_argument_group("your own model").add_argument
+    add(
+        "--base-deck",
+        metavar="FILE",
+        help="a .inp of CalculiX or Abaqus, or a .dat of Marc",
+    )
+    add(
+        "--amplitude",
+        metavar="NAME",
+        help="the *AMPLITUDE, or Marc's table, that becomes the waveform (default: the "
+        "only one that moves something)",
+    )
+    add(
+        "--step",
+        metavar="N|NAME",
+        help="the step by number, or Marc's load case by name, that it runs in "
+        "(default: the only one that uses it)",
+    )
+    add(
+        "--afferent",
+        type=_afferent,
+        action="append",
+        default=[],
+        metavar="SA=NODE",
+        help="the node of an afferent; repeat it for each. Without one, results of "
+        "all nodes are written and fembridge ingest asks which to read",
+    )
+    add(
+        "--length-unit",
+        choices=("mm", "m"),
+        default="mm",
+        help="of the deck (default: mm); with N its stress is in MPa, of m in Pa",
+    )
 
 
 def _add_deck_options(group: argparse._ActionsContainer) -> None:
-    add_finger_options(group)
-    add_solving_options(group)
+    add_options(group, (*FINGER, *SOLVING))
     group.add_argument(
         "--element",
         metavar="NAME",
@@ -89,15 +121,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     elif args.amplitude or args.step or args.afferent:
         raise UsageError("--amplitude, --step and --afferent are for --base-deck")
     else:
-        names = ("contact", "stiffness_mpa_per_mm", "friction", "probe_body")
-        words = {**model_words(args), **{name: getattr(args, name) for name in names}}
+        names = ("finger", "element", "contact", "stiffness_mpa_per_mm", "friction", "probe_body")
+        words = {"probe": probe_from(args), **words_of(args, *SOLVING, *names)}
     built = build_deck(
-        **stimulus_words(args),
-        output=args.output,
-        solver=args.solver,
-        results=args.results,
-        log=remarks.append,
+        **words_of(args, *STIMULUS, "output", "solver", "results"),
         **words,
+        log=remarks.append,
     )
     solver = built[0].solver
     if not args.json:
@@ -118,7 +147,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for one in built
     ]
     if args.base_deck is not None:
-        own = {"base_deck": str(args.base_deck), "remarks": remarks}
+        own = {"base_deck": args.base_deck, "remarks": remarks}
         return {**own, "solver": solver, "folders": rows}
     finger: Any = built[0].inputs["finger"]
     return {"finger": finger["name"], "solver": solver, "folders": rows}
@@ -130,15 +159,25 @@ def _own_words(args: argparse.Namespace) -> dict[str, Any]:
     _add_deck_options(ours)
     for name, default in vars(ours.parse_args([])).items():
         if name != "results" and getattr(args, name) != default:
-            option = name.replace("_", "-")
-            raise UsageError(f"--{option} is for our finger; --base-deck brings its own")
+            raise UsageError(f"{option(name)} is for our finger; --base-deck brings its own")
     names = [name for name, _ in args.afferent]
     if len(set(names)) < len(names):
         raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
     return {
-        "base_deck": args.base_deck,
-        "amplitude": args.amplitude,
-        "step": args.step,
         "afferents": dict(args.afferent),
-        "length_unit": args.length_unit,
+        **words_of(args, "base_deck", "amplitude", "step", "length_unit"),
     }
+
+
+def _afferent(word: str) -> tuple[str, int]:
+    """``SA=NODE`` as class and node."""
+    from fembridge.tables import AFFERENTS
+
+    name, _, node = word.partition("=")
+    if not name or not node.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected NAME=NODE, got {word!r}")
+    if name not in AFFERENTS:  # `fembridge encode` would refuse its trace
+        raise argparse.ArgumentTypeError(
+            f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}"
+        )
+    return name, int(node)

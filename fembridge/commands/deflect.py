@@ -9,13 +9,12 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_output_option
+from fembridge.commands.options import add_options, add_output_option, option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from decks.finger import Finger
     from fembridge.deflection.profile import Deflection
 
 EXAMPLE = "fembridge deflect -o deflection"
@@ -40,38 +39,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--depth-mm", type=float, metavar="D", help="how deep, where it is solved (default: 1)"
     )
-    parser.add_argument(
-        "--threads",
-        type=int,
-        metavar="N",
-        help="threads of the run (default: OMP_NUM_THREADS, or all cores)",
-    )
-    parser.add_argument(
-        "--time-limit", type=float, metavar="S", help="give up the run after so long"
-    )
+    add_options(parser, ("threads", "time_limit"))
     add_output_option(parser, default="deflection")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Take or solve the profiles, write them; the summary holds them."""
+    from dataclasses import asdict
     from pathlib import Path
 
+    from fembridge.deflection.profile import convergence, stored_deflection, stored_deflections
     from fembridge.errors import UsageError
     from fembridge.plots.deflection import deflection_figure
     from fembridge.plots.style import save_figure
-    from fembridge.store import filling, write_text
+    from fembridge.store import filling
+    from fembridge.tables import write_table
 
     output = Path(args.output)
     if args.solver is None:
-        for option in ("depth_mm", "threads", "time_limit"):
-            if getattr(args, option) is not None:
-                word = option.replace("_", "-")
-                raise UsageError(f"--{word} is for --solver run")
-    shown = _stored(args.finger) if args.solver is None else _solved(args, output)
+        for name in ("depth_mm", "threads", "time_limit"):
+            if getattr(args, name) is not None:
+                raise UsageError(f"{option(name)} is for --solver run")
+    if args.solver is not None:
+        shown = _solved(args, output)
+    elif args.finger is None:
+        shown = list(stored_deflections())
+    else:
+        shown = [stored_deflection(args.finger)]
+    profile = [
+        (mesh.name, x_mm, down_mm)
+        for mesh in shown
+        for x_mm, down_mm in zip(
+            mesh.distance_mm.tolist(), mesh.deflection_mm.tolist(), strict=True
+        )
+    ]
     with filling(output, last=TABLE_FILE) as draft:
-        write_text(draft / TABLE_FILE, table_text(shown))
+        write_table(draft / TABLE_FILE, ("mesh", "distance_mm", "deflection_mm"), profile)
         save_figure(deflection_figure(shown), draft / PICTURE_FILE)
-    rows = _rows(shown)
+    rows = [asdict(row) for row in convergence(shown)] if len(shown) > 1 else []
     if not args.json:
         _print_table(shown, rows)
         print(f"{TABLE_FILE}, {PICTURE_FILE}: {output}")
@@ -92,61 +97,26 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def table_text(deflections: "Sequence[Deflection]") -> str:
-    """Long table ``mesh,distance_mm,deflection_mm``, one row a node."""
-    lines = ["mesh,distance_mm,deflection_mm"]
-    for mesh in deflections:
-        pairs = zip(mesh.distance_mm.tolist(), mesh.deflection_mm.tolist(), strict=True)
-        lines += [f"{mesh.name},{x_mm!r},{down_mm!r}" for x_mm, down_mm in pairs]
-    return "\n".join(lines) + "\n"
-
-
-def _stored(name: str | None) -> "list[Deflection]":
-    from fembridge.deflection.profile import stored_deflection, stored_deflections
-
-    return list(stored_deflections()) if name is None else [stored_deflection(name)]
-
-
 def _solved(args: argparse.Namespace, output: "Path") -> "list[Deflection]":
-    from fembridge.deflection.press import DEPTH_MM, press_of, solve_deflection
+    from decks.finger_file import read_finger
+    from fembridge.deflection.press import DEPTH_MM, FINGERS, press_of, solve_deflection
     from fembridge.deflection.profile import stored_deflections
     from fembridge.progress import SolverBars
     from fembridge.solver.ccx import SolverSettings
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
-    press = press_of(_finger(args.finger or "quick"), depth_mm)
+    finger = FINGERS.get(args.finger or "quick") or read_finger(args.finger)
     with SolverBars() as bars:
         settings = SolverSettings(
             threads=args.threads, time_limit_s=args.time_limit, on_progress=bars
         )
-        solved = solve_deflection(output / "run", press, settings)
+        solved = solve_deflection(output / "run", press_of(finger, depth_mm), settings)
     for stored in stored_deflections():
-        if stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]:
-            _compare(solved, stored)
+        same_mesh = stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]
+        if same_mesh and stored.depth_mm == solved.depth_mm:
+            differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
+            print(f"solved here and stored differ by {differ_um:.2g} um at most", file=sys.stderr)
     return [solved]
-
-
-def _finger(word: str) -> "Finger":
-    from decks.finger_file import read_finger
-    from fembridge.deflection.press import FINGERS
-
-    return FINGERS[word] if word in FINGERS else read_finger(word)
-
-
-def _compare(solved: "Deflection", stored: "Deflection") -> None:
-    """Print how far what was solved here is from what is stored of the same mesh."""
-    if solved.depth_mm != stored.depth_mm:
-        return
-    differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
-    print(f"solved here and stored differ by {differ_um:.2g} um at most", file=sys.stderr)
-
-
-def _rows(shown: "Sequence[Deflection]") -> list[dict[str, Any]]:
-    from dataclasses import asdict
-
-    from fembridge.deflection.profile import convergence
-
-    return [asdict(row) for row in convergence(shown)] if len(shown) > 1 else []
 
 
 def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> None:

@@ -13,14 +13,14 @@ is written, numbered by repeat, and the rate is their mean.
 
 import argparse
 import sys
-from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands.options import add_options
+
 if TYPE_CHECKING:
-    from fembridge.tables import Rate, SpikeTrain
     from fembridge.trace import StressTrace
-    from neural import ParameterSet
 
 EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5 250"
 
@@ -36,13 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder to write into (default: encoded)",
     )
-    parser.add_argument(
-        "--parameters",
-        default="published",
-        metavar="NAME",
-        help="published (Table 2 of the paper), fitted, or a TOML file; what a file "
-        "leaves out stays as published (default: published)",
-    )
+    add_options(parser, ("parameters",), default="published")
     parser.add_argument(
         "--stimulus",
         metavar="ID",
@@ -72,41 +66,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each afferent."""
-    from fembridge.simulation import trains_of
-    from fembridge.tables import Rate, read_traces
-    from neural import encode_cells, mean_rate_ips, parameter_set_or_file
+    from fembridge.simulation import encode_traces
+    from fembridge.tables import Rate, read_traces, write_rates, write_spikes
+    from neural import mean_rate_ips, parameter_set_or_file
     from neural.rates import spikes_inside
 
     chosen = parameter_set_or_file(args.parameters)
-    parameters = chosen.parameters
     traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
-    _refuse_energy(chosen, traces)
-    windows_ms = {name: _window(name, trace, args.window_ms) for name, trace in traces.items()}
+    windows_ms = [_window(trace, args.window_ms) for trace in traces]
     stimulus = args.stimulus or args.traces.stem
-    trains, rates, afferents = [], [], {}
-    for name, trace in traces.items():
-        [cells_ms] = encode_cells(
-            trace.stress_pa, trace.dt_ms, parameters[name], trace.start_ms, args.derivative
-        )
-        rate = Rate(stimulus, name, mean_rate_ips(cells_ms, windows_ms[name]))
-        trains.extend(trains_of(stimulus, name, cells_ms))
-        rates.append(rate)
+    trains = encode_traces(traces, chosen.parameters, stimulus, args.derivative)
+    rates: list[Rate] = []
+    afferents: dict[str, dict[str, Any]] = {}
+    for trace, window_ms in zip(traces, windows_ms, strict=True):
+        name = str(trace.afferent)
+        cells_ms = [train.times_ms for train in trains if train.afferent == name]
+        rates.append(Rate(stimulus, name, mean_rate_ips(cells_ms, window_ms)))
         afferents[name] = {
             "node": trace.node,
             "cells": len(cells_ms),
             "spikes": sum(times_ms.size for times_ms in cells_ms),
-            "spikes_in_window": sum(
-                spikes_inside(times_ms, windows_ms[name]) for times_ms in cells_ms
-            ),
-            "rate_ips": rate.rate_ips,
-            "window_ms": list(windows_ms[name]),
+            "spikes_in_window": sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms),
+            "rate_ips": rates[-1].rate_ips,
+            "window_ms": list(window_ms),
         }
-    files = _write(args, list(traces.values()), trains, rates)
-    _warn_unloaded(chosen, list(traces.values()))
+    files = [args.output / "spikes.csv", args.output / "rates.csv"]
+    write_spikes(files[0], trains)
+    write_rates(files[1], rates)
+    if not args.no_raster:
+        from fembridge.plots.raster import raster_figure
+        from fembridge.plots.style import save_figure
+
+        files.append(args.output / "raster.png")
+        span_ms = (
+            min(trace.start_ms for trace in traces),
+            max(float(trace.times_ms[-1]) for trace in traces),
+        )
+        window = tuple(args.window_ms) if args.window_ms else None
+        save_figure(raster_figure(trains, span_ms=span_ms, window_ms=window), files[2])
+    if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
+        print(
+            f"parameters {chosen.name} were fitted with the probe {chosen.preindent_um:g} um "
+            "deep before time 0; the traces start without stress",
+            file=sys.stderr,
+        )
     if args.window_ms is None:
         print("rates over the whole trace; narrow it with --window-ms START END", file=sys.stderr)
     if not args.json:
-        _print_table(afferents)
+        print(f"{'afferent':<9}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
+        for name, row in afferents.items():
+            start, end = row["window_ms"]
+            print(
+                f"{name:<9}{row['node']:>7}{row['spikes_in_window']:>8}"
+                f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
+            )
         print(*files, sep="\n")
     return {
         "stimulus": stimulus,
@@ -117,68 +130,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _refuse_energy(chosen: "ParameterSet", afferents: Collection[str]) -> None:
-    from fembridge.errors import UsageError
-    from fembridge.response.response_map import reading_energy
-
-    read = {name: chosen.parameters[name] for name in afferents}
-    if (other := reading_energy(read)) is not None:
-        raise UsageError(
-            f"model {chosen.parameters[other].drive!r} of {other} reads strain energy, "
-            "a table of traces has von Mises stress: `fembridge simulate` takes it"
-        )
-
-
-def _warn_unloaded(chosen: "ParameterSet", traces: "list[StressTrace]") -> None:
-    """Warn where the parameters hold for another start than the traces have."""
-    if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
-        print(
-            f"parameters {chosen.name} were fitted with the probe "
-            f"{chosen.preindent_um:g} um deep before time 0; the traces start without "
-            "stress",
-            file=sys.stderr,
-        )
-
-
-def _write(
-    args: argparse.Namespace,
-    traces: "list[StressTrace]",
-    trains: "list[SpikeTrain]",
-    rates: "list[Rate]",
-) -> list[Path]:
-    from fembridge.tables import write_rates, write_spikes
-
-    folder: Path = args.output
-    files = [folder / "spikes.csv", folder / "rates.csv"]
-    write_spikes(files[0], trains)
-    write_rates(files[1], rates)
-    if not args.no_raster:
-        from fembridge.plots.raster import raster_figure
-        from fembridge.plots.style import save_figure
-
-        files.append(folder / "raster.png")
-        start_ms = min(trace.start_ms for trace in traces)
-        end_ms = max(float(trace.times_ms[-1]) for trace in traces)
-        window_ms = tuple(args.window_ms) if args.window_ms else None
-        figure = raster_figure(trains, span_ms=(start_ms, end_ms), window_ms=window_ms)
-        save_figure(figure, files[2])
-    return files
-
-
-def _print_table(afferents: dict[str, dict[str, Any]]) -> None:
-    print(f"{'afferent':<9}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
-    for name, row in afferents.items():
-        start, end = row["window_ms"]
-        print(
-            f"{name:<9}{row['node']:>7}{row['spikes_in_window']:>8}"
-            f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
-        )
-
-
 def _one_of_each(
     traces: "list[StressTrace]", unnamed: list[str] | None, path: Path
-) -> "dict[str, StressTrace]":
-    """Traces by class, in the order of the table."""
+) -> "list[StressTrace]":
+    """A trace a class, in the order of the table."""
     from fembridge.errors import TableError
 
     chosen: dict[str, StressTrace] = {}
@@ -190,20 +145,18 @@ def _one_of_each(
                 "name it with --afferent",
                 path,
             )
-        for name in classes:
-            if name in chosen and chosen[name] is not trace:
+        for name in dict.fromkeys(classes):
+            if name in chosen:
                 raise TableError(
                     f"nodes {chosen[name].node} and {trace.node} are both {name}, "
                     "expected one; split the table",
                     path,
                 )
-            chosen[name] = trace
-    return chosen
+            chosen[name] = replace(trace, afferent=name)
+    return list(chosen.values())
 
 
-def _window(
-    afferent: str, trace: "StressTrace", asked_ms: list[float] | None
-) -> tuple[float, float]:
+def _window(trace: "StressTrace", asked_ms: list[float] | None) -> tuple[float, float]:
     """The window to count in: what was asked, if the trace covers it."""
     from fembridge.errors import UsageError
 
@@ -216,6 +169,6 @@ def _window(
     if not (first - trace.dt_ms - slack <= start < end <= last + slack):
         raise UsageError(
             f"window {start:g} to {end:g} ms, expected start < end inside "
-            f"{first:g} to {last:g} ms, the {afferent} trace"
+            f"{first:g} to {last:g} ms, the {trace.afferent} trace"
         )
     return start, end

@@ -1,91 +1,99 @@
-"""Options that verbs share: stimuli, finger and probe, a deck of one's own, output."""
+"""Options that verbs share, each described once; a verb names those that it takes."""
 
 import argparse
-from pathlib import Path
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from decks.probe import Probe
 
+STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s")
+FINGER = ("finger", "probe_shape", "probe_diameter_mm", "probe_fillet_mm", "probe_x_mm")
+SOLVING = ("whole_section", "inertia")
+LIMITS = ("threads", "jobs", "time_limit")
 
-def add_stimulus_options(parser: argparse.ArgumentParser, preindent_default: str = "0") -> None:
-    """Which stimuli; `preindent_default` is what holds without the option."""
-    parser.add_argument(
-        "--stimulus",
-        action="append",
-        required=True,
-        metavar="ID",
-        help="sine_20_250, a set as noise_25_250 or all; commas or repetition join",
-    )
-    parser.add_argument(
-        "--preindent-um",
-        type=float,
-        metavar="DEPTH",
-        help=f"depth of the probe before time 0 (default: {preindent_default})",
-    )
-    parser.add_argument("--seed", type=int, help="draw other noise than the catalogue's (>= 0)")
-    parser.add_argument(
-        "--slide-mm-per-s",
-        type=float,
-        metavar="V",
-        help="the probe also slides along x from time 0 on (default: it does not)",
-    )
-
-
-def add_model_options(parser: argparse.ArgumentParser) -> None:
-    """Which finger, of which elements, and which probe."""
-    add_finger_options(parser)
-    add_solving_options(parser)
-    parser.add_argument(
-        "--element",
-        choices=("CPE4", "CPE4R", "CPE8R"),
-        default="CPE4",
-        help="element of the finger (default: CPE4)",
-    )
-
-
-def add_finger_options(parser: argparse._ActionsContainer) -> None:
-    """Which finger and which probe."""
-    parser.add_argument(
-        "--finger",
-        default="quick",
-        metavar="NAME|FILE.toml",
-        help="quick (3 100 elements), paper (17 702) or a file (default: quick)",
-    )
-    parser.add_argument(
-        "--probe-shape", choices=("cylinder", "flat"), default="cylinder", help="default: cylinder"
-    )
-    parser.add_argument(
-        "--probe-diameter-mm", type=float, default=1.0, metavar="D", help="default: 1"
-    )
-    parser.add_argument(
-        "--probe-fillet-mm",
-        type=float,
-        metavar="R",
-        help="of a flat probe's edges (default: 0.1, at most a quarter of its width)",
-    )
-    parser.add_argument(
-        "--probe-x-mm",
-        type=float,
-        default=0.0,
-        metavar="X",
-        help="place of the probe across the finger (default: 0)",
-    )
-
-
-def add_solving_options(parser: argparse._ActionsContainer) -> None:
-    """Whether mass counts; whether all of the section is solved."""
-    parser.add_argument(
-        "--whole-section",
-        action="store_true",
-        help="solve both halves of a section whose halves are mirror images (default: "
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "stimulus": {
+        "action": "append",
+        "required": True,
+        "metavar": "ID",
+        "help": "sine_20_250, a set as noise_25_250 or all; commas or repetition join",
+    },
+    "preindent_um": {
+        "type": float,
+        "metavar": "DEPTH",
+        "help": "depth of the probe before time 0 (default: 0; of simulate that of the "
+        "parameters' fit)",
+    },
+    "seed": {"type": int, "help": "draw other noise than the catalogue's (>= 0)"},
+    "slide_mm_per_s": {
+        "type": float,
+        "metavar": "V",
+        "help": "the probe also slides along x from time 0 on (default: it does not)",
+    },
+    "finger": {
+        "default": "quick",
+        "metavar": "NAME|FILE.toml",
+        "help": "quick (3 100 elements), paper (17 702) or a file (default: quick)",
+    },
+    "probe_shape": {
+        "choices": ("cylinder", "flat"),
+        "default": "cylinder",
+        "help": "default: cylinder",
+    },
+    "probe_diameter_mm": {"type": float, "default": 1.0, "metavar": "D", "help": "default: 1"},
+    "probe_fillet_mm": {
+        "type": float,
+        "metavar": "R",
+        "help": "of a flat probe's edges (default: 0.1, at most a quarter of its width)",
+    },
+    "probe_x_mm": {
+        "type": float,
+        "default": 0.0,
+        "metavar": "X",
+        "help": "place of the probe across the finger (default: 0)",
+    },
+    "whole_section": {
+        "action": "store_true",
+        "help": "solve both halves of a section whose halves are mirror images (default: "
         "the right one, for waveforms in CalculiX)",
-    )
-    parser.add_argument(
-        "--inertia",
-        action="store_true",
-        help="the skin's mass counts while the probe follows its waveform",
-    )
+    },
+    "inertia": {
+        "action": "store_true",
+        "help": "the skin's mass counts while the probe follows its waveform",
+    },
+    "parameters": {
+        "metavar": "NAME",
+        "help": "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "
+        "what a file leaves out stays as published (default: %(default)s)",
+    },
+    "threads": {
+        "type": int,
+        "metavar": "N",
+        "help": "threads of each run (default: OMP_NUM_THREADS, or for run 1, else all cores)",
+    },
+    "jobs": {
+        "type": int,
+        "default": 1,
+        "metavar": "N",
+        "help": "runs at the same time (default: 1)",
+    },
+    "time_limit": {
+        "type": float,
+        "metavar": "S",
+        "help": "give up a run after so many seconds (default: never)",
+    },
+}
+
+
+def add_options(
+    parser: argparse._ActionsContainer,
+    names: Iterable[str],
+    **changed: Any,  # noqa: ANN401 - as argparse takes it
+) -> None:
+    """Add the shared options `names`; `changed` differs from what they share."""
+    for name in names:
+        parser.add_argument(option(name), **{**_OPTIONS[name], **changed})
 
 
 def add_observed_option(parser: argparse.ArgumentParser) -> None:
@@ -130,16 +138,14 @@ def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def stimulus_words(args: argparse.Namespace) -> dict[str, Any]:
-    """The stimuli that the options name, as arguments of `fembridge.api`."""
-    names = ("stimulus", "preindent_um", "seed", "slide_mm_per_s")
+def option(name: str) -> str:
+    """Option that an argument of the API has on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
+def words_of(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Arguments of `fembridge.api` that are options of the same `names`."""
     return {name: getattr(args, name) for name in names}
-
-
-def model_words(args: argparse.Namespace) -> dict[str, Any]:
-    """The finger and probe that the options describe, as arguments of `fembridge.api`."""
-    names = ("finger", "element", "inertia", "whole_section")
-    return {"probe": probe_from(args), **{name: getattr(args, name) for name in names}}
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":
@@ -147,13 +153,12 @@ def probe_from(args: argparse.Namespace) -> "Probe":
     from decks.probe import Probe
     from fembridge.errors import FingerError, UsageError
 
-    fillet_mm = args.probe_fillet_mm
-    if fillet_mm is None:
-        fillet_mm = min(Probe().fillet_mm, 0.25 * abs(args.probe_diameter_mm))
-    elif args.probe_shape != "flat":
+    fillet_mm = Probe().fillet_mm
+    if args.probe_shape == "flat":
+        fitting_mm = min(fillet_mm, 0.25 * abs(args.probe_diameter_mm))
+        fillet_mm = fitting_mm if args.probe_fillet_mm is None else args.probe_fillet_mm
+    elif args.probe_fillet_mm is not None:
         raise UsageError("--probe-fillet-mm is for --probe-shape flat")
-    if args.probe_shape == "cylinder":
-        fillet_mm = Probe().fillet_mm  # of no meaning; one value, one stored response
     try:
         return Probe(
             shape=args.probe_shape,
@@ -165,59 +170,8 @@ def probe_from(args: argparse.Namespace) -> "Probe":
         raise UsageError(f"probe: {error}") from error
 
 
-def add_own_model_options(group: argparse._ArgumentGroup) -> None:
-    """Which deck, what in it becomes the waveform, where the afferents sit."""
-    group.add_argument(
-        "--base-deck",
-        type=Path,
-        metavar="FILE",
-        help="a .inp of CalculiX or Abaqus, or a .dat of Marc",
-    )
-    group.add_argument(
-        "--amplitude",
-        metavar="NAME",
-        help="the *AMPLITUDE, or Marc's table, that becomes the waveform (default: the "
-        "only one that moves something)",
-    )
-    group.add_argument(
-        "--step",
-        metavar="N|NAME",
-        help="the step by number, or Marc's load case by name, that it runs in "
-        "(default: the only one that uses it)",
-    )
-    group.add_argument(
-        "--afferent",
-        type=_afferent,
-        action="append",
-        default=[],
-        metavar="SA=NODE",
-        help="the node of an afferent; repeat it for each. Without one, results of "
-        "all nodes are written and fembridge ingest asks which to read",
-    )
-    group.add_argument(
-        "--length-unit",
-        choices=("mm", "m"),
-        default="mm",
-        help="of the deck (default: mm); with N its stress is in MPa, of m in Pa",
-    )
-
-
 def _folder(word: str) -> str:
     """Refuse an empty word, such as a variable that a script forgot to set."""
     if not word:
         raise argparse.ArgumentTypeError("expected the name of a folder, got ''")
     return word
-
-
-def _afferent(word: str) -> tuple[str, int]:
-    """Read ``SA=NODE``."""
-    from fembridge.tables import AFFERENTS
-
-    name, _, node = word.partition("=")
-    if not name or not node.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected NAME=NODE, got {word!r}")
-    if name not in AFFERENTS:  # `fembridge encode` would refuse its trace
-        raise argparse.ArgumentTypeError(
-            f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}"
-        )
-    return name, int(node)

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from fembridge.commands.options import add_finger_options
+from fembridge.commands.options import FINGER, add_options
 
 if TYPE_CHECKING:
     from fembridge.response.response_map import ResponseMap
@@ -240,7 +240,7 @@ def _add_mesh(pictures: _Pictures) -> None:
         "the finger's layers and elements, its afferents, and the probe",
         "fembridge plot mesh --finger paper -o mesh.pdf",
     )
-    add_finger_options(parser)
+    add_options(parser, FINGER)
 
 
 def _add_response(pictures: _Pictures) -> None:

@@ -12,6 +12,7 @@ import argparse
 import sys
 from typing import Any
 
+from fembridge.commands.options import LIMITS, add_options, words_of
 from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S
 
 EXAMPLE = "fembridge run --jobs 2 runs/*"
@@ -22,25 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folders", nargs="+", metavar="DIR", help="run folder, as build-deck writes it"
     )
-    parser.add_argument(
-        "--threads",
-        type=int,
-        metavar="N",
-        help="threads of each solver (default: OMP_NUM_THREADS, else 1)",
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=1,
-        metavar="N",
-        help="folders to run at the same time (default: 1)",
-    )
-    parser.add_argument(
-        "--time-limit",
-        type=float,
-        metavar="S",
-        help="give up a run after so many seconds (default: never)",
-    )
+    add_options(parser, LIMITS)
     parser.add_argument(
         "--stall-limit",
         type=float,
@@ -65,13 +48,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     with SolverBars() as bars:
         outcomes = api.run(
-            args.folders,
-            threads=args.threads,
-            jobs=args.jobs,
+            **words_of(args, "folders", "threads", "jobs", "force", "iteration_limit"),
             time_limit_s=args.time_limit,
             stall_limit_s=args.stall_limit,
-            iteration_limit=args.iteration_limit,
-            force=args.force,
             on_progress=bars,
         )
     for outcome in outcomes:

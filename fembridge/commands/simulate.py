@@ -13,11 +13,14 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import (
-    add_model_options,
+    FINGER,
+    LIMITS,
+    SOLVING,
+    STIMULUS,
+    add_options,
     add_output_option,
-    add_stimulus_options,
-    model_words,
-    stimulus_words,
+    probe_from,
+    words_of,
 )
 
 if TYPE_CHECKING:
@@ -31,9 +34,15 @@ _SHOWN = 30
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    add_stimulus_options(parser, "as in the fit of the parameters")
-    add_model_options(parser)
+    add_options(parser, (*STIMULUS, *FINGER, *SOLVING, *LIMITS))
+    add_options(parser, ("parameters",), default="fitted")
     add_output_option(parser, default="out")
+    parser.add_argument(
+        "--element",
+        choices=("CPE4", "CPE4R", "CPE8R"),
+        default="CPE4",
+        help="element of the finger (default: CPE4)",
+    )
     parser.add_argument(
         "--method",
         choices=("auto", "map", "transient"),
@@ -44,27 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--stored", action="store_true", help="take the stored response even where ccx is installed"
     )
-    parser.add_argument(
-        "--parameters",
-        default="fitted",
-        metavar="NAME",
-        help="neural parameters: published (Table 2 of the paper), fitted, or a TOML "
-        "file (default: fitted)",
-    )
-    parser.add_argument(
-        "--threads",
-        type=int,
-        metavar="N",
-        help="threads of each run (default: OMP_NUM_THREADS, or all cores)",
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=1,
-        metavar="N",
-        help="transients solved at the same time (default: 1)",
-    )
-    parser.add_argument("--time-limit", type=float, metavar="S", help="give up a run after so long")
     parser.add_argument(
         "--no-plot", action="store_true", help="draw no raster; an earlier one in DIR is removed"
     )
@@ -85,16 +73,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         lines.append(line)
         print(line, file=sys.stderr)
 
+    names = ("finger", "element", "method", "stored", "parameters", "threads", "jobs")
     with SolverBars() as bars:
         simulation = simulate(
-            **stimulus_words(args),
-            **model_words(args),
+            **words_of(args, *STIMULUS, *SOLVING, *names),
+            probe=probe_from(args),
             output=output,
-            method=args.method,
-            stored=args.stored,
-            parameters=args.parameters,
-            threads=args.threads,
-            jobs=args.jobs,
             time_limit_s=args.time_limit,
             log=log,
             on_progress=bars,

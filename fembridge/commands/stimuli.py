@@ -7,8 +7,14 @@ appendix prints them though they are probably misprints; the list names them.
 """
 
 import argparse
+import os
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from fembridge.commands.options import add_options, option
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/"
 
@@ -32,14 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="file for one stimulus, folder for several (default: current folder)",
     )
-    parser.add_argument(
-        "--preindent-um",
-        type=float,
-        default=None,
-        metavar="DEPTH",
-        help="depth of the probe before time 0, added to every sample (default: 0)",
-    )
-    parser.add_argument("--seed", type=int, help="draw other noise than the catalogue's (>= 0)")
+    add_options(parser, ("preindent_um", "seed"))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -50,8 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return _export(args)
     for name in ("output", "preindent_um", "seed"):
         if getattr(args, name) is not None:
-            option = name.replace("_", "-")
-            raise UsageError(f"--{option} is for --export, which was not given")
+            raise UsageError(f"{option(name)} is for --export, which was not given")
     return _list(args)
 
 
@@ -79,31 +77,46 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
     from decks.stimuli import Noise, resolve
     from decks.waveform import make_stimulus
     from fembridge.errors import UsageError
-    from fembridge.exports import export_paths, write_stimulus
+    from fembridge.exports import write_stimulus
 
     entries = resolve(args.ids)
     if args.seed is not None and not any(isinstance(e, Noise) for e in entries):
         raise UsageError("--seed is for noise, and no noise was named")
-    paths = export_paths([entry.id for entry in entries], args.export, args.output)
     files = []
+    paths = _paths([entry.id for entry in entries], args.export, args.output)
     for entry, path in zip(entries, paths, strict=True):
         stimulus = make_stimulus(entry, args.preindent_um or 0.0, args.seed)
-        export = write_stimulus(stimulus, path, args.export)
+        scale_um = write_stimulus(stimulus, path, args.export)
         files.append(
             {
-                "id": export.stimulus,
-                "file": str(export.path),
-                "format": export.format,
+                "id": stimulus.id,
+                "file": str(path),
+                "format": args.export,
                 "samples": stimulus.displacement_um.size,
                 "dt_ms": stimulus.dt_ms,
                 "preindent_um": stimulus.preindent_um,
                 "seed": stimulus.origin.get("seed"),
-                "full_scale_um": export.full_scale_um,
+                "full_scale_um": scale_um,
             }
         )
         if not args.json:
-            scale = export.full_scale_um
-            print(path, *([] if scale is None else [f"(32767 is {scale!r} um)"]))
+            print(path, *([] if scale_um is None else [f"(32767 is {scale_um!r} um)"]))
     if not args.json and len(files) > 1:
         print(f"{len(files)} files", file=sys.stderr)
     return {"count": len(files), "files": files}
+
+
+def _paths(ids: list[str], format_name: str, output: str | None) -> "list[Path]":
+    """A file each in the folder `output`; of one stimulus `output` itself may be the file."""
+    from pathlib import Path
+
+    from fembridge.errors import OutputError
+    from fembridge.exports import FORMATS
+
+    suffix, _ = FORMATS[format_name]
+    folder = Path(output or ".")
+    if output and len(ids) == 1 and not (output.endswith(("/", os.sep)) or folder.is_dir()):
+        return [folder]
+    if len(ids) > 1 and folder.is_file():
+        raise OutputError(f"a file, expected a folder for {len(ids)} stimuli", folder)
+    return [folder / f"{stimulus_id}{suffix}" for stimulus_id in ids]

@@ -9,12 +9,9 @@ does not stop the others; the exit code is then 1.
 
 import argparse
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fembridge.commands.options import add_output_option
-
-if TYPE_CHECKING:
-    from fembridge.sweeps import Sweep
+from fembridge.commands.options import add_options, add_output_option, words_of
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
 
@@ -23,9 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     parser.add_argument("study", metavar="STUDY.toml", help="what is to be swept")
     add_output_option(parser, default="sweep")
-    parser.add_argument(
-        "--jobs", type=int, default=1, metavar="N", help="processes on this machine (default: 1)"
-    )
+    add_options(parser, ("jobs",), help="processes on this machine (default: 1)")
     parser.add_argument(
         "--executor",
         choices=("local", "dask"),
@@ -37,12 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="tcp://HOST:PORT",
         help="of a dask cluster (default: a cluster of --jobs processes, made here)",
     )
-    parser.add_argument(
-        "--threads",
-        type=int,
-        metavar="N",
-        help="threads of each solver (default: OMP_NUM_THREADS, or the cores are "
-        "shared; 1 with --scheduler)",
+    add_options(
+        parser,
+        ("threads",),
+        help="threads of each solver (default: OMP_NUM_THREADS, or the cores are shared; "
+        "1 with --scheduler)",
     )
 
 
@@ -50,33 +44,30 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
     from pathlib import Path
 
-    from fembridge.sweeps import run_sweep
+    from fembridge import api
 
-    sweep = run_sweep(
-        Path(args.study),
-        Path(args.output),
-        jobs=args.jobs,
-        executor=args.executor,
-        scheduler=args.scheduler,
-        threads=args.threads,
-        shows=True,
-    )
-    failed = sweep.failed
+    names = ("study", "output", "jobs", "executor", "scheduler", "threads")
+    sweep = api.sweep(**words_of(args, *names), shows=True)
+    failed, items = sweep.failed, len(sweep.plan.items)
     if failed:
         first = failed[0]
         print(
-            f"fembridge: {len(failed)} of {len(sweep.plan.items)} items failed, first "
+            f"fembridge: {len(failed)} of {items} items failed, first "
             f"{first}: {sweep.causes[first.key]}",
             file=sys.stderr,
         )
     if not args.json:
-        print(_told(sweep, args.output))
+        before = f", {sweep.before} of them before" if sweep.before else ""
+        print(
+            f"{items - len(failed)} of {items} items done{before}; "
+            f"{sweep.results.name} ({sweep.rows} rows): {args.output}"
+        )
     return {
         "output": args.output,
         "results": str(Path(args.output) / sweep.results.name),
         "rows": sweep.rows,
-        "items": len(sweep.plan.items),
-        "done": len(sweep.plan.items) - len(failed),
+        "items": items,
+        "done": items - len(failed),
         "finished_before": sweep.before,
         "failed": [
             {"item": str(item), "run": str(item.place), "cause": sweep.causes[item.key]}
@@ -84,12 +75,3 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ],
         "exit_code": 1 if failed else 0,
     }
-
-
-def _told(sweep: "Sweep", output: str) -> str:
-    items = len(sweep.plan.items)
-    before = f", {sweep.before} of them before" if sweep.before else ""
-    return (
-        f"{items - len(sweep.failed)} of {items} items done{before}; "
-        f"{sweep.results.name} ({sweep.rows} rows): {output}"
-    )

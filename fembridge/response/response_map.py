@@ -35,6 +35,7 @@ FOLDER = Path(__file__).parent / "maps"
 ENERGY = "energy"
 IN_PLANE = 4
 """Components of a tensor that plane strain has: xx, yy, zz, xy."""
+_PLACE = ("node", "layer", "x_mm", "y_mm", "depth_mm")
 
 Models: TypeAlias = Mapping[str, Model] | Mapping[str, AfferentParameters]
 """By class of afferents: rows of the table of drives, or parameters."""
@@ -207,7 +208,10 @@ def read_map(path: Path) -> ResponseMap:
             depth_um=np.array(table["depth_um"]),
             tensor_pa=tensor_pa,
             force_n_per_mm=np.array(table["force_n_per_mm"]),
-            places=tuple(AfferentNode.from_table(name, place) for name, place in afferents.items()),
+            places=tuple(
+                AfferentNode(name, *(place.get(key) for key in _PLACE))
+                for name, place in afferents.items()
+            ),
             closure_percent=float(table["closure_percent"]),
             origin=table["origin"],
         )

@@ -79,5 +79,5 @@ def solve_transients(
             log(f"{count} transients solved in {wall_s:.0f} s, contact {contact}")
         if not waiting:
             contacts = {each.id: solved[place].inputs["contact"] for place, each in places.items()}
-            return [read(place) for place in places], contacts
+            return [list(read(solved[place])) for place in places], contacts
     raise failure or ResponseError(f"{folder}: no contact model was accepted")

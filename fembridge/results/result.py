@@ -104,7 +104,7 @@ class Result:
 
 
 def open_result(
-    path: Path | str,
+    path: Path | str | RunFolder,
     *,
     partial: bool = False,
     across_materials: bool = False,
@@ -114,17 +114,21 @@ def open_result(
     log: Callable[[str], None] | None = None,
 ) -> Result:
     """The result file `path`, or that of the run folder `path`; options as for `read`."""
-    path, run, trouble = Path(path), None, None
-    folder = path if path.is_dir() else path.parent
-    if (folder / RUN_FILE).exists():
+    run: RunFolder | None = None
+    trouble = None
+    if isinstance(path, RunFolder):
+        run = path
+        path = run.results
+    elif ((folder := Path(path)) / RUN_FILE).exists():
+        run = read_run_folder(folder)
+        path = run.results
+    else:
+        path = result_file(path)
         try:
-            run = read_run_folder(folder)
+            if (path.parent / RUN_FILE).exists():
+                run = read_run_folder(path.parent)
         except ResultError as error:
-            if folder is path:
-                raise
             trouble = error
-    if folder is path:
-        path = result_file(path) if run is None else run.results
     unit = stress_unit or (run.stress_unit if run is not None else "MPa")
     options = ReadOptions(partial, across_materials, unit, log, extrapolate, von_mises)
     return Result(path, options, run, trouble)
@@ -136,7 +140,7 @@ def describe(path: Path | str) -> Table:
 
 
 def read(
-    path: Path | str,
+    path: Path | str | RunFolder,
     nodes: Sequence[int] | None = None,
     *,
     node_set: str | None = None,
@@ -157,7 +161,7 @@ def read(
     Parameters
     ----------
     path
-        A result file, or a run folder.
+        A result file, or a run folder: its path, or what `fembridge.build_deck` gave.
     nodes
         Numbers of nodes. None takes the afferents that ``run.toml`` names, unless
         `node_set` or `near_mm` choose.

@@ -9,9 +9,9 @@ import pytest
 from decks.own_model.request import Request
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
+from fembridge.build import build_own_folder, read_base_deck
 from fembridge.cli import main
 from fembridge.errors import DeckError
-from fembridge.own_model import build_own_folder, read_base_deck
 from fembridge.run_folder import read_run_folder, read_waveform
 
 SAMPLES = Path(__file__).parents[2] / "fixtures"

@@ -1,19 +1,16 @@
 """``run.toml`` and ``stimulus.csv``: there and back, and each way to be damaged."""
 
-import hashlib
 import math
+import tomllib
 
 import numpy as np
 import pytest
 import tomli_w
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fembridge.errors import ResultError
 from fembridge.exports import write_csv
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform
 from fembridge.stimulus import Stimulus
-from fembridge.store import sha256_of
 
 PLACES = (
     AfferentNode("SA", 25, "epidermis", 0.0, -0.61, 0.61),
@@ -38,8 +35,6 @@ def whole_run(folder):
 @pytest.fixture
 def table(tmp_path):
     """Give the table that ``run.toml`` of a whole run holds."""
-    import tomllib
-
     whole_run(tmp_path).write()
     return tomllib.loads((tmp_path / "run.toml").read_text(encoding="utf-8"))
 
@@ -64,21 +59,9 @@ def test_the_same_run_gives_the_same_bytes(tmp_path):
 
 
 def test_a_folder_without_one_is_no_run_folder(tmp_path):
-    with pytest.raises(ResultError, match=r"no run\.toml: not a run") as caught:
+    with pytest.raises(ResultError) as caught:
         read_run_folder(tmp_path)
     assert caught.value.path == tmp_path
-
-
-def test_a_file_is_no_run_folder(tmp_path):
-    (tmp_path / "job.frd").write_text("1C")
-    with pytest.raises(ResultError, match=r"job\.frd: no run.toml: not a run folder"):
-        read_run_folder(tmp_path / "job.frd")
-
-
-def test_a_folder_in_its_place_is_told(tmp_path):
-    (tmp_path / "run.toml").mkdir()
-    with pytest.raises(ResultError, match="cannot be read: Is a directory"):
-        read_run_folder(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -86,8 +69,9 @@ def test_a_folder_in_its_place_is_told(tmp_path):
 )
 def test_what_is_not_toml_is_refused(tmp_path, content):
     (tmp_path / "run.toml").write_bytes(content)
-    with pytest.raises(ResultError, match=r"run\.toml: not readable as TOML: "):
+    with pytest.raises(ResultError) as caught:
         read_run_folder(tmp_path)
+    assert caught.value.path == tmp_path / "run.toml"
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.99])
@@ -102,84 +86,52 @@ def test_a_file_cut_before_its_inputs_is_refused(tmp_path, share):
         read_run_folder(tmp_path)
 
 
-@pytest.mark.parametrize("value", [None, 0, 2, "1"])
-def test_another_format_is_refused_with_the_next_step(tmp_path, table, value):
-    del table["format"]
-    if value is not None:
-        table["format"] = value
-    (tmp_path / "run.toml").write_text(tomli_w.dumps(table))
-
-    with pytest.raises(ResultError, match="expected 1; build the deck again") as caught:
-        read_run_folder(tmp_path)
-    assert f"format {value!r}" in str(caught.value)
-
-
 @pytest.mark.parametrize(
-    "key",
+    ("key", "value"),
     [
-        "solver",
-        "deck_sha256",
-        "time",
-        "time.increments",
-        "time.dt_ms",
-        "time.start_ms",
-        "inputs",
-        "afferents",
-        "afferents.SA.node",
-        "afferents.SA.layer",
-        "afferents.PC.x_mm",
-        "afferents.PC.y_mm",
-        "afferents.PC.depth_mm",
+        *((key, None) for key in ("format", "solver", "deck_sha256", "time", "inputs")),
+        *((f"time.{key}", None) for key in ("increments", "dt_ms", "start_ms")),
+        *((f"afferents.SA.{key}", None) for key in ("node", "layer", "x_mm", "y_mm")),
+        ("afferents", None),
+        ("format", 2),
+        ("format", "1"),
+        ("time.increments", 0),
+        ("time.increments", 30.5),
+        ("time.increments", True),
+        ("time.increments", "30"),
+        ("time.dt_ms", 0.0),
+        ("time.dt_ms", math.nan),
+        ("time.dt_ms", math.inf),
+        ("time.dt_ms", "soon"),
+        ("time.dt_ms", 10**400),
+        ("time.start_ms", -1.0),
+        ("time.start_ms", 261.0),
+        ("time.start_ms", math.nan),
+        ("apex_node", -1),
+        ("afferents.SA.node", 0),
+        ("afferents.SA.node", 2.0),
+        ("afferents.SA", 3),
+        ("afferents", []),
+        ("branches.x", 2),
+        ("time", 5),
+        ("inputs", 5),
     ],
 )
-def test_a_missing_key_is_named(tmp_path, table, key):
+def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, table, key, value):
+    """None: the key is absent."""
     *sections, last = key.split(".")
     section = table
     for name in sections:
-        section = section[name]
-    del section[last]
-    (tmp_path / "run.toml").write_text(tomli_w.dumps(table))
-
-    with pytest.raises(ResultError, match=f"not a run.toml of fembridge: no '{last}'"):
-        read_run_folder(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("time.increments", 0, "increments is 0, expected 1 or more"),
-        ("time.increments", 30.5, "increments is 30.5, expected 1 or more"),
-        ("time.increments", True, "increments is True"),
-        ("time.increments", "30", "increments is '30'"),
-        ("time.dt_ms", 0.0, "dt_ms is 0.0, expected more than 0"),
-        ("time.dt_ms", math.nan, "dt_ms is nan"),
-        ("time.dt_ms", math.inf, "dt_ms is inf"),
-        ("time.dt_ms", "soon", "could not convert string to float: 'soon'"),
-        ("time.dt_ms", 10**400, "too large"),
-        ("time.start_ms", -1.0, "start_ms is -1, expected from 0 to the end of"),
-        ("time.start_ms", 261.0, "start_ms is 261, expected from 0 to the end of"),
-        ("time.start_ms", math.nan, "start_ms is nan"),
-        ("apex_node", -1, "apex_node is -1, expected 0 or more"),
-        ("afferents.SA.node", 0, "SA: node is 0, expected 1 or more"),
-        ("afferents.SA.node", 2.0, "SA: node is 2.0"),
-        ("afferents.SA.depth_mm", math.nan, "SA: its place is not finite"),
-        ("afferents.SA", 3, "not a run.toml of fembridge"),
-        ("afferents", [], "not a run.toml of fembridge"),
-        ("time", 5, "not a run.toml of fembridge"),
-        ("inputs", 5, "not a run.toml of fembridge"),
-    ],
-)
-def test_a_value_that_no_run_has_is_refused(tmp_path, table, key, value, message):
-    *sections, last = key.split(".")
-    section = table
-    for name in sections:
-        section = section[name]
+        section = section.setdefault(name, {})
     section[last] = value
+    if value is None:
+        del section[last]
     (tmp_path / "run.toml").write_text(tomli_w.dumps(table))
 
-    with pytest.raises(ResultError, match=message) as caught:
+    with pytest.raises(ResultError) as caught:
         read_run_folder(tmp_path)
     assert caught.value.path == tmp_path / "run.toml"
+    assert key in caught.value.problem
 
 
 def test_the_waveform_comes_back_to_the_last_bit(tmp_path):
@@ -194,37 +146,33 @@ def test_the_waveform_comes_back_to_the_last_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "where"),
+    ("content", "line"),
     [
-        ("", "stimulus.csv:1: expected time_ms,displacement_um"),
-        ("time,depth\n0,0\n1,1\n", "stimulus.csv:1: expected time_ms,displacement_um"),
-        ("time_ms,displacement_um\n", "stimulus.csv: 0 samples"),
-        ("time_ms,displacement_um\n0.0,1.0\n", "stimulus.csv: 1 samples"),
-        ("time_ms,displacement_um\n0,1\n0.5,two\n1,3\n", r"csv:3: .*'two'"),
-        ("time_ms,displacement_um\n0,1\n\n1,3\n", "csv:3: not a sample"),
-        ("time_ms,displacement_um\n0,1\n1,2,3\n", "csv:3: not a sample"),
-        ("time_ms,displacement_um\n0,1\n1\n", "csv:3: not a sample"),
-        ("time_ms,displacement_um\n0,1\n1,nan\n", "csv:3: not a sample: not finite"),
-        ("time_ms,displacement_um\n0,1\n1,\0\n", "csv:3: not a sample"),
-        (f"time_ms,displacement_um\n0,{'1' * 200_000}\n", "csv:2: not a sample"),
+        ("", 1),
+        ("time,depth\n0,0\n1,1\n", 1),
+        ("time_ms,displacement_um\n", 1),
+        ("time_ms,displacement_um\n0.0,1.0\n", 2),
+        ("time_ms,displacement_um\n0,1\n0.5,two\n1,3\n", 3),
+        ("time_ms,displacement_um\n0,1\n\n1,3\n", 3),
+        ("time_ms,displacement_um\n0,1\n1,2,3\n", 3),
+        ("time_ms,displacement_um\n0,1\n1\n", 3),
+        ("time_ms,displacement_um\n0,1\n1,nan\n", 3),
     ],
 )
-def test_a_damaged_waveform_is_refused_with_its_line(tmp_path, content, where):
+def test_a_damaged_waveform_is_refused_with_its_line(tmp_path, content, line):
     (tmp_path / "stimulus.csv").write_text(content, encoding="utf-8")
-    with pytest.raises(ResultError, match=where):
+    with pytest.raises(ResultError) as caught:
         read_waveform(tmp_path)
+    assert (caught.value.path.name, caught.value.line) == ("stimulus.csv", line)
 
 
-def test_a_waveform_that_is_no_text_or_not_there_is_refused(tmp_path):
-    with pytest.raises(ResultError, match=r"stimulus\.csv: cannot be read: No such"):
+@pytest.mark.parametrize(
+    "content",
+    [None, b"time_ms,displacement_um\n0,\xff\n", b"time_ms,displacement_um\n0," + b"1" * 200_000],
+)
+def test_a_waveform_that_is_no_text_or_not_there_is_refused(tmp_path, content):
+    if content is not None:
+        (tmp_path / "stimulus.csv").write_bytes(content)
+    with pytest.raises(ResultError) as caught:
         read_waveform(tmp_path)
-    (tmp_path / "stimulus.csv").write_bytes(b"time_ms,displacement_um\n0,\xff\n")
-    with pytest.raises(ResultError, match="not a sample"):
-        read_waveform(tmp_path)
-
-
-@given(content=st.binary(max_size=2000))
-def test_a_digest_is_that_of_the_bytes(tmp_path_factory, content):
-    path = tmp_path_factory.mktemp("digest") / "file"
-    path.write_bytes(content)
-    assert sha256_of(path) == hashlib.sha256(content).hexdigest()
+    assert caught.value.path == tmp_path / "stimulus.csv"

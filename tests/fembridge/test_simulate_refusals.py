@@ -124,19 +124,19 @@ def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, capsys, wo
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("option", "word", "told"),
     [
-        (["--finger", "absent.toml"], "neither a preset (quick, paper) nor a file"),
-        (["--parameters", "absent.toml"], "absent.toml: cannot read: No such file"),
-        (["--parameters", ""], "no parameter set '', expected published or fitted"),
-        (["--parameters", "wrong.toml"], "wrong.toml: SA: unknown key 'tau', expected"),
-        (["--parameters", "never.toml"], "never.toml: not TOML"),
+        ("--finger", "absent.toml", "absent.toml"),
+        ("--parameters", "absent.toml", "absent.toml: "),
+        ("--parameters", "", "''"),
+        ("--parameters", "wrong.toml", "wrong.toml: SA: unknown key 'tau'"),
+        ("--parameters", "never.toml", "never.toml: "),
     ],
 )
-def test_a_file_that_is_wrong_is_named(here, capsys, words, told):
+def test_a_file_that_is_wrong_is_named(here, capsys, option, word, told):
     (here / "wrong.toml").write_text("[SA]\ntau = 3.0\n", encoding="utf-8")
     (here / "never.toml").write_text("[SA\n", encoding="utf-8")
-    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", option, word)
     assert (code, told in line) == (1, True), line
     assert not (here / "out").exists()
 

@@ -61,8 +61,7 @@ def transients(monkeypatch, ccx):
         calls.append((places, settings))
         return [Outcome(place, wall_s=20.0, increments=500) for place in places]
 
-    def read(place):
-        run = read_run_folder(place)
+    def read(run):
         wave = np.linspace(0, 1e4, run.increments + 1)
         return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
 
