@@ -199,7 +199,7 @@ def test_a_drive_that_reads_energy_is_refused_a_table_of_von_mises(tmp_path, cap
 
     assert main(["encode", str(table), "--parameters", str(own)]) == 2
 
-    assert "drive 'energy' of SA reads strain energy" in capsys.readouterr().err
+    assert "'energy' of SA reads strain energy" in capsys.readouterr().err
 
 
 def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
