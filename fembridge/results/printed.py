@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -679,23 +680,30 @@ def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iter
 
 
 def _sta_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    yield tuple(field.name for field in fields(StaRow))
-    _note_unfinished(path, options)
-    for row in read_sta(path):
-        yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in astuple(row))
+    return _rows_of(StaRow, read_sta(path), _unfinished(path), options)
 
 
 def _cvg_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    yield tuple(field.name for field in fields(CvgRow))
-    _note_unfinished(path, options)
-    for row in read_cvg(path):
-        yield tuple("" if cell is None else cell for cell in astuple(row))
+    return _rows_of(CvgRow, read_cvg(path), _unfinished(path), options)
 
 
-def _note_unfinished(path: Path, options: ReadOptions) -> None:
-    problem = _unfinished(path)
+def _sts_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
+    from fembridge.results.mentat import StsRow, read_sts
+
+    found = read_sts(path)
+    return _rows_of(StsRow, found.rows, found.problem, options)
+
+
+def _rows_of(
+    kind: type, rows: Sequence[Any], problem: str | None, options: ReadOptions
+) -> Iterator[Row]:
+    """The names of the fields, and the rows: None is empty, a truth 0 or 1."""
     if problem is not None:
         options.note(problem)
+    yield tuple(field.name for field in fields(kind))
+    for row in rows:
+        cells = ("" if cell is None else cell for cell in astuple(row))
+        yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in cells)
 
 
 def _unfinished(path: Path) -> str | None:
@@ -703,17 +711,6 @@ def _unfinished(path: Path) -> str | None:
         if not ended:
             return f"line {number} has no end yet and is left out: {line[:40]!r}"
     return None
-
-
-def _sts_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    from fembridge.results.mentat import StsRow, read_sts
-
-    yield tuple(field.name for field in fields(StsRow))
-    found = read_sts(path)
-    if found.problem is not None:
-        options.note(found.problem)
-    for row in found.rows:
-        yield tuple("" if cell is None else cell for cell in astuple(row))
 
 
 def _sts_problem(path: Path) -> str | None:

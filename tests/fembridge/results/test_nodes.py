@@ -20,11 +20,6 @@ def test_the_nearest_node_is_told_with_its_distance(samples, name):
     assert str(near) == "near 1.5, 0.3: node 11 at 1.5, 0.25, 0.05 mm away"
 
 
-def test_of_equally_near_nodes_the_lowest_is_taken(samples):
-    (near,) = near_nodes(samples / "cpe4_ascii.frd", [(0.25, 0.0)])
-    assert (near.node, near.distance_mm) == (1, 0.25)
-
-
 def test_a_nearer_node_without_results_is_named(samples):
     path = samples / "cpe8r_nset_bin_f32.frd"
     (near,) = near_nodes(path, [(0.0, 0.0, 0.0)])
