@@ -6,7 +6,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from decks.analysis import Contact, Model
+from decks.analysis import Contact
 from decks.dialects import DeckOptions
 from decks.presets import PRESETS, model_of
 from decks.probe import Probe
@@ -46,15 +46,6 @@ def test_a_run_folder_holds_a_deck_its_waveform_and_its_run(tmp_path, model):
     deck = (tmp_path / "run" / "job.inp").read_bytes()
     assert built.deck_sha256 == hashlib.sha256(deck).hexdigest()
     np.testing.assert_array_equal(read_waveform(tmp_path / "run")[1], stimulus.displacement_um)
-
-
-def test_the_same_inputs_give_the_same_bytes(tmp_path, model):
-    stimulus = stimulus_of("noise_25_250_10")
-
-    build_run_folder(tmp_path / "first", model, stimulus)
-    build_run_folder(tmp_path / "second", model_of(PRESETS["quick"]), stimulus)
-
-    assert contents(tmp_path / "first") == contents(tmp_path / "second")
 
 
 def test_building_again_touches_nothing(tmp_path, model):
@@ -218,18 +209,3 @@ def test_a_prescribed_probe_and_other_solvers_know_no_half(tmp_path, model):
     ):
         assert "section" not in built.inputs
         assert built.on_axis == ()
-
-
-def test_a_model_has_defaults_of_the_paper():
-    model = model_of(PRESETS["quick"])
-    assert isinstance(model, Model)
-    assert (model.probe.shape, model.probe.diameter_mm) == ("cylinder", 1.0)
-    assert model.contact.friction == 0.4
-    assert model.element == "CPE4"
-
-
-def test_a_run_folder_where_a_file_stands_is_told(tmp_path, model):
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
-        build_run_folder(tmp_path / "file", model, stimulus_of("sine_50_250"))
-    assert (tmp_path / "file").read_text() == "mine"

@@ -67,26 +67,6 @@ def test_the_summary_lists_the_folders(here, capsys):
     }
 
 
-def test_a_preindentation_adds_its_ramp(here, capsys):
-    words = ["build-deck", "--stimulus", "sine_20_250", "--preindent-um", "100"]
-    assert main(words) == 0
-    assert "520 increments of 0.5 ms" in capsys.readouterr().out
-    assert read_run_folder(here / "runs/sine_20_250").start_ms == 10.0
-
-
-def test_ascii_results_are_asked_for_in_the_deck(here):
-    words = ["build-deck", "--stimulus", "sine_20_250"]
-    assert main([*words, "-o", "binary"]) == 0
-    assert main([*words, "-o", "ascii", "--ascii"]) == 0
-
-    binary, text = (
-        (here / name / "sine_20_250/job.inp").read_text() for name in ("binary", "ascii")
-    )
-    assert "*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE" in binary
-    assert "*NODE FILE, NSET=OUTPUT_NODES" in text
-    assert "DOUBLE" not in text
-
-
 @pytest.mark.parametrize(
     ("words", "inputs"),
     [

@@ -51,13 +51,6 @@ def test_a_run_folder_comes_back_as_it_was_written(tmp_path):
     assert run.results == tmp_path / "job.frd"
 
 
-def test_the_same_run_gives_the_same_bytes(tmp_path):
-    for name in ("first", "second"):
-        whole_run(tmp_path / name).write()
-    first, second = (tmp_path / name / "run.toml" for name in ("first", "second"))
-    assert first.read_bytes() == second.read_bytes()
-
-
 def test_a_folder_without_one_is_no_run_folder(tmp_path):
     with pytest.raises(ResultError) as caught:
         read_run_folder(tmp_path)

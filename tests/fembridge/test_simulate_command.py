@@ -163,17 +163,6 @@ def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(here, cap
     assert "raster" not in capsys.readouterr().out.splitlines()[-1]
 
 
-def test_own_parameters_are_used(here):
-    (here / "own.toml").write_text("[SA]\nalpha_mv_per_ms = 9.0\n", encoding="utf-8")
-    words = ["simulate", "--stimulus", "sine_20_250", "--no-plot"]
-    main([*words, "-o", "plain", *PUBLISHED_WORDS])
-    main([*words, "-o", "own", "--parameters", "own.toml"])
-
-    plain, own = (read_rates(here / name / "rates.csv") for name in ("plain", "own"))
-    assert own[0].rate_ips > plain[0].rate_ips
-    assert own[1:] == plain[1:]
-
-
 def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot"]
     assert main(["simulate", *words]) == 0
