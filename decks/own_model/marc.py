@@ -288,7 +288,8 @@ def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
             raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
     possible = [case for case in named if case.stepping is not None]
     if not possible:
-        raise DeckError(f"no load case has increments; there: {_listed_cases(named) or 'none'}")
+        problem = f"no load case has increments; there: {_listed_cases(named) or 'none'}"
+        raise named[0].line.refuse(problem) if named else DeckError(problem)
     moving = [case for case in possible if _acting(case, drives)]
     if not moving:
         raise possible[0].line.refuse(
