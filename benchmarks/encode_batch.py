@@ -13,6 +13,7 @@ import numpy as np
 from neural import PUBLISHED
 from neural.counts import candidate_counts
 from neural.encoder import afferent_drives
+from neural.models import Coefficients
 from neural.rates import window_rows
 
 DT_MS = 0.5
@@ -30,7 +31,7 @@ def main(candidates: int) -> None:
         np.sin(2e-3 * np.pi * frequencies_hz * times_ms[:, None]), 0.0
     )
     steps = SAMPLES - 1
-    whole = window_rows((0.0, 250.0), DT_MS)
+    whole = (0, steps)
     windows_ms = [(5.0, 250.0) if hz == 20.0 else (100.0, 200.0) for hz in frequencies_hz]
     rows = [window_rows(window_ms, DT_MS) for window_ms in windows_ms]
     own = ([each.start for each in rows], [each.stop for each in rows])
@@ -50,8 +51,7 @@ def main(candidates: int) -> None:
                 *halves, alpha, tau = sets[first : first + size].T
                 counts = candidate_counts(
                     drives,
-                    halves,
-                    alpha,
+                    Coefficients(alpha, halves=tuple(halves)),
                     tau,
                     dt_ms=DT_MS,
                     gap_mv=published.gap_mv,

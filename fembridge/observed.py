@@ -236,9 +236,7 @@ def _stimuli(table: TextTable) -> list[str]:
         if word in spelled:
             continue
         if len(word.split()) > 1:
-            close = re.sub(r"[\s_]+", "_", word)
-            example = close if _names_one(close) else "sine_20_250"
-            raise table.error(row, f"stimulus {word!r} has a blank in it, expected as {example}")
+            raise table.error(row, f"stimulus {word!r} has a blank in it, expected as sine_20_250")
         try:
             entries = resolve(word)
         except StimulusError as error:
@@ -252,13 +250,6 @@ def _stimuli(table: TextTable) -> list[str]:
             )
         spelled[word] = entries[0].id
     return [spelled[word] for word in words]
-
-
-def _names_one(id_: str) -> bool:
-    try:
-        return len(resolve(id_)) == 1
-    except StimulusError:
-        return False
 
 
 def _afferents(table: TextTable) -> list[str]:

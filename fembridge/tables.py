@@ -102,9 +102,7 @@ def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:
     rows = (
         (time_ms, trace.afferent or "", trace.node, stress_pa)
         for trace in traces
-        for time_ms, stress_pa in zip(
-            trace.times_ms.tolist(), trace.stress_pa.tolist(), strict=True
-        )
+        for time_ms, stress_pa in np.stack([trace.times_ms, trace.stress_pa], 1).tolist()
     )
     write_table(path, TRACE_COLUMNS, rows)
 
@@ -226,18 +224,12 @@ class TextTable:
 
     def numbers(self, name: str, least: float = -math.inf) -> FloatArray:
         """Column of finite numbers, `least` or more."""
-        numbers: FloatArray = self._converted(name, float, "a number")
-        self.refuse(
-            ~np.isfinite(numbers),
-            lambda row: f"{name} is {numbers[row]}, expected a finite number",
-        )
-        self._check_least(name, numbers, least)
+        numbers: FloatArray = self._converted(name, float, least)
         return numbers
 
     def whole(self, name: str, least: int) -> IntArray:
         """Column of whole numbers, `least` or more."""
-        numbers: IntArray = self._converted(name, int, "a whole number")
-        self._check_least(name, numbers, least)
+        numbers: IntArray = self._converted(name, int, least)
         return numbers
 
     def refuse_duplicates(self, keys: "pd.DataFrame") -> None:
@@ -268,21 +260,25 @@ class TextTable:
         next(islice(reader, record, None))
         return reader.line_num
 
-    def _converted(self, name: str, kind: type[float], words: str) -> NDArray[Any]:
+    def _converted(self, name: str, kind: type[float], least: float) -> NDArray[Any]:
         cells = self.column(name)
         try:
             if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
                 raise ValueError
-            return cells.astype(kind)
+            numbers = cells.astype(kind)
         except (ValueError, OverflowError):
+            words = "a whole number" if kind is int else "a number"
             bad = np.array([not _is(kind, cell) for cell in cells])
             self.refuse(bad, lambda row: f"{name} is {cells[row]!r}, expected {words}")
             raise
-
-    def _check_least(self, name: str, numbers: NDArray[Any], least: float) -> None:
+        self.refuse(
+            ~np.isfinite(numbers),
+            lambda row: f"{name} is {numbers[row]}, expected a finite number",
+        )
         self.refuse(
             numbers < least, lambda row: f"{name} is {numbers[row]:g}, expected >= {least:g}"
         )
+        return numbers
 
 
 def read_table(path: Path, columns: Sequence[str] = ()) -> TextTable:

@@ -70,21 +70,6 @@ def test_the_summary_names_what_was_written(here, capsys):
     assert summary["afferents"]["RA"]["node"] == 101
 
 
-def test_the_same_traces_give_the_same_files(here):
-    for folder in ("first", "second"):
-        assert main(["encode", "sine_50_250.csv", "-o", folder]) == 0
-
-    for name in ("spikes.csv", "rates.csv", "raster.png"):
-        first, second = (here / folder / name for folder in ("first", "second"))
-        assert first.read_bytes() == second.read_bytes()
-
-
-def test_a_stimulus_may_have_a_name_of_its_own(here):
-    main(["encode", "sine_50_250.csv", "--stimulus", "mine", "--no-raster"])
-
-    assert {one.stimulus for one in read_rates(here / "encoded/rates.csv")} == {"mine"}
-
-
 def test_own_parameters_change_their_class_alone(here):
     (here / "own.toml").write_text("[SA]\nalpha_mv_per_ms = 3.58\n", encoding="utf-8")
     words = ["encode", "sine_50_250.csv", "--no-raster"]
