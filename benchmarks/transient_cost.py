@@ -25,7 +25,8 @@ from decks.presets import PRESETS, model_of
 from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
-from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import write_text
 from fembridge.typing import FloatArray

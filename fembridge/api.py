@@ -21,10 +21,9 @@ from decks.waveform import make_stimulus
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
-from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
+from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
-from neural import ParameterSet, parameter_set_or_file
 
 if TYPE_CHECKING:
     import pandas
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from fembridge.simulation import Simulation
     from fembridge.solver.verdict import Outcome
     from fembridge.sweeps.sweep import Sweep
+    from neural import ParameterSet
 
 Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
 """Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
@@ -48,7 +48,7 @@ def simulate(
     *,
     method: str = "auto",
     stored: bool = False,
-    parameters: str | ParameterSet = "fitted",
+    parameters: "str | ParameterSet" = "fitted",
     preindent_um: float | None = None,
     seed: int | None = None,
     slide_mm_per_s: float | None = None,
@@ -110,10 +110,7 @@ def simulate(
     """
     from fembridge.simulation import simulate as simulate_model
 
-    if isinstance(parameters, ParameterSet):
-        chosen = parameters
-    else:
-        chosen = parameter_set_or_file(parameters)
+    chosen = _parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     settings = SolverSettings(
         threads=threads, jobs=jobs, time_limit_s=time_limit_s, on_progress=on_progress
@@ -293,7 +290,7 @@ def run(
 def encode(
     traces: PathLike | Sequence[StressTrace],
     *,
-    parameters: str | ParameterSet = "published",
+    parameters: "str | ParameterSet" = "published",
     stimulus: str = "traces",
     derivative: str = "backward",
 ) -> "pandas.DataFrame":
@@ -330,9 +327,14 @@ def encode(
 
     if isinstance(traces, str | Path):
         traces = read_traces(Path(traces))
-    if isinstance(parameters, str):
-        parameters = parameter_set_or_file(parameters)
-    return spikes_frame(encode_traces(traces, parameters.parameters, stimulus, derivative))
+    chosen = _parameter_set(parameters).parameters
+    return spikes_frame(encode_traces(traces, chosen, stimulus, derivative))
+
+
+def _parameter_set(parameters: "str | ParameterSet") -> "ParameterSet":
+    from neural.parameter_sets import parameter_set_or_file
+
+    return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
 
 
 def stimuli_of(

@@ -6,7 +6,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from fembridge.solver.ccx import Progress
+from fembridge.solver.settings import Progress
 
 if TYPE_CHECKING:
     import rich.progress

@@ -29,7 +29,7 @@ from fembridge.response.solve import (
     why_no_map,
 )
 from fembridge.response.transients import RESPONSE_FOLDER, solve_transients
-from fembridge.solver.ccx import DEFAULTS, SolverSettings
+from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
@@ -51,7 +51,7 @@ RECORD_FILE = "simulation.toml"
 RASTER_FILE = "raster.png"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Simulation:
     """One entry a stimulus: its stress `traces`, one an afferent; its spikes, rates.
 
@@ -66,6 +66,10 @@ class Simulation:
     trains: tuple[SpikeTrain, ...]
     mean_rates: tuple[Rate, ...]
     origin: Mapping[str, object] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        first, more = self.stimuli[0].id, len(self.stimuli) - 1
+        return f"Simulation({first}{f' and {more} more' if more else ''}: .rates, .spikes, .plot())"
 
     @property
     def rates(self) -> "pandas.DataFrame":

@@ -9,7 +9,7 @@ from fembridge.errors import StimulusError
 from fembridge.typing import FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Stimulus:
     """Probe displacement `displacement_um` ``(T,)``, every `dt_ms` from time 0.
 
@@ -52,6 +52,13 @@ class Stimulus:
         if self.aside_um is not None:
             object.__setattr__(self, "aside_um", self._checked_aside(depth.shape))
         object.__setattr__(self, "origin", dict(self.origin))
+
+    def __repr__(self) -> str:
+        samples = self.displacement_um
+        return (
+            f"Stimulus({self.id!r}, {samples.size} samples every {self.dt_ms:g} ms, "
+            f"{samples.min():g} to {samples.max():g} um)"
+        )
 
     def _checked_aside(self, shape: tuple[int, ...]) -> FloatArray:
         aside = np.array(self.aside_um, dtype=np.float64)

@@ -20,7 +20,7 @@ MS_PER_S = 1.0e3
 STEP_TOLERANCE = 1.0e-3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StressTrace:
     """Von Mises stress at one node: `stress_pa` ``(T,)``, every `dt_ms`.
 
@@ -48,6 +48,13 @@ class StressTrace:
             raise TraceError(f"node {self.node}: trace starts at {self.start_ms} ms")
         stress.flags.writeable = False
         object.__setattr__(self, "stress_pa", stress)
+
+    def __repr__(self) -> str:
+        who = f"{self.afferent}, " if self.afferent else ""
+        return (
+            f"StressTrace({who}node {self.node}, {self.stress_pa.size} samples every "
+            f"{self.dt_ms:g} ms, peak {self.stress_pa.max():.6g} Pa)"
+        )
 
     @property
     def times_ms(self) -> FloatArray:

@@ -102,7 +102,7 @@ def _solved(args: argparse.Namespace, output: "Path") -> "list[Deflection]":
     from fembridge.deflection.press import DEPTH_MM, FINGERS, press_of, solve_deflection
     from fembridge.deflection.profile import stored_deflections
     from fembridge.progress import SolverBars
-    from fembridge.solver.ccx import SolverSettings
+    from fembridge.solver.settings import SolverSettings
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
     finger = FINGERS.get(args.finger or "quick") or read_finger(args.finger)

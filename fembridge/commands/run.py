@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from fembridge.commands.options import LIMITS, add_options, words_of
-from fembridge.solver.ccx import ITERATION_LIMIT, STALL_LIMIT_S
+from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S
 
 EXAMPLE = "fembridge run --jobs 2 runs/*"
 

@@ -25,7 +25,8 @@ from fembridge.response.acceptance import PROBE_SET, check_times
 from fembridge.results.frd import read_displacement
 from fembridge.results.printed import read_total_force
 from fembridge.run_folder import RunFolder
-from fembridge.solver.ccx import DEFAULTS, SolverSettings, finished_outcome, solve_once
+from fembridge.solver.ccx import finished_outcome, solve_once
+from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray, IntArray, Table
 

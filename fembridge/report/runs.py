@@ -16,7 +16,8 @@ from decks.dialects import JOB
 from fembridge.build import build_analysis_folder
 from fembridge.errors import ResponseError
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
-from fembridge.solver.ccx import OnProgress, SolverSettings, finished_outcome, run_ccx
+from fembridge.solver.ccx import finished_outcome, run_ccx
+from fembridge.solver.settings import OnProgress, SolverSettings
 from fembridge.solver.verdict import Failure, Outcome
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, write_text

@@ -16,7 +16,8 @@ from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
 from fembridge.plots.style import save_figure
 from fembridge.report.runs import THREADS, Cost, Runs
 from fembridge.report.study import AT_MOST, Check, Finding
-from fembridge.solver.ccx import OnProgress, signals_as_exits
+from fembridge.solver.ccx import signals_as_exits
+from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, read_sealed, sha256_of, write_sealed, write_text
 from fembridge.typing import Table
 

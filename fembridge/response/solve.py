@@ -31,7 +31,8 @@ from fembridge.response.acceptance import (
 )
 from fembridge.response.response_map import MAP_FILE, ResponseMap, write_map
 from fembridge.run_folder import RunFolder
-from fembridge.solver.ccx import DEFAULTS, SolverSettings, solve_once
+from fembridge.solver.ccx import solve_once
+from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.solver.verdict import Cause, Outcome
 from fembridge.stimulus import Stimulus
 from fembridge.store import make_folder

@@ -11,7 +11,7 @@ from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, acc
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
 from fembridge.solver.batch import run_folders
-from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from fembridge.typing import Table

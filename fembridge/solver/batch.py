@@ -14,13 +14,8 @@ from typing import TypeAlias
 from decks.dialects import DIALECTS
 from fembridge.errors import FembridgeError, MissingError
 from fembridge.run_folder import RunFolder, read_run_folder
-from fembridge.solver.ccx import (
-    DEFAULTS,
-    SolverSettings,
-    finished_outcome,
-    run_ccx,
-    signals_as_exits,
-)
+from fembridge.solver.ccx import finished_outcome, run_ccx, signals_as_exits
+from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
 
 Solver: TypeAlias = Callable[[RunFolder, SolverSettings, threading.Event | None], Outcome]

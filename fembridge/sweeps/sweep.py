@@ -30,7 +30,8 @@ from fembridge.errors import FembridgeError, MissingError, OutputError, UsageErr
 from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
 from fembridge.progress import Bars, words_of
 from fembridge.response.acceptance import depth_for
-from fembridge.solver.ccx import Progress, SolverSettings, signals_as_exits
+from fembridge.solver.ccx import signals_as_exits
+from fembridge.solver.settings import Progress, SolverSettings
 from fembridge.store import make_folder, write_text
 from fembridge.sweeps.fingers import Value, Variant
 from fembridge.sweeps.study import Asked, Study, read_study

@@ -47,7 +47,7 @@ from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.response.solve import solve_response
 from fembridge.simulation import SPIKES_FILE, Simulation, simulate
-from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import (
     SHORT,

@@ -9,7 +9,8 @@ import pytest
 from fembridge.cli import main
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.batch import run_folders
-from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
 PATIENCE_S = 60.0

@@ -84,3 +84,13 @@ def test_no_module_hides_a_public_function():
     """A submodule that was imported is an attribute of its package, whatever it hides."""
     for name in fb.__all__:
         assert importlib.util.find_spec(f"fembridge.{name}") is None
+
+
+def test_values_are_shown_in_a_notebook_without_their_samples():
+    result = fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
+
+    shown = f"{result!r} {result.stimuli[0]!r} {result.traces[0][0]!r}"
+
+    assert len(shown) < 300
+    assert "sine_20_250" in shown
+    assert "501 samples" in shown

@@ -46,7 +46,7 @@ from fembridge.deflection.profile import (
 from fembridge.errors import FingerError, ResponseError, SolverError, UsageError
 from fembridge.plots.deflection import MOST_MESHES, deflection_figure
 from fembridge.plots.style import save_figure
-from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.settings import SolverSettings
 
 MESHES = stored_deflections()
 STORED = {mesh.name: mesh for mesh in MESHES}

@@ -8,7 +8,7 @@ import pytest
 
 from fembridge.fitting.fit import SearchBar
 from fembridge.progress import Bars, SolverBars, words_of
-from fembridge.solver.ccx import Progress
+from fembridge.solver.settings import Progress
 from neural.search import Progress as SearchProgress
 
 

@@ -21,7 +21,7 @@ from fembridge.response.response_map import FOLDER, read_map
 from fembridge.response.solve import Rung, Solved
 from fembridge.simulation import simulate
 from fembridge.solver import ccx
-from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Outcome
 from fembridge.store import sha256_of
 from neural import PUBLISHED

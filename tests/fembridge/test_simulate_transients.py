@@ -20,7 +20,7 @@ from fembridge.response.response_map import FOLDER, read_map
 from fembridge.response.solve import LADDER, FrictionSlipError, Rung, Solved
 from fembridge.run_folder import read_run_folder
 from fembridge.simulation import simulate
-from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.trace import StressTrace
 

@@ -15,7 +15,8 @@ from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.settings import SolverSettings
 
 SKIN = mesh_of(QUICK)
 

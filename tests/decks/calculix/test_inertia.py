@@ -13,7 +13,8 @@ from decks.presets import QUICK, mesh_of, model_of
 from fembridge.build import build_run_folder
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 
 SKIN = mesh_of(QUICK)

@@ -8,7 +8,7 @@ import pytest
 from fembridge.errors import MissingError
 from fembridge.solver import batch
 from fembridge.solver.batch import load_solver, run_folders
-from fembridge.solver.ccx import SolverSettings
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
 

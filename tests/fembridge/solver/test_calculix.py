@@ -6,7 +6,8 @@ import threading
 import pytest
 
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import SolverSettings, run_ccx
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 from fembridge.store import sha256_of
 

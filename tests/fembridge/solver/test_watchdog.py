@@ -4,7 +4,8 @@ import pytest
 
 from fembridge.errors import OutputError, UsageError
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import SolverSettings, Watchdog
+from fembridge.solver.ccx import Watchdog
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
 STA = "SUMMARY OF JOB INFORMATION\n STEP\n"
