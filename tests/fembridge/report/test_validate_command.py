@@ -53,7 +53,7 @@ def test_json_is_all_that_stdout_holds(here, capsys):
     ("words", "code", "told"),
     [
         (["--observed", "absent.csv"], 1, "absent.csv: cannot read"),
-        (["--parameters", "absent.toml"], 1, "absent.toml: cannot read"),
+        (["--parameters", "absent.toml"], 1, "absent.toml"),
         (["--finger", "mine.toml"], 2, "invalid choice"),
         (["-o", ""], 2, "expected the name of a folder"),
     ],
