@@ -149,7 +149,7 @@ DIALECTS = {
             contact=("friction",),
             target="decks.marc.write:marc_files",
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
-            f"fembridge ingest {JOB}{REWRITTEN}.t16; docs/marc.md tells more",
+            f"fembridge ingest {JOB}{REWRITTEN}.t16; see docs/marc.md",
         ),
         Dialect(
             name="abaqus",

@@ -57,7 +57,7 @@ class Bars:
             self._bars.update(self._rows[name], completed=share, words=words)
 
     def remove(self, name: str) -> None:
-        """Take the bar `name` away, if there is one."""
+        """Remove the bar `name`, if there is one."""
         with self._lock:
             row = self._rows.pop(name, None)
             if self._bars is not None and row is not None:

@@ -44,7 +44,7 @@ MakeError: TypeAlias = Callable[[str], FembridgeError]
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path`; on success it takes that name.
+    """A temporary path beside `path`; on success it takes that name.
 
     Where `path` is a link, what it points to is replaced. The temporary path keeps
     the suffix, for writers that go by it.
@@ -77,7 +77,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def filling(folder: Path, last: str) -> Iterator[Path]:
-    """Give a draft folder; on success its files take their places in `folder`.
+    """A draft folder; on success its files take their places in `folder`.
 
     Parameters
     ----------
@@ -447,7 +447,7 @@ def _seal(sealed: bytes) -> str:
 
 
 def digest(content: object) -> str:
-    """Give the SHA-256 of the canonical text of `content`, hexadecimal.
+    """SHA-256 of the canonical text of `content`, hexadecimal.
 
     Raises
     ------

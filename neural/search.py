@@ -192,7 +192,7 @@ class _Rule:
 
 
 def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> Choice:
-    """Take one candidate of `front` by the rule of that name, one of `RULES`.
+    """One candidate of `front` by the rule of that name, one of `RULES`.
 
     Raises
     ------

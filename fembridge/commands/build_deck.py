@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             print(f"{one.folder}  {one.increments} increments of {one.dt_ms:g} ms")
         how = DIALECTS[solver].how_to_run
         if how and args.base_deck is None:
-            print(f"each is run by its owner, in its folder: {how}")
+            print(f"run each with your own solver, in its folder: {how}")
     for remark in remarks:
         print(f"{args.base_deck}: {remark}", file=sys.stderr)
     rows = [

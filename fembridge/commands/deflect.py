@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Take or solve the profiles, write them; the summary holds them."""
+    """Read or solve the profiles, write them; the summary holds them."""
     from dataclasses import asdict
     from pathlib import Path
 

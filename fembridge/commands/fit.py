@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cells",
         type=int,
         metavar="N",
-        help="cells that stand for a population (default: the model's own number)",
+        help="cells of the population (default: the model's own number)",
     )
     parser.add_argument(
         "--family",
@@ -326,7 +326,7 @@ def models_text() -> str:
 
 
 class _Model(argparse.Action):
-    """Take the name of a model, or print the table of models and end, as --help."""
+    """Name of a model, or print the table of models and end, as --help."""
 
     def __call__(
         self,

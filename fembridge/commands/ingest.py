@@ -1,4 +1,4 @@
-"""Take traces, fields or tables from a solver's result file.
+"""Read traces, fields or tables from a solver's result file.
 
 Traces: beside a run.toml of fembridge they are those of its afferents, on the
 clock of the stimulus: time 0 is its start, and the first sample is the state
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", type=Path, metavar="FILE", help=table)
     unit = "unit of the file's stress (default: MPa, which is N and mm)"
     add("--stress-unit", choices=("MPa", "kPa", "Pa"), help=unit)
-    partial = "take what is whole of a run that did not end normally"
+    partial = "read the complete part of a run that did not end normally"
     add("--partial", action="store_true", help=partial)
 
     add = parser.add_argument_group("traces at nodes of a .frd, .t16 or .t19").add_argument
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--afferents", action="store_true", help=afferents)
     across = "allow nodes between two materials, where stress is a mean over both"
     add("--across-materials", action="store_true", help=across)
-    sides = "of such --node, the stress in each material for itself; of a .frd from "
+    sides = "of such --node, the stress in each material separately; of a .frd from "
     sides += "the points that the .dat beside it prints of this element set"
     add("--one-sided", nargs="?", const="", metavar="ELSET", help=sides)
 
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     only = "only these: of a .frd for --vtu, of a .dat one for its table"
     add("--quantity", metavar="NAME", help=only, **many)
 
-    add = parser.add_argument_group("prints in a .dat").add_argument
+    add = parser.add_argument_group("printed results in a .dat").add_argument
     points = "stress traces at integration points, which no averaging has touched; "
     points += "in the table their node is ELEMENT times 100 plus POINT"
     add("--point", type=point, metavar="ELEMENT:POINT", help=points, **many)

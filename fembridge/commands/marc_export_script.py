@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def script_text() -> str:
-    """Give the script as it is shipped."""
+    """The script as it is shipped."""
     from importlib.resources import files
 
     place = files("fembridge") / "marc_export.py"

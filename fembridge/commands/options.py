@@ -81,7 +81,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "time_limit": {
         "type": float,
         "metavar": "S",
-        "help": "give up a run after so many seconds (default: never)",
+        "help": "stop a run after so many seconds (default: never)",
     },
 }
 

@@ -1,4 +1,4 @@
-"""Compare models of the afferents on the same observed rates, honestly.
+"""Compare models of the afferents on the same observed rates.
 
 Every model is fitted to the sinusoids of the table, then again without each
 frequency, which it has to predict, all with several seeds. Written are a row a case

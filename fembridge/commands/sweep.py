@@ -1,8 +1,8 @@
 """Many stimuli on many fingers: solve what is not solved yet, give one table.
 
-STUDY.toml tells stimuli, fingers, probes and methods; every combination is a point
+STUDY.toml lists stimuli, fingers, probes and methods; every combination is a point
 (docs/sweeps.md). Each solve has a folder named by the digest of all that goes into
-it, so nothing is solved twice: a sweep that was killed goes on where it was, and a
+it, so nothing is solved twice: a sweep that was killed resumes, and a
 study that grew solves what is new. An item that fails is listed with its cause and
 does not stop the others; the exit code is then 1.
 """

@@ -2,7 +2,7 @@
 
 The page is DIR/index.html and needs nothing beside it; its numbers lie there as CSV,
 its figures as SVG. Works on the stored response, so without a solver. With observed
-rates the page says how good the model is; without, only how like TouchSim it is.
+rates the page says how good the model is; without, only how similar to TouchSim it is.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--parameters",
         default=_PARAMETERS,
         metavar="NAME|FILE.toml",
-        help="the model to judge: published, fitted or a file; the published one is "
+        help="the model to compare: published, fitted or a file; the published one is "
         f"shown beside it (default: {_PARAMETERS})",
     )
 

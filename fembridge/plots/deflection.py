@@ -26,7 +26,7 @@ MOST_MESHES = 5
 
 _HEIGHT_IN = 2.5
 _WIDTHS = (1.5, 1.0, 1.0)
-# From the coarsest mesh to the finest, which is black; all are told apart in grey.
+# From the coarsest mesh to the finest, which is black; the others are grey.
 _COLOURS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7")
 _DASHES = ((1, 1.2), (4, 1.5), (6, 1.5, 1, 1.5), (2, 1))
 _DOT_PT = 3.2
@@ -120,7 +120,7 @@ def _draw_force(panel: "Axes", meshes: list[Deflection]) -> None:
 
 
 def _style(k: int, count: int) -> dict[str, Any]:
-    """Give the line of mesh `k` of `count`: the finest is black and whole."""
+    """Line style of mesh `k` of `count`: the finest is black and whole."""
     if k == count - 1:
         return {"color": INK, "linewidth": LINE_PT}
     return {"color": _COLOURS[k], "linewidth": 1.4 * LINE_PT, "dashes": _DASHES[k], "zorder": 3}

@@ -27,7 +27,7 @@ _HEIGHT_IN = 2.15
 _POINTS = 301
 _PA_PER_KPA, _MN_PER_N = 1000.0, 1000.0
 _DOT_PT = 2.6
-# A closure below this is told as this: rounding is no property of a contact.
+# A closure below this is shown as this: rounding is no property of a contact.
 _LEAST_PERCENT = 0.01
 # A name takes this share of its panel's height.
 _NAME_SHARE = 0.09
@@ -73,7 +73,7 @@ def response_figure(response: ResponseMap) -> "Figure":
 
 
 def closure_text(response: ResponseMap) -> str:
-    """Say what the load–unload run showed."""
+    """What the load–unload run showed, in words."""
     if not math.isfinite(response.closure_percent):
         return "Unloading was not compared with loading."
     percent = max(response.closure_percent, _LEAST_PERCENT)

@@ -150,17 +150,17 @@ def _finish(panel: "Axes", labels: Sequence[str]) -> None:
     panel.spines["left"].set_visible(False)
 
 
-def _head(panel: "Axes", afferent: str, told: str = "") -> None:
+def _head(panel: "Axes", afferent: str, note: str = "") -> None:
     panel.set_title(
         afferent,
         color=AFFERENT_COLOURS.get(afferent, _OTHER_COLOUR),
         fontsize=TEXT_PT,
         fontweight="bold",
-        pad=16 if told else 6,
+        pad=16 if note else 6,
     )
-    if told:
+    if note:
         panel.annotate(
-            told,
+            note,
             (0.5, 1.0),
             xycoords="axes fraction",
             xytext=(0, 4),

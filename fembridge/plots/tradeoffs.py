@@ -116,7 +116,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
 
 
 def strongest_tradeoff(errors: FloatArray) -> tuple[int, int]:
-    """Give the two columns of ``(candidate, group)`` that rank candidates least alike.
+    """The two columns of ``(candidate, group)`` that rank candidates least alike.
 
     The least rank correlation; the first of equals. Two groups or more.
     """

@@ -1,7 +1,7 @@
 """Runs of the solver that a study asks for: each made once, its cost kept beside it.
 
 A run folder whose deck and results have the checksums on record is not run again,
-so that a study that was killed goes on where it was. Runs follow each other, on one
+so that a study that was killed resumes. Runs follow each other, on one
 thread: only then is the processor time of a child process that of one run.
 """
 

@@ -31,8 +31,8 @@ _KNOWN_STARTS = (
     (b"<?xml", "XML"),
     (b"<VTKFile", "VTK"),
     (b"# vtk", "VTK"),
-    (b"\xef\xbb\xbf", "text with a byte order mark: something saved it anew"),
-    (b"\xff\xfe", "UTF-16 text: something saved it anew"),
+    (b"\xef\xbb\xbf", "text with a byte order mark: saved again by another program"),
+    (b"\xff\xfe", "UTF-16 text: saved again by another program"),
     (b"*", "a solver deck, no results"),
 )
 

@@ -41,7 +41,7 @@ def load_solver(name: str) -> Solver:
         return loaded
     if name in DIALECTS:
         raise MissingError(
-            f"{name.capitalize()} is run by its owner, in the run folder: "
+            f"{name.capitalize()} is run with your own solver, in the run folder: "
             f"{DIALECTS[name].how_to_run}"
         )
     known = ", ".join(sorted({"calculix", *rows.names}))

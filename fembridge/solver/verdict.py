@@ -102,7 +102,7 @@ class Cause(Enum):
     NEGATIVE_JACOBIAN = "an element of the mesh is turned inside out"
     INCREMENTS_EXHAUSTED = "the deck allows too few increments"
     DIVERGED = "an increment did not converge"
-    ENDLESS_ITERATION = "an increment iterated on and on"
+    ENDLESS_ITERATION = "an increment exceeded the iteration limit"
     STALLED = "the solver stopped making progress"
     TIME_LIMIT = "the time limit was reached"
     INTERRUPTED = "the run was interrupted"
@@ -355,7 +355,7 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
             name += f" ({signal.Signals(-exit_code).name})"
         if -exit_code in CRASHES:
             remedy = "an element with a node that is not there does this, for one"
-            return Failure(Cause.CRASHED, f"{name}; last words: {log.end}", remedy)
+            return Failure(Cause.CRASHED, f"{name}; last output: {log.end}", remedy)
         if exit_code == -signal.SIGKILL:
             name += ", which Linux also sends when memory runs out"
         return Failure(Cause.KILLED, name)
@@ -365,7 +365,7 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
         return Failure(Cause.NO_SOLVER, log.end, "see fembridge doctor")
     if shutil.disk_usage(work).free < NO_ROOM_BYTES:
         return _disk_full(work, f"exit code {exit_code}")
-    return Failure(Cause.UNKNOWN, f"exit code {exit_code}; last words: {log.end}")
+    return Failure(Cause.UNKNOWN, f"exit code {exit_code}; last output: {log.end}")
 
 
 def _from_files(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
@@ -404,9 +404,9 @@ def _unfinished(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
     try:
         rows = read_sta(work / f"{JOB}.sta")
     except ResultError as error:
-        return Failure(Cause.MISSING_OUTPUT, f"{error}; last words: {log.end}")
+        return Failure(Cause.MISSING_OUTPUT, f"{error}; last output: {log.end}")
     if not rows:
-        return Failure(Cause.MISSING_OUTPUT, f"no increment was made; last words: {log.end}")
+        return Failure(Cause.MISSING_OUTPUT, f"no increment was made; last output: {log.end}")
     if rows[-1].failed:
         return _diverged(rows, run)
     if not _is_end(rows[-1].total_time_ms, run):

@@ -349,7 +349,7 @@ def _ended(future: "Future[Ended]") -> Ended:
     except WorkerDiedError as error:
         return Ended(str(error))
     except Exception as error:  # of dask: a worker that died too often, a cancelled task
-        return Ended("given up: " + " ".join(f"{type(error).__name__}: {error}".splitlines()))
+        return Ended("failed: " + " ".join(f"{type(error).__name__}: {error}".splitlines()))
 
 
 def _solver_there(executor: Executor) -> str:

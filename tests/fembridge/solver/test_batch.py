@@ -25,7 +25,7 @@ def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path)
     causes = [outcome.failure and outcome.failure.cause for outcome in outcomes]
     folder_is_bad = Cause.BAD_FOLDER
     assert causes == [Cause.DIVERGED, folder_is_bad, None, folder_is_bad, folder_is_bad]
-    assert "Marc is run by its owner" in str(outcomes[3])
+    assert "Marc is run with your own solver" in str(outcomes[3])
     assert "no solver 'abacus' here; there is calculix" in str(outcomes[4])
     assert str(outcomes[1]).count(str(absent)) == 1
 

@@ -30,7 +30,7 @@ ENDINGS = {
     "no_frd": (Cause.MISSING_OUTPUT, "no job.frd"),
     "nothing": (Cause.MISSING_OUTPUT, "nothing to do"),
     "odd_exit": (Cause.UNKNOWN, "exit code 7"),
-    "aborted": (Cause.CRASHED, "(SIGABRT); last words: realloc(): invalid old size"),
+    "aborted": (Cause.CRASHED, "(SIGABRT); last output: realloc(): invalid old size"),
     "killed": (Cause.KILLED, "signal 9 (SIGKILL)"),
 }
 
