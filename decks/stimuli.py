@@ -21,7 +21,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from itertools import groupby
 from math import isfinite
-from typing import ClassVar, NoReturn, TypeAlias
+from typing import ClassVar, NoReturn, TypeAlias, get_args
 
 from fembridge.errors import StimulusError
 
@@ -87,11 +87,17 @@ MISPRINT_NOTE = "two amplitudes are kept as printed though their series says " +
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """Numbers of a stimulus, checked when made."""
+    """Numbers of a stimulus, checked when made; a class is a family.
+
+    `title` heads its block of the catalogue, `words` is a stimulus in words, its numbers
+    in their order.
+    """
 
     family: ClassVar[str]
     example: ClassVar[str]
     level_name: ClassVar[str]
+    title: ClassVar[str]
+    words: ClassVar[str]
 
     def __post_init__(self) -> None:
         for name, number in self.numbers().items():
@@ -110,6 +116,11 @@ class _Entry:
     def window_ms(self) -> tuple[float, float]:
         """Time in which spikes are counted."""
         return LONG_WINDOW_MS
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of a stimulus that is drawn; None of one that is not."""
+        return None
 
     @property
     def level_um(self) -> float:
@@ -147,6 +158,8 @@ class Sine(_Entry):
     family: ClassVar[str] = "sine"
     example: ClassVar[str] = "sine_FREQUENCY_AMPLITUDE, as in sine_40_100"
     level_name: ClassVar[str] = "amplitude_um"
+    title: ClassVar[str] = "Sinusoids ({}): zero-to-peak amplitudes in um"
+    words: ClassVar[str] = "{} Hz, {} um"
 
     @property
     def window_ms(self) -> tuple[float, float]:
@@ -165,6 +178,10 @@ class Diharmonic(_Entry):
     family: ClassVar[str] = "diharm"
     example: ClassVar[str] = "diharm_F1_F2_A1_A2, as in diharm_10_50_20_20"
     level_name: ClassVar[str] = "amplitude1_um"
+    title: ClassVar[str] = (
+        "Diharmonics ({}): zero-to-peak amplitudes, component 1 + component 2 in um"
+    )
+    words: ClassVar[str] = "{} Hz + {} Hz, {} um + {} um"
 
     @property
     def id(self) -> str:
@@ -183,6 +200,8 @@ class Noise(_Entry):
     family: ClassVar[str] = "noise"
     example: ClassVar[str] = "noise_LOW_HIGH_RMS, as in noise_30_200_7"
     level_name: ClassVar[str] = "rms_um"
+    title: ClassVar[str] = "Band-pass noises ({}): root-mean-square levels in um"
+    words: ClassVar[str] = "{} to {} Hz, {} um RMS"
 
     def __post_init__(self) -> None:
         _Entry.__post_init__(self)
@@ -205,7 +224,7 @@ class Noise(_Entry):
 
 
 Entry: TypeAlias = Sine | Diharmonic | Noise
-_FAMILIES: dict[str, type[Entry]] = {kind.family: kind for kind in (Sine, Diharmonic, Noise)}
+_FAMILIES: dict[str, type[Entry]] = {kind.family: kind for kind in get_args(Entry)}
 
 
 def number_text(number: float) -> str:
@@ -313,12 +332,6 @@ def _refuse(name: str) -> NoReturn:
 
 # ---- For a reader at a terminal: plain ASCII, so that no pipe stumbles over a Greek letter
 
-_TITLES = {
-    "sine": "Sinusoids ({}): zero-to-peak amplitudes in um",
-    "diharm": "Diharmonics ({}): zero-to-peak amplitudes, component 1 + component 2 in um",
-    "noise": "Band-pass noises ({}): root-mean-square levels in um",
-}
-
 
 def catalogue_lines() -> list[str]:
     """All of the catalogue: a block a family, a line for each set of levels."""
@@ -329,7 +342,7 @@ def catalogue_lines() -> list[str]:
     ]
     for family, members in groupby(CATALOGUE, key=lambda entry: entry.family):
         entries = list(members)
-        lines += ["", _TITLES[family].format(len(entries))]
+        lines += ["", _FAMILIES[family].title.format(len(entries))]
         for name, grouped in groupby(entries, key=set_name):
             levels = list(grouped)
             words = " ".join(map(_level, levels))
@@ -358,7 +371,7 @@ def to_record(entry: Entry) -> dict[str, object]:
     """Everything about an entry, for JSON."""
     record: dict[str, object] = {"id": entry.id, "family": entry.family}
     record |= entry.numbers()
-    if isinstance(entry, Noise):
+    if entry.seed is not None:
         record["seed"] = entry.seed
     return record | {"window_ms": list(entry.window_ms), "in_appendix": entry.in_appendix}
 
@@ -374,9 +387,6 @@ def _window(entry: Entry) -> str:
 
 
 def _description(entry: Entry) -> str:
-    numbers = [number_text(number) for number in entry.numbers().values()]
-    if isinstance(entry, Sine):
-        return "{} Hz, {} um".format(*numbers)
-    if isinstance(entry, Diharmonic):
-        return "{} Hz + {} Hz, {} um + {} um".format(*numbers)
-    return "{} to {} Hz, {} um RMS".format(*numbers) + f", seed {entry.seed}"
+    numbers = map(number_text, entry.numbers().values())
+    drawn = "" if entry.seed is None else f", seed {entry.seed}"
+    return entry.words.format(*numbers) + drawn

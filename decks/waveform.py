@@ -7,6 +7,8 @@ arithmetic differs by, so that both write the same bytes.
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,6 @@ from decks.stimuli import (
     MAX_AMPLITUDE_UM,
     Entry,
     Noise,
-    Sine,
 )
 from fembridge.errors import StimulusError
 from fembridge.stimulus import Stimulus
@@ -73,11 +74,8 @@ def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = No
             raise StimulusError(f"{entry.id}: seed must be >= 0, got {drawn}")
         origin["seed"] = drawn
         wave_um = band_noise(entry, np.random.default_rng(drawn))
-    elif isinstance(entry, Sine):
-        wave_um = entry.amplitude_um * _sine(entry.frequency_hz)
     else:
-        wave_um = entry.amplitude1_um * _sine(entry.frequency1_hz)
-        wave_um = wave_um + entry.amplitude2_um * _sine(entry.frequency2_hz)
+        wave_um = WAVES[entry.family](entry)
     wave_um = np.round(wave_um, DECIMALS)
     if not wave_um.any():
         raise StimulusError(
@@ -139,3 +137,13 @@ def butterworth_power(frequency_hz: FloatArray, low_hz: float, high_hz: float) -
 def _sine(frequency_hz: float) -> FloatArray:
     wave: FloatArray = np.sin(2.0 * np.pi * (frequency_hz * (np.arange(SAMPLES) * DT_MS) / 1000.0))
     return wave
+
+
+WAVES: dict[str, Callable[[Any], FloatArray]] = {
+    "sine": lambda sine: sine.amplitude_um * _sine(sine.frequency_hz),
+    "diharm": lambda pair: (
+        pair.amplitude1_um * _sine(pair.frequency1_hz)
+        + pair.amplitude2_um * _sine(pair.frequency2_hz)
+    ),
+}
+"""Samples in um of the families that are not drawn, ``(T,)`` from time 0."""

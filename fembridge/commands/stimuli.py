@@ -74,13 +74,13 @@ def _list(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from decks.stimuli import Noise, resolve
+    from decks.stimuli import resolve
     from decks.waveform import make_stimulus
     from fembridge.errors import UsageError
     from fembridge.exports import write_stimulus
 
     entries = resolve(args.ids)
-    if args.seed is not None and not any(isinstance(e, Noise) for e in entries):
+    if args.seed is not None and all(entry.seed is None for entry in entries):
         raise UsageError("--seed is for noise, and no noise was named")
     files = []
     paths = _paths([entry.id for entry in entries], args.export, args.output)
