@@ -107,7 +107,7 @@ def read_parameter_set(path: Path) -> ParameterSet:
     """
     table = read_toml(path, ParameterError)
     chosen = dict(PUBLISHED)
-    where = str(path)
+    place = ""
     try:
         head = {key: table[key] for key in ("name", "preindent_um") if key in table}
         known = changed(_Head(path.stem), head, ParameterError)
@@ -120,7 +120,7 @@ def read_parameter_set(path: Path) -> ParameterSet:
                 hint = near_hint(afferent, AFFERENTS)
                 expected = ", ".join(AFFERENTS)
                 raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
-            where = f"{path}: {afferent}"
+            place = f"{afferent}: "
             published = PUBLISHED[afferent]
             drive = section.get("drive", "published") if isinstance(section, dict) else "published"
             kind = model_named(str(drive), afferent).parameters
@@ -129,7 +129,7 @@ def read_parameter_set(path: Path) -> ParameterSet:
             else:
                 chosen[afferent] = structure(section, kind, ParameterError)
     except ParameterError as error:
-        raise ParameterError(f"{where}: {error}") from error
+        raise ParameterError(f"{path}: {place}{str(error).removeprefix(place)}") from error
     origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
     return ParameterSet(known.name, MappingProxyType(chosen), known.preindent_um, origin)
 
