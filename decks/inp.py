@@ -414,7 +414,7 @@ def members(block: Block, known: Mapping[str, list[range]]) -> Iterator[range]:
     for row in block.rows() if listed else block.rows(splits=1):
         words = [word for word in (row.words if listed else row.words[:1]) if word]
         if listed and generated:
-            first, last, step = (*(whole(word, row.where) for word in words), 1, 0, 0)[:3]
+            first, last, step = (*(_member(word, row.where) for word in words), 1, 0, 0)[:3]
             if len(words) not in (2, 3) or step < 1 or last < first:
                 raise DeckError(f"{row.where}: {','.join(words)!r}, expected first, last, step")
             yield range(first, last + 1, step)
@@ -423,8 +423,15 @@ def members(block: Block, known: Mapping[str, list[range]]) -> Iterator[range]:
             if listed and not word.isdigit() and squeezed(word) in known:
                 yield from list(known[squeezed(word)])
             else:
-                number = whole(word, row.where)
+                number = _member(word, row.where)
                 yield range(number, number + 1)
+
+
+def _member(word: str, where: str) -> int:
+    """The number that `word` puts into a set; CalculiX takes ``5 3`` for 53, we do not."""
+    if len(word.split()) > 1:
+        raise DeckError(f"{where}: {word.strip()[:40]!r}, expected one number between commas")
+    return whole(word, where)
 
 
 # ---- Changes

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import read
-from fembridge.results.nodes import choose_nodes, near_nodes
+from fembridge.results.nodes import choose_nodes, near_nodes, read_node_sets
 
 KINDS = ["cpe4_ascii", "cpe4_bin_f32", "cpe4_bin_f64", "cpe4_2step_mixed"]
 
@@ -94,3 +94,11 @@ def test_read_takes_a_set_and_places(samples):
     assert [trace.node for trace in by_set] == [11, 18, 25]
     assert [trace.node for trace in by_place] == [11]
     assert by_place[0].stress_pa.tolist() == by_set[0].stress_pa.tolist()
+
+
+def test_two_numbers_without_a_comma_are_not_one(tmp_path):
+    deck = tmp_path / "job.inp"
+    deck.write_text("*NODE, NSET=ALL\n1, 0., 0.\n*NSET, NSET=B\n5 3\n")
+
+    with pytest.raises(ResultError, match="line 4"):
+        read_node_sets(deck)
