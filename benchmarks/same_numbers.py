@@ -26,7 +26,7 @@ WORDING = {"remarks", "problem", "output", "error", "path", "folder", "message",
 
 DECKS = {
     "calculix_all": "--stimulus all",
-    "calculix_paper": "--stimulus noise_25_250 sine_20_250 --finger paper",
+    "calculix_paper": "--stimulus noise_25_250,sine_20_250 --finger paper",
     "calculix_ascii": "--stimulus sine_50 --results text --element CPE8R --preindent-um 75",
     "calculix_flat": "--stimulus sine_50_50 --probe-shape flat --probe-diameter-mm 2",
     "calculix_whole": "--stimulus sine_50_50 --whole-section --probe-x-mm 0.4",
@@ -34,9 +34,9 @@ DECKS = {
     "calculix_inertia": "--stimulus sine_50_50 --inertia",
     "calculix_surface": "--stimulus sine_50_50 --contact surface-to-surface --friction 0",
     "calculix_relaxing": "--stimulus sine_50_50 --finger {relaxing} --preindent-um 50",
-    "abaqus": "--stimulus sine_50 diharm_10_50 --solver abaqus",
+    "abaqus": "--stimulus sine_50,diharm_10_50 --solver abaqus",
     "abaqus_relaxing": "--stimulus sine_50_50 --solver abaqus --finger {relaxing}",
-    "marc": "--stimulus noise_25_250 sine_20_250 --solver marc",
+    "marc": "--stimulus noise_25_250,sine_20_250 --solver marc",
     "marc_meshed": "--stimulus sine_50_50 --solver marc --probe-body meshed --preindent-um 75",
     **{
         f"marc_{kind}": f"--stimulus sine_50_50 --solver marc --element {kind}"
