@@ -21,7 +21,6 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -518,13 +517,8 @@ class MarcSource:
     def __enter__(self) -> "MarcSource":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._post.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._post.__exit__(*error)
 
     def keys(self, quantity: str) -> list[Key]:
         """Sub-increment and increment of each output of `quantity`."""
