@@ -11,10 +11,10 @@ Flags, the last number of a ``100CL`` line: 0 text with ids of 5 characters, 1 t
 10, 2 float32, 3 float64. A block says how many records it has and how long they are, so
 the walk reads headers and jumps over the rest; of wanted nodes only their records are
 read. Markers are never sought inside binary records, which may hold any byte. A block is
-whole when what has to follow it does follow; counts are compared with the size of the
-file before anything trusts them. Text blocks end in a line `` -3``, where the walk
-resynchronises after records of unequal length or a cut. Values touch when they are
-negative: a field is cut by its columns, never split at blanks.
+whole when what has to follow it does follow, a text block when its line `` -3`` does;
+counts are compared with the size of the file before anything trusts them. The walk ends
+at the first block that is not whole. Values touch when they are negative: a field is cut
+by its columns, never split at blanks.
 
 Stress at a node is the mean over the elements there. On a layer boundary that mean
 belongs to neither layer (0.011 MPa measured between 0.0005 and 0.022), so such a node is
@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
+from fembridge.results.fields import Key, rows_of
 from fembridge.results.printed import StaRow, read_sta
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
@@ -65,11 +66,11 @@ _REALS = {2: "<f4", 3: "<f8"}  # by flag
 _FORM = bytes.maketrans(b"0123456789e-", b"0000000000E+")  # of a usual field
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
-_SOME_PROBLEMS = 3  # that a message names
+_MESH_BYTES = 1 << 17  # of printed elements at a time
 _DEFAULTS = ReadOptions()
 
-Key = tuple[int, int]  # step and increment
 Output = dict[str, "FrdBlock"]  # blocks of one increment, by quantity
+Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 
 
 class NotFiniteError(ResultError):
@@ -87,8 +88,9 @@ class FrdBlock:
     frequency or buckling analysis: its `increment` is the number of the mode.
 
     `key` joins the blocks of one output. Records have `record_bytes` each and, unless
-    they are `free`, reach to `end`. `over_time` says whether `value` is a time, as in
-    static and dynamic steps alone, and `time_ms` that time over all steps.
+    they are `free`, reach to `end`; `spans` are the bytes of the values in each line of
+    a text record. `over_time` says whether `value` is a time, as in static and dynamic
+    steps alone, and `time_ms` that time over all steps.
     """
 
     name: str
@@ -108,17 +110,21 @@ class FrdBlock:
     over_time: bool = field(init=False)
     record_bytes: int = field(init=False)
     end: int = field(init=False)
+    spans: list[tuple[int, int]] = field(init=False)
 
     def __post_init__(self) -> None:
         self.key, self.time_ms = (self.step, self.increment), self.value * MS_PER_S
         self.over_time = not self.modal and self.analysis in (_STATIC, _DYNAMIC)
-        values = len(self.components)
+        self.record_bytes, self.spans = 0, []
+        count = len(self.components)
         if self.flag >= 2:
-            self.record_bytes = 4 + (4 if self.flag == 2 else 8) * values
+            self.record_bytes = 4 + (4 if self.flag == 2 else 8) * count
         else:
-            lines = -(-values // _VALUES_A_LINE)
-            head = _MARK + (10 if self.flag else 5)
-            self.record_bytes = lines * (head + self.line_end) + _FIELD * values
+            for first in range(0, count, _VALUES_A_LINE):
+                start = self.record_bytes + _MARK + (10 if self.flag else 5)
+                stop = start + _FIELD * min(_VALUES_A_LINE, count - first)
+                self.spans.append((start, stop))
+                self.record_bytes = stop + self.line_end
         self.end = self.offset + self.records * self.record_bytes
 
     @property
@@ -146,17 +152,15 @@ class MeshBlock(NamedTuple):
     end: int
 
 
-class FrdDamage(NamedTuple):
-    """What is wrong at `offset`; in which step and increment and block, where known.
+class FrdDamageError(Exception):
+    """What is wrong at `offset`; of `block`, where known, `records` are whole."""
 
-    `records` counts the records of `block` before a cut.
-    """
-
-    problem: str
-    offset: int
-    key: Key | None = None
-    block: FrdBlock | None = None
-    records: int = 0
+    def __init__(
+        self, problem: str, offset: int, block: FrdBlock | None = None, records: int = 0
+    ) -> None:
+        super().__init__(problem)
+        self.problem, self.offset, self.block, self.records = problem, offset, block, records
+        self.key: Key | None = None if block is None else block.key
 
 
 class FrdIndex:
@@ -179,17 +183,26 @@ class FrdIndex:
         self.elements: MeshBlock | None = None
         self.materials: dict[int, str] = {}
         self.ended = False
-        self.damage: list[FrdDamage] = []
+        self.damage: list[FrdDamageError] = []
         self.remarks: list[str] = []
         self._key: Key | None = None  # of the block that has to follow
         self._mode: int | None = None
-        self._binary = False  # whether packed records were met
-        # Text of the -4 and -5 lines, components and line end, by the -4 line: every
+        # Text, name, components and line end of -4 and -5 lines, by the -4 line: every
         # increment repeats them.
         self._names: dict[bytes, tuple[bytes, str, tuple[str, ...], int]] = {}
-        at: int | None = 0
-        while at is not None and at < file.size:
-            at = self._next(at)
+        at = 0
+        try:
+            while not self.ended and at < file.size:
+                at = self._next(at)
+        except (FrdDamageError, ValueError) as error:
+            harm = error if isinstance(error, FrdDamageError) else FrdDamageError(str(error), at)
+            if harm.block is None and self._key is not None:
+                harm.key = self._key
+                harm.problem = "header of step {}, increment {}: ".format(*self._key) + harm.problem
+            self.damage.append(harm)
+        for one in self.damage:
+            if one.block is None:
+                one.problem += f" (byte {one.offset} of {file.size})"
 
     def named(self, name: str) -> list[FrdBlock]:
         """Blocks of one quantity, in file order."""
@@ -205,39 +218,35 @@ class FrdIndex:
         if self.ended and not self.damage:
             return None
         if not self.blocks and not self.damage:
-            where = "look in the .sta file and the solver's log for its reason"
+            what = f"header only ({self.size} bytes): the solver stopped before its first output"
             if self.nodes is not None:
-                return f"mesh only, no results: the solver stopped at its start; {where}"
-            size = f"header only ({self.size} bytes)"
-            return f"{size}: the solver stopped before its first output; {where}"
+                what = "mesh only, no results: the solver stopped at its start"
+            return f"{what}; look in the .sta file and the solver's log for its reason"
         words = [harm.problem for harm in self.damage]
-        if len(words) > _SOME_PROBLEMS:
-            words[_SOME_PROBLEMS:] = [f"and {len(words) - _SOME_PROBLEMS} places more"]
         held: dict[Key, dict[str, FrdBlock]] = {}
         for block in self.blocks:
             held.setdefault(block.key, {}).setdefault(block.name, block)
         damaged = {harm.key for harm in self.damage}
         whole = [key for key in held if key not in damaged]
-        # The increment at which a run diverged has DISP and no STRESS; one that was cut
-        # lacks what was not written yet.
-        if not self.ended and len(whole) > 1:
-            before, last = whole[-2:]
-            if before[0] == last[0] and not held[before].keys() <= held[last].keys():
-                whole.pop()
         if not self.ended:
             words.append("no end line 9999: the run did not end normally")
+            # The increment at which a run diverged has DISP and no STRESS; one that was
+            # cut lacks what was not written yet.
+            (before, last), lost = whole[-2:] if len(whole) > 1 else ((0, 0), (0, 0)), set[str]()
+            if before[0] == last[0] != 0:
+                lost = held[before].keys() - held[last].keys()
+            if lost:
+                whole.pop()
             attempts = _attempts(self.file.path)
-            if attempts and attempts[-1].failed:
-                row = attempts[-1]
+            if attempts and (row := attempts[-1]).failed:
                 words.append(
                     f"increment {row.increment} of step {row.step} did not converge "
                     f"(.sta: attempt {row.attempt} failed)"
                 )
-            elif whole and not self.damage and (key := self.blocks[-1].key) != whole[-1]:
-                absent = sorted(held[whole[-1]].keys() - held[key].keys())
+            elif lost and not self.damage:
                 words.append(
-                    f"increment {key[1]} of step {key[0]} has {', '.join(held[key])} "
-                    f"and no {', '.join(absent)}: it did not converge"
+                    f"increment {last[1]} of step {last[0]} has {', '.join(held[last])} "
+                    f"and no {', '.join(sorted(lost))}: it did not converge"
                 )
         if whole:
             (step, increment), block = whole[-1], next(iter(held[whole[-1]].values()))
@@ -246,232 +255,179 @@ class FrdIndex:
             words.append("no whole increment")
         return "; ".join(words)
 
-    def _next(self, at: int) -> int | None:
-        """Read what begins at `at`; where the next begins, None where the walk ends."""
+    def _line(self, at: int, of: str = "") -> tuple[bytes, int]:
+        """The line at `at` without its end, and where the next begins."""
         found = self.file.line(at)
-        line, after = found or (self.file.peek(at, 80), self.size)
-        if line.startswith(_END_LINE):
-            self.ended = True
-            if rest := self.file.peek(at + len(_END_LINE), 80).strip():
-                self._harm(f"bytes after the end line: {rest[:12]!r}", at)
-            return None
         if found is None:
-            self._harm(self.file.why_no_line(at), at)
-            return None
+            raise FrdDamageError(f"{of}{self.file.why_no_line(at)}", at)
+        return found
+
+    def _next(self, at: int) -> int:
+        """Read what begins at `at`; where the next begins."""
+        file = self.file
+        start = file.peek(at, 80)
+        if start.startswith(_END_LINE):
+            self.ended = True
+            if rest := start[len(_END_LINE) :].strip():
+                raise FrdDamageError(f"bytes after the end line: {rest[:12]!r}", at)
+            return file.size
+        line, after = self._line(at)
         if line.startswith(b"  100C"):
             return self._block(line, at, after)
         if line.startswith((b"    2C", b"    3C")):
             return self._mesh(line, at, after)
         if not line.startswith(b"    1"):
-            self._harm(f"{line[:24]!r} where a block should begin", at)
-            return self._resume(at)
-        try:
-            if line.startswith(_STEP):
-                self._key = self._mode = None
-                if iterations := _STEP_OF_ITERATIONS.match(line, 24):
-                    step, increment = int(iterations[1]), int(iterations[2])
-                else:
-                    step, increment = _count(line[48:60]), _count(line[36:48])
-                self._key = step, increment
-                if line[24:27] == b"STP" and not self.remarks:
-                    self.remarks.append(
-                        f"iterations of increment {increment} of step {step}, "
-                        "no history (LAST ITERATIONS)"
-                    )
-            elif line.startswith(b"    1PMODE"):
-                self._mode = _count(line[24:36])
-            elif line.startswith(b"    1UMAT") and line[9:14].strip().isdigit():
-                name = line[14:].decode("latin-1").strip()
-                self.materials.setdefault(int(line[9:14]), name)
-        except ValueError as error:
-            self._harm(f"{line[4:10].decode()} line cannot be read: {error}", at)
+            raise FrdDamageError(f"{line[:24]!r} where a block should begin", at)
+        if line.startswith(_STEP):
+            self._key = self._mode = None
+            if iterations := _STEP_OF_ITERATIONS.match(line, 24):
+                step, increment = int(iterations[1]), int(iterations[2])
+            else:
+                step, increment = _counts(line, (48, 60), (36, 48))
+            self._key = step, increment
+            if line[24:27] == b"STP" and not self.remarks:
+                self.remarks.append(
+                    f"iterations of increment {increment} of step {step}, "
+                    "no history (LAST ITERATIONS)"
+                )
+        elif line.startswith(b"    1PMODE"):
+            [self._mode] = _counts(line, (24, 36))
+        elif line.startswith(b"    1UMAT") and line[9:14].strip().isdigit():
+            self.materials.setdefault(int(line[9:14]), line[14:].decode("latin-1").strip())
         return after
 
-    def _mesh(self, line: bytes, at: int, after: int) -> int | None:
-        """Find the end of a node or element block; a count that lies makes it unusable."""
+    def _mesh(self, line: bytes, at: int, after: int) -> int:
+        """Note a node or element block and find its end."""
         file, kind = self.file, "node" if line.startswith(b"    2C") else "element"
-        count, flag = line[24:36].strip(), line[73:75].strip()
-        announced = int(count) if count.isdigit() else 0
-        problem = f"header {line!r} cannot be read" if count and not count.isdigit() else ""
-        if flag in (b"0", b"1"):
-            found = file.find((b"\n -3",), after - 1)
-            last = None if found is None else file.line(found[0] + 1)
-            if found is None or last is None or last[0].strip() != b"-3":
-                self._harm(f"{kind} block: cut: its end line -3 is missing", at)
-                return None
-            present, end = file.count(b"\n -1", after - 1, found[0]), last[1]
-            if count and present != announced:
-                problem = problem or f"{announced} records announced, {present} present"
-                if kind == "element" and announced and present % announced == 0 < present:
-                    self.remarks.append(
-                        f"element block announces {announced} elements and holds "
-                        f"{present // announced} times as many: layers of composite shells"
-                    )
-                    problem = ""
-            behind = end
+        text = line[73:75].strip() in (b"0", b"1")
+        blank = text and not line[24:36].strip()
+        announced, flag = (-1, int(line[73:75])) if blank else _counts(line, (24, 36), (73, 75))
+        problem, present = "", announced
+        if text:
+            closed = file.find((b"\n -3",), after - 1)
+            last = None if closed is None else file.line(closed[0] + 1)
+            if closed is None or last is None:
+                raise FrdDamageError(f"{kind} block: cut: its end line -3 is missing", at)
+            present, end = file.count(b"\n -1", after - 1, closed[0]), last[1]
+            layers = present // announced if kind == "element" and announced > 0 else 0
+            if layers > 1 and present == layers * announced:
+                self.remarks.append(
+                    f"element block announces {announced} elements and holds "
+                    f"{layers} times as many: layers of composite shells"
+                )
+            elif announced not in (-1, present):
+                problem = f"{announced} records announced, {present} present"
+        elif flag > 3 or after + 16 * announced > file.size:
+            raise FrdDamageError(f"{kind} block: cut: {announced} {kind}s announced", at)
         else:
-            present, end, behind = announced, after, None
-            if flag not in (b"2", b"3"):
-                problem = f"header {line!r} cannot be read"
-            elif not count:
-                problem = "binary, and without a count"
-            elif kind == "node":
-                end += announced * (28 if flag == b"3" else 16)
-            if end > file.size or after + 16 * announced > file.size:
-                problem = problem or f"cut: {announced} {kind}s announced"
-            try:
-                if kind == "element" and not problem:
-                    for _, end in packed_elements(file, after, announced):  # noqa: B007 - the last
-                        pass
-            except ResultError as error:
-                problem = error.problem
-        if problem:
-            self._harm(f"{kind} block: {problem}", at)
-            return behind
-        block = MeshBlock(present, int(flag), after, end)
-        if kind == "node":
-            self.nodes, self._binary = block, block.flag >= 2
+            end = after + announced * (28 if flag == 3 else 16)
+            if kind == "element":
+                try:
+                    end = max([after, *(end for _, end in packed_elements(file, after, announced))])
+                except ResultError as error:
+                    raise FrdDamageError(error.problem, at) from error
+            if not self._boundary(end):
+                raise FrdDamageError(f"{kind} block: its count does not lead to its end", at)
+        if problem:  # the mesh cannot be used, what follows can
+            self.damage.append(FrdDamageError(f"{kind} block: {problem}", at))
+        elif kind == "node":
+            self.nodes = MeshBlock(present, flag, after, end)
         else:
-            self.elements = block
-        if behind is None and not self._boundary(end):
-            self._harm(f"{kind} block: its count does not lead to its end", at)
-            return None
+            self.elements = MeshBlock(present, flag, after, end)
         return end
 
-    def _block(self, line: bytes, at: int, after: int) -> int | None:
-        """Read the header of a result block at its ``100CL`` line; find its end."""
+    def _block(self, line: bytes, at: int, after: int) -> int:
+        """Note the result block of a ``100CL`` line and find its end."""
         if self._key is None:
-            self._harm("100CL without a 1PSTEP line that gives step and increment", at)
-            return self._resume(at)
+            raise FrdDamageError("100CL without a 1PSTEP line that gives step and increment", at)
         step, increment = self._key
-        where = f"block header of step {step}, increment {increment}"
-        try:
-            text, word = line[12:24].strip(), line[56:58].strip()
-            if not _TIME.fullmatch(text):
-                raise ValueError(f"time {line[12:24]!r}")
-            analysis = _count(word) if word else _STATIC
-            modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
-            flag = _count(line[73:75])
-            if flag > 3:
-                raise ValueError(f"format flag {flag}")
-            blank = flag < 2 and not line[24:36].strip()
-            records = -1 if blank else _count(line[24:36])
-            if modal:
-                increment = _count(line[58:63]) if self._mode is None else self._mode
-            header, name, components, line_end = self._name_lines(after, where)
-        except ValueError as error:  # also UnicodeDecodeError
-            self._harm(f"{where} at byte {at} cannot be read: {error}", at)
-            return None
-        except ResultError as error:
-            self._harm(error.problem, at)
-            return None
-        self._key = None
-        offset = after + len(header)
+        text, word = line[12:24].strip(), line[56:58].strip()
+        if not _TIME.fullmatch(text):
+            raise ValueError(f"time {line[12:24]!r}")
+        [flag] = _counts(line, (73, 75))
+        [analysis] = _counts(line, (56, 58)) if word else [_STATIC]
+        modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
+        if modal:
+            increment = _counts(line, (58, 63))[0] if self._mode is None else self._mode
+        if flag > 3:
+            raise ValueError(f"format flag {flag}")
+        blank = flag < 2 and not line[24:36].strip()
+        [records] = [-1] if blank else _counts(line, (24, 36))
+        header, name, components, line_end = self._name_lines(after)
         block = FrdBlock(
-            name, step, increment, float(text), records, components, flag, offset,
-            line_end, analysis, modal,
+            name, step, increment, float(text), records, components, flag,
+            after + len(header), line_end, analysis, modal,
         )  # fmt: skip
+        self._key, end = None, block.end
         if flag < 2:
-            return self._text_end(block)
-        self._binary = True
-        if block.end > self.size:
-            self._cut(block, (self.size - offset) // block.record_bytes, self.size)
-            return None
-        if not self._boundary(block.end):
-            self._harm(
-                f"{block} is followed by {self.file.peek(block.end, 12)!r} at byte "
-                f"{block.end}: its count, {records}, is wrong or bytes are missing",
-                block.end,
+            block, end = self._text_end(block)
+        elif end > self.size:
+            raise self._cut(block, records)
+        elif not self._boundary(end):
+            raise FrdDamageError(
+                f"{block} is followed by {self.file.peek(end, 12)!r} at byte {end}: its "
+                f"count, {records}, is wrong or bytes are missing",
+                end,
                 block,
             )
-            return None
         self.blocks.append(block)
-        return block.end
+        return end
 
-    def _name_lines(self, offset: int, where: str) -> tuple[bytes, str, tuple[str, ...], int]:
+    def _name_lines(self, offset: int) -> tuple[bytes, str, tuple[str, ...], int]:
         """The ``-4`` and ``-5`` lines at `offset`: text, name, components, line end."""
-        name, announced, line_end, at, row = "-4", 0, 1, offset, -1
+        first, at = self._line(offset)
+        known = self._names.get(first)
+        if known is not None and self.file.peek(offset, len(known[0])) == known[0]:
+            return known
+        name, [announced] = first[5:13].decode("ascii").strip(), _counts(first, (13, 18))
+        if not first.startswith(b" -4") or not name:
+            raise ValueError(f"{first[:40]!r} where a name is expected")
+        if announced > _MOST_COMPONENTS:
+            raise ValueError(f"{name} announces {announced} components")
         components: list[str] = []
-        first = b""
-        while row < announced:
-            found = self.file.line(at)
-            if found is None:
-                raise ResultError(
-                    f"{where} is cut in its {name} lines, at byte {at} of "
-                    f"{self.size}: {self.file.why_no_line(at)}",
-                    self.file.path,
-                )
-            line, after = found
-            if row < 0:
-                first, known = line, self._names.get(line)
-                if known is not None and self.file.holds(offset, known[0]):
-                    return known
-                name, announced = line[5:13].decode("ascii").strip(), _count(line[13:18])
-                if not line.startswith(b" -4") or not name:
-                    raise ValueError(f"{line[:40]!r} where a name is expected")
-                if announced > _MOST_COMPONENTS:
-                    raise ValueError(f"{name} announces {announced} components")
-            elif not line.startswith(b" -5"):
+        for _ in range(announced):
+            start, (line, at) = at, self._line(at, f"{name} lines are ")
+            if not line.startswith(b" -5"):
                 raise ValueError(f"{name} announces {announced} components, then {line[:40]!r}")
-            else:
-                if line[33:38].strip() != b"1":
-                    components.append(line[5:13].decode("ascii").strip())
-                line_end = after - at - len(line)
-            at, row = after, row + 1
+            if line[33:38].strip() != b"1":
+                components.append(line[5:13].decode("ascii").strip())
         if not components:
             raise ValueError(f"{name} without components")
         text = self.file.take(offset, at - offset)
-        self._names[first] = text, name, tuple(components), line_end
+        self._names[first] = text, name, tuple(components), at - start - len(line)
         return self._names[first]
 
-    def _text_end(self, block: FrdBlock) -> int | None:
+    def _text_end(self, block: FrdBlock) -> tuple[FrdBlock, int]:
+        """The block with its count and its kind of records, and where it ends."""
         closing = b"\n -3\r\n" if block.line_end == 2 else b"\n -3\n"
-        if block.records >= 0 and self.file.holds(block.end - 1, closing):
-            self.blocks.append(block)
-            return block.end - 1 + len(closing)
-        found = self.file.find((b"\n -3", _STEP, b"\n" + _END_LINE), block.offset - 1)
-        at, marker = found or (self.size, b"")
-        last = self.file.line(at + 1) if marker == b"\n -3" else None
+        if block.records >= 0 and self.file.peek(block.end - 1, len(closing)) == closing:
+            return block, block.end - 1 + len(closing)
+        found = self.file.find((b"\n -3",), block.offset - 1)
+        last = None if found is None else self.file.line(found[0] + 1)
+        at = self.size if found is None else found[0]
         begun = self.file.count(b"\n -1", block.offset - 1, at)
-        if last is not None:
-            if block.records < 0:
-                block = replace(block, records=begun)
-            if block.end == at + 1 or begun == block.records > 0:
-                self.blocks.append(replace(block, free=block.end != at + 1))
-            else:
-                words = f"{block} announces {block.records} records and has {begun}"
-                self._harm(words, at, block, begun)
-            return last[1]
-        whole = min((at - block.offset) // block.record_bytes, begun)
-        self._cut(block, whole if block.records < 0 else min(whole, block.records), at)
-        if marker == _STEP:
-            return at
-        return at + 1 if marker.endswith(_END_LINE) else None
+        if last is None:
+            raise self._cut(block, begun)
+        if block.records < 0:
+            block = replace(block, records=begun)
+        if block.end == at + 1:
+            return block, last[1]
+        if begun == block.records > 0:
+            return replace(block, free=True), last[1]
+        words = f"{block} announces {block.records} records and has {begun}"
+        raise FrdDamageError(words, at, block, begun)
+
+    def _cut(self, block: FrdBlock, begun: int) -> FrdDamageError:
+        """The damage of a block that the file ends in, after `begun` records at most."""
+        whole = min((self.size - block.offset) // block.record_bytes, begun)
+        of = "" if block.records < 0 else f"{block.records} "
+        words = f"{block} is cut at byte {self.size}, after {whole} of {of}records"
+        return FrdDamageError(words, self.size, block, whole)
 
     def _boundary(self, at: int) -> bool:
         """Whether what follows a block begins at `at`, or the file ends there."""
         found = self.file.peek(at, 6)
-        return found.startswith(_AFTER_A_BLOCK) or any(
-            marker.startswith(found) for marker in _AFTER_A_BLOCK
-        )
-
-    def _resume(self, at: int) -> int | None:
-        """Find the next step in text; among binary records it is not sought."""
-        found = None if self._binary else self.file.find((_STEP,), at + 1)
-        return None if found is None else found[0]
-
-    def _cut(self, block: FrdBlock, records: int, at: int) -> None:
-        of = "" if block.records < 0 else f"{block.records} "
-        words = f"{block} is cut at byte {at}, after {records} of {of}records"
-        self._harm(words, at, block, records)
-
-    def _harm(self, problem: str, at: int, block: FrdBlock | None = None, records: int = 0) -> None:
-        if block is None and "byte" not in problem:
-            problem = f"{problem} (byte {at} of {self.size})"
-        key = self._key if block is None else block.key
-        self.damage.append(FrdDamage(problem, at, key, block, records))
-        if block is None:
-            self._key = None
+        return any(found.startswith(one) or one.startswith(found) for one in _AFTER_A_BLOCK)
 
 
 def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
@@ -652,21 +608,19 @@ def outputs_of(index: FrdIndex, options: ReadOptions) -> list[Output]:
             hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
             raise ResultError(words + hint, file.path)
         options.note(words)
-    if not index.blocks:
-        raise ResultError("no results in it", file.path)
     outputs: list[Output] = []
     last = (0, 0)
     for block in index.blocks:
         if not outputs or block.name in outputs[-1] or block.key != last:
             outputs.append({})
         outputs[-1][block.name], last = block, block.key
-    if not index.ended:
+    if outputs and not index.ended:
         failed = {(row.step, row.increment): row.failed for row in _attempts(file.path)}
         if failed.get(last, STRESS not in outputs[-1]):
             options.note(f"dropped step {last[0]}, increment {last[1]}: not converged")
             outputs.pop()
     if not outputs:
-        raise ResultError("no whole, converged increment is left", file.path)
+        raise ResultError("no whole, converged increment in it", file.path)
     return outputs
 
 
@@ -723,90 +677,83 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
     """Numbers of the nodes of `block`, in its order, ``(record,)``."""
     if block.free:
         return irregular_records(file, block)[0]
-    parts = [np.empty(0, dtype=np.int64)]
+    if block.records == 0:
+        raise no_records(block, file.path)
     step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
-    for first in range(0, block.records, step):
-        parts.append(whole_records(file, block, first, min(step, block.records - first))[1])
-    return np.concatenate(parts)
+    return np.concatenate(
+        [
+            record_ids(file.path, [block], characters_of(file, block, first, step), first)
+            for first in range(0, block.records, step)
+        ]
+    )
 
 
-def whole_records(
-    file: ByteFile, block: FrdBlock, first: int, count: int
-) -> tuple[bytes, IntArray]:
-    """The bytes of `count` records from number `first` on, and their nodes.
+def characters_of(file: ByteFile, block: FrdBlock, first: int, most: int) -> Characters:
+    """The bytes of at most `most` records from number `first` on, ``(record, byte)``."""
+    count, length = min(most, block.records - first), block.record_bytes
+    raw = file.take(block.offset + first * length, count * length)
+    return np.frombuffer(raw, dtype=np.uint8).reshape(count, length)
+
+
+def record_ids(
+    path: Path, blocks: Sequence[FrdBlock], characters: Characters, first: int = 0
+) -> IntArray:
+    """The node of each record; as many records of each of `blocks`, which are of one form.
+
+    `first` is the number of the first record in its block.
 
     Raises
     ------
     ResultError
         A record does not begin like one, or is not as long as the others.
     """
-    length = block.record_bytes
-    raw = file.take(block.offset + first * length, count * length)
-    ids, fine = _record_ids(block, raw)
+    block = blocks[0]
+    if block.flag >= 2:
+        ids: IntArray = np.ascontiguousarray(characters[:, :4]).view("<i4")[:, 0].astype(np.int64)
+        fine: BoolArray = ids > 0
+    else:
+        width, mark = 10 if block.flag else 5, b" -1"
+        ids, fine = _integers(characters[:, _MARK : _MARK + width])
+        for start, end in block.spans:
+            for place, character in enumerate(mark, start=start - width - _MARK):
+                fine &= characters[:, place] == character
+            fine &= characters[:, end + block.line_end - 1] == ord("\n")
+            mark = b" -2"  # on every line but the first
     if not fine.all():
         row = int(np.argmin(fine))
+        which, number = divmod(row, len(characters) // len(blocks))
         raise ResultError(
-            f"{block}: record {first + row + 1} of {block.records} begins with "
-            f"{raw[row * length :][: _MARK + 10]!r}, or is not as long as the others",
-            file.path,
+            f"{blocks[which]}: record {first + number + 1} of {block.records} begins with "
+            f"{characters[row, : _MARK + 10].tobytes()!r}, or is not as long as the others",
+            path,
         )
-    return raw, ids
+    return ids
 
 
-def _record_ids(block: FrdBlock, raw: bytes) -> tuple[IntArray, BoolArray]:
-    """The node of each record in `raw`, and which records look like one."""
-    if block.flag >= 2:
-        packed = np.dtype([("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
-        ids = np.frombuffer(raw, packed)["node"].astype(np.int64)
-        return ids, ids > 0
-    characters = np.frombuffer(raw, dtype=np.uint8).reshape(-1, block.record_bytes)
-    width = 10 if block.flag else 5
-    ids, fine = _integers(characters[:, _MARK : _MARK + width])
-    mark = b" -1"
-    for start, end in _lines(block):
-        head = start - width - _MARK
-        for place, character in enumerate(mark, start=head):
-            fine &= characters[:, place] == character
-        fine &= characters[:, end + block.line_end - 1] == ord("\n")
-        mark = b" -2"  # on every line but the first
-    return ids, fine
-
-
-def record_values(path: Path, block: FrdBlock, raw: bytes) -> FloatArray:
-    """Values in `raw`, ``(record, component)``, as the file has them: float32 stays so.
+def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters) -> FloatArray:
+    """Values, ``(record, component)``, as the file has them: float32 stays so.
 
     Raises
     ------
     ResultError
         A field is no number. NaN and infinite values are values.
     """
-    count = len(block.components)
+    block, count = blocks[0], len(blocks[0].components)
     if block.flag >= 2:
         # Copied as one void: faster than value by value.
-        table = np.frombuffer(raw, [("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
-        packed = np.ascontiguousarray(table["values"]).view(_REALS[block.flag])
-        single_or_double: FloatArray = packed.reshape(-1, count)
-        return single_or_double
-    characters = np.frombuffer(raw, dtype=np.uint8).reshape(-1, block.record_bytes)
-    fields = np.concatenate([characters[:, start:end] for start, end in _lines(block)], axis=1)
+        packed = np.dtype([("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
+        voids = characters.reshape(-1).view(packed)["values"]
+        packed_values: FloatArray = np.ascontiguousarray(voids).view(_REALS[block.flag])
+        return packed_values.reshape(-1, count)
+    fields = np.concatenate([characters[:, start:end] for start, end in block.spans], axis=1)
     try:
         return _floats(fields.reshape(-1, count, _FIELD))
     except ValueError as error:
         row, column, problem = error.args
-        node = int(_record_ids(block, raw)[0][row])
+        node = record_ids(path, [block], characters[row : row + 1])[0]
+        block = blocks[row * len(blocks) // len(characters)]
         where = f"{block}, node {node}, {block.components[column]}"
         raise ResultError(f"{where}: {problem}", path) from error
-
-
-def _lines(block: FrdBlock) -> list[tuple[int, int]]:
-    """For each line of a text record where its values start and end."""
-    found, at = [], 0
-    for first in range(0, len(block.components), _VALUES_A_LINE):
-        start = at + _MARK + (10 if block.flag else 5)
-        end = start + _FIELD * min(_VALUES_A_LINE, len(block.components) - first)
-        found.append((start, end))
-        at = end + block.line_end
-    return found
 
 
 def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
@@ -844,12 +791,8 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     return np.array(nodes, dtype=np.int64), values.reshape(-1, count)
 
 
-def _integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
-    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``.
-
-    The second array says which rows are such integers; elsewhere the value
-    means nothing.
-    """
+def _integers(characters: Characters) -> tuple[IntArray, BoolArray]:
+    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``, and which rows are such."""
     value = np.zeros(len(characters), dtype=np.int64)
     begun = np.zeros(len(characters), dtype=np.bool_)
     fine = np.ones(len(characters), dtype=np.bool_)
@@ -863,7 +806,7 @@ def _integers(characters: NDArray[np.uint8]) -> tuple[IntArray, BoolArray]:
     return value, fine & begun
 
 
-def _floats(fields: NDArray[np.uint8]) -> FloatArray:
+def _floats(fields: Characters) -> FloatArray:
     """E12.5 fields, ``(row, column, 12)`` -> ``(row, column)``; NaN and INF are read as such.
 
     Raises
@@ -902,12 +845,29 @@ class ElementRows(NamedTuple):
     corners: IntArray
 
 
-def element_rows(file: ByteFile, elements: MeshBlock) -> Iterator[ElementRows]:
-    """The elements, in tables of one type; a record that is none is a `ResultError`."""
+def element_rows(
+    file: ByteFile, elements: MeshBlock, nodes: Collection[int] = ()
+) -> Iterator[ElementRows]:
+    """The elements, in tables of one type; a record that is none is a `ResultError`.
+
+    Of `nodes`, where there are any, at least those that have one of them.
+    """
     if elements.flag >= 2:
-        found = packed_elements(file, elements.offset, elements.records)
-        return (rows for rows, _ in found)
-    return _printed_elements(file, elements)
+        yield from (rows for rows, _ in packed_elements(file, elements.offset, elements.records))
+        return
+    width, at = 5 if elements.flag == 0 else 10, elements.offset
+    wanted = [b"%*d" % (width, node) for node in nodes]
+    while at < elements.end:
+        text = file.take(at, min(_MESH_BYTES, elements.end - at))
+        if at + len(text) < elements.end:  # a chunk ends before the head of an element
+            text = text[: text.rfind(b"\n -1") + 1]
+        if not text:
+            raise ResultError(f"element block: no element at byte {at}", file.path)
+        at += len(text)
+        if not wanted or any(node in text for node in wanted):
+            lines = text.split(b"\n")[: -2 if at == elements.end else -1]  # without -3
+            if lines:
+                yield from _elements_of_lines(lines, width, file.path)
 
 
 def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple[ElementRows, int]]:
@@ -924,7 +884,7 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
             raise ResultError(f"element type {kind} at byte {at} is unknown", file.path)
         width = 4 * (4 + NODES_OF_TYPE.get(kind, 0))  # id, type, 0, material
         if at + width > file.size:
-            raise ResultError(f"cut: {records} elements announced", file.path)
+            raise ResultError(f"element block: cut: {records} elements announced", file.path)
         look, same = 16, 1
         while same and done < records and at + width <= file.size:
             some = min(look, records - done, CHUNK_BYTES // width, (file.size - at) // width)
@@ -938,28 +898,8 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
             look *= 4
 
 
-def _printed_elements(file: ByteFile, elements: MeshBlock) -> Iterator[ElementRows]:
-    """Elements as text, a chunk of whole elements at a time.
-
-    -1         1    9    0    1
-    -2         1         2         9         8
-    """
-    width, at = 5 if elements.flag == 0 else 10, elements.offset
-    while at < elements.end:
-        text = file.take(at, min(CHUNK_BYTES, elements.end - at))
-        if at + len(text) < elements.end:  # a chunk ends before the head of an element
-            text = text[: text.rfind(b"\n -1") + 1]
-        lines = text.split(b"\n")[:-1]
-        if lines and at + len(text) == elements.end:
-            lines.pop()  # -3
-        if not text:
-            raise ResultError(f"element block: no element at byte {at}", file.path)
-        at += len(text)
-        if lines:
-            yield from _elements_of_lines(lines, width, file.path)
-
-
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
+    """Printed elements: a line `` -1`` of id, type, group, material; lines `` -2`` of nodes."""
     table = np.array(lines)
     size = max(table.itemsize, _MARK + max(width + 15, 10 * width))
     characters = table.astype(f"S{size}").view(np.uint8).reshape(-1, size)
@@ -1033,8 +973,9 @@ def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
     """Values of STRESS or DISP at `nodes`, ``(T, node, component)``.
 
     Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
-    wanted nodes are found once and tried on the next blocks; the id in front of each
-    record says whether they are still right, and if not they are sought again.
+    wanted nodes are found once and tried on the next block; the id in front of each
+    record says whether they are still right, and if not they are sought again. Blocks of
+    one form are converted together.
     """
     wanted = np.array([int(node) for node in nodes], dtype=np.int64)
     names = COMPONENTS[blocks[0].name]
@@ -1042,67 +983,55 @@ def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
     if not wanted.size:
         return values
     rows = np.empty(0, dtype=np.int64)
-    at, look = 0, 1
-    while at < len(blocks):
-        first = blocks[at]
-        columns = [first.components.index(name) for name in names]
-        if first.free:
-            ids, table = irregular_records(file, first)
-            values[at] = table[_find_rows(file, first, ids, wanted)][:, columns]
-            at, rows = at + 1, rows[:0]
+    heads = np.empty((0, 0), dtype=np.uint8)
+    form: tuple[object, ...] = ()
+    alike: dict[tuple[object, ...], list[tuple[int, Characters]]] = {}
+    for at, block in enumerate(blocks):
+        if block.free:
+            ids, table = irregular_records(file, block)
+            columns = [block.components.index(name) for name in names]
+            values[at] = table[_find_rows(file, block, ids, wanted)][:, columns]
             continue
-        sought = not rows.size or rows.max() >= first.records
-        if sought:
-            rows = _find_rows(file, first, node_ids(file, first), wanted)
-        end, highest = at + 1, rows.max()
-        for block in blocks[end : at + look]:
-            alike = (block.flag, block.record_bytes, block.free) == (
-                first.flag, first.record_bytes, False,
-            )  # fmt: skip
-            if not alike or block.components != first.components or block.records <= highest:
-                break
-            end += 1
-        raw = b"".join([_gather(file, block, rows) for block in blocks[at:end]])
-        ids, fine = _record_ids(first, raw)
-        right = (fine & (ids == np.tile(wanted, end - at))).reshape(end - at, -1).all(axis=1)
-        same = end - at if right.all() else int(np.argmin(right))
-        if sought and not same:
-            raise ResultError(f"{first}: records changed while read", file.path)
-        size = wanted.size * first.record_bytes
-        if same:
-            found = record_values(file.path, first, raw[: same * size])
-            values[at : at + same] = found.reshape(same, wanted.size, -1)[:, :, columns]
-        if same < end - at:
-            rows, look = rows[:0], 1
-        else:
-            look = min(4 * look, max(1, CHUNK_BYTES // size))
-        at += same
+        before, form = form, (block.flag, block.record_bytes, block.components)
+        head = 4 if block.flag >= 2 else block.spans[0][0]
+        found = None
+        if form == before and rows.max() < block.records:
+            found = _gather(file, block, rows)
+        if found is None or not np.array_equal(found[:, :head], heads):
+            rows = _find_rows(file, block, node_ids(file, block), wanted)
+            found = _gather(file, block, rows)
+            heads = found[:, :head]
+        alike.setdefault(form, []).append((at, found))
+    for taken in alike.values():
+        places, tables = zip(*taken, strict=True)
+        of = [blocks[at] for at in places]
+        columns = [of[0].components.index(name) for name in names]
+        characters = np.concatenate(tables)
+        if (record_ids(file.path, of, characters) != np.tile(wanted, len(of))).any():
+            raise ResultError(f"{of[0]}: records changed while read", file.path)
+        found_values = record_values(file.path, of, characters)[:, columns]
+        values[list(places)] = found_values.reshape(len(of), wanted.size, -1)
     return values
 
 
-def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> bytes:
-    """The records at `rows`, one after the other in that order."""
-    length, first, last = block.record_bytes, int(rows.min()), int(rows.max())
-    span = (last - first + 1) * length
-    if span <= _SEEK_BYTES or span <= 4 * rows.size * length:
-        raw = file.take(block.offset + first * length, span)
-        return np.frombuffer(raw, dtype=np.uint8).reshape(-1, length)[rows - first].tobytes()
-    return b"".join([file.take(block.offset + row * length, length) for row in rows.tolist()])
+def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
+    """The records at `rows`, in that order, ``(record, byte)``."""
+    first, last = int(rows.min()), int(rows.max())
+    if (last - first + 1) * block.record_bytes <= max(
+        _SEEK_BYTES, 4 * rows.size * block.record_bytes
+    ):
+        return characters_of(file, block, first, last - first + 1)[rows - first]
+    return np.concatenate([characters_of(file, block, row, 1) for row in rows.tolist()])
 
 
 def _find_rows(file: ByteFile, block: FrdBlock, ids: IntArray, nodes: IntArray) -> IntArray:
     """Row of each of `nodes` among `ids`, of duplicates the first."""
-    if ids.size == 0:
-        raise no_records(block, file.path)
-    order = np.argsort(ids, kind="stable")
-    place = np.minimum(np.searchsorted(ids[order], nodes), ids.size - 1)
-    rows: IntArray = order[place]
-    absent = nodes[ids[rows] != nodes]
-    if absent.size:
-        held = np.unique(ids)
-        near = held[np.argsort(np.abs(held - absent[0]), kind="stable")[:3]]
+    rows = rows_of(nodes, ids)
+    if (rows < 0).any():
+        absent, held = nodes[int(np.argmin(rows))], np.unique(ids)
+        near = held[np.argsort(np.abs(held - absent), kind="stable")[:3]]
         raise ResultError(
-            f"node {absent[0]} has no record in {block}: {held.size} nodes, "
+            f"node {absent} has no record in {block}: {held.size} nodes, "
             f"{held[0]} to {held[-1]}; nearest {', '.join(map(str, np.sort(near)))}",
             file.path,
         )
@@ -1137,15 +1066,11 @@ def _check_materials(index: FrdIndex, nodes: Collection[int], branches: Mapping[
     """Refuse nodes with elements of more materials than their stress has branches."""
     if index.elements is None or not nodes:
         return
-    wanted = np.unique(np.fromiter(nodes, dtype=np.int64))
-    materials: dict[int, set[int]] = {int(node): set() for node in wanted}
-    for rows in element_rows(index.file, index.elements):
-        corners = rows.corners.ravel()
-        place = np.minimum(np.searchsorted(wanted, corners), wanted.size - 1)
-        hits = np.flatnonzero(wanted[place] == corners)
-        found = rows.material[hits // rows.corners.shape[1]]
-        for node, number in zip(corners[hits].tolist(), found.tolist(), strict=True):
-            materials[node].add(number)
+    materials: dict[int, set[int]] = {node: set() for node in nodes}
+    for rows in element_rows(index.file, index.elements, nodes):
+        for node, numbers in materials.items():
+            touching = (rows.corners == node).any(axis=1)
+            numbers.update(rows.material[touching].tolist())
     for node, numbers in materials.items():
         if len(numbers) > branches.get(node, 1):
             names = " and ".join(
@@ -1193,14 +1118,15 @@ def _span(index: FrdIndex, block: FrdBlock) -> tuple[int | None, int | None, int
     A block of the whole mesh ascends, so its ends are enough; one of a set is in the
     order of the deck, with duplicates, and is read.
     """
-    mesh = None if index.nodes is None else index.nodes.records
-    if not block.free and block.records and block.records == mesh:
-        raw = _gather(index.file, block, np.array([0, block.records - 1]))
-        ids, fine = _record_ids(block, raw)
-        if fine.all() and ids[0] <= ids[1]:
-            return int(ids[0]), int(ids[1]), block.records
+    if not block.records:
+        return None, None, 0
+    if not block.free and index.nodes is not None and block.records == index.nodes.records:
+        ends = _gather(index.file, block, np.array([0, block.records - 1]))
+        lowest, highest = record_ids(index.file.path, [block], ends).tolist()
+        if lowest <= highest:
+            return lowest, highest, block.records
     ids = np.unique(node_ids(index.file, block))
-    return (int(ids[0]), int(ids[-1]), ids.size) if ids.size else (None, None, 0)
+    return int(ids[0]), int(ids[-1]), ids.size
 
 
 def _attempts(path: Path) -> list[StaRow]:
@@ -1212,11 +1138,13 @@ def _attempts(path: Path) -> list[StaRow]:
         return []
 
 
-def _count(field: bytes) -> int:
-    text = field.strip()
-    if not text.isdigit():
-        raise ValueError(f"{field.decode('latin-1')!r} where a count is expected")
-    return int(text)
+def _counts(line: bytes, *places: tuple[int, int]) -> list[int]:
+    """The counts at `places` of a header; not what Python calls an integer, as ``1_0``."""
+    for start, end in places:
+        if not line[start:end].strip().isdigit():
+            found = line[start:end].decode("latin-1")
+            raise ValueError(f"{found!r} where a count is expected in {line[:12].strip()!r}")
+    return [int(line[start:end]) for start, end in places]
 
 
 def _number(field: bytes) -> float:

@@ -21,16 +21,16 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fields import Field, Frame, Scene, SceneCells, rows_of, spread
+from fembridge.results.fields import Field, Frame, Key, Scene, SceneCells, rows_of, spread
 from fembridge.results.frd import (
     NODES_OF_TYPE,
     STRESS,
     FrdBlock,
     FrdIndex,
-    Key,
     MeshBlock,
     NotFiniteError,
     Output,
+    characters_of,
     check_unchanged,
     element_rows,
     having,
@@ -38,8 +38,8 @@ from fembridge.results.frd import (
     no_records,
     node_ids,
     outputs_of,
+    record_ids,
     record_values,
-    whole_records,
 )
 from fembridge.results.read_options import PA_PER_UNIT, ReadOptions
 from fembridge.results.readers import result_file
@@ -357,8 +357,9 @@ def _tables(
             values = np.empty((rows, len(block.components)), dtype=np.float64)
             for at in range(0, rows, step):
                 some = slice(at, min(at + step, rows))
-                raw, nodes[some] = whole_records(file, block, first + at, some.stop - at)
-                values[some] = record_values(file.path, block, raw)
+                characters = characters_of(file, block, first + at, some.stop - at)
+                nodes[some] = record_ids(file.path, [block], characters, first + at)
+                values[some] = record_values(file.path, [block], characters)
         with np.errstate(over="ignore"):  # a number that overflows is not finite
             if set(scales) != {1.0}:
                 values *= scales if len(set(scales)) > 1 else scales[0]
