@@ -1,12 +1,14 @@
 """What the commands do, as functions: ``import fembridge as fb``, then ``fb.simulate(...)``.
 
 Arguments have the words of the command's options. Times are in ms, depths in um,
-stress in Pa, rates in impulses per second. Errors are `FembridgeError`.
+stress in Pa, rates in impulses per second. Errors are `FembridgeError`. `log` is called
+with a line about what was done, `on_progress` with how far it is.
 """
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -23,6 +25,7 @@ from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus import Stimulus
+from fembridge.store import filling
 from fembridge.trace import StressTrace
 
 if TYPE_CHECKING:
@@ -83,8 +86,6 @@ def simulate(
         ``quick``, ``paper``, a TOML file or a `Finger`.
     output
         Where the solver's runs are kept. None: in a temporary folder.
-    log
-        Called with a line about where the stress comes from.
 
     Returns
     -------
@@ -96,10 +97,9 @@ def simulate(
     ------
     UsageError, StimulusError
         Options or an id that mean nothing.
-    MissingError
-        It takes a solver, and there is none.
-    SolverError, ResponseError
-        The solver failed, or no contact model is to be trusted.
+    MissingError, SolverError, ResponseError
+        It takes a solver that is not there, that failed, or no contact model of which
+        is to be trusted.
 
     Examples
     --------
@@ -131,17 +131,14 @@ def simulate(
             settings=settings,
             log=log,
         )
-    if preindent_um is None and chosen.preindent_um:
+    fitted_um = f"{chosen.preindent_um:g} um deep before time 0"
+    if depth_um != chosen.preindent_um:
         log(
-            f"parameters {chosen.name}: the probe is {chosen.preindent_um:g} um deep "
-            "before time 0, as in their fit"
+            f"parameters {chosen.name} were fitted with the probe {fitted_um}, "
+            f"here it is at {depth_um:g} um"
         )
-    elif preindent_um not in (None, chosen.preindent_um):
-        log(
-            f"parameters {chosen.name} were fitted with the probe "
-            f"{chosen.preindent_um:g} um deep before time 0, here it is at "
-            f"{preindent_um:g} um"
-        )
+    elif preindent_um is None and depth_um:
+        log(f"parameters {chosen.name}: the probe is {fitted_um}, as in their fit")
     return result
 
 
@@ -177,10 +174,8 @@ def build_deck(
     solver
         ``calculix`` (None too), ``marc`` or ``abaqus``. Of a `base_deck`: whose it is,
         where its text leaves that open.
-    contact, stiffness_mpa_per_mm, friction
-        Of the probe on the skin; None: what the solver's decks have.
-    results
-        What the solver writes, as ``fembridge build-deck --results``.
+    contact, stiffness_mpa_per_mm, friction, results
+        As the options of the command; None: what the solver's decks have.
     base_deck
         A deck of one's own, kept to the byte but for waveform, increments and output;
         `amplitude`, `step`, `afferents` (node by class) and `length_unit` are for it.
@@ -191,10 +186,9 @@ def build_deck(
     ------
     UsageError, StimulusError
         Options or an id that mean nothing.
-    DeckError, FingerError
-        The model cannot be put into a deck, with file and line of a `base_deck`.
-    OutputError
-        A folder that cannot be written.
+    DeckError, FingerError, OutputError
+        The model cannot be put into a deck, with file and line of a `base_deck`; a
+        folder cannot be written.
 
     Examples
     --------
@@ -219,20 +213,13 @@ def build_deck(
         return [run for run, _ in changed]
     solver = solver or "calculix"
     dialect = dialect_named(solver)
-    asked = {
-        "formulation": contact,
-        "stiffness_mpa_per_mm": stiffness_mpa_per_mm,
-        "friction": friction,
-    }
-    given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+    asked = {"formulation": contact, "friction": friction}
+    given = _given(asked | {"stiffness_mpa_per_mm": stiffness_mpa_per_mm})
     for name in given:
         if name not in dialect.contact:
             raise UsageError(f"contact: a deck for {solver} has no {name}")
     try:
         of_contact = Contact(**given)
-    except DeckError as error:
-        raise UsageError(f"contact: {error}") from error
-    try:
         element = dialect.element_named(element or dialect.element)
     except DeckError as error:
         raise UsageError(str(error)) from error
@@ -258,12 +245,8 @@ def run(
     """Run the solver in run folders, or in what `build_deck` gave.
 
     Accepted results are beside their deck. A folder whose results are whole and of its
-    deck is skipped, unless `force`.
-
-    Returns
-    -------
-    list of Outcome
-        One a folder; ``failure`` is None, or the cause why it is not accepted.
+    deck is skipped, unless `force`. An outcome's ``failure`` is None, or the cause why
+    it is not accepted.
 
     Raises
     ------
@@ -309,10 +292,9 @@ def encode(
 
     Raises
     ------
-    UsageError
-        A trace without a class, or parameters that read strain energy.
-    ParameterError
-        A time step that the parameters were not made for.
+    UsageError, ParameterError
+        A trace without a class, parameters that read strain energy, or were not made for
+        this time step.
 
     Examples
     --------
@@ -363,6 +345,11 @@ def stimuli_of(
     return [one.sliding(slide_mm_per_s) for one in found]
 
 
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that were given."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
 def _model(
     finger: str | Finger,
     probe: Probe | None,
@@ -389,33 +376,24 @@ def sweep(
 ) -> "Sweep":
     """Solve many stimuli on many fingers, each once, as the TOML file `study` says.
 
-    Goes on where an earlier sweep into `output` ended.
+    Goes on where an earlier sweep into `output` ended. Its ``results`` is the path of the
+    table, ``failed`` lists items without an answer, ``causes`` why.
 
     Parameters
     ----------
-    jobs
-        Processes on this machine.
+    jobs, threads
+        Processes on this machine, and threads of each solver.
     executor, scheduler
         ``local``, or ``dask`` with the address of a cluster, without one of one made here.
-    threads
-        Of each solver.
     shows
         Show on stderr how far it is.
 
-    Returns
-    -------
-    Sweep
-        ``results`` is the path of its table, ``failed`` lists items without an answer,
-        ``causes`` why.
-
     Raises
     ------
-    UsageError
-        A study or numbers that mean nothing.
+    UsageError, OutputError
+        A study or numbers that mean nothing; `output` cannot be written.
     MissingError
         No solver, and the study does not say ``stored``; or no dask.
-    OutputError
-        `output` cannot be written.
 
     Examples
     --------
@@ -442,9 +420,19 @@ def fit(
     observed: "PathLike | pandas.DataFrame",
     *,
     afferents: Sequence[str] | None = None,
-    finger: str = "quick",
+    drive: str | None = None,
+    cells: int | None = None,
+    family: str = "sine",
+    preindent_um: float | None = None,
     evaluations: int | None = None,
-    seed: int | None = None,
+    population: int | None = None,
+    seed: int = 1,
+    rule: str = "smallest_error",
+    finger: str | None = None,
+    response: PathLike | None = None,
+    complete: bool = False,
+    output: PathLike | None = None,
+    log: Callable[[str], None] = lambda line: None,
     on_progress: Callable[[str, Any], None] | None = None,
 ) -> "FitRun":
     """Parameters whose rates come closest to `observed` ones, class by class.
@@ -452,15 +440,23 @@ def fit(
     Parameters
     ----------
     observed
-        A DataFrame or the path of a table, ``stimulus, afferent, rate_ips``.
-    afferents
-        Classes to fit; None: all that have rates.
-    finger
-        Whose stored response makes the stress.
-    evaluations, seed
-        Of the search; the same seed gives the same fit.
-    on_progress
-        Called with a class and how far its search is.
+        A DataFrame or the path of a table, ``stimulus, afferent, rate_ips``; `complete`
+        where each stimulus must have a rate of each class.
+    afferents, drive, cells
+        Classes to fit, None: all that have rates; their model, and how many cells.
+    family
+        ``sine``, ``diharm``, ``noise`` or ``all``: what is fitted; the rest is judged.
+    preindent_um
+        Depth of the probe before time 0. None: 0 of the published model, else that of
+        the fitted parameters.
+    evaluations, population, seed, rule
+        Of the search, and of the choice; the same seed gives the same fit.
+    finger, response
+        Whose stored response makes the stress; or a response of one's own.
+    output
+        Folder for the files of the command. None: nothing is written.
+    log, on_progress
+        Called with a line about each fit; with a class and how far its search is.
 
     Returns
     -------
@@ -482,26 +478,51 @@ def fit(
     >>> fit.afferent
     'SA'
     """
-    from fembridge.fitting.fit import FitSettings, fit_afferents
-    from fembridge.fitting.problem import stored_source
-    from fembridge.observed import read_observed
-    from neural.models import DEFAULT_MODELS, model_named
+    from fembridge.fitting import fit as fitting
+    from fembridge.fitting.problem import EVERY, models_to_fit, solved_source, stored_source
+    from fembridge.observed import FAMILIES, read_observed
+    from fembridge.tables import AFFERENTS
     from neural.parameter_sets import fitted_preindent_um
 
-    with ExitStack() as stack:
-        if not isinstance(observed, str | Path):
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
-            table, observed = observed, Path(folder) / "observed.csv"
-            table.to_csv(observed, index=False)
-        rates = read_observed(Path(observed), complete=False)
-    asked = {"evaluations": evaluations, "seed": seed}
-    given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
-    settings = FitSettings(preindent_um=fitted_preindent_um(), **given)
-    models = {
-        name: model_named(DEFAULT_MODELS[name], name) for name in afferents or rates.afferents
+    of_default = 0.0 if drive == "published" else fitted_preindent_um()
+    search = {"evaluations": evaluations, "population": population}
+    settings = fitting.FitSettings(
+        families=FAMILIES if family == EVERY else (family,),
+        preindent_um=of_default if preindent_um is None else preindent_um,
+        cells=cells,
+        seed=seed,
+        rule=rule,
+        **_given(search),
+    )
+    rates = read_observed(
+        Path(observed) if isinstance(observed, str) else observed, complete=complete
+    )
+    models = models_to_fit(rates, afferents, drive, settings.families, log)
+    source = solved_source(Path(response)) if response else stored_source(finger or "quick")
+    run = fitting.fit_afferents(
+        rates, source.response, models, settings, on_progress=on_progress, log=log
+    )
+    options = {
+        "afferent": None if afferents is None else list(afferents),
+        "drive": drive,
+        "cells": cells,
+        "family": family,
+        "preindent_um": preindent_um,
+        "finger": finger,
+        "own_response": response is not None,
+        "allow_missing": not complete,
     }
-    response = stored_source(finger).response
-    return fit_afferents(rates, response, models, settings, on_progress=on_progress)
+    run = replace(run, provenance=fitting.fit_table(run, rates, source, options))
+    if output is not None:
+        from fembridge.plots.style import save_figure
+        from fembridge.plots.tradeoffs import tradeoffs_figure
+
+        with filling(Path(output), last=fitting.PARAMETERS_FILE) as draft:
+            fitting.write_fit(draft, run, f"fit_{drive}" if drive else "fit")
+            save_figure(tradeoffs_figure(run), draft / fitting.PICTURE_FILE)
+        for name in set(map(fitting.front_file, AFFERENTS)) - set(run.front_files):
+            (Path(output) / name).unlink(missing_ok=True)  # of an earlier fit
+    return run
 
 
 def validate(
@@ -522,13 +543,11 @@ def validate(
         Table of observed rates, ``stimulus, afferent, rate_ips``.
     parameters
         ``fitted``, ``published`` or a TOML file.
-    log
-        Called with a line about where the stress comes from.
 
     Returns
     -------
     Validation
-        The tables of the page as values.
+        The tables of the page as DataFrames.
 
     Raises
     ------
@@ -540,14 +559,14 @@ def validate(
     Examples
     --------
     >>> import fembridge as fb
-    >>> study = fb.validate()
+    >>> fb.validate().judged.name
+    'fitted'
     """
     from fembridge.observed import read_observed
-    from fembridge.report.validate import judged_models
-    from fembridge.report.validate import validate as validate_models
+    from fembridge.report import validate as report
 
     rates = None if observed is None else read_observed(Path(observed), complete=False)
-    study = validate_models(read_finger(finger), judged_models(parameters), rates, log)
+    study = report.validate(read_finger(finger), report.judged_models(parameters), rates, log)
     if output is not None:
         from fembridge.report.validation_page import write_report
 

@@ -13,6 +13,7 @@ that an error names the line and what was found there.
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import TableError, TraceError
 from fembridge.store import write_text
-from fembridge.trace import STEP_TOLERANCE, StressTrace
+from fembridge.trace import StressTrace, mean_step
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -37,11 +38,8 @@ SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
-_BINARY = {
-    b"\xff\xfe": "the text is UTF-16, expected UTF-8",
-    b"\xfe\xff": "the text is UTF-16, expected UTF-8",
-    b"PK\x03\x04": "a spreadsheet or another ZIP archive, expected a CSV table",
-}
+_TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
+_IN_QUOTES = re.compile(r"EOF inside string starting at row (\d+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +86,29 @@ def read_traces(path: Path) -> list[StressTrace]:
         raise TableError("a header and no rows, expected samples", path)
     samples = pd.DataFrame(
         {
-            "afferent": table.choices("afferent", AFFERENTS, optional=True),
-            "node": table.whole("node", least=1),
+            "afferent": table.choices("afferent", ("", *AFFERENTS)),
+            "node": table.numbers("node", 1, int),
             "time_ms": table.numbers("time_ms"),
             "stress_pa": table.numbers("von_mises_pa"),
         }
     )
-    return [_trace(table, part) for _, part in samples.groupby(["afferent", "node"], sort=False)]
+    traces = []
+    for _, part in samples.groupby(["afferent", "node"], sort=False):
+        afferent, node, *_ = part.iloc[0]
+        who, rows = f"{afferent} node {node}".strip(), part.index.to_numpy()
+        if len(rows) < 2:
+            raise table.error(rows[0], f"{who}: one sample, expected more")
+        times_ms, stress_pa = part["time_ms"].to_numpy(), part["stress_pa"].to_numpy()
+        dt_ms, odd = mean_step(times_ms)
+        if odd is not None:
+            before_ms, after_ms = times_ms[odd : odd + 2]
+            raise table.error(
+                rows[odd + 1],
+                f"{who}: time goes from {before_ms:g} to {after_ms:g} ms, expected an even step",
+            )
+        start_ms = float(times_ms[0])
+        traces.append(StressTrace(stress_pa, dt_ms, int(node), afferent or None, start_ms))
+    return traces
 
 
 def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:
@@ -122,7 +136,7 @@ def read_spikes(path: Path) -> list[SpikeTrain]:
         {
             "stimulus": table.words("stimulus"),
             "afferent": table.choices("afferent", AFFERENTS),
-            "repeat": table.whole("repeat", least=0),
+            "repeat": table.numbers("repeat", 0, int),
             "time_ms": table.numbers("spike_time_ms"),
         }
     )
@@ -180,8 +194,9 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
 class TextTable:
     """The cells of a CSV table as text; every method names the line of a bad cell.
 
-    `header` has the names of the columns, `cells` their text by number of column, and
-    `records` ``(row,)`` which record of `text` each row is; the header is record 0.
+    `header` has the names of the columns, `cells` their text by number of column,
+    without blanks around it, and `records` ``(row,)`` which record of `text` each row
+    is; the header is record 0.
     """
 
     path: Path
@@ -200,9 +215,8 @@ class TextTable:
         return replace(self, cells=self.cells[mask], records=self.records[mask])
 
     def column(self, name: str) -> NDArray[Any]:
-        """Text of the cells of a column ``(row,)``, without blanks around it."""
-        found: NDArray[Any] = self.cells[self.header.index(name)].str.strip().to_numpy(dtype=object)
-        return found
+        """Text of the cells of a column ``(row,)``."""
+        return self.cells[self.header.index(name)].to_numpy(dtype=object)
 
     def words(self, name: str) -> NDArray[Any]:
         """Column of cells that must not be empty."""
@@ -210,26 +224,34 @@ class TextTable:
         self.refuse(cells == "", lambda row: f"{name} is empty")
         return cells
 
-    def choices(self, name: str, choices: Sequence[str], *, optional: bool = False) -> NDArray[Any]:
-        """Column of cells that must be one of `choices`, or if `optional` empty."""
+    def choices(self, name: str, choices: Sequence[str]) -> NDArray[Any]:
+        """Column of cells that must be one of `choices`."""
         cells = self.column(name)
-        allowed = {*choices, ""} if optional else {*choices}
-        odd = set(cells.tolist()) - allowed
-        if odd:
-            self.refuse(
-                np.isin(cells, list(odd)),
-                lambda row: f"{name} is {cells[row]!r}, expected one of {', '.join(choices)}",
-            )
+        known = ", ".join(filter(None, choices))
+        self.refuse(
+            ~np.isin(cells.astype(str), choices),
+            lambda row: f"{name} is {cells[row]!r}, expected one of {known}",
+        )
         return cells
 
-    def numbers(self, name: str, least: float = -math.inf) -> FloatArray:
-        """Column of finite numbers, `least` or more."""
-        numbers: FloatArray = self._converted(name, float, least)
-        return numbers
-
-    def whole(self, name: str, least: int) -> IntArray:
-        """Column of whole numbers, `least` or more."""
-        numbers: IntArray = self._converted(name, int, least)
+    def numbers(
+        self, name: str, least: float = -math.inf, kind: type[float] = float
+    ) -> NDArray[Any]:
+        """Column of finite numbers of a `kind`, `least` or more."""
+        cells = self.column(name)
+        try:
+            if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
+                raise ValueError
+            numbers = cells.astype(kind)
+        except (ValueError, OverflowError):
+            words = "a whole number" if kind is int else "a number"
+            row = next(row for row, cell in enumerate(cells) if not _is(kind, cell))
+            raise self.error(row, f"{name} is {cells[row]!r}, expected {words}") from None
+        wanted = "a finite number" if least == -math.inf else f">= {least:g}"
+        self.refuse(
+            ~(np.isfinite(numbers) & (numbers >= least)),
+            lambda row: f"{name} is {numbers[row]:g}, expected {wanted}",
+        )
         return numbers
 
     def refuse_duplicates(self, keys: "pd.DataFrame") -> None:
@@ -260,29 +282,9 @@ class TextTable:
         next(islice(reader, record, None))
         return reader.line_num
 
-    def _converted(self, name: str, kind: type[float], least: float) -> NDArray[Any]:
-        cells = self.column(name)
-        try:
-            if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
-                raise ValueError
-            numbers = cells.astype(kind)
-        except (ValueError, OverflowError):
-            words = "a whole number" if kind is int else "a number"
-            bad = np.array([not _is(kind, cell) for cell in cells])
-            self.refuse(bad, lambda row: f"{name} is {cells[row]!r}, expected {words}")
-            raise
-        self.refuse(
-            ~np.isfinite(numbers),
-            lambda row: f"{name} is {numbers[row]}, expected a finite number",
-        )
-        self.refuse(
-            numbers < least, lambda row: f"{name} is {numbers[row]:g}, expected >= {least:g}"
-        )
-        return numbers
 
-
-def read_table(path: Path, columns: Sequence[str] = ()) -> TextTable:
-    """The CSV table `path`, which must have `columns`, as text.
+def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> TextTable:
+    """A CSV table, which must have `columns`, as text; of a DataFrame a line is a row, from 1.
 
     Raises
     ------
@@ -292,8 +294,17 @@ def read_table(path: Path, columns: Sequence[str] = ()) -> TextTable:
     """
     import pandas as pd
 
-    text = _decoded(path)
+    if isinstance(source, pd.DataFrame):
+        path, header = Path("DataFrame"), tuple(map(str, source.columns))
+        _check_header(header, columns, path)
+        cells = source.map(str).set_axis(range(len(header)), axis=1)
+        return TextTable(path, "", header, cells, np.arange(len(cells)))
+    path, text = source, _decoded(source)
     try:
+        header = tuple(name.strip() for name in next(csv.reader(io.StringIO(text, newline="")), ()))
+        if not header:
+            raise TableError(f"empty, expected a header {','.join(columns)}".strip(), path)
+        _check_header(header, columns, path)
         cells = pd.read_csv(
             io.StringIO(text, newline=""),
             header=None,
@@ -301,35 +312,21 @@ def read_table(path: Path, columns: Sequence[str] = ()) -> TextTable:
             na_filter=False,
             skip_blank_lines=False,
         )
-    except pd.errors.EmptyDataError:
-        expected = f" with {','.join(columns)}" if columns else ""
-        raise TableError(f"empty, expected a header{expected}", path) from None
-    except pd.errors.ParserError as error:
-        raise _not_csv(text, columns, path, error) from error
-    header = tuple(name.strip() for name in cells.iloc[0])
-    _check_header(header, columns, path)
-    blank = np.ones(len(cells), dtype=bool)
-    blank[0] = False
-    for column in cells:
-        blank &= (cells[column].str.strip() == "").to_numpy(dtype=bool)
-        if not blank.any():
-            break
-    records = np.flatnonzero(~blank)[1:]
+    except (csv.Error, pd.errors.ParserError) as error:
+        raise _not_csv(text, path, error) from error
+    cells = cells.apply(lambda column: column.str.strip())
+    records = np.flatnonzero((cells != "").any(axis=1))[1:]  # without blank rows
     return TextTable(path, text, header, cells.iloc[records], records)
 
 
 def _decoded(path: Path) -> str:
     try:
         content = path.read_bytes()
+        if b"\0" in content:
+            raise TableError("a binary file, expected a CSV table in UTF-8", path)
+        return content.decode("utf-8-sig")
     except OSError as error:
         raise TableError(f"cannot read: {error.strerror}", path) from error
-    for begin, problem in _BINARY.items():
-        if content.startswith(begin):
-            raise TableError(problem, path)
-    if b"\0" in content:
-        raise TableError("a binary file, expected a CSV table", path)
-    try:
-        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         found = f"byte 0x{content[error.start]:02x}"
@@ -337,39 +334,33 @@ def _decoded(path: Path) -> str:
 
 
 def _check_header(header: Sequence[str], columns: Sequence[str], path: Path) -> None:
-    expected = ",".join(columns)
     for separator, name in _SEPARATORS.items():
         if len(header) == 1 and separator in header[0]:
             raise TableError(f"{header[0]!r} is separated by {name}, expected commas", path, 1)
-    missing = [name for name in columns if name not in header]
-    if missing:
-        raise TableError(
-            f"no column {', '.join(missing)} in {','.join(header)!r}, "
-            f"expected a header with {expected}",
-            path,
-            1,
-        )
     for name in columns:
-        if header.count(name) > 1:
-            raise TableError(f"duplicate column {name}", path, 1)
+        if header.count(name) != 1:
+            found = "duplicate" if name in header else "no"
+            raise TableError(
+                f"{found} column {name} in {','.join(header)!r}, "
+                f"expected a header with {','.join(columns)}",
+                path,
+                1,
+            )
 
 
-def _not_csv(text: str, columns: Sequence[str], path: Path, problem: ValueError) -> TableError:
-    """What is wrong with `text`, which pandas refused for a `problem`, and on which line."""
-    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
-    try:
-        header = next(rows)
-        _check_header([name.strip() for name in header], columns, path)
-        cells = next((row for row in rows if len(row) > len(header)), None)
-    except csv.Error as error:
-        return TableError(f"not CSV: {error}", path, rows.line_num)
-    if cells is None:
+def _not_csv(text: str, path: Path, problem: ValueError | csv.Error) -> TableError:
+    """What pandas says of `text`, with the line, in our words."""
+    if cut := _IN_QUOTES.search(str(problem)):
+        return TableError("not CSV: a quote is not closed", path, int(cut[1]) + 1)
+    if not (cells := _TOO_MANY_CELLS.search(str(problem))):
         return TableError(f"not CSV: {problem}", path)
-    found = f"{len(cells)} cells, expected {len(header)} as in the header"
-    whole, decimals = cells[-2:]
-    if len(cells) == len(header) + 1 and whole.isdecimal() and decimals.isdecimal():
-        found += f"; '{whole},{decimals}' looks like a decimal comma, expected a point"
-    return TableError(found, path, rows.line_num)
+    expected, line, found = map(int, cells.groups())
+    whole, _, decimals = text.splitlines()[line - 1].rpartition(",")
+    whole = whole.rpartition(",")[2]
+    hint = ""
+    if found == expected + 1 and whole.isdecimal() and decimals.isdecimal():
+        hint = f"; '{whole},{decimals}' looks like a decimal comma, expected a point"
+    return TableError(f"{found} cells, expected {expected} as in the header{hint}", path, line)
 
 
 def _is(kind: type[float], cell: str) -> bool:
@@ -378,26 +369,3 @@ def _is(kind: type[float], cell: str) -> bool:
     except (ValueError, OverflowError):
         return False
     return "_" not in cell
-
-
-def _trace(table: TextTable, part: "pd.DataFrame") -> StressTrace:
-    """The trace of one node; its times must be one even, rising grid."""
-    afferent, node = part["afferent"].iloc[0] or None, int(part["node"].iloc[0])
-    who = f"{afferent} node {node}" if afferent else f"node {node}"
-    times_ms, stress_pa = part["time_ms"].to_numpy(), part["stress_pa"].to_numpy()
-    rows = part.index.to_numpy()
-    if times_ms.size < 2:
-        raise table.error(rows[0], f"{who}: one sample, expected more")
-    steps_ms = np.diff(times_ms)
-    usual_ms = float(np.median(steps_ms))
-    even = np.abs(steps_ms - usual_ms) <= STEP_TOLERANCE * abs(usual_ms)
-    off = np.flatnonzero(~even | (steps_ms <= 0))
-    if off.size:
-        k = off[0]
-        raise table.error(
-            rows[k + 1],
-            f"{who}: time goes from {times_ms[k]:g} to {times_ms[k + 1]:g} ms, "
-            f"expected an even step (most are {usual_ms:g} ms)",
-        )
-    dt_ms = float((times_ms[-1] - times_ms[0]) / steps_ms.size)
-    return StressTrace(stress_pa, dt_ms, node, afferent, start_ms=float(times_ms[0]))

@@ -80,17 +80,26 @@ class StressTrace:
         if len(samples) < 2:
             raise ResultError(f"node {node}: {len(samples)} samples, expected two or more", path)
         times_ms, stress_pa = np.array(samples, dtype=np.float64).T
-        steps_ms = np.diff(times_ms)
-        dt_ms = float((times_ms[-1] - times_ms[0]) / steps_ms.size)
-        off = np.flatnonzero(~(np.abs(steps_ms - dt_ms) <= STEP_TOLERANCE * abs(dt_ms)))
-        if off.size or not dt_ms > 0:
-            row = int(off[0]) if off.size else 0
+        dt_ms, odd = mean_step(times_ms)
+        if odd is not None:
+            before_ms, after_ms = times_ms[odd : odd + 2]
             raise ResultError(
-                f"node {node}: uneven time step, {times_ms[row]:g} to "
-                f"{times_ms[row + 1]:g} ms where {dt_ms:g} ms is the mean",
+                f"node {node}: uneven time step, {before_ms:g} to {after_ms:g} ms "
+                f"where {dt_ms:g} ms is the mean",
                 path,
             )
         return cls(stress_pa, dt_ms, node, afferent, start_ms=float(times_ms[0]))
+
+
+def mean_step(times_ms: FloatArray) -> tuple[float, int | None]:
+    """Mean step of `times_ms` ``(T,)``; where it is not every step, the row before an odd one."""
+    steps_ms = np.diff(times_ms)
+    mean_ms = float((times_ms[-1] - times_ms[0]) / steps_ms.size)
+    if mean_ms > 0 and (np.abs(steps_ms - mean_ms) <= STEP_TOLERANCE * mean_ms).all():
+        return mean_ms, None
+    usual_ms = np.median(steps_ms)
+    even = np.abs(steps_ms - usual_ms) <= STEP_TOLERANCE * usual_ms
+    return mean_ms, int(even.argmin())
 
 
 class Traces(list[StressTrace]):

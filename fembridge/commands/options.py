@@ -62,6 +62,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "action": "store_true",
         "help": "the skin's mass counts while the probe follows its waveform",
     },
+    "observed": {
+        "required": True,
+        "metavar": "RATES.csv",
+        "help": "what to fit to: a table stimulus,afferent,rate_ips",
+    },
     "parameters": {
         "metavar": "NAME",
         "help": "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "
@@ -96,39 +101,16 @@ def add_options(
         parser.add_argument(option(name), **{**_OPTIONS[name], **changed})
 
 
-def add_observed_option(parser: argparse.ArgumentParser) -> None:
-    """What to fit to."""
-    parser.add_argument(
-        "--observed",
-        required=True,
-        metavar="RATES.csv",
-        help="what to fit to: a table stimulus,afferent,rate_ips",
-    )
-
-
 def add_stored_finger_option(
     parser: argparse._ActionsContainer, default: str | None = "quick"
 ) -> None:
-    """Whose stored response; None as the default tells whether it was asked for."""
+    """Whose stored response."""
     parser.add_argument(
         "--finger",
         choices=("quick", "paper"),
         default=default,
         help="whose stored response gives the stress (default: quick)",
     )
-
-
-def checked_model(name: str) -> str:
-    """`name` if it is a model of an afferent."""
-    from fembridge.errors import UsageError
-    from neural.models import MODELS
-
-    if name not in MODELS:
-        raise UsageError(
-            f"model {name!r}, expected one of {', '.join(MODELS)}; "
-            "`fembridge fit --drive list` describes each"
-        )
-    return name
 
 
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:

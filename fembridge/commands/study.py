@@ -9,14 +9,10 @@ most of an hour on one core.
 
 import argparse
 import sys
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import (
-    add_observed_option,
-    add_output_option,
-    add_stored_finger_option,
-    checked_model,
-)
+from fembridge.commands.options import add_options, add_output_option, add_stored_finger_option
 
 if TYPE_CHECKING:
     from fembridge.fitting.study import Case, Finding
@@ -29,32 +25,27 @@ PICTURE_FILE = "study.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    add_observed_option(parser)
-    parser.add_argument(
+    add_options(parser, ("observed",))
+    add = parser.add_argument
+    numbers: dict[str, Any] = {"type": int, "metavar": "N"}
+    add(
         "--drive",
         nargs="+",
         metavar="NAME",
         help="models to compare, of all classes that have them (default: the study)",
     )
-    parser.add_argument(
-        "--cells", type=int, metavar="N", help="cells of each (default: the model's)"
-    )
-    parser.add_argument(
+    add("--cells", **numbers, help="cells of each (default: the model's)")
+    add(
         "--preindent-um",
         type=float,
         nargs="+",
         metavar="DEPTH",
         help="depths of the probe before time 0, with --drive (default: 0)",
     )
-    parser.add_argument("--seeds", type=int, nargs="+", default=(1, 2, 3), help="default: 1 2 3")
-    parser.add_argument(
-        "--evaluations",
-        type=int,
-        default=10_000,
-        metavar="N",
-        help="candidates that each search tries (default: %(default)d)",
-    )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
+    add("--seeds", type=int, nargs="+", default=(1, 2, 3), help="default: 1 2 3")
+    tried = "candidates that each search tries (default: %(default)d)"
+    add("--evaluations", **numbers, default=10_000, help=tried)
+    add("--jobs", **numbers, default=1, help="processes (default: 1)")
     add_stored_finger_option(parser)
     add_output_option(parser, default="study")
 
@@ -63,16 +54,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Study and write; the summary holds the best case of each class."""
     from pathlib import Path
 
+    from fembridge.fitting import study as studies
     from fembridge.fitting.problem import stored_source
-    from fembridge.fitting.study import (
-        CASES_FILE,
-        SUMMARY_FILE,
-        fitted_rmse_ips,
-        held_out_rmse_ips,
-        study_models,
-        summary_text,
-        write_cases,
-    )
     from fembridge.observed import read_observed
     from fembridge.plots.study import study_figure
     from fembridge.plots.style import save_figure
@@ -80,20 +63,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     observed = read_observed(Path(args.observed))
     cases = _cases_from(args, observed)
-    done: list[Finding] = []
+    done = count(1)
 
     def on_finding(finding: "Finding") -> None:
-        done.append(finding)
         case = finding.case
         print(
-            f"{len(done)}/{len(cases)} {case.afferent} {case.model}, cells {case.cells}, "
+            f"{next(done)}/{len(cases)} {case.afferent} {case.model}, cells {case.cells}, "
             f"pre-indented by {case.preindent_um:g} um: "
-            f"RMSE {finding.median(fitted_rmse_ips):.1f} ips fitted, "
-            f"{finding.median(held_out_rmse_ips):.1f} held out",
+            f"RMSE {finding.median(studies.fitted_rmse_ips):.1f} ips fitted, "
+            f"{finding.median(studies.held_out_rmse_ips):.1f} held out",
             file=sys.stderr,
         )
 
-    study = study_models(
+    study = studies.study_models(
         observed,
         stored_source(args.finger).response,
         cases,
@@ -102,15 +84,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         jobs=args.jobs,
         on_finding=on_finding,
     )
-    output = Path(args.output)
-    with filling(output, last=SUMMARY_FILE) as draft:
-        write_cases(draft / CASES_FILE, study)
+    output, summary = Path(args.output), studies.summary_text(study)
+    with filling(output, last=studies.SUMMARY_FILE) as draft:
+        studies.write_cases(draft / studies.CASES_FILE, study)
         save_figure(study_figure(study), draft / PICTURE_FILE)
-        write_text(draft / SUMMARY_FILE, summary_text(study))
-    best = {name: study.best(name) for name in study.unfitted}
+        write_text(draft / studies.SUMMARY_FILE, summary)
     if not args.json:
-        print(summary_text(study))
-        print(f"{CASES_FILE}, {SUMMARY_FILE}, {PICTURE_FILE}: {output}")
+        print(summary)
+        print(f"{studies.CASES_FILE}, {studies.SUMMARY_FILE}, {PICTURE_FILE}: {output}")
     return {
         "output": args.output,
         "cases": len(cases),
@@ -120,9 +101,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 "cells": one.case.cells,
                 "preindent_um": one.case.preindent_um,
                 "free_parameters": one.case.free_parameters,
-                "held_out_rmse_ips": one.median(held_out_rmse_ips),
+                "held_out_rmse_ips": one.median(studies.held_out_rmse_ips),
             }
-            for name, one in best.items()
+            for name, one in ((name, study.best(name)) for name in study.unfitted)
         },
     }
 
@@ -131,6 +112,7 @@ def _cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[C
     """Cases that the options name."""
     from fembridge.errors import UsageError
     from fembridge.fitting.fit import FitSettings
+    from fembridge.fitting.problem import checked_model
     from fembridge.fitting.study import Case, default_cases
     from neural.models import MODELS
 

@@ -10,7 +10,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_output_option
+from fembridge.commands.options import add_output_option, words_of
 
 if TYPE_CHECKING:
     from fembridge.report.validate import Validation
@@ -50,9 +50,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compute and write; the summary holds the agreement of all families."""
     from pathlib import Path
 
-    from decks.finger_file import read_finger
-    from fembridge.observed import read_observed
-    from fembridge.report.validate import judged_models, validate
+    from fembridge import api
     from fembridge.report.validation_page import PAGE, write_report
 
     notes: list[str] = []
@@ -61,11 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         notes.append(line)
         print(line, file=sys.stderr)
 
-    observed = None
-    if args.observed is not None:
-        observed = read_observed(Path(args.observed), complete=False)
-    models = judged_models(args.parameters)
-    study = validate(read_finger(args.finger), models, observed, log)
+    study = api.validate(**words_of(args, "finger", "observed", "parameters"), log=log)
     output = Path(args.output)
     files = write_report(output, study, command_line(args))
     rows = _rows(study)

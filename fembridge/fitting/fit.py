@@ -4,11 +4,12 @@
 clock time, so that the same fit gives the same bytes.
 """
 
-import math
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from itertools import compress
 from pathlib import Path
@@ -19,12 +20,18 @@ import numpy as np
 from decks.stimuli import Entry
 from fembridge import __version__
 from fembridge.errors import UsageError
-from fembridge.fitting.problem import ResponseSource, fit_problem, group_of, observed_entries
+from fembridge.fitting.problem import (
+    EVERY,
+    ResponseSource,
+    fit_problem,
+    group_of,
+    observed_entries,
+)
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.progress import Bars
 from fembridge.response.response_map import ResponseMap
 from fembridge.store import write_text
-from fembridge.tables import AFFERENTS, Rate, write_rates, write_table
+from fembridge.tables import Rate, write_rates, write_table
 from fembridge.typing import FloatArray, Table
 from neural.agreement import Agreement, agreement
 from neural.fit_problem import FitProblem
@@ -42,9 +49,10 @@ from neural.search import (
     total_rmse_ips,
 )
 
-EVERY = "all"
-_LEAST_POPULATION = 4
-_MOST_POPULATION = 10_000
+PARAMETERS_FILE = "fitted.toml"
+RATES_FILE = "fitted_rates.csv"
+PICTURE_FILE = "tradeoffs.png"
+_POPULATIONS = (4, 10_000)
 _FAMILY_WORDS = {"sine": "sinusoids", "diharm": "diharmonics", "noise": "noises"}
 
 # Called with the class and where its search stands.
@@ -61,7 +69,7 @@ class FitSettings:
     Raises
     ------
     UsageError
-        A number or a word that no fit can be made with.
+        A number that no fit can be made with.
     """
 
     families: tuple[str, ...] = FAMILIES[:1]
@@ -73,32 +81,17 @@ class FitSettings:
     rule: str = "smallest_error"
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.preindent_um) and self.preindent_um >= 0):
-            raise UsageError(f"preindent_um is {self.preindent_um}, expected >= 0")
-        if self.cells is not None and not 1 <= self.cells <= MOST_CELLS:
-            raise UsageError(f"cells is {self.cells}, expected 1 to {MOST_CELLS}")
-        if not _LEAST_POPULATION <= self.population <= _MOST_POPULATION:
-            raise UsageError(
-                f"population is {self.population}, expected {_LEAST_POPULATION} to "
-                f"{_MOST_POPULATION}"
-            )
-        if self.evaluations < self.population:
-            raise UsageError(
-                f"{self.evaluations} evaluations, expected at least one population of "
-                f"{self.population}"
-            )
-        if self.seed < 0:
-            raise UsageError(f"seed is {self.seed}, expected 0 or more")
-
-
-@dataclass(frozen=True, slots=True)
-class AgreementRow:
-    """Agreement over one group of a family, over a family, or over all (``all``)."""
-
-    family: str
-    group: str
-    seen: bool
-    agreement: Agreement
+        for name, least, most in (
+            ("preindent_um", 0, None),
+            ("cells", 1, MOST_CELLS),
+            ("population", *_POPULATIONS),
+            ("evaluations", self.population, None),
+            ("seed", 0, None),
+        ):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= (most or sys.float_info.max):
+                end = f"to {most}" if most else "or more"
+                raise UsageError(f"{name} is {value}, expected {least} {end}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,29 +116,28 @@ class JudgedRates:
         """Agreement over all stimuli."""
         return agreement(self.observed_ips, self.predicted_ips)
 
-    def rows(self) -> list[AgreementRow]:
+    def rows(self) -> list[Table]:
         """Agreement over each group, over each family, and over all families."""
-        found = []
-        for family in dict.fromkeys(entry.family for entry in self.entries):
+        parts = []
+        families = dict.fromkeys(entry.family for entry in self.entries)
+        for family in families:
             mine = self._part([entry.family == family for entry in self.entries])
-            for group in dict.fromkeys(mine.groups):
-                found.append(AgreementRow(family, group, self.seen, mine.of_group(group).total))
-            found.append(AgreementRow(family, EVERY, self.seen, mine.total))
-        if len({row.family for row in found}) > 1:
-            found.append(AgreementRow(EVERY, EVERY, self.seen, self.total))
-        return found
+            parts += [(family, name, mine.of_group(name)) for name in dict.fromkeys(mine.groups)]
+            parts.append((family, EVERY, mine))
+        if len(families) > 1:
+            parts.append((EVERY, EVERY, self))
+        return [
+            {"family": family, "group": group, "seen": self.seen, **part.total.to_row()}
+            for family, group, part in parts
+        ]
 
     def of_group(self, group: str) -> "JudgedRates":
         """The stimuli of one group, in their order."""
         return self._part([name == group for name in self.groups])
 
     def _part(self, kept: list[bool]) -> "JudgedRates":
-        return JudgedRates(
-            tuple(compress(self.entries, kept)),
-            self.observed_ips[kept],
-            self.predicted_ips[kept],
-            self.seen,
-        )
+        entries = tuple(compress(self.entries, kept))
+        return JudgedRates(entries, self.observed_ips[kept], self.predicted_ips[kept], self.seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +169,7 @@ class Fit:
         """Rates under all observed stimuli: those of the fit, then the others."""
         return (self.fitted,) if self.unseen is None else (self.fitted, self.unseen)
 
-    def agreement_rows(self) -> list[AgreementRow]:
+    def agreement_rows(self) -> list[Table]:
         """Agreement with all observed rates: those of the fit, then the others."""
         return [row for judged in self.judged for row in judged.rows()]
 
@@ -187,16 +179,23 @@ class FitRun:
     """Fits of the classes that were asked for, in that order.
 
     After an interrupt the last one may not be `finished`, and later ones absent.
+    `provenance` is the section ``fit`` of the file of parameters: see `fit_table`.
     """
 
     fits: tuple[Fit, ...]
     asked: tuple[str, ...]
     settings: FitSettings
+    provenance: Table = field(default_factory=dict)
 
     @property
     def finished(self) -> bool:
         """Whether every class is there and was searched to the end."""
         return len(self.fits) == len(self.asked) and all(fit.front.finished for fit in self.fits)
+
+    @property
+    def front_files(self) -> list[str]:
+        """File with the front of each class."""
+        return [front_file(fit.afferent) for fit in self.fits]
 
 
 def fit_afferents(
@@ -206,13 +205,13 @@ def fit_afferents(
     settings: FitSettings | None = None,
     *,
     on_progress: OnProgress | None = None,
-    on_fit: Callable[[Fit], None] = lambda fit: None,
+    log: Callable[[str], None] = lambda line: None,
 ) -> FitRun:
     """Fit each class of `models` to its observed rates, one after the other.
 
     The same seed gives the same fits. An interrupt from the keyboard ends the search
     at its last whole generation and leaves later classes out. `on_progress` is called
-    with each generation, `on_fit` with each fit.
+    with each generation, `log` with a line about each fit.
 
     Raises
     ------
@@ -226,87 +225,57 @@ def fit_afferents(
     settings = settings or FitSettings()
     if not models:
         raise UsageError("no class to fit, expected some of SA, RA, PC")
-    problems = [
-        fit_problem(
-            observed,
-            response,
-            model,
-            families=settings.families,
-            preindent_um=settings.preindent_um,
-            cells=settings.cells or 0,
-        )
-        for model in models.values()
-    ]
-    fits: list[Fit] = []
-    for problem in problems:
-        try:
-            fits.append(_fit(observed, response, problem, settings, on_progress))
-        except KeyboardInterrupt:
-            if not fits:
-                raise
-            break
-        on_fit(fits[-1])
-        if not fits[-1].front.finished:
-            break
-    return FitRun(tuple(fits), tuple(models), settings)
-
-
-def _fit(
-    observed: ObservedRates,
-    response: ResponseMap,
-    problem: FitProblem,
-    settings: FitSettings,
-    on_progress: OnProgress | None,
-) -> Fit:
-    afferent = problem.model.afferent
-    start_s = time.perf_counter()
-    front = search_front(
-        problem,
-        evaluations=settings.evaluations,
-        seed=settings.seed,
-        population=settings.population,
-        on_progress=(lambda now: on_progress(afferent, now)) if on_progress else None,
+    problem_of = partial(
+        fit_problem,
+        observed,
+        response,
+        preindent_um=settings.preindent_um,
+        cells=settings.cells or 0,
     )
-    seconds = time.perf_counter() - start_s
-    choice = choose(problem, front, settings.rule)
-    values = front.values[choice.row]
-
-    def judged(
-        by: FitProblem, families: tuple[str, ...], values: FloatArray, seen: bool
-    ) -> JudgedRates:
-        entries = observed_entries(observed, afferent, families)
-        return JudgedRates(entries, by.observed_ips, by.rates_ips(values)[0], seen)
-
-    unseen = None
+    problems = [problem_of(model, families=settings.families) for model in models.values()]
     others = tuple(name for name in FAMILIES if name not in settings.families)
-    if observed_entries(observed, afferent, others):
-        other = fit_problem(
-            observed,
-            response,
-            problem.model,
-            families=others,
-            preindent_um=settings.preindent_um,
-            cells=problem.cells,
-        )
-        unseen = judged(other, others, values, seen=False)
-    as_printed = fit_problem(
-        observed, response, model_named("published", afferent), families=settings.families
-    )
-    table_2 = np.array([getattr(PUBLISHED[afferent], one.field) for one in as_printed.free])
-    return Fit(
-        problem=problem,
-        front=front,
-        choice=choice,
-        parameters=problem.parameters(values),
-        fitted=judged(problem, settings.families, values, seen=True),
-        unseen=unseen,
-        published=judged(as_printed, settings.families, table_2, seen=False),
-        seconds=seconds,
-    )
-
-
-PARAMETERS_FILE = "fitted.toml"
-RATES_FILE = "fitted_rates.csv"
+    fits: list[Fit] = []
+    try:
+        for problem in problems:
+            model, start_s = problem.model, time.perf_counter()
+            front = search_front(
+                problem,
+                evaluations=settings.evaluations,
+                seed=settings.seed,
+                population=settings.population,
+                on_progress=partial(on_progress, model.afferent) if on_progress else None,
+            )
+            seconds = time.perf_counter() - start_s
+            choice = choose(problem, front, settings.rule)
+            values = front.values[choice.row]
+            unseen = None
+            if observed_entries(observed, model.afferent, others):
+                unseen = _judged(observed, problem_of(model, families=others), others, values)
+            printed = model_named("published", model.afferent)
+            as_printed = fit_problem(observed, response, printed, families=settings.families)
+            table_2 = [getattr(PUBLISHED[model.afferent], one.field) for one in as_printed.free]
+            fit = Fit(
+                problem=problem,
+                front=front,
+                choice=choice,
+                parameters=problem.parameters(values),
+                fitted=_judged(observed, problem, settings.families, values, seen=True),
+                unseen=unseen,
+                published=_judged(observed, as_printed, settings.families, np.array(table_2)),
+                seconds=seconds,
+            )
+            fits.append(fit)
+            log(
+                f"{fit.afferent}, model {model.name}: {front.evaluations} evaluations in "
+                f"{seconds:.1f} s{'' if front.finished else ', interrupted'}, front of "
+                f"{len(front.values)}, chosen RMSE {fit.fitted.total.rmse_ips:.3g} ips"
+            )
+            if not front.finished:
+                break
+    except KeyboardInterrupt:
+        if not fits:
+            raise
+    return FitRun(tuple(fits), tuple(models), settings)
 
 
 def front_file(afferent: str) -> str:
@@ -314,14 +283,25 @@ def front_file(afferent: str) -> str:
     return f"pareto_{afferent}.csv"
 
 
-FRONT_FILES = tuple(map(front_file, AFFERENTS))
+def _judged(
+    observed: ObservedRates,
+    problem: FitProblem,
+    families: tuple[str, ...],
+    values: FloatArray,
+    *,
+    seen: bool = False,
+) -> JudgedRates:
+    """Rates of a candidate under the stimuli of `problem`, those of `families`."""
+    entries = observed_entries(observed, problem.model.afferent, families)
+    return JudgedRates(entries, problem.observed_ips, problem.rates_ips(values)[0], seen)
 
 
-def write_fit(folder: Path, run: FitRun, name: str, provenance: Mapping[str, object]) -> None:
+def write_fit(folder: Path, run: FitRun, name: str) -> None:
     """Write ``pareto_*.csv``, ``fitted.toml`` and ``fitted_rates.csv`` into `folder`.
 
-    `name` is what the parameters are called, `provenance` the section ``fit`` of their
-    file; see `fit_table`.
+    `name` is what the parameters are called. A front is a row a candidate, the smallest
+    total error first: its number from 1, whether it was chosen, its free parameters,
+    the RMSE of each group and that of all stimuli.
 
     Raises
     ------
@@ -330,8 +310,21 @@ def write_fit(folder: Path, run: FitRun, name: str, provenance: Mapping[str, obj
     """
     import tomli_w
 
-    for fit in run.fits:
-        _write_front(folder / front_file(fit.afferent), fit)
+    for fit, file in zip(run.fits, run.front_files, strict=True):
+        front = fit.front
+        groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
+        free = [one.field for one in front.free]
+        totals = total_rmse_ips(fit.problem, front.errors_ips2).tolist()
+        numbers = np.hstack([front.values, front.errors_ips2**0.5]).tolist()
+        chosen = ["yes" if row == fit.choice.row else "no" for row in range(len(totals))]
+        write_table(
+            folder / file,
+            ["afferent", "candidate", "chosen", *free, *groups, "rmse_all_ips"],
+            [
+                [fit.afferent, row + 1, chosen[row], *numbers[row], total]
+                for row, total in enumerate(totals)
+            ],
+        )
     rates = [
         Rate(entry.id, fit.afferent, rate_ips)
         for fit in run.fits
@@ -343,60 +336,29 @@ def write_fit(folder: Path, run: FitRun, name: str, provenance: Mapping[str, obj
         "name": name,
         "preindent_um": float(run.settings.preindent_um),
         **parameters_to_table({fit.afferent: fit.parameters for fit in run.fits}),
-        "fit": dict(provenance),
+        "fit": run.provenance,
     }
     write_text(folder / PARAMETERS_FILE, tomli_w.dumps(table))
 
 
-def _write_front(path: Path, fit: Fit) -> None:
-    """Write a front as CSV: a row a candidate, the smallest total error first.
-
-    Columns are the candidate's number from 1, whether it was chosen, its free
-    parameters, the RMSE of each group and that of all stimuli.
-    """
-    front = fit.front
-    groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
-    parameters = [one.field for one in front.free]
-    header = ["afferent", "candidate", "chosen", *parameters, *groups, "rmse_all_ips"]
-    totals = total_rmse_ips(fit.problem, front.errors_ips2).tolist()
-    values, rmse = front.values.tolist(), (front.errors_ips2**0.5).tolist()
-    rows = [
-        [
-            fit.afferent,
-            row + 1,
-            "yes" if row == fit.choice.row else "no",
-            *values[row],
-            *rmse[row],
-            total,
-        ]
-        for row, total in enumerate(totals)
-    ]
-    write_table(path, header, rows)
-
-
 def fit_table(
-    run: FitRun,
-    observed: ObservedRates,
-    source: ResponseSource,
-    options: Mapping[str, object] | None = None,
+    run: FitRun, observed: ObservedRates, source: ResponseSource, options: Mapping[str, object]
 ) -> Table:
-    """The section ``fit`` of a file of fitted parameters.
-
-    `options` are what was asked for on the command line, without paths.
-    """
+    """The section ``fit`` of a file of fitted parameters; `options` are as asked for."""
     settings = run.settings
     words = " and ".join(_FAMILY_WORDS[name] for name in settings.families)
-    classes = ", ".join(fit.afferent for fit in run.fits)
+    classes = [fit.afferent for fit in run.fits]
     state = "" if run.finished else ", interrupted"
-    table: Table = {
-        "source": f"fembridge fit: NSGA-II on observed rates of {classes}, {words}{state}",
+    return {
+        "source": f"fembridge fit: NSGA-II on observed rates of {', '.join(classes)}, "
+        f"{words}{state}",
         "finished": run.finished,
         "seed": settings.seed,
         "evaluations": settings.evaluations,
         "population": settings.population,
         "rule": settings.rule,
         "families": list(settings.families),
-        "afferents": [fit.afferent for fit in run.fits],
+        "afferents": classes,
         "left_out": list(run.asked[len(run.fits) :]),
         "versions": {
             "fembridge": __version__,
@@ -405,10 +367,12 @@ def fit_table(
         },
         "observed": {"file": observed.path.name, "sha256": observed.sha256},
         "response": source.to_table(),
+        "options": {name: value for name, value in options.items() if value is not None},
+        **{fit.afferent: _class_table(fit) for fit in run.fits},
     }
-    if options:
-        table["options"] = {k: v for k, v in options.items() if v is not None}
-    return table | {fit.afferent: _class_table(fit) for fit in run.fits}
+
+
+_AGREEMENT = ("family", "group", "seen", "count", "r_squared", "rmse_ips", "bias_ips")
 
 
 def _class_table(fit: Fit) -> Table:
@@ -438,18 +402,7 @@ def _class_table(fit: Fit) -> Table:
             "fitted" if judged.seen else "unseen": dict(Counter(judged.groups))
             for judged in fit.judged
         },
-        "agreement": [
-            {
-                "family": row.family,
-                "group": row.group,
-                "seen": row.seen,
-                "count": row.agreement.regression.count,
-                "r_squared": row.agreement.regression.r_squared,
-                "rmse_ips": row.agreement.rmse_ips,
-                "bias_ips": row.agreement.bias_ips,
-            }
-            for row in fit.agreement_rows()
-        ],
+        "agreement": [{key: row[key] for key in _AGREEMENT} for row in fit.agreement_rows()],
     }
 
 
@@ -457,9 +410,11 @@ class SearchBar(Bars):
     """A bar for the search of each class, called with how far it is."""
 
     def __call__(self, afferent: str, progress: Progress) -> None:
-        """Move the bar of this class."""
+        """Move the bar of this class; take it away when the search ends."""
         words = (
             f"{progress.evaluations}/{progress.of} evaluations, front of "
             f"{progress.front_size}, best RMSE {progress.least_rmse_ips:.3g} ips"
         )
         self.show(afferent, progress.evaluations / progress.of, words)
+        if progress.evaluations >= progress.of:
+            self.remove(afferent)

@@ -4,7 +4,8 @@ A group of stimuli is one objective: sinusoids of one frequency, diharmonics of 
 pair of components, noises of one band.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +15,17 @@ from decks.finger_file import read_finger
 from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Sine, number_text, resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import ResponseError, UsageError
+from fembridge.errors import ParameterError, ResponseError, UsageError
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
+from fembridge.response.transients import RESPONSE_FOLDER
 from fembridge.store import sha256_of
 from fembridge.typing import Table
 from neural.fit_problem import FitProblem
-from neural.models import Model
+from neural.models import DEFAULT_MODELS, MODELS, Model, model_named
+
+EVERY = "all"
+"""All classes, all families, all groups."""
 
 
 def group_of(entry: Entry) -> str:
@@ -42,6 +47,50 @@ def observed_entries(
     stimuli, _ = observed.of(afferent)
     entries = (resolve(stimulus)[0] for stimulus in stimuli)
     return tuple(entry for entry in entries if entry.family in families)
+
+
+def checked_model(name: str) -> str:
+    """`name` if it is a model of an afferent; a `UsageError` if not."""
+    if name not in MODELS:
+        raise UsageError(
+            f"model {name!r}, expected one of {', '.join(MODELS)}; "
+            "`fembridge fit --drive list` describes each"
+        )
+    return name
+
+
+def models_to_fit(
+    observed: ObservedRates,
+    afferents: Sequence[str] | None,
+    drive: str | None,
+    families: Sequence[str],
+    log: Callable[[str], None],
+) -> dict[str, Model]:
+    """Model of each class of `afferents`; of all, those that have rates and the model.
+
+    Raises
+    ------
+    UsageError
+        No such model, or a class that has no rate or not this model.
+    """
+    of_drive = MODELS[checked_model(drive)] if drive else DEFAULT_MODELS
+    everything = afferents is None or EVERY in afferents
+    classes = list(dict.fromkeys(observed.afferents if everything else afferents or ()))
+    for name in classes:
+        observed.of(name)  # refuses one that was not observed
+    if everything:
+        rated = [name for name in classes if observed_entries(observed, name, families)]
+        for kept, why in (
+            (rated, f"no observed rates of family {' or '.join(families)}"),
+            (of_drive, f"model {drive!r} is of {', '.join(of_drive)}"),
+        ):
+            if kept and (lacking := [name for name in classes if name not in kept]):
+                log(f"{', '.join(lacking)} left out: {why}")
+                classes = [name for name in classes if name in kept]
+    try:
+        return {name: model_named(drive or DEFAULT_MODELS[name], name) for name in classes}
+    except ParameterError as error:
+        raise UsageError(str(error)) from error
 
 
 def fit_problem(
@@ -94,36 +143,27 @@ def fit_problem(
     )
 
 
-# Where ``fembridge simulate`` keeps what it solved, below its output folder.
-_SOLVED = "response"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseSource:
-    """A response map, the name of its file, and the SHA-256 of that."""
+    """A response map and its file."""
 
     response: ResponseMap
-    name: str
-    sha256: str
+    path: Path
     stored: bool
 
     def to_table(self) -> Table:
         """Where the stress comes from, for TOML and without any path."""
-        origin = self.response.origin
+        origin, closure_percent = self.response.origin, self.response.closure_percent
         finger = origin.get("finger")
-        table: Table = {
+        table = {
             "source": "stored response" if self.stored else "solved response",
-            "file": self.name,
-            "sha256": self.sha256,
+            "file": self.path.name,
+            "sha256": sha256_of(self.path),
+            "finger": finger.get("name") if isinstance(finger, dict) else None,
+            **{key: origin.get(key) for key in ("solver", "element", "deck_sha256")},
+            "closure_percent": None if math.isnan(closure_percent) else closure_percent,
         }
-        if isinstance(finger, dict) and "name" in finger:
-            table["finger"] = str(finger["name"])
-        for key in ("solver", "element", "deck_sha256"):
-            if key in origin:
-                table[key] = origin[key]
-        if self.response.closure_percent == self.response.closure_percent:  # no NaN
-            table["closure_percent"] = self.response.closure_percent
-        return table
+        return {key: value for key, value in table.items() if value is not None}
 
 
 def stored_source(finger: str) -> ResponseSource:
@@ -131,14 +171,11 @@ def stored_source(finger: str) -> ResponseSource:
 
     Raises
     ------
-    FingerError
-        No such finger.
-    ResponseError
-        No response is stored for it.
+    FingerError, ResponseError
+        No such finger; no response is stored for it.
     """
     response = stored_response(read_finger(finger), Probe(), "CPE4")
-    path = FOLDER / f"{finger}.toml"
-    return ResponseSource(response, path.name, sha256_of(path), stored=True)
+    return ResponseSource(response, FOLDER / f"{finger}.toml", stored=True)
 
 
 def solved_source(place: Path) -> ResponseSource:
@@ -149,13 +186,11 @@ def solved_source(place: Path) -> ResponseSource:
     ResponseError
         There is none, or it is no whole response map.
     """
-    path = place
-    if place.is_dir():
-        known = (place / MAP_FILE, place / _SOLVED / MAP_FILE)
-        path = next(filter(Path.is_file, known), place)
-        if path == place:
-            raise ResponseError(
-                f"{place}: no {MAP_FILE} here nor in {_SOLVED}/, expected what "
-                "`fembridge simulate` keeps of a solved response"
-            )
-    return ResponseSource(read_map(path), path.name, sha256_of(path), stored=False)
+    known = (place / MAP_FILE, place / RESPONSE_FOLDER / MAP_FILE)
+    path = next(filter(Path.is_file, known), place)
+    if path.is_dir():
+        raise ResponseError(
+            f"{place}: no {MAP_FILE} here nor in {RESPONSE_FOLDER}/, expected what "
+            "`fembridge simulate` keeps of a solved response"
+        )
+    return ResponseSource(read_map(path), path, stored=False)

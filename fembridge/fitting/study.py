@@ -36,7 +36,7 @@ _MANY_CELLS = 5
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One model of one class, and where the probe stands before time 0."""
+    """One model of one class, and how deep the probe is before time 0."""
 
     model: str
     afferent: str
@@ -231,7 +231,7 @@ def summary_text(study: ModelStudy) -> str:
         lines += [
             f"### {afferent}",
             "",
-            "| drive | cells | held at (µm) | free | R² fitted | RMSE fitted | "
+            "| drive | cells | pre-indented (µm) | free | R² fitted | RMSE fitted | "
             "R² held out | RMSE held out (range) |",
             "|---|---|---|---|---|---|---|---|",
         ]

@@ -4,33 +4,21 @@
 ``README.md`` beside it.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from decks.stimuli import resolve
 from fembridge.errors import UsageError
-from fembridge.tables import AFFERENTS, Rate, read_table
+from fembridge.tables import Rate, read_table
 
 TABLE = Path(__file__).parent / "rates.csv"
 
 MODELS = {"SA": 4, "RA": 9, "PC": 4}
 """Afferents of each class that TouchSim has models of; a rate is their mean."""
 
-WHOLE_SECOND_MS = 1000.0
 
-_COLUMNS = ("stimulus", "afferent", "preindent_um", "window_ms", "rate_ips", "rate_sd_ips")
-
-
-@dataclass(frozen=True, slots=True)
-class TouchsimRate(Rate):
-    """Mean rate of TouchSim's models of one class, `sd_ips` among them."""
-
-    sd_ips: float
-
-
-def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[TouchsimRate]:
+def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[Rate]:
     """TouchSim's rates under all 82 stimuli, in the order of the catalogue.
 
     Parameters
@@ -43,7 +31,7 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
 
     Returns
     -------
-    list of TouchsimRate
+    list of Rate
         SA, RA and PC of the first stimulus, then of the next; rates in impulses a
         second.
 
@@ -52,22 +40,13 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
     UsageError
         Nothing was computed for that depth.
     """
-    table = read_table(TABLE, _COLUMNS)
-    depth_um = table.numbers("preindent_um")
+    table = read_table(TABLE)
+    depth_um, window_ms = table.numbers("preindent_um"), table.numbers("window_ms")
     if preindent_um not in depth_um:
-        there = " or ".join(f"{depth:g}" for depth in np.unique(depth_um))
-        raise UsageError(f"preindent_um is {preindent_um:g}, TouchSim's is {there}")
-    stimuli = table.words("stimulus")
-    windows_ms = {id_: np.ptp(resolve(id_)[0].window_ms) for id_ in dict.fromkeys(stimuli)}
-    wanted_ms = np.array([WHOLE_SECOND_MS if whole_second else windows_ms[id_] for id_ in stimuli])
-    table = table.where((depth_um == preindent_um) & (table.numbers("window_ms") == wanted_ms))
-    return [
-        TouchsimRate(*row)
-        for row in zip(
-            table.words("stimulus").tolist(),
-            table.choices("afferent", AFFERENTS).tolist(),
-            table.numbers("rate_ips").tolist(),
-            table.numbers("rate_sd_ips").tolist(),
-            strict=True,
-        )
-    ]
+        raise UsageError(f"preindent_um is {preindent_um:g}, TouchSim's is 0 or 500")
+    stimuli = table.column("stimulus")
+    own_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in dict.fromkeys(stimuli)}
+    wanted_ms = 1000.0 if whole_second else [own_ms[name] for name in stimuli]
+    table = table.where((depth_um == preindent_um) & (window_ms == wanted_ms))
+    columns = table.column("stimulus"), table.column("afferent"), table.numbers("rate_ips").tolist()
+    return [Rate(*row) for row in zip(*columns, strict=True)]

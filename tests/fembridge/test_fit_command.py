@@ -315,15 +315,13 @@ def test_the_command_line_has_the_verb_and_tells_an_error_in_a_line(observed, ca
     assert main(["fit", "--observed", str(observed), "--evaluations", "5"]) == 2
     streams = capsys.readouterr()
     assert streams.out == ""
-    assert streams.err == (
-        f"fembridge: 5 evaluations, expected at least one population of {POPULATION}\n"
-    )
+    assert streams.err == (f"fembridge: evaluations is 5, expected {POPULATION} or more\n")
 
 
 def test_a_missing_rate_is_refused_unless_allowed(call, observed, tmp_path, undrawn):
     lines = observed.read_text().splitlines(keepends=True)
     observed.write_text("".join(lines[:-1]))
-    with pytest.raises(TableError, match=r"noise_5_25_50 has a rate of SA"):
+    with pytest.raises(TableError, match=r"noise_5_25_50 has no rate of RA"):
         call()
     call("--allow-missing")
     counts = record(tmp_path)["fit"]

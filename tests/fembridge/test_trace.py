@@ -89,7 +89,7 @@ def test_times_printed_with_six_digits_or_more_are_an_even_grid(dt_ms, start_ms,
     [
         ([], "node 7: 0 samples, expected two or more"),
         ([0.5], "node 7: 1 samples, expected two or more"),
-        ([0.5, 1.0, 2.0, 2.5], "uneven time step, 0.5 to 1 ms"),
+        ([0.5, 1.0, 2.0, 2.5], "uneven time step, 1 to 2 ms"),
         ([0.5, 0.5, 0.5], "uneven time step, 0.5 to 0.5 ms where 0 ms"),
         ([1.5, 1.0, 0.5], "uneven time step, 1.5 to 1 ms where -0.5 ms"),
         ([0.5, np.nan, 1.5], "uneven time step, 0.5 to nan ms"),
