@@ -231,7 +231,7 @@ def summary_text(study: ModelStudy) -> str:
         lines += [
             f"### {afferent}",
             "",
-            "| drive | cells | pre-indented (µm) | free | R² fitted | RMSE fitted | "
+            "| model | cells | pre-indented (µm) | free | R² fitted | RMSE fitted | "
             "R² held out | RMSE held out (range) |",
             "|---|---|---|---|---|---|---|---|",
         ]
