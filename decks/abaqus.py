@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from decks import keyword_deck as parts
-from decks.analysis import Analysis, ElementSet
+from decks.analysis import Analysis, Contact, ElementSet
 from decks.dialects import DIALECTS, DeckOptions
 from decks.keyword_deck import OUTPUT_SET, Moved, list_lines, material, real
 
@@ -34,14 +34,10 @@ def abaqus_deck(analysis: Analysis) -> str:
     model = analysis.whole()
     large_strain = ", NLGEOM=YES" if model.large_strain else ", NLGEOM=NO"
     blocks = (
-        parts.heading(model),
-        parts.finger(model),
-        parts.probe(model),
-        parts.sets(model),
+        parts.model_lines(model),
         _around(model),
         _materials(model),
-        _contact(model),
-        parts.waveform(model),
+        parts.contact_lines(model, _interaction(model.contact)),
         parts.steps(model, _CARDS, large_strain, _output, Moved()),
     )
     return "\n".join(line for block in blocks for line in block) + "\n"
@@ -75,12 +71,7 @@ def _relaxation(section: ElementSet) -> Iterator[str]:
         yield f"{real(term.g)}, 0.0, {real(term.tau_s)}"
 
 
-def _contact(model: Analysis) -> Iterator[str]:
-    contact = model.contact
-    yield "**"
-    yield "** ---- Contact: the skin is the slave, the probe the master"
-    yield from parts.skin_surface(model)
-    yield from parts.probe_surface(model)
+def _interaction(contact: Contact) -> Iterator[str]:
     yield "*SURFACE INTERACTION, NAME=TOUCH"
     yield "1.0,"
     yield "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
@@ -91,7 +82,6 @@ def _contact(model: Analysis) -> Iterator[str]:
         yield "** default (SLIP TOLERANCE), not the stick stiffness of CalculiX"
         yield "*FRICTION"
         yield f"{real(contact.friction)},"
-    yield from parts.contact_pair(model)
 
 
 def _output(model: Analysis) -> Iterator[str]:

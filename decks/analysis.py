@@ -1,8 +1,8 @@
 """What is computed, in no solver's words: the one value that every deck writer takes.
 
-`Analysis` is made of a mesh, a probe, a motion, and rows of nodes (from 0); what it says
-to a deck are numbers, from 1. The finger's nodes come first, then the probe's; elements
-likewise.
+`Analysis` is made of a mesh, a probe, a motion, and rows of nodes (from 0). What it says
+to a deck are numbers, from 1, made with it: the finger's nodes come first, then the
+probe's; elements likewise.
 
 Where finger, probe and motion are mirror images about ``x = 0``, so is what happens, and
 the half with ``x >= 0`` shows all of it: on the axis nothing moves aside, and there is no
@@ -12,7 +12,6 @@ by element. A half keeps the numbers of the whole; those of what is left out do 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +21,7 @@ from decks.finger import LAYERS, Finger
 from decks.material import Material
 from decks.mesh import Mesh
 from decks.motion import Motion, motion_of
-from decks.probe import Probe, ProbeMesh, mesh_probe, touched_node
+from decks.probe import Probe, ProbeMesh, mesh_probe
 from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -71,19 +70,12 @@ class Contact(Ranged):
     stick_share: float = STICK_SHARE
 
     RANGES: ClassVar = {
+        "formulation": FORMULATIONS,
         "stiffness_mpa_per_mm": POSITIVE,
         "stick_share": POSITIVE,
         "friction": NOT_NEGATIVE,
     }
     ERROR: ClassVar = DeckError
-
-    def __post_init__(self) -> None:
-        if self.formulation not in FORMULATIONS:
-            raise DeckError(
-                f"contact formulation {self.formulation!r}, expected one of "
-                f"{', '.join(FORMULATIONS)}"
-            )
-        Ranged.__post_init__(self)
 
     def __str__(self) -> str:
         rub = f"friction {self.friction:g}" if self.friction else "no friction"
@@ -144,206 +136,157 @@ class Analysis:
     support: str = "prescribed"
     section: str = "whole"
 
+    why_whole: str | None = field(init=False)
+    """Why all of the section is computed; None of the half with ``x >= 0``."""
+    is_half: bool = field(init=False)
+    thickness_mm: float = field(init=False)
+    """Of the section: a half stands for both, so that forces are the whole's."""
+
+    node_mm: FloatArray = field(init=False)
+    """Nodes ``(N, 2)`` of the finger, mid-sides last; node ``n`` is row ``n - 1``."""
+    layers: tuple[ElementSet, ...] = field(init=False)
+    """Elements of each layer of the finger, none empty."""
+    node: IntArray = field(init=False)
+    """Numbers of the finger's nodes that elements use: of a half fewer than rows."""
+    axis: IntArray = field(init=False)
+    """The finger's nodes at x = 0 of a half; none of a whole."""
+    first_probe_node: int = field(init=False)
+    """Number of the probe's first node, row 0 of `probe_mesh`."""
+    probe: ElementSet = field(init=False)
+    """Elements of the probe."""
+    fixed: IntArray = field(init=False)
+    """Nodes that do not move; a mid-side node where both its ends do not."""
+    contact_face: IntArray = field(init=False)
+    """Faces ``(K, 2)`` of the skin that the probe can reach: element, face from 1."""
+    contact_node: IntArray = field(init=False)
+    """Nodes of the skin that the probe can reach."""
+
+    afferent: Mapping[str, int] = field(init=False)
+    """Node of each afferent."""
+    apex: int = field(init=False)
+    """Node of the skin that the probe touches first."""
+    watched: IntArray = field(init=False)
+    """Nodes whose results are wanted: afferents, apex and others, no node twice."""
+    watched_on_axis: tuple[int, ...] = field(init=False)
+    """Those of `watched` on the axis of a half; none of a whole.
+
+    A solver writes the mean of the stress of the elements there. Those of the left half
+    are missing, which matters to shear alone: its sign is the other one there.
+    """
+    branches: Mapping[int, int] = field(init=False)
+    """How many terms, the lasting one too, stress has at watched nodes in relaxing skin."""
+    sites: Mapping[str, str] = field(init=False)
+    """Where each afferent sits, in words."""
+
+    def __post_init__(self) -> None:
+        mesh, probe = self.mesh, self.probe_mesh
+        quadratic = self.element in QUADRATIC
+        node_mm, element = mesh.with_midsides() if quadratic else (mesh.node_mm, mesh.quad)
+        first_probe_node = len(node_mm) + 1
+        wanted = (*self.afferent_row.values(), self.apex_row, *self.watched_row.tolist())
+        rows = np.array(list(dict.fromkeys(wanted)), dtype=np.int64)
+        why_whole = _why_whole(self, rows)
+        is_half = why_whole is None
+        there = np.ones(len(mesh.quad), dtype=bool)
+        quads = np.arange(len(probe.quad))
+        if is_half:
+            there = _on_the_right(mesh.node_mm, mesh.quad)
+            quads = quads[_on_the_right(probe.node_mm, probe.quad)]
+        layers = []
+        for index, layer in enumerate(LAYERS):
+            mine = np.flatnonzero((mesh.layer == index) & there)
+            if mine.size:
+                law = self.law if layer in _SOFT else "linear"
+                material = self.finger.materials[layer]
+                layers.append(ElementSet(layer, mine + 1, element[mine] + 1, material, law))
+        node = np.unique(np.concatenate([np.unique(layer.node) for layer in layers]))
+        axis = node[is_half & (np.abs(node_mm[node - 1, 0]) <= SAME_MM)]
+        fixed = np.isin(element, self.fixed_row)
+        owner, face = self.contact_edge.T
+        touching = [element[owner, face], element[owner, (face + 1) % 4]]
+        if quadratic:
+            fixed[:, 4:] = fixed[:, :4] & np.roll(fixed[:, :4], -1, axis=1)
+            _, outer, side = mesh.outline()
+            alone = np.zeros(mesh.quad.shape, dtype=bool)
+            alone[outer, side] = True
+            fixed[:, 4:] &= alone | mesh.in_layer("bone")[:, None]
+            touching.append(element[owner, face + 4])
+        watched = rows + 1
+        terms = {
+            number: 1 + len(layer.material.prony)
+            for layer in sorted(layers, key=lambda one: len(one.material.prony))
+            if layer.material.prony
+            for number in np.intersect1d(watched, layer.node).tolist()
+        }
+        sites = {}
+        for name, row in self.afferent_row.items():
+            (x, y), layer = mesh.node_mm[row], self.finger.afferents[name].layer
+            sites[name] = f"{layer}, x = {x:.4f} mm, depth = {-y:.4f} mm"
+        made = {
+            "why_whole": why_whole,
+            "is_half": is_half,
+            "thickness_mm": 2.0 if is_half else 1.0,
+            "node_mm": node_mm,
+            "layers": tuple(layers),
+            "node": node,
+            "axis": axis,
+            "first_probe_node": first_probe_node,
+            "probe": ElementSet(
+                "probe_body",
+                len(mesh.quad) + 1 + quads,
+                probe.quad[quads] + first_probe_node,
+                _PROBE_MATERIAL,
+                "linear",
+            ),
+            "fixed": np.intersect1d(element[fixed] + 1, node),
+            "contact_face": self.contact_edge[there[owner]] + 1,
+            "contact_node": np.intersect1d(np.concatenate(touching) + 1, node),
+            "afferent": {name: row + 1 for name, row in self.afferent_row.items()},
+            "apex": self.apex_row + 1,
+            "watched": watched,
+            "watched_on_axis": tuple(watched[np.isin(watched, axis)].tolist()),
+            "branches": {number: terms[number] for number in watched.tolist() if number in terms},
+            "sites": sites,
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
+
     def whole(self) -> "Analysis":
         """The analysis of both halves of the section."""
         return replace(self, section="whole")
 
-    # ---- The half
 
-    @cached_property
-    def why_whole(self) -> str | None:
-        """Why all of the section must be computed; None where half of it will do."""
-        if self.section == "whole":
-            return "the whole section was asked for"
-        if self.support == "prescribed":  # the reference: nothing in its decks is left out
-            return "each of the probe's nodes is prescribed"
-        if self.inertia:
-            return "inertia counts"
-        if self.contact.formulation != "node-to-surface":
-            return "contact is surface to surface"
-        if self.motion.aside_mm is not None:
-            return "the probe slides"
-        mesh, probe = self.mesh, self.probe_mesh
-        for row in self._result_rows:
-            if mesh.node_mm[row, 0] < -SAME_MM:
-                return f"{self._name_of(row)} is at x = {mesh.node_mm[row, 0]:g} mm"
-        if not _is_mirrored(probe.node_mm, probe.quad, np.zeros_like(probe.quad[:, 0])):
-            return "the probe is no mirror image of itself"
-        if not _is_mirrored(mesh.node_mm, mesh.quad, mesh.layer):
-            return "the mesh is no mirror image of itself"
-        if not _are_mirrored(mesh.node_mm, self.fixed_row):
-            return "the fixed nodes are no mirror image of themselves"
-        element, face = self.contact_edge.T
-        ends = mesh.quad[element, face], mesh.quad[element, (face + 1) % 4]
-        if not _are_mirrored(mesh.node_mm, np.unique(ends)):
-            return "the skin that may touch is no mirror image of itself"
-        return None
-
-    @property
-    def is_half(self) -> bool:
-        """Whether the left half is left out."""
-        return self.why_whole is None
-
-    @property
-    def thickness_mm(self) -> float:
-        """Of the section: a half stands for both, so that forces are the whole's."""
-        return 2.0 if self.is_half else 1.0
-
-    # ---- Numbers, from 1, as decks have them
-
-    @cached_property
-    def node_mm(self) -> FloatArray:
-        """Nodes ``(N, 2)`` of the finger, mid-sides last; node ``n`` is row ``n - 1``."""
-        return self._nodes_and_quads[0]
-
-    @cached_property
-    def node(self) -> IntArray:
-        """Numbers of the finger's nodes that elements use: of a half fewer than rows."""
-        return np.unique(np.concatenate([np.unique(layer.node) for layer in self.layers]))
-
-    @cached_property
-    def layers(self) -> tuple[ElementSet, ...]:
-        """Elements of each layer of the finger, none empty."""
-        _, quad = self._nodes_and_quads
-        sets = []
-        for index, layer in enumerate(LAYERS):
-            rows = np.flatnonzero((self.mesh.layer == index) & self._computed)
-            if rows.size:
-                law = self.law if layer in _SOFT else "linear"
-                material = self.finger.materials[layer]
-                sets.append(ElementSet(layer, rows + 1, quad[rows] + 1, material, law))
-        return tuple(sets)
-
-    @property
-    def first_probe_node(self) -> int:
-        """Number of the first of `probe_node_mm`."""
-        return len(self.node_mm) + 1
-
-    @property
-    def probe_node_mm(self) -> FloatArray:
-        """Nodes ``(P, 2)`` of the whole probe: first its lower side, from left to right."""
-        return self.probe_mesh.node_mm
-
-    @cached_property
-    def probe_node(self) -> IntArray:
-        """Numbers of the probe's nodes that elements use."""
-        return np.unique(self.probe.node)
-
-    @cached_property
-    def probe(self) -> ElementSet:
-        """Elements of the probe."""
-        mesh = self.probe_mesh
-        rows = np.arange(len(mesh.quad))
-        if self.is_half:
-            rows = rows[_on_the_right(mesh.node_mm, mesh.quad)]
-        number, node = len(self.mesh.quad) + 1 + rows, mesh.quad[rows] + self.first_probe_node
-        return ElementSet("probe_body", number, node, _PROBE_MATERIAL, "linear")
-
-    @property
-    def lower_side_mm(self) -> FloatArray:
-        """The probe's lower side ``(Q + 1, 2)``, from left to right."""
-        side: FloatArray = self.probe_mesh.node_mm[self.probe_mesh.lower_node]
-        return side
-
-    @cached_property
-    def fixed(self) -> IntArray:
-        """Nodes that do not move; a mid-side node where both its ends do not."""
-        _, element = self._nodes_and_quads
-        fixed = np.isin(element, self.fixed_row)
-        if self.element in QUADRATIC:
-            fixed[:, 4:] = fixed[:, :4] & np.roll(fixed[:, :4], -1, axis=1)
-            bone = self.mesh.in_layer("bone")
-            fixed[~bone, 4:] &= self._faces_outside[~bone]
-        return np.intersect1d(element[fixed] + 1, self.node)
-
-    @property
-    def afferent(self) -> dict[str, int]:
-        """Node of each afferent."""
-        return {name: row + 1 for name, row in self.afferent_row.items()}
-
-    @property
-    def apex(self) -> int:
-        """Node of the skin that the probe touches first."""
-        return self.apex_row + 1
-
-    @property
-    def watched(self) -> IntArray:
-        """Nodes whose results are wanted: afferents, apex and others, no node twice."""
-        return np.array(self._result_rows, dtype=np.int64) + 1
-
-    @property
-    def watched_on_axis(self) -> tuple[int, ...]:
-        """Those of `watched` on the axis of a half; none of a whole.
-
-        A solver writes the mean of the stress of the elements there. Those of the left
-        half are missing, which matters to shear alone: its sign is the other one there.
-        """
-        return tuple(node for node in self.watched.tolist() if node in self.axis)
-
-    @cached_property
-    def contact_node(self) -> IntArray:
-        """Nodes of the skin that the probe can reach."""
-        _, element = self._nodes_and_quads
-        owner, face = self.contact_edge.T
-        nodes = [element[owner, face], element[owner, (face + 1) % 4]]
-        if self.element in QUADRATIC:
-            nodes.append(element[owner, face + 4])
-        return np.intersect1d(np.concatenate(nodes) + 1, self.node)
-
-    @property
-    def contact_face(self) -> IntArray:
-        """Faces ``(K, 2)`` of the skin that the probe can reach: element, face from 1."""
-        return self.contact_edge[self._computed[self.contact_edge[:, 0]]] + 1
-
-    @cached_property
-    def axis(self) -> IntArray:
-        """The finger's nodes at x = 0 of a half; none of a whole."""
-        if not self.is_half:
-            return np.zeros(0, dtype=np.int64)
-        on_axis: IntArray = self.node[np.abs(self.node_mm[self.node - 1, 0]) <= SAME_MM]
-        return on_axis
-
-    @property
-    def sites(self) -> dict[str, str]:
-        """Where each afferent sits, in words."""
-        words = {}
-        for name, row in self.afferent_row.items():
-            x, y = self.mesh.node_mm[row]
-            layer = self.finger.afferents[name].layer
-            words[name] = f"{layer}, x = {x:.4f} mm, depth = {-y:.4f} mm"
-        return words
-
-    @cached_property
-    def _nodes_and_quads(self) -> tuple[FloatArray, IntArray]:
-        if self.element in QUADRATIC:
-            return self.mesh.with_midsides()
-        return self.mesh.node_mm, self.mesh.quad
-
-    @cached_property
-    def _computed(self) -> BoolArray:
-        """Which elements ``(E,)`` of the mesh are in the deck."""
-        if self.is_half:
-            return _on_the_right(self.mesh.node_mm, self.mesh.quad)
-        return np.ones(len(self.mesh.quad), dtype=bool)
-
-    @property
-    def _result_rows(self) -> list[int]:
-        rows = (*self.afferent_row.values(), self.apex_row, *self.watched_row.tolist())
-        return list(dict.fromkeys(rows))
-
-    def _name_of(self, row: int) -> str:
-        for name, other in self.afferent_row.items():
-            if row == other:
-                return f"afferent {name}"
-        return "the skin under the probe" if row == self.apex_row else f"watched node {row + 1}"
-
-    @property
-    def _faces_outside(self) -> BoolArray:
-        """Which faces ``(E, 4)`` of the elements belong to one element alone."""
-        _, owner, face = self.mesh.outline()
-        alone = np.zeros(self.mesh.quad.shape, dtype=bool)
-        alone[owner, face] = True
-        return alone
+def _why_whole(model: Analysis, rows: IntArray) -> str | None:
+    """Why half of the section will not do for results at `rows`; None where it will."""
+    mesh, probe = model.mesh, model.probe_mesh
+    for so, words in (
+        (model.section == "whole", "the whole section was asked for"),
+        # the reference: nothing in its decks is left out
+        (model.support == "prescribed", "each of the probe's nodes is prescribed"),
+        (model.inertia, "inertia counts"),
+        (model.contact.formulation != "node-to-surface", "contact is surface to surface"),
+        (model.motion.aside_mm is not None, "the probe slides"),
+    ):
+        if so:
+            return words
+    for row in rows[mesh.node_mm[rows, 0] < -SAME_MM].tolist():
+        names = {model.apex_row: "the skin under the probe"}
+        names |= {other: f"afferent {name}" for name, other in model.afferent_row.items()}
+        return f"{names.get(row, f'watched node {row + 1}')} is at x = {mesh.node_mm[row, 0]:g} mm"
+    if not _is_mirrored(probe.node_mm, probe.quad, np.zeros_like(probe.quad[:, 0])):
+        return "the probe is no mirror image of itself"
+    image = _images(mesh.node_mm)
+    if image is None or not _is_mirrored(mesh.node_mm, mesh.quad, mesh.layer):
+        return "the mesh is no mirror image of itself"
+    owner, face = model.contact_edge.T
+    ends = np.concatenate([mesh.quad[owner, face], mesh.quad[owner, (face + 1) % 4]])
+    for nodes, words in (
+        (model.fixed_row, "the fixed nodes are no mirror image of themselves"),
+        (ends, "the skin that may touch is no mirror image of itself"),
+    ):
+        if not np.array_equal(np.unique(nodes), np.unique(image[nodes])):
+            return words
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -392,7 +335,7 @@ class Model:
         motion = motion_of(stimulus, procedure, self.finger.relaxing_s)
         way = motion.aside_mm
         way_mm = (0.0, 0.0) if way is None else (float(way.min()), float(way.max()))
-        probe_mesh = mesh_probe(probe, mesh, way_mm)
+        probe_mesh, apex_row = mesh_probe(probe, mesh, way_mm)
         edge, owner, face = mesh.outline()
         middle = mesh.node_mm[edge].mean(axis=1)
         reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
@@ -412,7 +355,7 @@ class Model:
             contact=self.contact,
             element=self.element,
             afferent_row={name: mesh.node_at(site) for name, site in self.finger.afferents.items()},
-            apex_row=touched_node(probe_mesh, mesh),
+            apex_row=apex_row,
             fixed_row=np.union1d(bone, np.intersect1d(nail, edge)),
             contact_edge=np.stack([owner[reached], face[reached]], -1),
             notes=(
@@ -428,6 +371,9 @@ class Model:
         )
 
 
+# ---- Mirror images
+
+
 def _on_the_right(node_mm: FloatArray, quad: IntArray) -> BoolArray:
     right: BoolArray = (node_mm[quad, 0] >= -SAME_MM).all(axis=1)
     return right
@@ -439,15 +385,11 @@ def _is_mirrored(node_mm: FloatArray, quad: IntArray, layer: IntArray) -> bool:
     if image is None:
         return False
     right, left = (_on_the_right(at, quad) for at in (node_mm, node_mm * _MIRROR))
-    return not (right == left).any() and np.array_equal(
-        _sorted(quad[right], layer[right]), _sorted(image[quad[left]], layer[left])
-    )
-
-
-def _are_mirrored(node_mm: FloatArray, rows: IntArray) -> bool:
-    """Whether the image of each of these nodes, of a mirrored mesh, is among them."""
-    image = _images(node_mm)
-    return image is not None and np.array_equal(np.unique(rows), np.unique(image[rows]))
+    halves = []
+    for nodes, layers in ((quad[right], layer[right]), (image[quad[left]], layer[left])):
+        rows = np.column_stack([np.sort(nodes, axis=1), layers])
+        halves.append(rows[np.lexsort(rows.T)])  # in an order that is no one's own
+    return not (right == left).any() and np.array_equal(halves[0], halves[1])
 
 
 def _images(node_mm: FloatArray) -> IntArray | None:
@@ -459,10 +401,3 @@ def _images(node_mm: FloatArray) -> IntArray | None:
     image = np.empty_like(rows)
     image[image_rows] = rows
     return image
-
-
-def _sorted(quad: IntArray, layer: IntArray) -> IntArray:
-    """Quads ``(E, 4)`` and layers as rows that do not depend on any order."""
-    rows = np.column_stack([np.sort(quad, axis=1), layer])
-    ordered: IntArray = rows[np.lexsort(rows.T)]
-    return ordered

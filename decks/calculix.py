@@ -8,7 +8,7 @@ probe's support, inertia.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from decks import keyword_deck as parts
 from decks.analysis import Analysis, Contact, ElementSet
 from decks.dialects import DIALECTS, DeckOptions
 from decks.keyword_deck import OUTPUT_SET, Moved, element_lines, fixed, list_lines, material, real
-from decks.material import Material, PronyTerm
+from decks.material import Material
 from fembridge.errors import DeckError
 from fembridge.typing import IntArray
 
@@ -30,6 +30,19 @@ _CARDS = {
     "dynamic": "*DYNAMIC, DIRECT, ALPHA=-0.3",
 }
 
+# Of a half: what is not in the deck, and what holds on its axis.
+_HALF = (
+    "**",
+    "** Of this section the right half alone, x >= 0: finger, probe and",
+    "** motion are mirror images about x = 0. Numbers are those of the whole;",
+    "** those of the left half do not occur. The half is 2 mm thick, for both",
+    "** halves of 1 mm: forces are those of the whole.",
+)
+_AXIS = (
+    "** ---- On the axis of the half nothing moves aside, and shear is 0; the",
+    "** SXY that is written there is a mean over one half, not over both",
+    "*NSET, NSET=AXIS",
+)
 _TENSION_MPA = 0.001
 _AXIS_SHARE = 0.5
 # Branches add no mass to the layer that they lie over.
@@ -60,70 +73,53 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
     Raises
     ------
     DeckError
-        An element or a contact that ccx has not.
+        An element that ccx has not, or skin that relaxes within a time step.
     """
     _DIALECT.element_named(analysis.element)
-    large_strain = ", NLGEOM" if analysis.large_strain else ""
-    on_spring = analysis.support == "spring"
-    if analysis.inertia:
+    mass, thick_mm, contact = analysis.inertia, analysis.thickness_mm, analysis.contact
+    why_rigid, moved = parts.PRESCRIBED, Moved()
+    support: Iterator[str] = iter(())
+    if mass:
         support, moved = _energy_store(analysis), _moved_with_store(analysis)
-    elif on_spring:
-        support, moved = _spring(analysis), _moved_by_spring(analysis)
-    else:
-        support, moved = iter(()), Moved()
-    blocks = (
-        _heading(analysis),
-        parts.finger(analysis),
-        parts.probe(analysis, _RIGID if on_spring else parts.PRESCRIBED),
-        parts.sets(analysis),
-        _axis(analysis),
-        _materials(analysis),
-        _contact(analysis),
-        support,
-        parts.waveform(analysis),
-        parts.steps(analysis, _CARDS, large_strain, partial(_output, binary), moved),
-    )
-    return "\n".join(line for block in blocks for line in block) + "\n"
-
-
-def _heading(model: Analysis) -> Iterator[str]:
-    """What is in the deck, and of a half what is not."""
-    yield from parts.heading(model)
-    if model.is_half:
-        yield "**"
-        yield "** Of this section the right half alone, x >= 0: finger, probe and"
-        yield "** motion are mirror images about x = 0. Numbers are those of the whole;"
-        yield "** those of the left half do not occur. The half is 2 mm thick, for both"
-        yield "** halves of 1 mm: forces are those of the whole."
-
-
-def _axis(model: Analysis) -> Iterator[str]:
-    """The nodes on the axis of a half."""
-    if model.is_half:
-        yield "** ---- On the axis of the half nothing moves aside, and shear is 0; the"
-        yield "** SXY that is written there is a mean over one half, not over both"
-        yield "*NSET, NSET=AXIS"
-        yield from list_lines(model.axis)
-
-
-def _materials(model: Analysis) -> Iterator[str]:
-    yield from parts.MATERIALS_HEADING
-    mass, thick_mm = model.inertia, model.thickness_mm
-    for section in (*map(lasting, model.layers), model.probe):
-        yield from material(section, inertia=mass, thickness_mm=thick_mm)
-    first = int(model.probe.number.max()) + 1
-    found = branches(model.layers, first, model.motion.phases[-1].dt_s)
-    yield from branch_lines(found, model.element, inertia=mass, thickness_mm=thick_mm)
+    elif analysis.support == "spring":
+        why_rigid, support, moved = _RIGID, _spring(analysis), _moved_by_spring(analysis)
+    lines = [*parts.model_lines(analysis, _HALF if analysis.is_half else (), why_rigid)]
+    if analysis.is_half:
+        lines += [*_AXIS, *list_lines(analysis.axis)]
+    lines += parts.MATERIALS_HEADING
+    for section in (*analysis.layers, analysis.probe):
+        lasts = lasting(section) if section.material.prony else section
+        lines += material(lasts, inertia=mass, thickness_mm=thick_mm)
+    if analysis.finger.relaxing_s:
+        first = int(analysis.probe.number.max()) + 1
+        found = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
+        lines += branch_lines(found, analysis.element, inertia=mass, thickness_mm=thick_mm)
+    slave: tuple[str, ...] = ()
+    by_node = contact.formulation == "node-to-surface"
+    if by_node:
+        slave = _slave("SKIN", np.setdiff1d(analysis.contact_node, analysis.axis))
+    lines += parts.contact_lines(analysis, _interaction("TOUCH", contact), slave)
+    if by_node and analysis.is_half:
+        lines += [
+            "** The skin on the axis: half of its springs: they are half as stiff",
+            *_slave("AXIS", np.intersect1d(analysis.contact_node, analysis.axis)),
+            *_interaction("TOUCH_ON_AXIS", contact, _AXIS_SHARE),
+            "*CONTACT PAIR, INTERACTION=TOUCH_ON_AXIS, TYPE=NODE TO SURFACE",
+            "AXIS_SURFACE, PROBE_SURFACE",
+        ]
+    lines += support
+    large_strain = ", NLGEOM" if analysis.large_strain else ""
+    lines += parts.steps(analysis, _CARDS, large_strain, partial(_output, binary), moved)
+    return "\n".join(lines) + "\n"
 
 
 def _output(binary: bool, model: Analysis) -> Iterator[str]:
-    kind, double = ("OUTPUT", ", DOUBLE") if binary else ("FILE", "")
+    kind, element, double = ("OUTPUT", "ELEMENT", ", DOUBLE") if binary else ("FILE", "EL", "")
     every = model.motion.phases[-1].every
     often = f", FREQUENCY={every}" if every > 1 else ""
-    double += often
-    yield f"*NODE {kind}, NSET={OUTPUT_SET}{double}"
+    yield f"*NODE {kind}, NSET={OUTPUT_SET}{double}{often}"
     yield "U"
-    yield f"*{'ELEMENT' if binary else 'EL'} {kind}, NSET={OUTPUT_SET}{double}"
+    yield f"*{element} {kind}, NSET={OUTPUT_SET}{double}{often}"
     yield "S"
     if model.inertia:  # ccx has to keep energies from the first increment on
         yield "** energies, which that balance is made of"
@@ -140,33 +136,13 @@ def _output(binary: bool, model: Analysis) -> Iterator[str]:
 # half as stiff; without it the error is 0.3 % of the stress.
 
 
-def _contact(model: Analysis) -> Iterator[str]:
-    """The two sides, what is between them, and the pair."""
-    contact = model.contact
-    if contact.formulation not in parts.CONTACT_TYPES:
-        raise DeckError(f"ccx has no contact {contact.formulation!r} for plane elements")
-    by_node = contact.formulation == "node-to-surface"
-    yield "**"
-    yield "** ---- Contact: the skin is the slave, the probe the master"
-    if by_node:
-        yield from _slave("SKIN", np.setdiff1d(model.contact_node, model.axis))
-    else:
-        yield from parts.skin_surface(model)
-    yield from parts.probe_surface(model)
-    yield from _interaction("TOUCH", contact)
-    yield from parts.contact_pair(model)
-    if by_node and model.is_half:
-        yield "** The skin on the axis: half of its springs: they are half as stiff"
-        yield from _slave("AXIS", np.intersect1d(model.contact_node, model.axis))
-        yield from _interaction("TOUCH_ON_AXIS", contact, _AXIS_SHARE)
-        yield from parts.contact_pair(model, "AXIS_SURFACE", "TOUCH_ON_AXIS")
-
-
-def _slave(name: str, nodes: IntArray) -> Iterator[str]:
-    yield f"*NSET, NSET={name}_CONTACT"
-    yield from list_lines(nodes)
-    yield f"*SURFACE, NAME={name}_SURFACE, TYPE=NODE"
-    yield f"{name}_CONTACT"
+def _slave(name: str, nodes: IntArray) -> tuple[str, ...]:
+    return (
+        f"*NSET, NSET={name}_CONTACT",
+        *list_lines(nodes),
+        f"*SURFACE, NAME={name}_SURFACE, TYPE=NODE",
+        f"{name}_CONTACT",
+    )
 
 
 def _interaction(name: str, contact: Contact, share: float = 1.0) -> Iterator[str]:
@@ -197,94 +173,67 @@ def _interaction(name: str, contact: Contact, share: float = 1.0) -> Iterator[st
 # exactly the exponential, and exactly the integral over a step in which strain changes evenly.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Branch:
-    """A Maxwell branch: elements over those of a layer; `creep` per MPa and s."""
-
-    section: ElementSet
-    creep: float
-
-
 def lasting(section: ElementSet) -> ElementSet:
     """A layer with the stiffness that does not relax, and all of its mass."""
     values = section.material
-    share = values.lasting_share
-    if share == 1.0:
-        return section
-    young_mpa = share * values.young_mpa
+    young_mpa = values.lasting_share * values.young_mpa
     left = Material(young_mpa, values.poisson, density_kg_m3=values.density_kg_m3)
     return replace(section, material=left)
 
 
-def branches(layers: Sequence[ElementSet], first: int, dt_s: float) -> list[Branch]:
-    """The branches of all `layers`; their elements have numbers from `first` on.
+def branches(
+    layers: Sequence[ElementSet], first: int, dt_s: float
+) -> list[tuple[ElementSet, float]]:
+    """Branches of all `layers` with their creep per MPa and s; elements from `first` on.
 
     Raises
     ------
     DeckError
-        A term that is over within a time step.
+        A term that is over within a time step, or nearly.
     """
     found = []
     for layer in layers:
-        for count, term in enumerate(layer.material.prony, start=1):
-            if term.tau_s < dt_s:
+        values = layer.material
+        for count, term in enumerate(values.prony, start=1):
+            grown = math.expm1(dt_s / term.tau_s) if term.tau_s >= dt_s else math.inf
+            shear_mpa = term.g * values.shear_mpa * grown * term.tau_s / dt_s
+            bulk_mpa = term.g * values.bulk_mpa
+            if not 2 * shear_mpa <= 3 * bulk_mpa:  # Poisson's ratio of the branch below 0
                 raise DeckError(
-                    f"{layer.name}: tau_s is {term.tau_s:g}, expected the time step, "
-                    f"{dt_s:g} s, or more: a faster term has no effect but a softer "
-                    "layer"
+                    f"{layer.name}: tau_s is {term.tau_s:g}, expected the time step, {dt_s:g} s, "
+                    f"or more, and of a Poisson's ratio as small as {values.poisson:g} more"
                 )
+            young_mpa = 9 * bulk_mpa * shear_mpa / (3 * bulk_mpa + shear_mpa)
+            poisson = young_mpa / (2 * shear_mpa) - 1
+            branch = Material(young_mpa, poisson, density_kg_m3=NO_MASS_KG_M3)
             number = np.arange(first, first + len(layer.number))
             first += len(layer.number)
-            values, creep = _maxwell(layer.material, term, dt_s)
-            name = f"{layer.name}_prony_{count}"
-            found.append(Branch(ElementSet(name, number, layer.node, values, "linear"), creep))
+            section = ElementSet(
+                f"{layer.name}_prony_{count}", number, layer.node, branch, "linear"
+            )
+            found.append((section, grown / (3 * shear_mpa * dt_s)))
     return found
 
 
 def branch_lines(
-    found: Sequence[Branch], element: str, *, inertia: bool, thickness_mm: float = 1.0
+    found: Sequence[tuple[ElementSet, float]],
+    element: str,
+    *,
+    inertia: bool,
+    thickness_mm: float = 1.0,
 ) -> Iterator[str]:
     """The branches' elements and materials: elastic, creeping with stress."""
-    if found:
-        yield "**"
-        yield "** ---- Relaxing skin: a Maxwell branch a Prony term, over its layer"
-    for branch in found:
-        section = branch.section
+    yield "**"
+    yield "** ---- Relaxing skin: a Maxwell branch a Prony term, over its layer"
+    for section, rate in found:
         yield f"*ELEMENT, TYPE={element}, ELSET={section.name.upper()}"
         yield from element_lines(section.number.tolist(), section.node)
         creep = (
             "** creep rate per MPa and s, exponent of stress, exponent of time",
             "*CREEP, LAW=NORTON",
-            f"{real(branch.creep)}, 1.0, 0.0",
+            f"{real(rate)}, 1.0, 0.0",
         )
         yield from material(section, inertia=inertia, relaxation=creep, thickness_mm=thickness_mm)
-
-
-def branches_at(model: Analysis) -> dict[int, int]:
-    """Number of branches, the lasting one too, at the watched nodes that have more."""
-    counts = {}
-    for node in model.watched.tolist():
-        around = [
-            1 + len(layer.material.prony) for layer in model.layers if (layer.node == node).any()
-        ]
-        if max(around) > 1:
-            counts[node] = max(around)
-    return counts
-
-
-def _maxwell(values: Material, term: PronyTerm, dt_s: float) -> tuple[Material, float]:
-    grown = math.expm1(dt_s / term.tau_s)
-    shear_mpa = term.g * values.shear_mpa * grown * term.tau_s / dt_s
-    bulk_mpa = term.g * values.bulk_mpa
-    young_mpa = 9 * bulk_mpa * shear_mpa / (3 * bulk_mpa + shear_mpa)
-    poisson = young_mpa / (2 * shear_mpa) - 1
-    if poisson < 0:
-        raise DeckError(
-            f"tau_s {term.tau_s:g} is too near the time step, {dt_s:g} s, for a layer "
-            f"of Poisson's ratio {values.poisson:g}: expected more of one or the other"
-        )
-    branch = Material(young_mpa, poisson, density_kg_m3=NO_MASS_KG_M3)
-    return branch, grown / (3 * shear_mpa * dt_s)
 
 
 def _free_element(model: Analysis) -> int:
@@ -295,7 +244,7 @@ def _free_element(model: Analysis) -> int:
 
 def _free_node(model: Analysis) -> int:
     """First number that neither finger nor probe has."""
-    return model.first_probe_node + len(model.probe_node_mm)
+    return model.first_probe_node + len(model.probe_mesh.node_mm)
 
 
 # ---- The probe on a spring. ccx begins an increment where the last one's velocities lead to,
@@ -325,7 +274,7 @@ def _spring(model: Analysis) -> Iterator[str]:
         yield f"*SPRING, ELSET=DRIVE_{axis}"
         yield f"{axis}, {axis}"
         yield f"{_SUPPORT_N_PER_MM}"
-        for node in model.probe_node.tolist():
+        for node in np.unique(model.probe.node).tolist():
             yield "*EQUATION"
             yield "2"
             yield f"{node}, {axis}, 1.0, {rigid}, {axis}, -1.0"

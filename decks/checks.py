@@ -1,9 +1,9 @@
-"""Ranges of the numbers of a finger, a probe and a contact, checked when one is made."""
+"""Ranges of the numbers and words of a finger, a probe, a contact, checked when it is made."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from fembridge.errors import FembridgeError, FingerError
 
@@ -15,7 +15,7 @@ _WORDS = {NOT_NEGATIVE: ">= 0", POSITIVE: "> 0"}
 
 @dataclass(frozen=True, slots=True)
 class Ranged:
-    """A value whose fields lie in `RANGES`, ends included, and are finite.
+    """A value whose fields lie in `RANGES`: finite numbers, ends included, or known words.
 
     Raises
     ------
@@ -23,12 +23,18 @@ class Ranged:
         Or what `ERROR` says: names the field, its range and its value.
     """
 
-    RANGES: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    RANGES: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
     ERROR: ClassVar[type[FembridgeError]] = FingerError
 
     def __post_init__(self) -> None:
-        for name, (least, most) in self.RANGES.items():
+        for name, allowed in self.RANGES.items():
             number = getattr(self, name)
+            if isinstance(allowed[0], str):
+                if number not in allowed:
+                    expected = f"expected one of {', '.join(allowed)}"
+                    raise self.ERROR(f"{name} {number!r}, {expected}")
+                continue
+            least, most = allowed
             if not math.isfinite(number):
                 raise self.ERROR(f"{name} must be finite, got {number}")
             if not least <= number <= most:

@@ -7,7 +7,7 @@ files of a run folder; it is imported when a deck of it is written.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fembridge.errors import DeckError
 
@@ -48,9 +48,8 @@ class Dialect:
     probe's way aside. `elements` gives, for our (Abaqus's) name of an element, the
     solver's own. `how_to_run` is what a person does where fembridge cannot run the solver
     itself. `target` is ``module:function``, called as ``(analysis, options)`` and giving
-    text by name of file; `branches` is one that gives what `branches_at` does, "" where
-    decks have no elements over others. `springs` is whether a probe may hang on a spring,
-    and half of a section do.
+    text by name of file. `springs` is whether a probe may hang on a spring, and half of
+    a section do; `branches` whether relaxing skin has elements over its elements.
     """
 
     name: str
@@ -65,8 +64,8 @@ class Dialect:
     how_to_run: str = ""
     procedures: tuple[str, ...] = ("static",)
     slides: bool = False
-    branches: str = ""
     springs: bool = False
+    branches: bool = False
 
     def element_named(self, word: str) -> str:
         """Our name of the element that `word` is, ours or the solver's.
@@ -107,17 +106,10 @@ class Dialect:
                 raise DeckError(
                     f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
                 )
-        files: dict[str, str] = _called(self.target, analysis, DeckOptions(**chosen))
+        module, _, function = self.target.partition(":")
+        target = getattr(import_module(module), function)
+        files: dict[str, str] = target(analysis, DeckOptions(**chosen))
         return files
-
-    def branches_at(self, analysis: "Analysis") -> dict[int, int]:
-        """Count what a node's stress is the sum of, where the file holds the mean."""
-        return _called(self.branches, analysis) if self.branches else {}
-
-
-def _called(target: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever it gives
-    module, _, function = target.partition(":")
-    return getattr(import_module(module), function)(*arguments)
 
 
 DIALECTS = {
@@ -135,8 +127,8 @@ DIALECTS = {
             target="decks.calculix:calculix_files",
             procedures=("static", "viscous", "dynamic"),
             slides=True,
-            branches="decks.calculix:branches_at",
             springs=True,
+            branches=True,
         ),
         Dialect(
             name="marc",

@@ -38,12 +38,6 @@ class Outline(Ranged):
 
     RANGES: ClassVar = {"half_width_mm": (2.0, 50.0), "half_height_mm": (2.0, 50.0)}
 
-    @property
-    def least_radius_mm(self) -> float:
-        """Radius of curvature where the ellipse bends most."""
-        short, long = sorted((self.half_width_mm, self.half_height_mm))
-        return short**2 / long
-
 
 @dataclass(frozen=True, slots=True)
 class Skin(Ranged):
@@ -91,14 +85,6 @@ class Ridges(Ranged):
         "half_width_mm": POSITIVE,
         "height_mm": NOT_NEGATIVE,
     }
-
-    def __post_init__(self) -> None:
-        Ranged.__post_init__(self)
-        if self.spacing_mm > self.half_width_mm:
-            raise FingerError(
-                f"ridges {self.spacing_mm:g} mm apart on a half pad of "
-                f"{self.half_width_mm:g} mm: expected at least one ridge there"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +143,7 @@ class AfferentSite(Ranged):
     x_mm: float
     depth_mm: float
 
-    RANGES: ClassVar = {"x_mm": FINITE, "depth_mm": NOT_NEGATIVE}
-
-    def __post_init__(self) -> None:
-        Ranged.__post_init__(self)
-        if self.layer not in LAYERS:
-            raise FingerError(f"layer {self.layer!r} is none of {', '.join(LAYERS)}")
+    RANGES: ClassVar = {"layer": LAYERS, "x_mm": FINITE, "depth_mm": NOT_NEGATIVE}
 
 
 # Merkel cells sit at the tip of the intermediate ridge; the Meissner corpuscle
@@ -197,22 +178,6 @@ class Resolution(Ranged):
         **dict.fromkeys(("stratum_corneum_rows", "epidermis_rows", "dermis_rows"), (1, 200)),
     }
 
-    def __post_init__(self) -> None:
-        Ranged.__post_init__(self)
-        if max(self.contact_mm, self.ridge_mm) > self.far_mm:
-            raise FingerError(
-                f"far_mm must be at least contact_mm ({self.contact_mm:g}) and "
-                f"ridge_mm ({self.ridge_mm:g}), got {self.far_mm:g}"
-            )
-        if self.contact_half_width_mm < self.contact_mm:
-            raise FingerError(
-                f"contact_half_width_mm must be at least contact_mm "
-                f"({self.contact_mm:g}), got {self.contact_half_width_mm:g}"
-            )
-        for name in ("stratum_corneum_rows", "epidermis_rows", "dermis_rows"):
-            if not isinstance(rows := getattr(self, name), int):
-                raise FingerError(f"{name} must be a whole number, got {rows}")
-
 
 @dataclass(frozen=True, slots=True)
 class Finger:
@@ -232,13 +197,9 @@ class Finger:
     def __post_init__(self) -> None:
         for name in ("materials", "afferents"):  # nobody else's dict
             object.__setattr__(self, name, dict(getattr(self, name)))
-        missing = [layer for layer in LAYERS if layer not in self.materials]
-        if missing:
-            raise FingerError(f"no material for {', '.join(missing)}")
         for misfit, words in _misfits(self):
             if misfit:
                 raise FingerError(words)
-        _check_afferents(self)
 
     @property
     def relaxing_s(self) -> float:
@@ -252,13 +213,17 @@ class Finger:
         return replace(self, materials=still)
 
 
-# ---- Whether the parts fit together
-
-
 def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
     """What may be wrong between parts: whether it is, and both parts in words."""
     skin, ridges, papillae = finger.skin, finger.ridges, finger.papillae
-    outline, bone = finger.outline, finger.bone
+    outline, bone, mesh = finger.outline, finger.bone, finger.resolution
+    missing = [layer for layer in LAYERS if layer not in finger.materials]
+    yield bool(missing), f"no material for {', '.join(missing)}"
+    yield (
+        ridges.spacing_mm > ridges.half_width_mm,
+        f"ridges {ridges.spacing_mm:g} mm apart on a half pad of {ridges.half_width_mm:g} mm: "
+        "expected at least one ridge there",
+    )
     yield (
         ridges.height_mm >= skin.stratum_corneum_mm,
         f"ridges {ridges.height_mm:g} mm high in a stratum corneum of "
@@ -280,17 +245,28 @@ def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
         f"papillae {papillae.height_mm:g} mm high over a dermis of {skin.dermis_mm:g} mm: "
         "expected less than twice that",
     )
+    short, long = sorted((outline.half_width_mm, outline.half_height_mm))
+    least_radius_mm = short**2 / long  # where the ellipse bends most
     yield (
-        skin.dermis_depth_mm >= outline.least_radius_mm,
+        skin.dermis_depth_mm >= least_radius_mm,
         f"skin {skin.dermis_depth_mm:g} mm deep folds where the outline's radius is "
-        f"{outline.least_radius_mm:.3g} mm: expected less",
+        f"{least_radius_mm:.3g} mm: expected less",
     )
     yield (
         ridges.half_width_mm > outline.half_width_mm,
         f"ridges to {ridges.half_width_mm:g} mm on both sides: expected at most the "
         f"outline's half width, {outline.half_width_mm:g} mm",
     )
-    widest_mm = max(finger.resolution.contact_mm, finger.resolution.ridge_mm)
+    widest_mm = max(mesh.contact_mm, mesh.ridge_mm)
+    yield (
+        widest_mm > mesh.far_mm,
+        f"far_mm must be at least contact_mm and ridge_mm, {widest_mm:g}, got {mesh.far_mm:g}",
+    )
+    yield (
+        mesh.contact_half_width_mm < mesh.contact_mm,
+        f"contact_half_width_mm must be at least contact_mm, {mesh.contact_mm:g}, "
+        f"got {mesh.contact_half_width_mm:g}",
+    )
     flat = ridges.height_mm == 0 == papillae.height_mm
     yield (
         not flat and widest_mm > (0.25 + 1e-9) * ridges.spacing_mm,
@@ -308,40 +284,30 @@ def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
         f"the bone spans depth {top_mm:g} to {bottom_mm:g} mm and touches the skin: "
         f"expected inside {wall_mm:g} to {lowest_mm:g} mm",
     )
-    room_mm = _half_width_mm(outline, bone, wall_mm)
+    width_mm, height_mm = outline.half_width_mm - wall_mm, outline.half_height_mm - wall_mm
+    off_mm = bone.depth_mm - outline.half_height_mm  # > 0: towards the back
+    shares = [step / 100 - 1 for step in range(1, 200)]  # of the bone, from its top
+    heights = [(off_mm + share * bone.half_height_mm) / height_mm for share in shares]
+    pairs = zip(shares, heights, strict=True)
+    room_mm = min(
+        width_mm, *(width_mm * ((1 - at * at) / (1 - share * share)) ** 0.5 for share, at in pairs)
+    )
     yield (
         bone.half_width_mm > room_mm,
         f"bone half width {bone.half_width_mm:g} mm, expected at most {room_mm:.3g} mm: "
         "it touches the skin",
     )
-
-
-def _check_afferents(finger: Finger) -> None:
-    if not finger.afferents:
-        raise FingerError("a finger without afferents has no result")
+    yield not finger.afferents, "a finger without afferents has no result"
     for name, site in finger.afferents.items():
-        if not isinstance(name, str) or not _AFFERENT.fullmatch(name):
-            raise FingerError(
-                f"afferent {name!r}: expected a capital letter, then capital "
-                "letters, digits or _, at most 40 in all"
-            )
-        across = site.x_mm / finger.outline.half_width_mm
-        along = site.depth_mm / finger.outline.half_height_mm - 1
-        if not across * across + along * along <= 1:
-            raise FingerError(
-                f"afferent {name} at x = {site.x_mm:g} mm, depth "
-                f"{site.depth_mm:g} mm is outside the finger"
-            )
-
-
-def _half_width_mm(outline: Outline, bone: Bone, wall_mm: float) -> float:
-    """Widest half width of a bone there that stays `wall_mm` from the outline."""
-    width_mm = outline.half_width_mm - wall_mm
-    height_mm = outline.half_height_mm - wall_mm
-    off_mm = bone.depth_mm - outline.half_height_mm  # > 0: towards the back
-    rooms_mm = [width_mm]
-    for step in range(1, 200):  # the bone's outline, from its top to its bottom
-        share = -1 + step / 100
-        at = (off_mm + share * bone.half_height_mm) / height_mm
-        rooms_mm.append(width_mm * ((1 - at * at) / (1 - share * share)) ** 0.5)
-    return min(rooms_mm)
+        yield (
+            not (isinstance(name, str) and _AFFERENT.fullmatch(name)),
+            f"afferent {name!r}: expected a capital letter, then capital letters, digits or "
+            "_, at most 40 in all",
+        )
+        across = site.x_mm / outline.half_width_mm
+        along = site.depth_mm / outline.half_height_mm - 1
+        yield (
+            not across * across + along * along <= 1,
+            f"afferent {name} at x = {site.x_mm:g} mm, depth {site.depth_mm:g} mm is outside "
+            "the finger",
+        )

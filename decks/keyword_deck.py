@@ -51,11 +51,6 @@ def fixed(number: float, digits: int) -> str:
     return text if exact and len(text) <= LONGEST_NUMBER else real(number)
 
 
-def plain(text: str) -> str:
-    """Text as printable ASCII on one line, whatever was in it."""
-    return text.encode("unicode_escape").decode("ascii")
-
-
 def node_lines(numbers: Iterable[int], node_mm: FloatArray) -> Iterator[str]:
     """Nodes in the plane by their `numbers`."""
     for number, (x, y) in zip(numbers, (node_mm + 0.0).tolist(), strict=True):
@@ -85,44 +80,35 @@ def pair_lines(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
 # ---- The model
 
 
-def heading(model: Analysis) -> Iterator[str]:
-    """Title, units and axes."""
+def model_lines(
+    model: Analysis, remarks: Sequence[str] = (), why_rigid: str = PRESCRIBED
+) -> Iterator[str]:
+    """Heading with `remarks`, finger, probe, and sets: fixed, afferents' and output nodes."""
+    title, *notes = (
+        text.encode("unicode_escape").decode("ascii")  # on one line, whatever was in it
+        for text in (f"fembridge: {model.title}", *model.notes, f"contact: {model.contact}")
+    )
     yield "*HEADING"
-    yield plain(f"fembridge: {model.title}")[:_HEADING_WIDTH]
-    thick = f"{model.thickness_mm:g} mm thick"
-    yield f"** Units: mm, N, s, MPa. Plane strain, {thick}."
+    yield title[:_HEADING_WIDTH]
+    yield f"** Units: mm, N, s, MPa. Plane strain, {model.thickness_mm:g} mm thick."
     yield "** x runs across the finger, y out of its pad; the ridge under the probe"
     yield "** has its top at the origin."
-    for note in (*model.notes, f"contact: {model.contact}"):
-        yield f"** {plain(note)}"
-
-
-def finger(model: Analysis) -> Iterator[str]:
-    """Nodes, and an element set a layer."""
+    yield from (f"** {note}" for note in notes)
+    yield from remarks
     yield "**"
     yield "** ---- The finger: one element set a layer"
     yield "*NODE, NSET=FINGER"
-    node = model.node
-    yield from node_lines(node.tolist(), model.node_mm[node - 1])
+    yield from node_lines(model.node.tolist(), model.node_mm[model.node - 1])
     for layer in model.layers:
         yield f"*ELEMENT, TYPE={model.element}, ELSET={layer.name.upper()}"
         yield from element_lines(layer.number.tolist(), layer.node)
-
-
-def probe(model: Analysis, why_rigid: str = PRESCRIBED) -> Iterator[str]:
-    """The probe's nodes and elements."""
     yield "**"
     yield f"** ---- The probe: rigid, since {why_rigid}"
     yield "*NODE, NSET=PROBE"
-    node = model.probe_node
-    rows = node - model.first_probe_node
-    yield from node_lines(node.tolist(), model.probe_node_mm[rows])
+    node = np.unique(model.probe.node)
+    yield from node_lines(node.tolist(), model.probe_mesh.node_mm[node - model.first_probe_node])
     yield "*ELEMENT, TYPE=CPE4, ELSET=PROBE_BODY"
     yield from element_lines(model.probe.number.tolist(), model.probe.node)
-
-
-def sets(model: Analysis) -> Iterator[str]:
-    """Nodes that are fixed, afferents' nodes, nodes whose results are written."""
     yield "**"
     yield "** ---- Bone and the nail's outer side do not move"
     yield "*NSET, NSET=HELD"
@@ -138,27 +124,22 @@ def sets(model: Analysis) -> Iterator[str]:
     yield from list_lines(model.watched)
 
 
-def probe_surface(model: Analysis) -> Iterator[str]:
-    """Face 1 of each of the probe's elements, its lower side."""
-    yield "*SURFACE, NAME=PROBE_SURFACE, TYPE=ELEMENT"
-    for number in model.probe.number.tolist():
-        yield f"{number}, S1"
-
-
-def skin_surface(model: Analysis) -> Iterator[str]:
-    """The faces of the skin that the probe can reach."""
-    yield "*SURFACE, NAME=SKIN_SURFACE, TYPE=ELEMENT"
-    for element, face in model.contact_face.tolist():
-        yield f"{element}, S{face}"
-
-
-def contact_pair(
-    model: Analysis, slave: str = "SKIN_SURFACE", interaction: str = "TOUCH"
+def contact_lines(
+    model: Analysis, interaction: Iterable[str], slave: Iterable[str] = ()
 ) -> Iterator[str]:
-    """The two sides: the skin is the slave, the probe the master."""
+    """Both sides, what is between them, and the pair; `slave` is the skin's, if not faces."""
+    yield "**"
+    yield "** ---- Contact: the skin is the slave, the probe the master"
+    yield from slave
+    if not slave:
+        yield "*SURFACE, NAME=SKIN_SURFACE, TYPE=ELEMENT"
+        yield from (f"{element}, S{face}" for element, face in model.contact_face.tolist())
+    yield "*SURFACE, NAME=PROBE_SURFACE, TYPE=ELEMENT"
+    yield from (f"{number}, S1" for number in model.probe.number.tolist())  # its lower side
+    yield from interaction
     kind = CONTACT_TYPES[model.contact.formulation]
-    yield f"*CONTACT PAIR, INTERACTION={interaction}, TYPE={kind}"
-    yield f"{slave}, PROBE_SURFACE"
+    yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}"
+    yield "SKIN_SURFACE, PROBE_SURFACE"
 
 
 # ---- Materials
@@ -214,28 +195,6 @@ class Moved:
     loads: tuple[str, ...] = ()
 
 
-def waveform(model: Analysis) -> Iterator[str]:
-    """The probe's way as an amplitude over total time; two where it slides."""
-    motion = model.motion
-    yield "**"
-    yield "** ---- The probe's way into the skin: time in s, depth in mm"
-    if motion.ramp:
-        words = "the ramp to" if len(motion.phases) == 1 else "the way to"
-        yield f"** up to {motion.start_s:g} s: {words} the pre-indentation"
-    yield from _amplitude("DEPTH", motion.time_s, motion.depth_mm)
-    if motion.aside_mm is not None:
-        yield "** ---- and its way across the finger, along x, in mm"
-        yield from _amplitude("ASIDE", motion.time_s, motion.aside_mm)
-
-
-def _amplitude(name: str, time_s: FloatArray, way_mm: FloatArray) -> Iterator[str]:
-    yield f"*AMPLITUDE, NAME={name}, TIME=TOTAL TIME"
-    yield from pair_lines(
-        (fixed(at_s, 7), f"{mm:.9f}")
-        for at_s, mm in zip(time_s.tolist(), (way_mm + 0.0).tolist(), strict=True)
-    )
-
-
 def steps(
     model: Analysis,
     cards: Mapping[str, str],
@@ -243,12 +202,25 @@ def steps(
     output: Callable[[Analysis], Iterator[str]],
     moved: Moved,
 ) -> Iterator[str]:
-    """Each phase of the motion as a step with the same conditions and output.
+    """The probe's way over total time, and each phase of it as a step.
 
-    `cards` are the solver's words for `decks.motion.PROCEDURES`, `large_strain` its
-    word for that, with its comma, or "".
+    All steps have the same conditions and output. `cards` are the solver's words
+    for `decks.motion.PROCEDURES`, `large_strain` its word for that, with its comma, or "".
     """
-    phases = model.motion.phases
+    motion, phases = model.motion, model.motion.phases
+    yield "**"
+    yield "** ---- The probe's way into the skin: time in s, depth in mm"
+    if motion.ramp:
+        words = "the ramp to" if len(phases) == 1 else "the way to"
+        yield f"** up to {motion.start_s:g} s: {words} the pre-indentation"
+    for name, way_mm in (("DEPTH", motion.depth_mm), ("ASIDE", motion.aside_mm)):
+        if way_mm is None:
+            continue
+        if name == "ASIDE":
+            yield "** ---- and its way across the finger, along x, in mm"
+        yield f"*AMPLITUDE, NAME={name}, TIME=TOTAL TIME"
+        pairs = zip(motion.time_s.tolist(), (way_mm + 0.0).tolist(), strict=True)
+        yield from pair_lines((fixed(at_s, 7), f"{mm:.9f}") for at_s, mm in pairs)
     for count, phase in enumerate(phases, start=1):
         which = "One step" if len(phases) == 1 else f"Step {count}"
         yield "**"
@@ -260,7 +232,7 @@ def steps(
         yield "*BOUNDARY"
         yield "HELD, 1, 2"
         yield from moved.fixed
-        if model.motion.aside_mm is None:
+        if motion.aside_mm is None:
             yield f"{moved.name}, 1, 1"
         else:
             yield "*BOUNDARY, AMPLITUDE=ASIDE"

@@ -55,11 +55,8 @@ class Material(Ranged):
         object.__setattr__(self, "prony", tuple(self.prony))
         if len(self.prony) > _MOST_TERMS:
             raise FingerError(f"{len(self.prony)} Prony terms, expected at most {_MOST_TERMS}")
-        if not self.lasting_share > 0:
-            raise FingerError(
-                f"Prony terms take {1 - self.lasting_share:g} of the shear modulus, "
-                "expected less than all of it"
-            )
+        if self.prony and not self.lasting_share > 0:
+            raise FingerError("Prony terms take all of the shear modulus, expected less")
 
     @property
     def lasting_share(self) -> float:

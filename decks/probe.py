@@ -44,6 +44,7 @@ class Probe(Ranged):
     x_mm: float = 0.0
 
     RANGES: ClassVar = {
+        "shape": SHAPES,
         "diameter_mm": (0.01, 20.0),
         "fillet_mm": NOT_NEGATIVE,
         "x_mm": FINITE,
@@ -51,50 +52,39 @@ class Probe(Ranged):
 
     def __post_init__(self) -> None:
         Ranged.__post_init__(self)
-        if self.shape not in SHAPES:
-            raise FingerError(f"probe shape {self.shape!r}, expected one of {', '.join(SHAPES)}")
-        if self.shape == "flat" and self.fillet_mm > 0.5 * self.diameter_mm:
+        sound = self.fillet_mm == 0 or _LEAST_FILLET_MM <= self.fillet_mm <= 0.5 * self.diameter_mm
+        if self.shape == "flat" and not sound:
             raise FingerError(
-                f"fillet {self.fillet_mm:g} mm, expected at most half the "
-                f"width, {0.5 * self.diameter_mm:g} mm"
-            )
-        if self.shape == "flat" and 0 < self.fillet_mm < _LEAST_FILLET_MM:
-            raise FingerError(
-                f"fillet {self.fillet_mm:g} mm, expected 0 (a sharp edge) or "
-                f"{_LEAST_FILLET_MM:g} mm and more"
+                f"fillet {self.fillet_mm:g} mm, expected 0 (a sharp edge) or from "
+                f"{_LEAST_FILLET_MM:g} mm to half the width, {0.5 * self.diameter_mm:g} mm"
             )
 
     def lower_side(self) -> FloatArray:
         """Points ``(S, 2)`` from left to right; the lowest is at height 0."""
-        points = self._cylinder() if self.shape == "cylinder" else self._flat()
-        return np.round(points, _DIGITS) + 0.0
-
-    def _cylinder(self) -> FloatArray:
         radius_mm = 0.5 * self.diameter_mm
-        opening = np.radians(_HALF_OPENING_DEG)
-        segments = 2 * round(max(_MIN_SEGMENTS, 2 * radius_mm / _SEGMENT_MM) / 2)
-        angle = np.linspace(-opening, opening, segments + 1)
-        points: FloatArray = radius_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
-        points[segments // 2] = 0.0
-        return points
-
-    def _flat(self) -> FloatArray:
-        radius_mm = 0.5 * self.diameter_mm
+        if self.shape == "cylinder":
+            opening = np.radians(_HALF_OPENING_DEG)
+            segments = 2 * round(max(_MIN_SEGMENTS, 2 * radius_mm / _SEGMENT_MM) / 2)
+            points = _arc(radius_mm, np.linspace(-opening, opening, segments + 1))
+            points[segments // 2] = 0.0
+            return np.round(points, _DIGITS) + 0.0
         half_flat_mm = radius_mm - self.fillet_mm
+        floor = np.zeros((1, 2))
         if half_flat_mm > _NO_WIDTH_MM:
             count = 2 * max(1, round(half_flat_mm / _SEGMENT_MM))
             flat_mm = np.linspace(-half_flat_mm, half_flat_mm, count + 1)
             floor = np.stack([flat_mm, np.zeros_like(flat_mm)], -1)
-        else:
-            floor = np.zeros((1, 2))
+        right = np.array([[radius_mm, 0.5 * radius_mm]])
         if self.fillet_mm > 0:
-            angle = np.linspace(0.0, np.pi / 2, _FILLET_SEGMENTS + 1)[1:]
-            right = self.fillet_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
+            right = _arc(self.fillet_mm, np.linspace(0.0, np.pi / 2, _FILLET_SEGMENTS + 1)[1:])
             right[:, 0] += half_flat_mm
-        else:
-            right = np.array([[radius_mm, 0.5 * radius_mm]])
-        left = right[::-1] * [-1.0, 1.0]
-        return np.concatenate([left, floor, right])
+        return np.round(np.concatenate([right[::-1] * [-1.0, 1.0], floor, right]), _DIGITS) + 0.0
+
+
+def _arc(radius_mm: float, angle: FloatArray) -> FloatArray:
+    """Points of a circle that stands on the origin, at angles from there."""
+    points: FloatArray = radius_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
+    return points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,8 +103,13 @@ class ProbeMesh:
         return np.arange(len(self.quad) + 1)
 
 
-def mesh_probe(probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0)) -> ProbeMesh:
-    """Mesh `probe` and set it on `skin`: at first touch, nothing pressed.
+def mesh_probe(
+    probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0)
+) -> tuple[ProbeMesh, int]:
+    """Mesh `probe` at first touch of `skin`, and the row of the node that it touches.
+
+    Of several nodes at the same height, as under a flat punch, that is the one nearest
+    the probe's middle; where no node is under a narrow probe, the nearest one.
 
     Raises
     ------
@@ -122,7 +117,11 @@ def mesh_probe(probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0
         The probe stands beside the pad, or comes there on its way along x, `way_mm`.
     """
     outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
-    pad_mm = skin.node_mm[_pad(skin)]
+    edges, _, _ = skin.outline()
+    pad = np.unique(edges)  # the upper half of the outline, from left to right
+    pad = pad[skin.node_mm[pad, 1] > 0.5 * skin.node_mm[:, 1].min()]
+    pad = pad[np.argsort(skin.node_mm[pad, 0], kind="stable")]
+    pad_mm = skin.node_mm[pad]
     first_mm, last_mm = outer[0, 0] + way_mm[0], outer[-1, 0] + way_mm[1]
     if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:
         raise FingerError(
@@ -130,46 +129,16 @@ def mesh_probe(probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0
             f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
         )
     over_skin_mm = outer[:, 1] - np.interp(outer[:, 0], pad_mm[:, 0], pad_mm[:, 1])
-    lowest_mm = min(over_skin_mm.min(), _gap_mm(pad_mm, outer).min())
+    over_mm = np.interp(pad_mm[:, 0], outer[:, 0], outer[:, 1], left=np.inf, right=np.inf)
+    gap_mm = over_mm - pad_mm[:, 1]  # from each node up to the probe
+    lowest_mm = min(over_skin_mm.min(), gap_mm.min())
     middle = np.array([probe.x_mm, 0.5 * probe.diameter_mm])
-    inner = middle + _INNER_SHARE * (outer - middle)
     count = len(outer)
     left = np.arange(count - 1)
     quad = np.stack([left, left + 1, left + 1 + count, left + count], -1)
-    node_mm = np.concatenate([outer, inner])
+    node_mm = np.concatenate([outer, middle + _INNER_SHARE * (outer - middle)])
     node_mm[:, 1] -= lowest_mm
-    return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad)
-
-
-def touched_node(probe: ProbeMesh, skin: Mesh) -> int:
-    """Row of the skin's node that `probe` touches first.
-
-    Of several at the same height, as under a flat punch, the one nearest the
-    probe's middle. Where the probe is narrower than an element and no node is
-    under it, the nearest one.
-    """
-    pad = _pad(skin)
-    lower_mm = probe.node_mm[probe.lower_node]
-    gap_mm = _gap_mm(skin.node_mm[pad], lower_mm)
-    middle_mm = 0.5 * (lower_mm[0, 0] + lower_mm[-1, 0])
-    aside_mm = np.abs(skin.node_mm[pad, 0] - middle_mm)
+    aside_mm = np.abs(pad_mm[:, 0] - 0.5 * (outer[0, 0] + outer[-1, 0]))
     if np.isfinite(gap_mm).any():
         aside_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
-    return int(pad[aside_mm.argmin()])
-
-
-def _pad(skin: Mesh) -> IntArray:
-    """Rows of the nodes on the upper half of the outline, from left to right."""
-    edges, _, _ = skin.outline()
-    pad = np.unique(edges)
-    pad = pad[skin.node_mm[pad, 1] > 0.5 * skin.node_mm[:, 1].min()]
-    ordered: IntArray = pad[np.argsort(skin.node_mm[pad, 0], kind="stable")]
-    return ordered
-
-
-def _gap_mm(pad_mm: FloatArray, lower_mm: FloatArray) -> FloatArray:
-    """Way up from each point of the pad to the probe; infinite beside it."""
-    x_mm, height_mm = lower_mm[:, 0], lower_mm[:, 1]
-    over_mm = np.interp(pad_mm[:, 0], x_mm, height_mm, left=np.inf, right=np.inf)
-    gap_mm: FloatArray = over_mm - pad_mm[:, 1]
-    return gap_mm
+    return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad), int(pad[aside_mm.argmin()])

@@ -94,7 +94,7 @@ def build_analysis_folder(
         dt_ms=stimulus.dt_ms,
         start_ms=start_ms,
         before_ms=start_ms if own_steps else 0.0,
-        branches=dialect.branches_at(analysis),
+        branches=analysis.branches if dialect.branches else {},
         on_axis=analysis.watched_on_axis if dialect.springs else (),
         afferents=tuple(places),
         apex_node=analysis.apex,

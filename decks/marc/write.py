@@ -152,7 +152,7 @@ class _Writer:
             # The probe's quads have no mid-sides.
             quad = self.element if not self.quadratic else _PLAIN_QUAD
             self.parts.append((model.probe, quad, _PROBE))
-        self.mesh_nodes = len(model.node_mm) + (len(model.probe_node_mm) if meshed else 0)
+        self.mesh_nodes = len(model.node_mm) + (len(model.probe_mesh.node_mm) if meshed else 0)
         for section, _, _ in self.parts:
             if section.law != "linear":
                 raise DeckError(
@@ -258,7 +258,7 @@ class _Writer:
         yield integers_line([coordinates, self.mesh_nodes, 0, 1])
         yield from _node_lines(self.model.node_mm, 1)
         if self.meshed:
-            yield from _node_lines(self.model.probe_node_mm, self.model.first_probe_node)
+            yield from _node_lines(self.model.probe_mesh.node_mm, self.model.first_probe_node)
 
     def sets(self) -> Iterator[str]:
         """A set a layer, of what does not move, of each afferent and of the apex."""
@@ -269,7 +269,7 @@ class _Writer:
         yield from _set("node", "held_nodes", model.fixed)
         if self.meshed:
             first = model.first_probe_node
-            numbers = np.arange(first, first + len(model.probe_node_mm))
+            numbers = np.arange(first, first + len(model.probe_mesh.node_mm))
             yield from _set("node", "probe_nodes", numbers)
         for name, words in model.sites.items():
             yield from _comment(f"{name}: {words}")
@@ -389,7 +389,7 @@ class _Writer:
         edges, _, _ = self.model.mesh.outline()
         finger = len(np.unique(edges)) + self.quadratic * len(edges)
         # Each node of the probe's single row of elements is on its outline.
-        return max(finger, len(self.model.probe_node_mm) if self.meshed else 0)
+        return max(finger, len(self.model.probe_mesh.node_mm) if self.meshed else 0)
 
     def body(self, number: int, name: str) -> Iterator[str]:
         """A deformable body: its elements are those whose block names it."""
@@ -405,7 +405,8 @@ class _Writer:
         All curves of real decks that were read run so. A straight piece is a curve of
         two points, which was seen there; a curve of many points was not.
         """
-        side_mm = self.model.lower_side_mm
+        probe = self.model.probe_mesh
+        side_mm = probe.node_mm[probe.lower_node]
         nurbs, pieces = 9, np.stack([side_mm[:-1], side_mm[1:]], axis=1).tolist()
         yield from _comment(
             f"contact body {_PROBE}: probe; its position is the table times "

@@ -163,7 +163,7 @@ def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
     The solver's probe is its lower side alone. A cylinder is drawn round, a flat
     punch as high as half its width.
     """
-    placed = mesh_probe(probe, mesh)
+    placed, _ = mesh_probe(probe, mesh)
     lower_mm = placed.node_mm[placed.lower_node]
     if probe.shape == "flat":
         top_mm = lower_mm[:, 1].min() + 0.5 * probe.diameter_mm

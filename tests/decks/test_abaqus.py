@@ -24,7 +24,7 @@ def read(request, models, short, parse_deck):
 def test_mesh_and_sections_are_those_of_the_model(read):
     model, deck = read
     nodes = deck.nodes()
-    assert len(nodes) == len(model.node_mm) + len(model.probe_node_mm)
+    assert len(nodes) == len(model.node_mm) + len(model.probe_mesh.node_mm)
     written = [nodes[k + 1][:2] for k in range(len(model.node_mm))]
     assert_allclose(written, model.node_mm, rtol=0, atol=1e-9)
     elements = deck.elements()

@@ -182,17 +182,16 @@ def test_the_probe_follows_the_finger_without_a_gap(model):
     assert model.first_probe_node == len(model.node_mm) + 1
     first, count = len(SKIN.quad) + 1, len(model.probe_mesh.quad)
     numbers = np.arange(first, first + count)
-    nodes = model.first_probe_node + np.arange(len(model.probe_node_mm))
+    nodes = model.first_probe_node + np.arange(len(model.probe_mesh.node_mm))
     if model.is_half:
-        right = model.probe_node_mm[:, 0] >= 0
+        right = model.probe_mesh.node_mm[:, 0] >= 0
         numbers, nodes = numbers[count // 2 :], nodes[right]
     assert model.probe.number.tolist() == numbers.tolist()
     assert np.unique(model.probe.node).tolist() == nodes.tolist()
-    assert model.probe_node.tolist() == nodes.tolist()
 
 
 def test_the_lower_side_runs_from_left_to_right_and_touches_the_skin_from_above(model):
-    x_mm, y_mm = model.lower_side_mm.T
+    x_mm, y_mm = model.probe_mesh.node_mm[model.probe_mesh.lower_node].T
     assert (np.diff(x_mm) > 0).all()
     apex_mm = model.node_mm[model.apex - 1]
     assert np.interp(apex_mm[0], x_mm, y_mm) == pytest.approx(apex_mm[1], abs=1e-6)

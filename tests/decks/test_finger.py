@@ -42,10 +42,6 @@ def test_the_moduli_are_those_of_table_1():
     assert tuple(TABLE_1) == LAYERS
 
 
-def test_an_ellipse_bends_most_at_the_end_of_its_long_axis():
-    assert Outline(8.0, 4.0).least_radius_mm == Outline(4.0, 8.0).least_radius_mm == 2.0
-
-
 @pytest.mark.parametrize(("part", "name"), SIZES)
 def test_a_size_that_is_no_size_is_refused_by_its_name(part, name):
     for value in NO_SIZES:
@@ -76,7 +72,6 @@ def test_a_modulus_that_no_tissue_has_is_refused(young_mpa):
     ("change", "words"),
     [
         ({"epidermis_rows": 10**9}, r"epidermis_rows .* 200"),
-        ({"epidermis_rows": 8.0}, r"got 8\.0"),
         ({"contact_mm": 0.001}, r"contact_mm .* 0\.001"),
         ({"ridge_mm": 0.3, "far_mm": 0.2}, "far_mm"),
         ({"contact_mm": 0.05, "contact_half_width_mm": 0.01}, "contact_half_width_mm"),
@@ -84,7 +79,7 @@ def test_a_modulus_that_no_tissue_has_is_refused(young_mpa):
 )
 def test_a_resolution_that_makes_no_mesh_is_refused(change, words):
     with pytest.raises(FingerError, match=words):
-        Resolution(**change)
+        Finger("odd", resolution=Resolution(**change))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.finger_file import finger_from
 from decks.mesh import scaled_jacobian
 from decks.presets import PRESETS, mesh_of
-from decks.probe import SHAPES, Probe, mesh_probe, touched_node
+from decks.probe import SHAPES, Probe, mesh_probe
 from decks.section import section_of
 from fembridge.errors import FingerError
 
@@ -82,13 +82,13 @@ def test_a_lower_side_goes_from_left_to_right_and_nowhere_below_zero(probe):
 
 
 def test_every_quad_of_a_probe_runs_counter_clockwise_and_is_sound(probe):
-    mesh = mesh_probe(probe, SKIN)
+    mesh, _ = mesh_probe(probe, SKIN)
     assert scaled_jacobian(mesh.node_mm, mesh.quad).min() > 0.1
     assert_array_equal(np.unique(mesh.quad), np.arange(len(mesh.node_mm)))
 
 
 def test_the_first_face_of_each_quad_is_the_lower_side(probe):
-    mesh = mesh_probe(probe, SKIN)
+    mesh, _ = mesh_probe(probe, SKIN)
     assert_array_equal(mesh.quad[:, 0], mesh.lower_node[:-1])
     assert_array_equal(mesh.quad[:, 1], mesh.lower_node[1:])
     lower = mesh.node_mm[mesh.lower_node]
@@ -99,7 +99,7 @@ def test_the_first_face_of_each_quad_is_the_lower_side(probe):
 
 @pytest.mark.parametrize("name", MESHES)
 def test_at_first_touch_the_least_gap_is_zero(probe, name):
-    mesh = mesh_probe(probe, MESHES[name])
+    mesh, _ = mesh_probe(probe, MESHES[name])
     gap_mm = least_gap_mm(mesh.node_mm[mesh.lower_node], MESHES[name])
     assert abs(gap_mm) <= 1.1e-9  # two roundings to a picometre
 
@@ -108,13 +108,13 @@ def test_at_first_touch_the_least_gap_is_zero(probe, name):
 @given(st.floats(-5.0, 5.0), st.floats(0.02, 3.0), st.sampled_from(SHAPES))
 def test_a_probe_of_any_size_and_place_touches_exactly(x_mm, diameter_mm, shape):
     probe = Probe(shape, diameter_mm, 0.25 * diameter_mm, x_mm)
-    mesh = mesh_probe(probe, SKIN)
+    mesh, _ = mesh_probe(probe, SKIN)
     assert abs(least_gap_mm(mesh.node_mm[mesh.lower_node], SKIN)) <= 1.1e-9
 
 
 def test_on_a_ridge_the_probe_stands_at_height_zero():
     for name, probe in (("quick", Probe()), ("paper", Probe(diameter_mm=0.05))):
-        mesh = mesh_probe(probe, MESHES[name])
+        mesh, _ = mesh_probe(probe, MESHES[name])
         assert mesh.node_mm[mesh.lower_node].min(axis=0)[1] == 0.0
 
 
@@ -126,8 +126,8 @@ def test_a_narrow_probe_between_two_ridges_stands_lower():
     (depth,) = section_of(PRESETS["paper"]).curve(
         section_of(PRESETS["paper"]).surface, np.array([0.25])
     )
-    narrow = mesh_probe(Probe(diameter_mm=0.05, x_mm=depth[0]), MESHES["paper"])
-    wide = mesh_probe(Probe(diameter_mm=1.0, x_mm=depth[0]), MESHES["paper"])
+    narrow, _ = mesh_probe(Probe(diameter_mm=0.05, x_mm=depth[0]), MESHES["paper"])
+    wide, _ = mesh_probe(Probe(diameter_mm=1.0, x_mm=depth[0]), MESHES["paper"])
     assert_allclose(narrow.node_mm[:, 1].min(), depth[1], atol=2e-3)
     assert wide.node_mm[:, 1].min() > depth[1] + 0.02
 
@@ -163,14 +163,13 @@ def test_a_probe_that_cannot_be_is_refused(wrong, words):
 
 def test_at_the_apex_the_first_node_touched_is_the_ridges_top():
     for skin in MESHES.values():
-        row = touched_node(mesh_probe(Probe(), skin), skin)
+        row = mesh_probe(Probe(), skin)[1]
         assert skin.node_mm[row].tolist() == [0.0, 0.0]
 
 
 def test_the_first_node_touched_is_nearer_the_probe_than_any_other(probe):
-    mesh = mesh_probe(probe, SKIN)
+    mesh, row = mesh_probe(probe, SKIN)
     lower_mm = mesh.node_mm[mesh.lower_node]
-    row = touched_node(mesh, SKIN)
     nodes = np.unique(SKIN.outline()[0])
     under = nodes[
         (SKIN.node_mm[nodes, 0] >= lower_mm[0, 0])
@@ -185,7 +184,7 @@ def test_the_first_node_touched_is_nearer_the_probe_than_any_other(probe):
 def test_under_a_flat_punch_aside_it_is_not_the_punchs_corner():
     """From 2 mm the skin falls away: the corner nearest the apex touches first."""
     skin = mesh_of(finger_from({"materials": {}}, "quick"))
-    row = touched_node(mesh_probe(Probe("flat", 2.0, 0.2, x_mm=3.0), skin), skin)
+    row = mesh_probe(Probe("flat", 2.0, 0.2, x_mm=3.0), skin)[1]
     assert 2.0 <= skin.node_mm[row, 0] < 2.6
 
 
@@ -193,5 +192,5 @@ def test_a_probe_with_no_node_under_it_names_the_nearest():
     between = SKIN.node_mm[np.unique(SKIN.outline()[0])]
     between = np.sort(between[(between[:, 1] > -2) & (between[:, 0] > 3.5), 0])[:2]
     probe = Probe(diameter_mm=0.02, x_mm=float(0.6 * between[0] + 0.4 * between[1]))
-    row = touched_node(mesh_probe(probe, SKIN), SKIN)
+    row = mesh_probe(probe, SKIN)[1]
     assert SKIN.node_mm[row, 0] == between[0]

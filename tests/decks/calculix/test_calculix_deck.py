@@ -101,7 +101,7 @@ def test_nodes_of_the_finger_and_then_of_the_probe_come_back(built):
     finger_mm = analysis.mesh.node_mm
     if analysis.element == "CPE8R":
         finger_mm, _ = analysis.mesh.with_midsides()
-    written = np.concatenate([finger_mm, analysis.probe_node_mm])
+    written = np.concatenate([finger_mm, analysis.probe_mesh.node_mm])
     assert list(nodes) == list(range(1, len(written) + 1))
     read = np.array(list(nodes.values()))
     assert_allclose(read[:, :2], written, rtol=0, atol=0.51e-9)

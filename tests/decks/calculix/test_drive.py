@@ -39,7 +39,7 @@ def tied(deck, axis):
 
 def test_all_nodes_of_the_probe_go_down_with_the_node_on_the_spring(parse_deck, short):
     model, deck = deck_of(parse_deck, short)
-    count = len(model.probe_node_mm)
+    count = len(model.probe_mesh.node_mm)
     probe = set(range(model.first_probe_node, model.first_probe_node + count))
     pairs = tied(deck, 2)
     assert set(pairs) == probe

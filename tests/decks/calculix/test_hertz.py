@@ -48,7 +48,7 @@ from decks.material import Material
 from decks.mesh import Mesh
 from decks.motion import motion_of
 from decks.presets import QUICK
-from decks.probe import Probe, mesh_probe, touched_node
+from decks.probe import Probe, mesh_probe
 from fembridge.machine import find_ccx
 from fembridge.results.frd import read_stress_tensor
 from fembridge.results.printed import read_node_print, read_total_force
@@ -103,7 +103,7 @@ def pressed():
         materials={**QUICK.materials, "dermis": Material(YOUNG_MPA, POISSON)},
         afferents={f"Z{k}": AfferentSite("dermis", 0.0, at) for k, at in enumerate(AXIS_MM)},
     )
-    probe = mesh_probe(Probe(diameter_mm=2 * RADIUS_MM), mesh)
+    probe, apex_row = mesh_probe(Probe(diameter_mm=2 * RADIUS_MM), mesh)
     edge, owner, face = mesh.outline()
     middle_mm = mesh.node_mm[edge].mean(axis=1)
     top = (middle_mm[:, 1] == 0) & (np.abs(middle_mm[:, 0]) < FINE_HALF_WIDTH_MM)
@@ -116,7 +116,7 @@ def pressed():
         contact=Contact(stiffness_mpa_per_mm=STIFFNESS, friction=0.0),
         element="CPE4",
         afferent_row={name: mesh.node_at(site) for name, site in finger.afferents.items()},
-        apex_row=touched_node(probe, mesh),
+        apex_row=apex_row,
         fixed_row=np.flatnonzero(mesh.node_mm[:, 1] == -BLOCK_MM),
         contact_edge=np.stack([owner[top], face[top]], -1),
         large_strain=False,

@@ -133,7 +133,7 @@ def test_every_node_has_its_number_and_its_place(built):
     model, probe, deck = built
     node_mm = model.node_mm
     if probe == "meshed":
-        node_mm = np.concatenate([node_mm, model.probe_node_mm])
+        node_mm = np.concatenate([node_mm, model.probe_mesh.node_mm])
     nodes = deck.nodes
     assert list(nodes) == list(range(1, len(node_mm) + 1))
     assert_allclose(np.array([*nodes.values()])[:, :2], node_mm, rtol=1e-15, atol=0)
@@ -184,7 +184,7 @@ def test_sets_hold_fixed_nodes_the_afferents_and_the_apex(built):
         assert words in deck.text.splitlines()
     if probe == "meshed":
         first = model.first_probe_node
-        wanted = list(range(first, first + len(model.probe_node_mm)))
+        wanted = list(range(first, first + len(model.probe_mesh.node_mm)))
         assert deck.members("node", "probe_nodes") == wanted
 
 
@@ -364,8 +364,12 @@ def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_d
         assert weights_and_knots == [[1.0], [1.0], [0.0], [0.0], [1.0], [1.0]]
     side = np.array(side)
     assert_array_equal(side[1:, 0], side[:-1, 1])  # each goes on where one ended
-    assert_allclose(side[:, 0], model.lower_side_mm[:-1], rtol=1e-15)
-    assert_allclose(side[-1, 1], model.lower_side_mm[-1], rtol=1e-15)
+    assert_allclose(
+        side[:, 0], model.probe_mesh.node_mm[model.probe_mesh.lower_node][:-1], rtol=1e-15
+    )
+    assert_allclose(
+        side[-1, 1], model.probe_mesh.node_mm[model.probe_mesh.lower_node][-1], rtol=1e-15
+    )
 
 
 def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(built):
@@ -373,7 +377,7 @@ def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right
     if probe == "meshed":
         return
     curves = bodies_of(deck)["probe"][7:]
-    inside = model.probe_node_mm.mean(axis=0)
+    inside = model.probe_mesh.node_mm.mean(axis=0)
     skin = model.node_mm[model.contact_node - 1]
     for k in range(0, len(curves), 9):
         start, end = np.array([deck.reals(curves[k + 1]), deck.reals(curves[k + 2])])
