@@ -20,6 +20,7 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -168,11 +169,6 @@ def nodal_components(quantity: NodalQuantity) -> tuple[str, ...]:
     return tuple(_initials(quantity.name) + axis for axis in axes)
 
 
-def nodal_unit(quantity: NodalQuantity) -> str:
-    """Unit of a nodal quantity in a deck of mm, N and s; "" if unknown."""
-    return _NODAL_UNITS.get(quantity.code, AS_IS)
-
-
 def _initials(name: str) -> str:
     words = name.split()
     if any(word.isdigit() for word in words):  # "Code 23": nothing to shorten
@@ -221,8 +217,7 @@ def read_stress_tensor(
     ------
     ResultError
         The file is absent, foreign or cut; it has no stress tensor; a node is not there, has
-        no elements, lies between layers, or is another place after remeshing; a value is no
-        finite number.
+        no elements or lies between layers; a value is no finite number.
     """
     with PostFile(path) as post:
         check_whole(post, options)
@@ -285,7 +280,7 @@ def describe(path: Path) -> Table:
         There is no file, it is empty, or no post file.
     """
     with PostFile(path) as post:
-        mesh = post.mesh(0)
+        mesh = post.mesh
         types, counts = np.unique(mesh.element_types, return_counts=True)
         header: Table = {"title": post.title, "post revision": post.revision}
         if post.kind == "t16":
@@ -305,7 +300,7 @@ def describe(path: Path) -> Table:
                 for one in mesh.sets
             ],
             "increments": len(post.increments),
-            "meshes": post.mesh_count,
+            "meshes": 1,
             "quantities": _quantities(post, mesh),
             "remarks": post.remarks,
             "problem": post.problem,
@@ -317,8 +312,9 @@ def _quantities(post: PostFile, mesh: PostMesh) -> list[Table]:
     stored = element_quantities(post.codes)
     for one in post.increments:
         for quantity in one.nodal:
-            parts = nodal_components(quantity)
-            found.setdefault(quantity.name, (parts, "nodes", []))[2].append(one)
+            found.setdefault(quantity.name, (nodal_components(quantity), "nodes", []))[2].append(
+                one
+            )
         for held in stored if one.has_element_values else ():
             parts = held.components
             found.setdefault(held.name, (parts, "integration points", []))[2].append(one)
@@ -355,10 +351,7 @@ def _tensor_history(
     tensor = stress_tensor(post.codes, post.path)
     options.note(f"stress: {tensor}, extrapolated to nodes: {options.method}")
     columns = list(tensor.columns)
-    times_ms, values, planned = _history(
-        post, nodes, lambda at: at[:, :, columns], options, one_sided=one_sided
-    )
-    return times_ms, in_pa(values, options, post.path), planned
+    return _history(post, nodes, lambda at: at[:, :, columns], options, one_sided=one_sided)
 
 
 def _scalar_history(
@@ -383,7 +376,7 @@ def _scalar_history(
             f"node {nodes[column]}: von Mises stress is below 0 at {times_ms[row]:g} ms: linear "
             "extrapolation of a steep field does that"
         )
-    return times_ms, in_pa(values[:, :, 0], options, post.path)
+    return times_ms, values[:, :, 0]
 
 
 def _history(
@@ -394,22 +387,24 @@ def _history(
     *,
     one_sided: bool = False,
 ) -> tuple[FloatArray, FloatArray, Plan]:
-    """Values at each increment that has any, ``(T,)`` in ms and ``(T, S, C)``; the first plan.
+    """Values at each increment that has any, ``(T,)`` in ms and ``(T, S, C)`` in Pa; the plan.
 
     `pick` makes ``(K, point, C)`` of the stored values ``(K, point, code)``.
     """
-    plans: dict[int, Plan] = {}
+    increments = _with_element_values(post, options)
+    wanted = [int(node) for node in nodes]
+    planned = plan(post.mesh, wanted, post.points, options, post.path, one_sided=one_sided)
+    for remark in planned.remarks:
+        options.note(remark)
     times_ms, found = [], []
-    for one in _with_element_values(post, options):
-        if one.mesh not in plans:
-            plans[one.mesh] = _plan_of(post, one, nodes, options, plans, one_sided)
-        planned = plans[one.mesh]
+    for one in increments:
         values = planned.add_up(pick(post.element_values(one.row, planned.element_rows)))
-        if np.isfinite(values).all():
+        bad = np.argwhere(~np.isfinite(values))
+        if not bad.size:
             times_ms.append(one.time_s * MS_PER_S)
             found.append(values)
             continue
-        node = planned.sides[int(np.argwhere(~np.isfinite(values))[0][0])][0].node
+        node = planned.sides[int(bad[0][0])][0].node
         words = f"node {node} at {one.time_s * MS_PER_S:g} ms: stress is not finite"
         if not options.partial:
             raise ResultError(words, post.path)
@@ -420,42 +415,7 @@ def _history(
         if not options.partial:
             raise ResultError(f"{post.change}; read it again when the run has ended", post.path)
         options.note(post.change)
-    return np.array(times_ms), np.array(found), next(iter(plans.values()))
-
-
-def _plan_of(
-    post: PostFile,
-    one: PostIncrement,
-    nodes: Sequence[int],
-    options: ReadOptions,
-    plans: dict[int, Plan],
-    one_sided: bool,
-) -> Plan:
-    """What to read of the mesh of increment `one`; `plans` are those of earlier meshes."""
-    model = post.model(one.row)
-    if model.codes != post.codes:
-        raise ResultError(
-            f"increment {one.increment} has other post codes than the first model", post.path
-        )
-    planned = plan(
-        post.mesh(one.mesh),
-        [int(node) for node in nodes],
-        model.points,
-        options.method,
-        post.path,
-        across_materials=options.across_materials,
-        one_sided=one_sided,
-    )
-    if not plans:
-        for remark in planned.remarks:
-            options.note(remark)
-    elif not np.array_equal(planned.places, next(iter(plans.values())).places):
-        raise ResultError(
-            f"increment {one.increment} has a new mesh, in which what was asked for is another "
-            "place: a trace over both would be of two places",
-            post.path,
-        )
-    return planned
+    return np.array(times_ms), in_pa(np.array(found), options, post.path), planned
 
 
 def _with_element_values(post: PostFile, options: ReadOptions) -> list[PostIncrement]:
@@ -511,7 +471,6 @@ class MarcSource:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self._options = path, options
         self._post = PostFile(path)
-        self._points: tuple[int, MeshPoints] | None = None
         self._checked = False
 
     def __enter__(self) -> "MarcSource":
@@ -519,6 +478,10 @@ class MarcSource:
 
     def __exit__(self, *error: object) -> None:
         self._post.__exit__(*error)
+
+    @cached_property
+    def _points(self) -> MeshPoints:
+        return MeshPoints(self._post.mesh, self.path)
 
     def keys(self, quantity: str) -> list[Key]:
         """Sub-increment and increment of each output of `quantity`."""
@@ -539,16 +502,13 @@ class MarcSource:
             if _key(each) == key and name in self._quantities(each)
         )
         found = self._quantities(one)[name]
-        points = self._mesh(one.mesh)
         if isinstance(found, NodalQuantity):
-            components, unit = nodal_components(found), nodal_unit(found)
-            rows = np.flatnonzero(~points.pressure_nodes())
-            nodes = points.mesh.node_ids[rows]
-            values = self._nodal(one, found)[rows]
+            rows = np.flatnonzero(~self._points.pressure_nodes())
+            nodes, values = self._post.mesh.node_ids[rows], self._values(one, found)[rows]
         else:
-            components, unit = found.components, found.unit
-            self._note_mesh(points)
-            nodes, values = self._one_value_a_node(one, found, points)
+            self._note_mesh()
+            nodes, values = self._one_value_a_node(self._values(one, found))
+        components, unit = _components_and_unit(found)
         bad = np.argwhere(~np.isfinite(values))
         if bad.size:
             raise ResultError(
@@ -560,8 +520,7 @@ class MarcSource:
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Yield nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
-        points = self._mesh(0)
-        mesh = points.mesh
+        mesh, points = self._post.mesh, self._points
         if not mesh.node_ids.size:
             raise ResultError("no nodes in it, so no coordinates", self.path)
         keep = ~points.pressure_nodes()
@@ -582,34 +541,24 @@ class MarcSource:
         return self._frames(names, derived)
 
     def _frames(self, names: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
-        scenes = {}
+        points, scene = self._points, None
         for one in self._post.increments:
             held = self._quantities(one)
             found = {name: held[name] for name in held if names is None or name in names}
             if not found:
                 self._options.note(f"left out: increment {one.increment}, it has none")
                 continue
-            points = self._mesh(one.mesh)
-            if one.mesh not in scenes:
-                scenes = {one.mesh: points.scene()}
-                self._note_mesh(points)
-            values = {
-                name: self._nodal(one, quantity)[points.rows]
-                if isinstance(quantity, NodalQuantity)
-                else self._at_points(one, quantity, points)
-                for name, quantity in found.items()
-            }
-            best = next(
-                (
-                    quantity
-                    for code in STRESS_CODES
-                    for quantity in found.values()
-                    if isinstance(quantity, ElementQuantity)
-                    and quantity.is_tensor
-                    and quantity.codes[0] == code
-                ),
-                None,
-            )
+            if scene is None:
+                scene = points.scene()
+                self._note_mesh()
+            values, tensors = {}, {}
+            for name, quantity in found.items():
+                values[name] = self._values(one, quantity)
+                if isinstance(quantity, NodalQuantity):
+                    values[name] = values[name][points.rows]
+                elif quantity.is_tensor:
+                    tensors[quantity.codes[0]] = quantity
+            best = next((tensors[code] for code in STRESS_CODES if code in tensors), None)
             if best is not None:
                 stress_pa = values[best.name]
                 field = _field("STRESS", one, best.components, PA, points.nodes, stress_pa)
@@ -619,12 +568,22 @@ class MarcSource:
                 name: value[:, 0] if value.ndim == 2 and value.shape[1] == 1 else value
                 for name, value in values.items()
             }
-            yield Frame(one.time_s * MS_PER_S, scenes[one.mesh], flat)
+            yield Frame(one.time_s * MS_PER_S, scene, flat)
 
-    def _one_value_a_node(
-        self, one: PostIncrement, quantity: ElementQuantity, points: MeshPoints
-    ) -> tuple[IntArray, FloatArray]:
-        at_points = self._at_points(one, quantity, points)
+    def _values(self, one: PostIncrement, quantity: _Quantity) -> FloatArray:
+        """A quantity at all nodes, or of element values at all points of the mesh."""
+        if isinstance(quantity, NodalQuantity):
+            values = self._post.nodal_values(one.row, quantity.name)
+        else:
+            every = np.arange(self._post.mesh.element_ids.size)
+            stored = self._post.element_values(one.row, every)[:, :, quantity.columns]
+            values = self._points.averaged(stored, self._options.method)
+        if _components_and_unit(quantity)[1] != PA or not np.isfinite(values).all():
+            return values
+        return in_pa(values, self._options, self.path)
+
+    def _one_value_a_node(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
+        points, node_ids = self._points, self._post.mesh.node_ids
         between = points.met > 1
         if between.any() and not self._options.across_materials:
             count = np.unique(points.rows[between]).size
@@ -634,29 +593,13 @@ class MarcSource:
             )
             rows = points.rows[~between]
             order = np.argsort(rows, kind="stable")
-            return points.mesh.node_ids[rows[order]], at_points[~between][order]
+            return node_ids[rows[order]], at_points[~between][order]
         share = points.elements_at()
         rows, place = np.unique(points.rows, return_inverse=True)
         total = np.zeros((rows.size, at_points.shape[1]))
         np.add.at(total, place, at_points * share[:, None])
         elements = np.bincount(place, share, rows.size)
-        return points.mesh.node_ids[rows], total / elements[:, None]
-
-    def _at_points(
-        self, one: PostIncrement, quantity: ElementQuantity, points: MeshPoints
-    ) -> FloatArray:
-        every = np.arange(points.mesh.element_ids.size)
-        values = self._post.element_values(one.row, every)[:, :, quantity.columns]
-        return self._in_our_unit(points.averaged(values, self._options.method), quantity.unit)
-
-    def _nodal(self, one: PostIncrement, quantity: NodalQuantity) -> FloatArray:
-        values = self._post.nodal_values(one.row, quantity.name)
-        return self._in_our_unit(values, nodal_unit(quantity))
-
-    def _in_our_unit(self, values: FloatArray, unit: str) -> FloatArray:
-        if unit != PA or not np.isfinite(values).all():
-            return values
-        return in_pa(values, self._options, self.path)
+        return node_ids[rows], total / elements[:, None]
 
     def _quantities(self, one: PostIncrement) -> dict[str, _Quantity]:
         """Quantities of an increment by name."""
@@ -682,22 +625,23 @@ class MarcSource:
             raise UsageError(f"{word!r} may be {' or '.join(close)}")
         raise ResultError(f"no {word} in it, it holds {', '.join(names) or 'nothing'}", self.path)
 
-    def _mesh(self, row: int) -> MeshPoints:
-        if self._points is None or self._points[0] != row:  # one at a time
-            self._points = row, MeshPoints(self._post.mesh(row), self.path)
-        return self._points[1]
-
     def _check_whole(self) -> None:
         if not self._checked:
             check_whole(self._post, self._options)
         self._checked = True
 
-    def _note_mesh(self, points: MeshPoints) -> None:
-        if points.unknown_types:
-            types = ", ".join(map(str, points.unknown_types))
+    def _note_mesh(self) -> None:
+        if self._points.unknown_types:
+            types = ", ".join(map(str, self._points.unknown_types))
             self._options.note(f"left out: elements of unknown type {types}")
-        if not points.layers.known:
+        if not self._points.layers.known:
             self._options.note(UNKNOWN_LAYERS)
+
+
+def _components_and_unit(quantity: _Quantity) -> tuple[tuple[str, ...], str]:
+    if isinstance(quantity, NodalQuantity):
+        return nodal_components(quantity), _NODAL_UNITS.get(quantity.code, AS_IS)
+    return quantity.components, quantity.unit
 
 
 def _field(

@@ -20,6 +20,7 @@ from fembridge.errors import DeckError, ResultError
 from fembridge.results.extrapolation import DOCUMENTED, ELEMENT_TYPES, FRD_ORDER, node_weights
 from fembridge.results.fields import Scene, SceneCells
 from fembridge.results.marc_post import PostMesh
+from fembridge.results.read_options import ReadOptions
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 UNKNOWN_LAYERS = "the file does not tell the materials of its elements"
@@ -121,14 +122,12 @@ class Plan:
     """Elements to read, `element_rows` ``(K,)``, and `weights` ``(S, K, point)``.
 
     One of the ``S`` is a node, or a node's side in one layer: `sides` are the parts that
-    each is made of. `places` says which elements they are, to compare two meshes. Found
-    once for each mesh; an increment then costs the values of these few elements.
+    each is made of. Found once; an increment then costs the values of these few elements.
     """
 
     element_rows: IntArray
     weights: FloatArray
     sides: tuple[tuple[Side, ...], ...]
-    places: FloatArray
     remarks: tuple[str, ...]
 
     def add_up(self, values: FloatArray) -> FloatArray:
@@ -146,13 +145,12 @@ def plan(
     mesh: PostMesh,
     nodes: Sequence[int],
     stored: int,
-    method: str,
+    options: ReadOptions,
     path: Path,
     *,
-    across_materials: bool = False,
     one_sided: bool = False,
 ) -> Plan:
-    """One value a node, of one layer unless `across_materials`; or `one_sided`, one a layer.
+    """One value a node, of one layer unless across materials; or `one_sided`, one a layer.
 
     `stored` counts the points of an element in the file.
 
@@ -163,33 +161,44 @@ def plan(
         points of an element there are not known.
     """
     layers = layers_of(mesh, path)
-    found = _sides_of(mesh, layers, nodes, stored, method, path)
-    for node, sides in zip(nodes, found, strict=True):
-        if len(sides) > 1 and not (across_materials or one_sided):
-            names = " and ".join(side.name for side in sides)
+    touched = np.flatnonzero(np.isin(mesh.connectivity, nodes).any(axis=1))
+    found: dict[tuple[int, int], dict[int, FloatArray]] = {}
+    for _, rows, corners, weights in _corners(mesh, touched, stored, options.method, path):
+        for row, own in zip(rows.tolist(), corners, strict=True):
+            for node in set(own.tolist()).intersection(nodes):
+                share = weights[own == node].mean(axis=0)
+                found.setdefault((node, int(layers.layer[row])), {})[row] = share
+    sides: dict[int, list[Side]] = {node: [] for node in nodes}
+    for (node, layer), shares in sorted(found.items(), key=lambda item: item[0]):
+        at = np.array(sorted(shares), dtype=np.int64)
+        weights = np.array([shares[row] for row in at.tolist()]) / at.size
+        elements = tuple(mesh.element_ids[at].tolist())
+        sides[node].append(Side(node, layer, layers.names[layer], elements, at, weights))
+    for node in nodes:
+        if not sides[node]:
+            raise _no_elements(mesh, node, path)
+        if len(sides[node]) > 1 and not (options.across_materials or one_sided):
+            names = " and ".join(side.name for side in sides[node])
             raise ResultError(
                 f"node {node} lies between {names}: a mean over both belongs to neither; take "
                 "a node inside one layer, each side with --one-sided, or the mean with "
                 "--across-materials (across_materials=True)",
                 path,
             )
-    parts = [tuple(sides) for sides in found]
+    parts = [tuple(sides[node]) for node in nodes]
     if one_sided:
-        parts = [(side,) for sides in found for side in sides]
-    rows = np.unique(np.concatenate([side.element_rows for sides in parts for side in sides]))
-    weights = np.zeros((len(parts), rows.size, stored))
-    for share, mine in zip(weights, parts, strict=True):
-        total = sum(side.element_rows.size for side in mine)
+        parts = [(side,) for mine in parts for side in mine]
+    rows = np.unique(np.concatenate([side.element_rows for mine in parts for side in mine]))
+    total = np.zeros((len(parts), rows.size, stored))
+    for share, mine in zip(total, parts, strict=True):
+        count = sum(side.element_rows.size for side in mine)
         for side in mine:
             at = np.searchsorted(rows, side.element_rows)
-            share[at] = side.weights * (side.element_rows.size / total)
-    corners = mesh.connectivity[rows]
-    at_mm = np.where((corners != 0)[:, :, None], mesh.coordinates_mm[_rows_of(mesh, corners)], 0.0)
-    places = np.hstack([mesh.element_types[rows, None], corners, at_mm.reshape(rows.size, -1)])
+            share[at] = side.weights * (side.element_rows.size / count)
     remarks = _remarks_on(mesh, rows, stored)
     if not layers.known:
         remarks.append(UNKNOWN_LAYERS)
-    return Plan(rows, weights, tuple(parts), places, tuple(remarks))
+    return Plan(rows, total, tuple(parts), tuple(remarks))
 
 
 class MeshPoints:
@@ -337,42 +346,6 @@ def _check_nodes(mesh: PostMesh, rows: IntArray, nodes: IntArray, path: Path) ->
             "coordinates in the file",
             path,
         )
-
-
-def _sides_of(
-    mesh: PostMesh, layers: Layers, nodes: Sequence[int], stored: int, method: str, path: Path
-) -> list[list[Side]]:
-    """Sides of each node, lowest layer first."""
-    touched = np.flatnonzero(np.isin(mesh.connectivity, nodes).any(axis=1))
-    found: dict[int, list[tuple[int, FloatArray]]] = {node: [] for node in nodes}
-    for _, rows, corners, weights in _corners(mesh, touched, stored, method, path):
-        here = np.isin(corners, nodes)
-        for k in np.flatnonzero(here.any(axis=1)).tolist():
-            for node in np.unique(corners[k][here[k]]).tolist():
-                share = weights[corners[k] == node].mean(axis=0)
-                found[node].append((int(rows[k]), share))
-    sides: list[list[Side]] = []
-    for node in nodes:
-        if not found[node]:
-            raise _no_elements(mesh, node, path)
-        layer_of = {row: int(layers.layer[row]) for row, _ in found[node]}
-        sides.append([])
-        for layer in sorted(set(layer_of.values())):
-            mine = sorted(
-                (one for one in found[node] if layer_of[one[0]] == layer), key=lambda one: one[0]
-            )
-            element_rows = np.array([row for row, _ in mine], dtype=np.int64)
-            sides[-1].append(
-                Side(
-                    node=node,
-                    layer=layer,
-                    name=layers.names[layer],
-                    elements=tuple(mesh.element_ids[element_rows].tolist()),
-                    element_rows=element_rows,
-                    weights=np.array([weights for _, weights in mine]) / len(mine),
-                )
-            )
-    return sides
 
 
 def _no_elements(mesh: PostMesh, node: int, path: Path) -> ResultError:

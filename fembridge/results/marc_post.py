@@ -17,20 +17,21 @@ numbers touch what is before them.
 
 A block that is not known, or not built as known, is skipped up to its ``=end=``, with a
 remark. An increment counts when its ``----`` is there; at the first place that is cut or
-damaged the walk ends, and what was whole before is what the file has.
+damaged, or where a new mesh comes (remeshing, which is not read), the walk ends, and what
+was whole before is what the file has.
 
 Source: real files of post revisions 12 and 14, of Marc 2020 to 2023.1; names of the
-verification integers are Marc's. A mesh inside an increment (remeshing), reals of eight
-bytes and big-endian files are documented, not seen.
+verification integers are Marc's. Reals of eight bytes and big-endian files are documented,
+not seen.
 """
 
 import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +43,9 @@ from fembridge.typing import FloatArray, IntArray
 BEGIN, END = "=beg=", "=end="
 INCREMENT, INCREMENT_END, FILE_END = "****", "----", "++++"
 _MARKS = (INCREMENT, INCREMENT_END, FILE_END)
-# Numbers of the blocks that are read.
-_TITLE, _VERIFICATION, _DOMAIN, _CODES, _CONNECTIVITY, _COORDINATES, _SETS = (
-    501, 502, 505, 506, 507, 508, 513,
-)  # fmt: skip
-_INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL = 517, 518, 523, 524
-_MODEL_READ = (_VERIFICATION, _CODES, _CONNECTIVITY, _COORDINATES, _SETS)
-_READ = (*_MODEL_READ, _INTEGERS, _REALS, _ELEMENT_VALUES, _NODAL)
-_MODEL = range(502, 515)  # what comes again with a new mesh
-# Others that real files have, or that are documented.
+_INTEGERS, _SETS = 517, 513  # two of the blocks in `_MODEL` and `_INCREMENT`
+_NEW_MESH = range(502, 515)  # blocks that an increment with a new mesh has
+# Blocks that are skipped: real files have them, or they are documented.
 _SKIPPED = (501, 504, 505, 510, 514, 515, 516, 519, 520, 529, *range(530, 537), *range(540, 544))
 _SEEN_REVISIONS = (12, 14)
 
@@ -69,19 +64,16 @@ _MOST_COMPONENTS = 1000  # of a nodal quantity; real ones have up to six
 _WORD = _MARKER = 4  # bytes
 _TITLE_WORDS, _LABEL_WORDS, _LONG_LABEL_WORDS = 70, 24, 48
 _FIELD, _FIELDS_A_LINE = 13, 6  # characters of a number as text
+_TEXT = np.dtype(f"S{_FIELD}")
 _LONGEST_TEXT = 1 << 16
 _READ_BYTES = 1 << 22  # at once
 _GAP_BYTES = 1 << 12  # places nearer than that are read together
 _SMALL_BYTES = 1 << 18  # an increment up to so many is read as a whole
-_COMPARED_BYTES = 1 << 20  # of one increment; with more it is walked through
-_TEMPLATES = 4  # increments with and without element values, say
-_MOST_REMARKS = 100
 _MOST_BLANKS = 1 << 16  # behind the end of a file
 # What NumPy reads and a number of Fortran does not hold: 1_000, an early end.
 _FOREIGN = np.frombuffer(b"_\0", dtype=np.uint8)
 _REAL = re.compile(rb" *([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+))? *")
 
-_T = TypeVar("_T")
 Fixed = tuple[tuple[int, bytes], ...]
 """Text that each row of a table has, by its place there."""
 
@@ -156,26 +148,27 @@ class NodalQuantity:
 class PostIncrement(NamedTuple):
     """One increment: Marc's numbers, the solver's time in s, what it holds.
 
-    `row` counts increments in the file from 0; `mesh` is the row of its model (more than
-    one after remeshing). `harmonic` is Marc's IHRESP, 0 where the increment is one of
-    time; elsewhere `frequency` belongs to it. Its values are where `layout` has them,
-    `offset` bytes further on.
+    `row` counts increments in the file from 0. `harmonic` is Marc's IHRESP, 0 where the
+    increment is one of time; elsewhere `frequency` belongs to it. Its values are where
+    `layout` has them, `offset` bytes further on.
     """
 
     row: int
     increment: int
     sub_increment: int
     time_s: float
-    mesh: int
     harmonic: int
     frequency: float
     layout: "_Layout"
     offset: int
 
+    def __str__(self) -> str:
+        return f"increment {self.increment} (time {self.time_s:g} s)"
+
     @property
     def nodal(self) -> tuple[NodalQuantity, ...]:
         """Quantities at nodes."""
-        return self.layout.nodal
+        return tuple(quantity for quantity, _ in self.layout.nodal)
 
     @property
     def has_element_values(self) -> bool:
@@ -187,9 +180,8 @@ class PostFile:
     """An open ``.t16`` or ``.t19``; a context manager that closes it.
 
     `kind` is "t16" or "t19", `byte_order` "little" or "big" ("little" for text),
-    `precision` "single" or "double". `codes` and `points` (NSTRES, integration points an
-    element) are those of the first model. `problem` says where the file is cut or
-    damaged; None when it is whole.
+    `precision` "single" or "double". `points` is NSTRES, integration points an element.
+    `problem` says where the file is cut or damaged; None when it is whole.
 
     Raises
     ------
@@ -199,27 +191,23 @@ class PostFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.title = ""
         self.remarks: list[str] = []
         self.problem: str | None = None
         self.increments: list[PostIncrement] = []
-        self._models: list[PostModel] = []
-        self._mesh: tuple[int, PostMesh] | None = None
-        self._unknown: set[int] = set()
-        self._of = self._where = ""
+        self._model = _Model()
+        self._template: _Template | None = None
+        self._of, self._where = "of the model", "at the beginning"
         self._file = ByteFile(path)
         try:
             self._records = _records_of(self._file)
-            self._repeats = _Repeats(self._file)
             self._walk()
         except BaseException:
             self._file.__exit__(None, None, None)
             raise
-        first = self._models[0]
-        self.kind = self._records.kind
-        self.byte_order = self._records.byte_order
+        self.kind, self.byte_order = self._records.kind, self._records.byte_order
         self.precision = "double" if self._records.real_bytes == 8 else "single"
-        self.revision, self.codes, self.points = first.revision, first.codes, first.points
+        self.title, self.revision = self._model.title, self._model.revision
+        self.codes, self.points = tuple(self._model.codes), self._model.points
 
     def __enter__(self) -> "PostFile":
         return self
@@ -232,35 +220,25 @@ class PostFile:
         """How the file has changed since it was opened; None if it has not."""
         return self._file.change
 
-    @property
-    def mesh_count(self) -> int:
-        """How many models there are: more than one after remeshing."""
-        return len(self._models)
-
-    def mesh(self, row: int) -> PostMesh:
-        """A model, read when it is asked for; the last one is kept."""
-        if self._mesh is None or self._mesh[0] != row:
-            self._mesh = row, _read_mesh(self._file, self._models[row])
-        return self._mesh[1]
-
-    def model(self, row: int) -> "PostModel":
-        """Counts and post codes of increment `row`: a new mesh may have others."""
-        return self._models[self.increments[row].mesh]
+    @cached_property
+    def mesh(self) -> PostMesh:
+        """The model, read when it is first asked for; ResultError where it cannot be."""
+        return _read_mesh(self._file, self._model)
 
     def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
         """Values of increment `row` at all points of elements, ``(K, points, codes)``.
 
-        `element_rows` count elements as the mesh of the increment has them.
+        `element_rows` count elements as the mesh has them.
 
         Raises
         ------
         ResultError
             The increment has no element values, or they cannot be read.
         """
-        model, one = self.model(row), self.increments[row]
+        one, model = self.increments[row], self._model
         numbers = one.layout.element_values
         if numbers is None:
-            raise ResultError(f"{_name(one)} has no element values", self.path)
+            raise ResultError(f"{one} has no element values", self.path)
         elements = np.asarray(element_rows, dtype=np.int64)
         records = (elements[:, None] * model.points + np.arange(model.points)).ravel()
         found: FloatArray = numbers.values(self._file, records, one.offset)
@@ -269,8 +247,8 @@ class PostFile:
     def nodal_values(self, row: int, name: str, node_rows: IntArray | None = None) -> FloatArray:
         """A nodal quantity of increment `row`, ``(K, components)``.
 
-        `node_rows` count nodes as the mesh of the increment has them; None is all of
-        them. Where the file says that there is no data all is zero.
+        `node_rows` count nodes as the mesh has them; None is all of them. Where the file
+        says that there is no data all is zero.
 
         Raises
         ------
@@ -278,149 +256,121 @@ class PostFile:
             The increment has no such quantity, or it cannot be read.
         """
         one = self.increments[row]
-        for quantity, numbers in zip(one.nodal, one.layout.nodal_values, strict=True):
+        for quantity, numbers in one.layout.nodal:
             if quantity.name != name:
                 continue
             if numbers is None:
-                count = self.model(row).nodes if node_rows is None else len(node_rows)
+                count = self._model.nodes if node_rows is None else len(node_rows)
                 return np.zeros((count, quantity.components))
             found: FloatArray = numbers.values(self._file, node_rows, one.offset)
             return found
         names = ", ".join(quantity.name for quantity in one.nodal) or "none"
-        raise ResultError(f"{_name(one)} has no nodal quantity {name!r}; it has {names}", self.path)
+        raise ResultError(f"{one} has no nodal quantity {name!r}; it has {names}", self.path)
 
     def _walk(self) -> None:
         """Go to the end, or as far as the file can be understood."""
+        records = self._records
         try:
-            self._header()
+            self._blocks(_MODEL, self._model)
+            if records.word() not in (INCREMENT, FILE_END):
+                raise self._unexpected(f"{BEGIN} or {INCREMENT}")
         except PostDamageError as damage:
             raise ResultError(f"no whole model: {self._located(damage)}", self.path) from damage
+        if self._model.domain:
+            self.remarks.append(self._model.domain)
+        if self._model.revision not in _SEEN_REVISIONS:
+            words = f"post revision {self._model.revision}: real files of 12 and 14 were seen"
+            self.remarks.append(words)
+        self._where = "before the first increment"
         try:
-            while (word := self._records.word()) == INCREMENT:
-                repeat = self._repeats.find(self._records.at)
-                if repeat is None:
-                    self._increment()
+            while (word := records.word()) == INCREMENT:
+                if self._template is not None and self._repeats(self._template):
                     continue
-                layout, length, integers, reals = repeat
-                for words, some in zip(integers.tolist(), reals.tolist(), strict=True):
-                    self._append(layout, self._records.at - layout.start, words, some)
-                    self._records.at += length
-            self._ending(word)
+                self._increment()
+            self._where = "at the end"
+            if word == FILE_END:
+                records.skip_word()
+                rest = self._file.size - records.at
+                if self._file.peek(records.at, min(rest, _MOST_BLANKS)).strip():
+                    self.remarks.append(f"{rest} bytes behind the end of the file")
+            elif records.at < self._file.size:
+                raise self._unexpected(f"{INCREMENT} or {FILE_END}")
+            else:
+                self.problem = f"no {FILE_END} at the end: the run is going on, or was stopped"
         except PostDamageError as damage:
             self.problem = self._located(damage)
 
-    def _blocks(self) -> Iterator[tuple[int, int]]:
-        """Number and revision of each block that follows; the caller may read in it."""
+    def _increment(self) -> None:
+        records = self._records
+        layout = _Layout(records.at, self._model)
+        records.free.clear()
+        self._where = self._of = f"of the increment that begins at byte {layout.start}"
+        records.skip_word()
+        self._blocks(_INCREMENT, layout)
+        if records.word() != INCREMENT_END:
+            raise self._unexpected(f"{BEGIN} or {INCREMENT_END}")
+        records.skip_word()
+        if layout.integers is None or layout.reals is None:
+            raise PostDamageError("an increment without its number and time", layout.start)
+        self._template = _Template.of(self._file, layout, records.at, records.free)
+        integers, reals = (part.values(self._file) for part in (layout.integers, layout.reals))
+        self._append(layout, 0, integers[0].tolist(), reals[0].tolist())
+
+    def _repeats(self, template: "_Template") -> bool:
+        """Take the increments here that are built as `template`; False if none is."""
+        records, layout = self._records, template.layout
+        found = template.match(self._file, records.at)
+        for words, reals in found:
+            self._append(layout, records.at - layout.start, words, reals)
+            records.at += template.length
+        return bool(found)
+
+    def _append(self, layout: "_Layout", offset: int, words: list[int], reals: list[float]) -> None:
+        number, sub, harmonic = words[1], words[2], words[6]
+        one = (len(self.increments), number, sub, reals[0], harmonic, reals[1], layout, offset)
+        self.increments.append(PostIncrement(*one))
+
+    def _blocks(self, readers: Mapping[int, "_ReadBlock"], target: "_Model | _Layout") -> None:
+        """Read the blocks that follow into `target`; skip those that `readers` lack."""
         records = self._records
         while (word := records.word()).startswith(BEGIN):
             number = word[len(BEGIN) :].split(" ", 1)[0]
             self._where = f"in block {number} {self._of}"
             if len(number) != 5 or not number.isdecimal():
                 raise PostDamageError(f"{word!r} has no number", records.at)
+            base, records.revision = divmod(int(number), 100)
+            if readers is _INCREMENT and base in _NEW_MESH:
+                raise PostDamageError("a new mesh (remeshing), which is not read", records.at)
             records.skip_word()
-            base, revision = divmod(int(number), 100)
-            if base not in _READ and base not in _SKIPPED and base not in self._unknown:
-                self._unknown.add(base)
-                self._remark(f"block {word[len(BEGIN) :]} is not known: skipped")
-            yield base, revision
-            if base in _READ and records.word() != END:
-                self._remark(f"{self._where}: more than is known, left out{self._also()}")
+            unknown = f"block {word[len(BEGIN) :]} is not known: skipped"
+            if base in readers:
+                self._read(base, readers[base], target)
+            elif base not in _SKIPPED and unknown not in self.remarks:
+                self.remarks.append(unknown)
             records.skip_block()
             records.skip_word()
 
-    def _header(self) -> None:
-        self._where, self._of = "at the beginning", "of the model"
-        model = PostModel()
-        for base, revision in self._blocks():
-            if base == _TITLE:
-                self.title = self._records.text()
-            elif base == _DOMAIN:
-                domains, number = self._records.integers(2)
-                if domains > 1:
-                    self._remark(f"part {number} of a model that was solved in {domains} domains")
-            elif base in _MODEL_READ:
-                model = self._model_block(base, revision, model)
-        if self._records.word() not in (INCREMENT, FILE_END):
-            raise self._unexpected(f"{BEGIN} or {INCREMENT}")
-        self._where = "before the first increment"
-        if model.revision not in _SEEN_REVISIONS:
-            self._remark(f"post revision {model.revision}: real files of 12 and 14 were seen")
-        self._models.append(model)
-
-    def _increment(self) -> None:
-        records, model = self._records, self._models[-1]
-        layout = _Layout(records.at)
-        records.free.clear()
-        self._where = self._of = f"of the increment that begins at byte {layout.start}"
-        records.skip_word()
-        new_model = False
-        for base, revision in self._blocks():
-            if base in _READ and base not in _MODEL:
-                layout = self._increment_block(base, model, layout)
-            elif base in _MODEL:
-                new_model = True
-                if base in _MODEL_READ:
-                    model = self._model_block(base, revision, model)
-            if base == _INTEGERS and layout.integers is not None:
-                self._of = f"of increment {layout.integers.values(records.file)[0, 1]}"
-        if records.word() != INCREMENT_END:
-            raise self._unexpected(f"{BEGIN} or {INCREMENT_END}")
-        records.skip_word()
-        if layout.integers is None or layout.reals is None:
-            raise PostDamageError("an increment without its number and time", layout.start)
-        if new_model:
-            self._models.append(model)
-            self._repeats.forget()
-        else:
-            self._repeats.add(layout, records.at, records.free)
-        integers = layout.integers.values(records.file)[0].tolist()
-        reals = layout.reals.values(records.file)[0].tolist()
-        self._append(layout, 0, integers, reals)
-
-    def _append(self, layout: "_Layout", offset: int, words: list[int], reals: list[float]) -> None:
-        mesh, row = len(self._models) - 1, len(self.increments)
-        number, sub, harmonic = words[1], words[2], words[6]
-        time_s, frequency = reals[:2]
-        self.increments.append(
-            PostIncrement(row, number, sub, time_s, mesh, harmonic, frequency, layout, offset)
-        )
-
-    def _model_block(self, base: int, revision: int, model: "PostModel") -> "PostModel":
-        read = partial(_read_model_block, self._records, base, revision, model)
-        return self._optional(read, replace(model, sets=())) if base == _SETS else read()
-
-    def _increment_block(self, base: int, model: "PostModel", layout: "_Layout") -> "_Layout":
-        read = partial(_read_increment_block, self._records, base, model, layout)
-        return read() if base in (_INTEGERS, _REALS) else self._optional(read, layout)
-
-    def _optional(self, read: Callable[[], _T], without: _T) -> _T:
-        """Read a block, or skip one that is whole and not built as known, with a remark."""
+    def _read(self, base: int, read: "_ReadBlock", target: "_Model | _Layout") -> None:
+        """Read a block; one that can be left out and is not built as known, with a remark."""
         records = self._records
         start, kept = records.at, len(records.free)
+        also = "" if target is self._model else ", also in increments built alike"
         try:
-            return read()
+            read(records, target)
+            if records.word() != END:
+                self.remarks.append(f"{self._where}: more than is known, left out{also}")
         except PostDamageError as damage:
+            if base not in _LEFT_OUT:
+                raise
             records.at = start
             del records.free[kept:]
             try:
                 records.skip_block()
             except PostDamageError:
                 raise damage from None
-            self._remark(f"{self._located(damage)}: left out{self._also()}")
-            return without
-
-    def _ending(self, word: str) -> None:
-        records = self._records
-        self._where = "at the end"
-        if word == FILE_END:
-            records.skip_word()
-            rest = records.file.size - records.at
-            if records.file.peek(records.at, min(rest, _MOST_BLANKS)).strip():
-                self._remark(f"{rest} bytes behind the end of the file")
-        elif records.at >= records.file.size:
-            self.problem = f"no {FILE_END} at the end: the run is going on, or was stopped"
-        else:
-            raise self._unexpected(f"{INCREMENT} or {FILE_END}")
+            self.remarks.append(f"{self._located(damage)}: left out{also}")
+        if isinstance(target, _Layout) and base == _INTEGERS and target.integers is not None:
+            self._of = f"of increment {target.integers.values(self._file)[0, 1]}"
 
     def _unexpected(self, expected: str) -> PostDamageError:
         at = self._records.at
@@ -431,17 +381,6 @@ class PostFile:
 
     def _located(self, damage: PostDamageError) -> str:
         return f"{damage.problem}, {self._where} (byte {damage.at})"
-
-    def _also(self) -> str:
-        return ", also in increments built alike" if self._models else ""
-
-    def _remark(self, remark: str) -> None:
-        if len(self.remarks) < _MOST_REMARKS:
-            self.remarks.append(remark)
-
-
-def _name(one: PostIncrement) -> str:
-    return f"increment {one.increment} (time {one.time_s:g} s)"
 
 
 # --- Tables of numbers in the file
@@ -487,10 +426,8 @@ class _Numbers:
             return self._converted(fields[back.reshape(place.shape), column])
         except ValueError as error:
             first = self.start + offset
-            last = first + self.rows * self.stride
-            raise ResultError(
-                f"bytes {first} to {last} cannot be read: {error}", file.path
-            ) from error
+            words = f"bytes {first} to {first + self.rows * self.stride} cannot be read: {error}"
+            raise ResultError(words, file.path) from error
 
     def decode(self, raw: NDArray[np.uint8]) -> NDArray[Any]:
         """Numbers of rows in memory, ``(K, stride)``; ValueError where one is none."""
@@ -546,9 +483,6 @@ class _Numbers:
             return np.array([_real(one) for one in packed.ravel().tolist()]).reshape(packed.shape)
 
 
-_TEXT = np.dtype(f"S{_FIELD}")
-
-
 def _real(text: bytes) -> float:
     """A real of Fortran: an exponent of three digits has no letter, ``0.1-100``."""
     match = _REAL.fullmatch(text)
@@ -564,6 +498,8 @@ def _real(text: bytes) -> float:
 #
 # What a method does is said at the binary one.
 
+_Tables = tuple[_Numbers | None, _Numbers | None]
+
 
 class _Place:
     """A place `at` in the file, moved on by what is read there.
@@ -574,6 +510,7 @@ class _Place:
 
     def __init__(self, file: ByteFile) -> None:
         self.file, self.at = file, 0
+        self.real_bytes, self.revision = 4, 0  # the latter is that of the block
         self.free: list[tuple[int, int]] = []
 
     def check(self, good: bool, problem: str, at: int | None = None) -> None:
@@ -594,11 +531,10 @@ class _Place:
 class _BinaryRecords(_Place):
     kind = "t16"
 
-    def __init__(self, file: ByteFile, big_endian: bool) -> None:
+    def __init__(self, file: ByteFile, byte_order: str) -> None:
         super().__init__(file)
-        self.byte_order = "big" if big_endian else "little"
-        self.real_bytes = 4
-        self._order = ">" if big_endian else "<"
+        self.byte_order = byte_order
+        self._order = ">" if byte_order == "big" else "<"
         self._integer = np.dtype(f"{self._order}i{_WORD}")
         self._length = struct.Struct(f"{self._order}i")
 
@@ -623,8 +559,7 @@ class _BinaryRecords(_Place):
 
     def label(self) -> tuple[list[int], str]:
         """A record of integers and a text: an element post code."""
-        start = self.at
-        raw = self._payload()
+        start, raw = self.at, self._payload()
         words, rest = divmod(len(raw), _WORD)
         letters = _LONG_LABEL_WORDS if words > _LONG_LABEL_WORDS else _LABEL_WORDS
         good = rest == 0 and words - letters in (1, 2)
@@ -636,48 +571,39 @@ class _BinaryRecords(_Place):
         """Records of so many integers each."""
         found: list[int] = []
         for count in counts:
-            start = self.at
-            raw = self._payload()
+            start, raw = self.at, self._payload()
             words = f"a record of {len(raw)} bytes where {count} integers are expected"
             self.check(len(raw) == count * _WORD, words, start)
             found += np.frombuffer(raw, dtype=self._integer).tolist()
         return found
 
-    def table(
-        self, rows: int, integers: int, reals: int
-    ) -> tuple[_Numbers | None, _Numbers | None]:
+    def table(self, rows: int, integers: int, reals: int) -> _Tables:
         """Skip `rows` records alike: where their `integers` and `reals` are; None for none."""
         if rows == 0 or integers + reals == 0:
             return None, None
         start, payload = self.at, self._record()
         before, stride = integers * _WORD, payload + 2 * _MARKER
-        width = (payload - before) // reals if reals else _WORD
-        self.check(
-            payload == before + reals * width and width in (4, 8),
-            f"a record of {payload} bytes where {integers} integers and {reals} reals are expected",
-        )
+        width = self._width(payload - before, reals)
+        words = f"{integers} integers and {reals} reals are expected"
+        self.check(width > 0, f"a record of {payload} bytes where {words}")
         marker = self._length.pack(payload)
         fixed = ((0, marker), (stride - _MARKER, marker))
         self.check_rows(start, rows, stride, fixed)
         self.at = start + rows * stride
         self.free.append((start + _MARKER, self.at - _MARKER))
         cut = _MARKER + before
-        found = _Numbers(
-            start, rows, stride, (slice(_MARKER, cut),), self._integer, integer=True, fixed=fixed
-        )
-        real = replace(
-            found, runs=(slice(cut, stride - _MARKER),), dtype=self._real(width), integer=False
-        )
+        first = (slice(_MARKER, cut),)
+        found = _Numbers(start, rows, stride, first, self._integer, integer=True, fixed=fixed)
+        last = (slice(cut, stride - _MARKER),)
+        real = replace(found, runs=last, dtype=self._real(width), integer=False)
         return (found if integers else None), (real if reals else None)
 
     def flow(self, rows: int, columns: int) -> _Numbers:
         """Skip one record of `rows` times `columns` reals."""
-        start, length, count = self.at, self._record(), rows * columns
-        width = length // count if count else _WORD
-        self.check(
-            length == count * width and width in (4, 8),
-            f"a record of {length} bytes where {rows} times {columns} reals are expected",
-        )
+        start, length = self.at, self._record()
+        width = self._width(length, rows * columns)
+        words = f"{rows} times {columns} reals are expected"
+        self.check(width > 0, f"a record of {length} bytes where {words}")
         self.at += length + 2 * _MARKER
         self.free.append((start + _MARKER, self.at - _MARKER))
         stride = columns * width
@@ -723,6 +649,11 @@ class _BinaryRecords(_Place):
     def _decoded(self, raw: bytes) -> str:
         return raw[::_WORD].decode("latin-1").strip(" \0")
 
+    def _width(self, length: int, reals: int) -> int:
+        """Bytes of each of so many reals, 0 where `length` bytes do not hold them."""
+        width = length // reals if reals else _WORD
+        return width if length == reals * width and width in (4, 8) else 0
+
     def _real(self, width: int) -> "np.dtype[Any]":
         self.real_bytes = max(self.real_bytes, width)
         return np.dtype(f"{self._order}f{width}")
@@ -731,7 +662,6 @@ class _BinaryRecords(_Place):
 class _TextRecords(_Place):
     kind = "t19"
     byte_order = "little"  # it has none
-    real_bytes = 4
 
     def word(self) -> str:
         self.skip_empty()
@@ -766,9 +696,7 @@ class _TextRecords(_Place):
             numbers += [_integer(line[k : k + _FIELD], start) for k in range(0, len(line), _FIELD)]
         return numbers
 
-    def table(
-        self, rows: int, integers: int, reals: int
-    ) -> tuple[_Numbers | None, _Numbers | None]:
+    def table(self, rows: int, integers: int, reals: int) -> _Tables:
         fields = integers + reals
         if rows == 0 or fields == 0:
             return None, None
@@ -780,23 +708,14 @@ class _TextRecords(_Place):
         self.check_rows(start, rows, stride, fixed)
         self.at = start + rows * stride
         self.free.append((start, self.at - 1))
-        begins = [0, *ends]
-
-        def part(first: int, count: int) -> _Numbers | None:
-            """Fields `first` to `first` + `count`, which may lie on several lines."""
-            runs = []
-            for line in range(first // _FIELDS_A_LINE, len(ends)):
-                begin = line * _FIELDS_A_LINE
-                low = max(first, begin)
-                high = min(first + count, begin + _FIELDS_A_LINE)
-                if low < high:
-                    at = begins[line] + (low - begin) * _FIELD
-                    runs.append(slice(at, at + (high - low) * _FIELD))
-            if not runs:
-                return None
-            return _Numbers(start, rows, stride, tuple(runs), _TEXT, first < integers, fixed)
-
-        return part(0, integers), part(integers, reals)
+        runs = []
+        for begin, first in zip([0, *ends], range(0, fields, _FIELDS_A_LINE), strict=False):
+            for column in range(min(_FIELDS_A_LINE, fields - first)):
+                at = begin + column * _FIELD
+                runs.append(slice(at, at + _FIELD))
+        found = _Numbers(start, rows, stride, tuple(runs[:integers]), _TEXT, True, fixed)
+        real = replace(found, runs=tuple(runs[integers:]), integer=False)
+        return (found if integers else None), (real if reals else None)
 
     def flow(self, rows: int, columns: int) -> _Numbers:
         start, count = self.at, rows * columns
@@ -815,23 +734,18 @@ class _TextRecords(_Place):
                 self._one_record(rest)
         lines = full + (rest > 0)
         self.free.append((start, self.at - 1))
+        last_bytes = self.at - start - (lines - 1) * stride
+        runs = (slice(0, a_line * _FIELD),)
         return _Numbers(
-            start=start,
-            rows=lines,
-            stride=stride,
-            runs=(slice(0, a_line * _FIELD),),
-            dtype=_TEXT,
-            fixed=fixed,
+            *(start, lines, stride, runs, _TEXT, False, fixed),
             wrapped=columns,
             table_rows=rows,
-            last_bytes=self.at - start - (lines - 1) * stride,
+            last_bytes=last_bytes,
         )
 
     def skip_empty(self) -> None:
-        found = self.file.line(self.at)
-        while found is not None and not found[0].strip():
+        while (found := self.file.line(self.at)) is not None and not found[0].strip():
             self.at = found[1]
-            found = self.file.line(self.at)
 
     def skip_block(self) -> None:
         start = self.at
@@ -853,10 +767,8 @@ class _TextRecords(_Place):
 
     def _check_fields(self, fields: int) -> None:
         size = self.file.size
-        words = (
-            f"cut: {fields} numbers expected from byte {self.at} and the file ends at byte {size}"
-        )
-        self.check(fields * _FIELD <= size - self.at, words, size)
+        words = f"{fields} numbers expected from byte {self.at} and the file ends at byte {size}"
+        self.check(fields * _FIELD <= size - self.at, f"cut: {words}", size)
 
     def _one_record(self, fields: int) -> list[int]:
         """Skip one record of `fields` numbers: where each of its lines ends."""
@@ -875,25 +787,18 @@ _Records = _BinaryRecords | _TextRecords
 
 
 def _records_of(file: ByteFile) -> _Records:
-    """Records of a binary file of either byte order, or of text, by the first bytes.
-
-    Raises
-    ------
-    ResultError
-        The file is empty, older than revision 9, or no post file.
-    """
+    """Records of a binary file of either byte order, or of text; ResultError of no post file."""
     length = _WORD * _TITLE_WORDS
     head = file.peek(0, _MARKER + length)
     if not head:
         raise ResultError("empty, expected a post file of Marc", file.path)
     if head.lstrip().startswith(BEGIN.encode()):
         return _TextRecords(file)
-    for order in ("little", "big"):
-        if head[:_MARKER] != length.to_bytes(_MARKER, "big" if order == "big" else "little"):
-            continue
+    orders = {length.to_bytes(_MARKER, "little"): "little", length.to_bytes(_MARKER, "big"): "big"}
+    if (order := orders.get(head[:_MARKER])) is not None:
         text = head[_MARKER::_WORD]
         if text.startswith(BEGIN.encode()):
-            return _BinaryRecords(file, big_endian=order == "big")
+            return _BinaryRecords(file, order)
         if text.isascii() and text.decode("latin-1").isprintable():
             raise ResultError(
                 "a post file without =beg= marks, of Marc K7 or before (revision 7 or older), "
@@ -918,19 +823,15 @@ def _integer(text: bytes, at: int) -> int:
     return int(text)
 
 
-# --- The model: blocks 50200 to 51302
+# --- The model: blocks 50100 to 51302
 
 
-class _SetPlace(NamedTuple):
-    name: str
-    kind: int
-    members: _Numbers | None
+@dataclass(slots=True, eq=False)
+class _Model:
+    """Title and counts of a model (Marc's names beside them) and where its tables are."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PostModel:
-    """Counts of a model (Marc's names beside them) and where its tables are."""
-
+    title: str = ""
+    domain: str = ""
     values: int = 0  # INUM, at each point
     nodes: int = 0  # LNUM
     elements: int = 0  # MNUM
@@ -938,69 +839,74 @@ class PostModel:
     dimensions: int = 0  # NCRD, coordinates of a node
     corners: int = 0  # NNODMX, nodes of an element
     revision: int = 0  # POSTRV
-    codes: tuple[PostCode, ...] = ()
+    codes: list[PostCode] = field(default_factory=list)
     connectivity: _Numbers | None = None
     node_ids: _Numbers | None = None
     coordinates: _Numbers | None = None
-    sets: tuple[_SetPlace, ...] = ()
+    sets: list[tuple[str, int, _Numbers | None]] = field(default_factory=list)
 
 
-def _read_model_block(records: _Records, base: int, revision: int, model: PostModel) -> PostModel:
-    """`model` with what the block says that `records` is in."""
-    if base == _VERIFICATION:
-        return _verified(records)
-    if base == _CODES:
-        codes = []
-        for _ in range(model.values):
-            codes.append(_code(*records.label()))
-        return replace(model, codes=tuple(codes))
-    if base == _CONNECTIVITY:
-        corners, extras = model.corners, 0
-        if revision >= 2:
-            _, corners, extras = _counts(records, 3)
-        table, _ = records.table(model.elements, 3 + corners + extras, 0)
-        _check_end(records, f"{model.elements} elements")
-        return replace(model, corners=corners, connectivity=table)
-    if base == _COORDINATES:
-        ids, places = records.table(model.nodes, 1, model.dimensions)
-        _check_end(records, f"{model.nodes} nodes")
-        return replace(model, node_ids=ids, coordinates=places)
-    (count,) = _counts(records, 1)
-    sets: list[_SetPlace] = []
-    while len(sets) < count:
-        sets.append(_set(records, revision))
-    return replace(model, sets=tuple(sets))
+_ReadBlock = Callable[[_Records, Any], None]
+"""Puts what a block holds into the model, or the layout of an increment."""
 
 
-def _verified(records: _Records) -> PostModel:
+def _title(records: _Records, model: _Model) -> None:
+    model.title = records.text()
+
+
+def _domains(records: _Records, model: _Model) -> None:
+    domains, number = records.integers(2)
+    if domains > 1:
+        model.domain = f"part {number} of a model that was solved in {domains} domains"
+
+
+def _verification(records: _Records, model: _Model) -> None:
     words = records.integers(*_VERIFICATION_WORDS)
     for place, name in _COUNTED.items():
         if not 0 <= words[place] <= records.file.size:
             raise PostDamageError(f"a model of {words[place]} {name}", records.at)
-    values, nodes, elements, _, points = words[:5]
-    return PostModel(values, nodes, elements, points, words[8], words[9], revision=words[13])
+    model.values, model.nodes, model.elements, _, model.points = words[:5]
+    model.dimensions, model.corners, model.revision = words[8], words[9], words[13]
 
 
-def _code(numbers: list[int], label: str) -> PostCode:
-    """A post code; Marc's Volume C has one of layer n as the code + 1000 n."""
-    code, layer = numbers[0], sum(numbers[1:])
-    if layer == 0 and code >= _CODES_OF_A_LAYER:
-        layer, code = divmod(code, _CODES_OF_A_LAYER)
-    return PostCode(code, layer, label)
+def _codes(records: _Records, model: _Model) -> None:
+    """Post codes; Marc's Volume C has one of layer n as the code + 1000 n."""
+    for _ in range(model.values):
+        numbers, label = records.label()
+        code, layer = numbers[0], sum(numbers[1:])
+        if layer == 0 and code >= _CODES_OF_A_LAYER:
+            layer, code = divmod(code, _CODES_OF_A_LAYER)
+        model.codes.append(PostCode(code, layer, label))
 
 
-def _set(records: _Records, revision: int) -> _SetPlace:
-    name = records.text()
-    count, kind = _counts(records, 2)
-    if revision >= 2:
-        records.integers(4)
-    if count == 0:
-        records.skip_empty()
-        return _SetPlace(name, kind, None)
-    members, _ = records.table(1, count, 0)
-    if kind in _WITH_SIDES:
-        records.table(1, count, 0)
-    return _SetPlace(name, kind, members)
+def _connectivity(records: _Records, model: _Model) -> None:
+    extras = 0
+    if records.revision >= 2:
+        _, model.corners, extras = _counts(records, 3)
+    model.connectivity, _ = records.table(model.elements, 3 + model.corners + extras, 0)
+    _check_end(records, f"{model.elements} elements")
+
+
+def _coordinates(records: _Records, model: _Model) -> None:
+    model.node_ids, model.coordinates = records.table(model.nodes, 1, model.dimensions)
+    _check_end(records, f"{model.nodes} nodes")
+
+
+def _sets(records: _Records, model: _Model) -> None:
+    (count,) = _counts(records, 1)
+    sets: list[tuple[str, int, _Numbers | None]] = []
+    while len(sets) < count:
+        name = records.text()
+        size, kind = _counts(records, 2)
+        if records.revision >= 2:
+            records.integers(4)
+        if size == 0:
+            records.skip_empty()
+        members, _ = records.table(1, size, 0)
+        if kind in _WITH_SIDES:
+            records.table(1, size, 0)
+        sets.append((name, kind, members))
+    model.sets = sets
 
 
 def _counts(records: _Records, number: int) -> list[int]:
@@ -1017,7 +923,13 @@ def _check_end(records: _Records, what: str) -> None:
         raise PostDamageError(f"more than {what}", records.at)
 
 
-def _read_mesh(file: ByteFile, model: PostModel) -> PostMesh:
+_MODEL: dict[int, _ReadBlock] = {
+    501: _title, 502: _verification, 505: _domains, 506: _codes, 507: _connectivity,
+    508: _coordinates, _SETS: _sets,
+}  # fmt: skip
+
+
+def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
     ids = model.node_ids
     if model.nodes and ids is None:
         raise ResultError(f"{model.nodes} nodes and no block of them", file.path)
@@ -1033,12 +945,13 @@ def _read_mesh(file: ByteFile, model: PostModel) -> PostMesh:
     corners, used = table[:, 3 : 3 + model.corners].copy(), table[:, 2]
     if used.size and (used.min() < 0 or used.max() > model.corners):
         bad = int(np.flatnonzero((used < 0) | (used > model.corners))[0])
-        raise ResultError(
-            f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to "
-            f"{model.corners}",
-            file.path,
-        )
+        words = f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to"
+        raise ResultError(f"{words} {model.corners}", file.path)
     corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
+    sets = []
+    for name, number, members in model.sets:
+        kind = _SET_KINDS.get(number, f"type {number}")
+        sets.append(PostSet(name, kind, nothing if members is None else members.values(file)[0]))
     return PostMesh(
         node_ids=nothing if ids is None else ids.values(file)[:, 0],
         coordinates_mm=mm,
@@ -1046,72 +959,70 @@ def _read_mesh(file: ByteFile, model: PostModel) -> PostMesh:
         element_types=table[:, 1].copy(),
         connectivity=corners,
         extras=table[:, 3 + model.corners :].copy(),
-        sets=tuple(
-            PostSet(
-                one.name,
-                _SET_KINDS.get(one.kind, f"type {one.kind}"),
-                nothing if one.members is None else one.members.values(file)[0],
-            )
-            for one in model.sets
-        ),
+        sets=tuple(sets),
     )
 
 
-# --- An increment: blocks 51600 to 52401
+# --- An increment: blocks 51700 to 52401
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Layout:
     """Where the parts of an increment are that begins at byte `start`.
 
-    `integers` and `reals` are its verification data; `nodal_values` has one entry for each of
-    `nodal`, None where the file has no data. Increments of a run are alike to the byte, but for
-    their values: one layout serves all.
+    `integers` and `reals` are its verification data; a quantity of `nodal` has None where
+    the file has no data. Increments of a run are alike to the byte, but for their values:
+    one layout serves all.
     """
 
     start: int
+    model: _Model
     integers: _Numbers | None = None
     reals: _Numbers | None = None
     element_values: _Numbers | None = None
-    nodal: tuple[NodalQuantity, ...] = ()
-    nodal_values: tuple[_Numbers | None, ...] = ()
+    nodal: list[tuple[NodalQuantity, _Numbers | None]] = field(default_factory=list)
 
 
-def _read_increment_block(
-    records: _Records, base: int, model: PostModel, layout: _Layout
-) -> _Layout:
-    """`layout` with where the block's values are that `records` is in."""
-    if base == _INTEGERS:
-        return replace(layout, integers=records.table(1, _INCREMENT_WORDS, 0)[0])
-    if base == _REALS:
-        (count,) = records.integers(1)
-        if count < 2:
-            raise PostDamageError(f"{count} reals, which leaves no time", records.at)
-        return replace(layout, reals=records.flow(1, count))
-    if base == _ELEMENT_VALUES:
-        _, values = records.table(model.elements * model.points, 0, model.values)
-        _check_end(records, f"{model.elements} elements of {model.points} points")
-        return replace(layout, element_values=values)
-    quantities: list[NodalQuantity] = []
-    places: list[_Numbers | None] = []
+def _integers(records: _Records, layout: _Layout) -> None:
+    layout.integers, _ = records.table(1, _INCREMENT_WORDS, 0)
+
+
+def _reals(records: _Records, layout: _Layout) -> None:
+    (count,) = records.integers(1)
+    records.check(count >= 2, f"{count} reals, which leaves no time")
+    layout.reals = records.flow(1, count)
+
+
+def _element_values(records: _Records, layout: _Layout) -> None:
+    model = layout.model
+    _, values = records.table(model.elements * model.points, 0, model.values)
+    _check_end(records, f"{model.elements} elements of {model.points} points")
+    layout.element_values = values
+
+
+def _nodal(records: _Records, layout: _Layout) -> None:
+    found: list[tuple[NodalQuantity, _Numbers | None]] = []
     count, _ = records.integers(2)
     for _ in range(count):
-        name = records.text()
-        at = records.at
+        name, at = records.text(), records.at
         words = records.integers(_QUANTITY_WORDS)
-        components, flag = words[3], words[6]
-        known = flag in (_ALL_NODES, _NO_NODES)
-        if not known or not 0 <= components <= _MOST_COMPONENTS:
-            raise PostDamageError(f"{name!r} of {components} components with flag {flag}", at)
-        is_complex = words[5] in _COMPLEX
+        components, flag, is_complex = words[3], words[6], words[5] in _COMPLEX
+        known = flag in (_ALL_NODES, _NO_NODES) and 0 <= components <= _MOST_COMPONENTS
+        records.check(known, f"{name!r} of {components} components with flag {flag}", at)
         place = None
         if flag == _ALL_NODES:
-            place = records.flow(model.nodes, components)
+            place = records.flow(layout.model.nodes, components)
             if is_complex:
-                records.flow(model.nodes, components)
-        places.append(place)
-        quantities.append(NodalQuantity(name, words[0], components, place is not None, is_complex))
-    return replace(layout, nodal=tuple(quantities), nodal_values=tuple(places))
+                records.flow(layout.model.nodes, components)
+        held = place is not None
+        found.append((NodalQuantity(name, words[0], components, held, is_complex), place))
+    layout.nodal = found
+
+
+_INCREMENT: dict[int, _ReadBlock] = {
+    _INTEGERS: _integers, 518: _reals, 523: _element_values, 524: _nodal,
+}  # fmt: skip
+_LEFT_OUT = (_SETS, 523, 524)  # blocks that a file can be read without
 
 
 # --- Increments that look like one before, found without walking through them
@@ -1130,82 +1041,64 @@ class _Part(NamedTuple):
     places: NDArray[np.intp]
     expected: NDArray[np.uint8]
 
+    def compared(
+        self, file: ByteFile, at: int, count: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """So many of them from byte `at`, a row each, and whether each is as expected."""
+        raw = file.take(at + self.offset, self.length * count)
+        rows = np.frombuffer(raw, dtype=np.uint8).reshape(count, self.length)
+        return rows, (rows[:, self.places] == self.expected).all(axis=1)
 
-class _Repeats:
-    """The layouts met so far in `file`, each with its length and what is fixed in it."""
 
-    def __init__(self, file: ByteFile) -> None:
-        self._file = file
-        self._known: list[tuple[_Layout, int, list[_Part]]] = []
-        self._at_once = 1
+@dataclass(slots=True, eq=False)
+class _Template:
+    """The increment that was walked through last, of `length` bytes, and what is fixed in it."""
 
-    def forget(self) -> None:
-        """Start anew: the model is another one."""
-        self._known.clear()
+    layout: _Layout
+    length: int
+    parts: list[_Part]
+    at_once: int = 1
 
-    def add(self, layout: _Layout, end: int, free: Sequence[tuple[int, int]]) -> None:
-        """Add an increment that ends before byte `end` and has its values at `free`."""
-        start, spans, at = layout.start, list[tuple[int, int]](), layout.start
+    @classmethod
+    def of(
+        cls, file: ByteFile, layout: _Layout, end: int, free: list[tuple[int, int]]
+    ) -> "_Template | None":
+        """The increment that ends before byte `end` and has its values at `free`."""
+        start, at = layout.start, layout.start
+        groups: list[list[tuple[int, int]]] = []
         for first, last in [*sorted(free), (end, end)]:
             if first > at:
-                spans.append((at, first))
+                far = end - start > _SMALL_BYTES and groups and at - groups[-1][-1][1] > _GAP_BYTES
+                if far or not groups:
+                    groups.append([])
+                groups[-1].append((at, first))
             at = max(at, last)
-        if sum(last - first for first, last in spans) > _COMPARED_BYTES:
-            return
-        groups = [[spans[0]]]
-        for span in spans[1:]:
-            if end - start > _SMALL_BYTES and span[0] - groups[-1][-1][1] > _GAP_BYTES:
-                groups.append([])
-            groups[-1].append(span)
         parts = []
         for group in groups:
             first, last = group[0][0], group[-1][1]
             places = np.concatenate([np.arange(*span) for span in group]) - first
-            raw = np.frombuffer(self._file.take(first, last - first), dtype=np.uint8)
+            raw = np.frombuffer(file.take(first, last - first), dtype=np.uint8)
             parts.append(_Part(first - start, last - first, places, raw[places]))
         head = max(n.start + n.stride for n in (layout.integers, layout.reals) if n is not None)
-        if head <= start + parts[0].length:
-            self._known = [(layout, end - start, parts), *self._known[: _TEMPLATES - 1]]
+        return cls(layout, end - start, parts) if head <= start + parts[0].length else None
 
-    def find(self, at: int) -> tuple[_Layout, int, IntArray, FloatArray] | None:
-        """The increments from byte `at` that look like one before.
-
-        Their layout, the bytes of each, and their verification data, ``(K, 12)`` and
-        ``(K, ...)``.
-        """
-        for place, (layout, length, parts) in enumerate(self._known):
-            found = self._match(layout, length, parts, at)
-            if found is not None:
-                self._known.insert(0, self._known.pop(place))
-                self._at_once = min(2 * self._at_once, _READ_BYTES)
-                return layout, length, *found
-        self._at_once = 1
-        return None
-
-    def _match(
-        self, layout: _Layout, length: int, parts: list[_Part], at: int
-    ) -> tuple[IntArray, FloatArray] | None:
-        count = max(1, min(self._at_once, _READ_BYTES // length)) if len(parts) == 1 else 1
-        count = min(count, (self._file.size - at) // length)
+    def match(self, file: ByteFile, at: int) -> list[tuple[list[int], list[float]]]:
+        """Verification data, integers and reals, of the increments from `at` built like it."""
+        count = max(1, min(self.at_once, _READ_BYTES // self.length)) if len(self.parts) == 1 else 1
+        count = min(count, (file.size - at) // self.length)
         if count == 0:
-            return None
-        first, same = self._compared(parts[0], at, count)
+            return []
+        first, same = self.parts[0].compared(file, at, count)
         count = count if same.all() else int(np.argmin(same))
-        if count == 0 or not all(self._compared(part, at, 1)[1][0] for part in parts[1:]):
-            return None
+        if count == 0 or not all(part.compared(file, at, 1)[1][0] for part in self.parts[1:]):
+            return []
+        layout, found = self.layout, []
         assert layout.integers is not None and layout.reals is not None  # as the walk saw to
-        try:
-            integers, reals = (
-                numbers.decode(first[:count, numbers.start - layout.start :][:, : numbers.stride])
-                for numbers in (layout.integers, layout.reals)
-            )
-        except ValueError:
-            return None  # the walk will say what is wrong
-        return integers, reals
-
-    def _compared(
-        self, part: _Part, at: int, count: int
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        raw = self._file.take(at + part.offset, part.length * count)
-        rows = np.frombuffer(raw, dtype=np.uint8).reshape(count, part.length)
-        return rows, (rows[:, part.places] == part.expected).all(axis=1)
+        for numbers in (layout.integers, layout.reals):
+            begin = numbers.start - layout.start
+            try:
+                found.append(numbers.decode(first[:count, begin : begin + numbers.stride]).tolist())
+            except ValueError:
+                return []  # the walk will say what is wrong
+        self.at_once = min(2 * self.at_once, _READ_BYTES)
+        return list(zip(*found, strict=True))

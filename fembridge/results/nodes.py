@@ -128,7 +128,7 @@ def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
     from fembridge.results.marc_post import PostFile
 
     with PostFile(path) as post:
-        sets = [one for one in post.mesh(0).sets if one.kind == "node"]
+        sets = [one for one in post.mesh.sets if one.kind == "node"]
     held = {one.name.strip().casefold(): one for one in sets}
     found = held.get(name.strip().casefold())
     if found is not None:

@@ -179,17 +179,6 @@ def test_paraview_gets_what_was_asked_for_alone(path, tmp_path):
     assert not (tmp_path / "c").exists()
 
 
-def test_paraview_gets_the_mesh_of_each_increment(write_post, tmp_path):
-    first = models.Plane(11, *models.grid(2, 1))
-    second = models.Plane(11, *models.grid(3, 1))
-    one, *_ = first.increments(linear_stress, (0.0,))
-    two, *_ = second.increments(linear_stress, (0.001,))
-    changed = replace(two, number=1, new_model=second.model())
-    path = write_post(writer.Storage(), first.model(), [one, changed])
-    meshes = [meshio.read(f) for _, f in entries(write_vtu_series(path, tmp_path))]
-    assert [len(mesh.cells[0].data) for mesh in meshes] == [2, 3]
-
-
 def test_unknown_elements_are_left_out_of_pictures_and_that_is_told(write_post, tmp_path):
     plane = models.Plane(11, *models.grid(2, 1))
     (first, second) = plane.model().elements

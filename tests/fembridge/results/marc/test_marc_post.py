@@ -35,7 +35,7 @@ def storages():
 
 
 @st.composite
-def random_models(draw, revision=None, codes=None):
+def random_models(draw):
     """Draw a small model: mixed elements, pressure nodes, sets of all types."""
     ids = draw(st.lists(st.integers(1, 99_999), min_size=1, max_size=9, unique=True))
     dimensions = draw(st.sampled_from((2, 3)))
@@ -62,27 +62,22 @@ def random_models(draw, revision=None, codes=None):
         coordinates=tuple(draw(place) for _ in ids),
         elements=tuple(draw(st.lists(element, max_size=5))),
         points=draw(st.sampled_from((1, 3, 4, 9))),
-        codes=tuple(draw(st.lists(code, max_size=8))) if codes is None else codes,
+        codes=tuple(draw(st.lists(code, max_size=8))),
         sets=tuple(sets),
         dimensions=dimensions,
-        revision=draw(st.sampled_from((12, 13, 14))) if revision is None else revision,
+        revision=draw(st.sampled_from((12, 13, 14))),
         strange_block=draw(st.booleans()),
     )
 
 
 @st.composite
 def runs(draw):
-    """Draw a model and increments, among them such that change the mesh."""
-    model = draw(random_models())
-    at, increments = model, []
+    """Draw a model and increments."""
+    model, count = draw(random_models()), draw(st.integers(0, 6))
     seed = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    for place in range(draw(st.integers(0, 6))):
-        new = None
-        if draw(st.integers(0, 9)) == 0:
-            new = draw(random_models(revision=model.revision))
-        at = new or at
-        increments.append(replace(draw(increments_of(at, seed)), number=place, new_model=new))
-    return model, tuple(increments)
+    return model, tuple(
+        replace(draw(increments_of(model, seed)), number=place) for place in range(count)
+    )
 
 
 @st.composite
@@ -122,21 +117,15 @@ def test_what_is_written_is_read_whatever_the_storage(data, write_post):
         assert post.title == "job1"
         assert post.problem is None
         expected = ["revision 13"] * (model.revision == 13)
-        strange = [model, *(made.new_model for made in increments if made.new_model)]
-        expected += ["59900"] * any(made.strange_block for made in strange)
+        expected += ["59900"] * model.strange_block
         assert len(post.remarks) == len(expected)
         for words in expected:
             assert any(words in remark for remark in post.remarks)
         assert len(post.increments) == len(increments)
-        check_model(storage, model, post.mesh(0), post.codes)
-        at, mesh = model, 0
+        check_model(storage, model, post.mesh, post.codes)
         for row, (expected, found) in enumerate(zip(increments, post.increments, strict=True)):
-            if expected.new_model:
-                at, mesh = expected.new_model, mesh + 1
-                check_model(storage, at, post.mesh(mesh), post.model(row).codes)
-            assert (found.row, found.mesh) == (row, mesh)
-            check_increment(storage, at, expected, post, found)
-        assert post.mesh_count == mesh + 1
+            assert found.row == row
+            check_increment(storage, model, expected, post, found)
 
 
 def check_model(storage, model, mesh, codes):
@@ -299,15 +288,14 @@ def test_one_of_another_kind_among_them_is_read_as_it_is(binary, elements, nodes
 
 
 @BINARY_AND_TEXT
-def test_after_a_new_mesh_nothing_is_taken_for_granted(binary, many, write_post):
+def test_the_walk_ends_where_a_new_mesh_comes(binary, many, write_post):
     model, increments = many(12)
     finer, more = many(12, elements=5, nodes=7)
     more[3] = replace(more[3], new_model=finer)
     made = increments[:3] + more[3:]
     with PostFile(write_post(writer.Storage(binary), model, made)) as post:
-        check(post, made)
-        assert [found.mesh for found in post.increments] == [0] * 3 + [1] * 9
-        assert [len(post.mesh(row).node_ids) for row in (0, 1)] == [4, 7]
+        assert "of increment 3" in post.problem
+        assert [one.increment for one in post.increments] == [0, 1, 2]
 
 
 @BINARY_AND_TEXT
@@ -389,7 +377,7 @@ def write_text(tmp_path):
 
 def check_two_nodes(post):
     assert (post.problem, post.remarks) == (None, [])
-    mesh = post.mesh(0)
+    mesh = post.mesh
     assert mesh.node_ids.tolist() == [10, 30]
     assert mesh.coordinates_mm.tolist() == [[1, -2, 0], [-1e-100, 3e-101, 0]]
     assert mesh.connectivity.tolist() == [[30, 10]]
@@ -438,7 +426,7 @@ def test_records_of_uneven_lines_are_refused_at_their_byte(write_text):
 def test_what_is_no_number_is_shown(old, new, words, write_text):
     path = write_text(TWO_NODES.replace(old, new, 1))
     with PostFile(path) as post, pytest.raises(ResultError, match=words):
-        assert post.mesh(0)
+        assert post.mesh
 
 
 def test_a_block_that_is_built_otherwise_is_left_out_and_remarked(write_text):
@@ -480,7 +468,7 @@ def test_every_byte_of_a_run_is_read_and_agrees_with_its_status_file(
         assert (post.problem, post.remarks) == (None, [])
         assert (post.kind, post.revision, post.byte_order) == ("t16", 14, "little")
         assert (post.precision, post.points, len(post.codes)) == ("single", 1, codes)
-        mesh = post.mesh(0)
+        mesh = post.mesh
         assert mesh.node_ids.shape == (nodes,)
         assert mesh.coordinates_mm.shape == (nodes, 3)
         assert mesh.connectivity.shape == (elements, 4)
@@ -504,7 +492,7 @@ def test_the_mesh_is_that_of_the_deck(marc_samples):
         real = [float(re.sub(r"(\d)([+-]\d+)$", r"\1e\2", w.strip())) for w in words]
         places[int(line[:10])] = real
     with PostFile(marc_samples / "nour_plastic.t16") as post:
-        mesh = post.mesh(0)
+        mesh = post.mesh
         assert sorted(places) == sorted(mesh.node_ids.tolist())
         expected = np.array([places[node] for node in mesh.node_ids.tolist()])
         assert_allclose(mesh.coordinates_mm, expected, rtol=1e-6, atol=1e-6)
@@ -622,15 +610,12 @@ def test_changed_bytes_are_read_as_they_are_or_refused_in_words(how, write_post,
 
 
 def read_all(post):
-    for mesh in map(post.mesh, range(post.mesh_count)):
-        assert len(mesh.node_ids) == len(mesh.coordinates_mm)
+    assert len(post.mesh.node_ids) == len(post.mesh.coordinates_mm)
     for increment in post.increments:
-        row = increment.row
-        mesh = post.mesh(increment.mesh)
         if increment.has_element_values:
-            post.element_values(row, np.arange(len(mesh.element_ids)))
+            post.element_values(increment.row, np.arange(len(post.mesh.element_ids)))
         for quantity in increment.nodal:
-            post.nodal_values(row, quantity.name)
+            post.nodal_values(increment.row, quantity.name)
 
 
 @pytest.mark.parametrize("how", STORAGES)

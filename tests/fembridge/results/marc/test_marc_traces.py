@@ -509,32 +509,6 @@ def test_an_unknown_element_type_is_refused_and_averaged_on_request(write_post):
     assert_allclose(read_stress_tensor(path, [1], options)[1], 3e6)
 
 
-def test_the_same_mesh_written_anew_is_one_history(write, increments, plane):
-    model = plane.model()
-    again = replace(increments[2], new_model=model)
-    path = write((*increments[:2], again, increments[3]))
-    (trace,) = read(path, [5])
-    assert_allclose(trace.stress_pa, [0, 1e6, 2e6, 3e6], rtol=1e-6, atol=1)
-
-
-def test_another_mesh_at_the_nodes_asked_for_is_refused(write, increments, plane):
-    """Node 9, far from what moved, keeps its elements and its history."""
-    moved = models.Plane(80, {**models.grid(2, 2)[0], 1: (-0.5, 0)}, plane.quads)
-    again = replace(increments[2], new_model=moved.model())
-    path = write((*increments[:2], again, increments[3]))
-    with pytest.raises(ResultError, match="increment 2 has a new mesh, in which what"):
-        read(path, [1])
-    assert read(path, [9])[0].stress_pa.size == 4
-
-
-def test_a_new_mesh_with_other_post_codes_is_refused(write, increments, plane):
-    other = plane.model(codes=models.CODES[1:])
-    bare = [[v[1:] for v in row] for row in increments[2].element]
-    again = replace(increments[2], new_model=other, element=bare)
-    with pytest.raises(ResultError, match="increment 2 has other post codes than the"):
-        read(write((*increments[:2], again)), [1])
-
-
 @pytest.mark.parametrize("kind", ["t16", "t19"])
 @pytest.mark.parametrize("dt_s", [0.0005, 1 / 3000])
 def test_even_times_are_even_again_without_their_rounding(kind, dt_s, write, plane):
