@@ -71,8 +71,7 @@ BODY_KINDS = {DEFORMABLE: "deformable", RIGID: "rigid", 3: "symmetry"}
 POSITION, VELOCITY = -1, 0
 """How a rigid body is controlled; above 0 it is by a load."""
 COULOMB_BILINEAR = 6
-_BEFORE_BODIES = 4  # lines: two of integers, two of reals
-_BODY_LINES = 7
+_BEFORE_BODIES, _BODY_LINES = 4, 7  # lines
 _BEFORE_PAIRS = 5  # lines of an interaction before its reals and their tables
 
 # Increments. What else can make them does not say how long they take.
@@ -268,7 +267,8 @@ class MarcDeck:
 
     def find(self, keyword: str, section: Section = Section.MODEL) -> list[Option]:
         """The options of that keyword in one section."""
-        return _find(self.options, keyword, section)
+        options = self.options
+        return [each for each in options if each.keyword == keyword and each.section is section]
 
     @property
     def version(self) -> int | None:
@@ -280,12 +280,9 @@ class MarcDeck:
     @property
     def mentat(self) -> str | None:
         """The program that wrote the deck, as the deck says."""
-        parameters = (each for each in self.options if each.section is Section.PARAMETER)
-        for line in (line for option in parameters for line in option.lines):
-            found = _MENTAT.match(line.text)
-            if found is not None:
-                return found[1]
-        return None
+        lines = (line for option in self.options for line in option.lines)
+        found = (_MENTAT.match(line.text) for line in lines if line.text.startswith("$"))
+        return next((match[1] for match in found if match), None)
 
     @property
     def sizes(self) -> tuple[int, int] | None:
@@ -350,12 +347,10 @@ class MarcDeck:
         """All contact interactions: a name, kinds, numbers, then reals and their tables."""
         interactions = []
         for option in self.find("con intera"):
-            rows = option.data
-            if len(rows) < _BEFORE_PAIRS + 2:
-                raise option.head.refuse("a contact interaction cut short")
+            rows, head = option.data, option.head
+            head.check(len(rows) >= _BEFORE_PAIRS + 2, "a contact interaction cut short")
             tables = [each for row in rows[_BEFORE_PAIRS + 1 :: 2] for each in row.integers()]
-            name = rows[0].fields("iit")[2]
-            interactions.append(Interaction(name, tuple(tables), option.head))
+            interactions.append(Interaction(rows[0].fields("iit")[2], tuple(tables), head))
         return interactions
 
     def load_cases(self) -> list[LoadCase]:
@@ -390,30 +385,26 @@ def read_marc_deck(
         No Marc deck, cut short, or its counts do not agree; names the line.
     """
     options, includes = read_options(data, path, resolver)
-    connectivity = _find(options, "connectivity", Section.MODEL)
+    model = [each for each in options if each.section is Section.MODEL]
+    connectivity = [each for each in model if each.keyword == "connectivity"]
     deck = MarcDeck(
         tuple(options),
         tuple(includes),
         tuple(_elements(connectivity)),
-        _coordinates(_find(options, "coordinates", Section.MODEL)),
-        tuple(map(_table, _find(options, "table", Section.MODEL))),
+        _coordinates([each for each in model if each.keyword == "coordinates"]),
+        tuple(_table(each) for each in model if each.keyword == "table"),
     )
     generated = any(option.keyword in _GENERATORS for option in options)
     if deck.sizes is None or generated or not all(each.followed for each in includes):
         return deck
     # Mentat says how many elements there are, others how much room is.
     found, said = deck.element_count, deck.sizes[0]
-    if found > said or (found < said and deck.mentat is not None):
-        places = [each.head.place for each in connectivity]
-        where = f" ({', '.join(places)})" if places else ""
-        raise deck.find("sizing", Section.PARAMETER)[0].head.refuse(
-            f"`sizing` has {said} elements, but the deck holds {found}{where}"
-        )
+    places = ", ".join(each.head.place for each in connectivity)
+    deck.find("sizing", Section.PARAMETER)[0].head.check(
+        found == said or (found < said and deck.mentat is None),
+        f"`sizing` has {said} elements, but the deck holds {found} ({places})",
+    )
     return deck
-
-
-def _find(options: Iterable[Option], keyword: str, section: Section) -> list[Option]:
-    return [each for each in options if each.keyword == keyword and each.section is section]
 
 
 def beside(path: Path) -> Resolver:
@@ -455,6 +446,26 @@ def describe_marc_deck(path: Path) -> Table:
     kinds: Counter[int] = Counter()
     for each in deck.elements:
         kinds[each.kind] += len(each.number)
+    tables = []
+    for table in deck.tables:
+        held: Table = {"name": table.name, "number": table.number, "line": table.line.number}
+        if table.points is not None and len(table.points):
+            first, last = table.points[[0, -1]].tolist()
+            held |= {"points": len(table.points), "first": first, "last": last}
+        tables.append(held)
+    sets = read(
+        lambda: deck.sets().values(),
+        lambda one: (one.name, {"kind": one.kind, "members": len(one.member)}),
+    )
+    post = read(
+        lambda: filter(None, [deck.post()]),
+        lambda post: {
+            "codes": list(post.codes),
+            "nodal_codes": list(post.nodal),
+            "formatted": post.head[POST_KIND] == POST_KINDS["text"],
+            "every": max(post.head[POST_EVERY], 1),
+        },
+    )
     return {
         "format": "marc-deck",
         "bytes": len(data),
@@ -463,17 +474,8 @@ def describe_marc_deck(path: Path) -> Table:
         "written_by": deck.mentat,
         "elements": {str(kind): count for kind, count in sorted(kinds.items())},
         "nodes": len(deck.coordinates.number),
-        "sets": dict(
-            read(
-                lambda: deck.sets().values(),
-                lambda one: (one.name, {"kind": one.kind, "members": len(one.member)}),
-            )
-        ),
-        "tables": [
-            {"name": table.name, "number": table.number, "line": table.line.number}
-            | _ends(table.points)
-            for table in deck.tables
-        ],
+        "sets": dict(sets),
+        "tables": tables,
         "conditions": read(
             deck.conditions,
             lambda one: {"family": one.family, "name": one.name, "on": one.where},
@@ -491,29 +493,10 @@ def describe_marc_deck(path: Path) -> Table:
                 "period": case.period,
             },
         ),
-        "post": next(
-            iter(
-                read(
-                    lambda: filter(None, [deck.post()]),
-                    lambda post: {
-                        "codes": list(post.codes),
-                        "nodal_codes": list(post.nodal),
-                        "formatted": post.head[POST_KIND] == POST_KINDS["text"],
-                        "every": max(post.head[POST_EVERY], 1),
-                    },
-                )
-            ),
-            None,
-        ),
+        "post": post[0] if post else None,
         "sections": dict(Counter(o.keyword for o in deck.options if o.keyword)),
         "remarks": remarks,
     }
-
-
-def _ends(points: FloatArray | None) -> Table:
-    if points is None or not len(points):
-        return {}
-    return {"points": len(points), "first": points[0].tolist(), "last": points[-1].tolist()}
 
 
 # ---- Mesh and sets
@@ -535,7 +518,7 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
         # A line with letters mentions a file that was not read.
         rows = [line for line in option.data if not (line.blank or line.lettered)]
         head = rows[0].integers() + [0] * 9 if rows else []
-        found: dict[int, tuple[list[int], list[list[int]]]] = {}
+        found: dict[int, list[list[int]]] = {}
         row = 1
         while row < len(rows):
             line = rows[row]
@@ -551,18 +534,17 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
             while row < len(rows) and _goes_on(values, count, rows[row]):
                 values += rows[row].integers()
                 row += 1
-            numbers, nodes = found.setdefault(kind, ([], []))
-            expected = len(nodes[0]) if nodes else count or len(values) - 2
-            if len(values) - 2 != expected:
+            same = found.setdefault(kind, [])
+            expected = len(same[0]) if same else count + 2 if count else len(values)
+            if len(values) != expected:
                 raise line.refuse(
                     f"element {number} of type {kind} has {len(values) - 2} nodes, "
-                    f"expected {expected}"
+                    f"expected {expected - 2}"
                 )
-            numbers.append(number)
-            nodes.append(values[2:])
-        for kind, (numbers, nodes) in found.items():
-            number_, node_ = np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64)
-            yield Elements(kind, number_, node_, head[5])
+            same.append(values)
+        for kind, listed in found.items():
+            table = np.array(listed, dtype=np.int64)
+            yield Elements(kind, table[:, 0].copy(), table[:, 2:].copy(), head[5])
 
 
 def _goes_on(values: list[int], count: int, line: Line) -> bool:
@@ -585,14 +567,15 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
             continue
         width, count = ([*rows[0].integers(), 0, 0])[:2]
         width = width or 3
-        if not 1 <= width <= _MOST_COORDINATES:
-            raise rows[0].refuse(f"{width} coordinates a node, expected 1 to {_MOST_COORDINATES}")
+        words = f"{width} coordinates a node, expected 1 to {_MOST_COORDINATES}"
+        rows[0].check(1 <= width <= _MOST_COORDINATES, words)
         for line in rows[1:]:
             number, place = line.node(width)
             numbers.append(number)
             places.append(place)
-        if count and len(rows) - 1 != count and not any(line.lettered for line in option.data):
-            raise rows[0].refuse(f"{count} nodes announced, but {len(rows) - 1} lines of them")
+        unread = any(line.lettered for line in option.data)
+        words = f"{count} nodes announced, but {len(rows) - 1} lines of them"
+        rows[0].check(count in (0, len(rows) - 1) or unread, words)
     position = np.zeros((len(places), max(map(len, places), default=3)))
     for row, place in zip(position, places, strict=True):
         row[: len(place)] = place
@@ -613,8 +596,7 @@ def _kind_and_name(option: Option) -> tuple[str, str]:
             words = text.split(maxsplit=3)
             name = words[3].strip() if len(words) > 3 else ""
     kind = words[1].lower() if len(words) > 1 else ""
-    if not kind or not name:
-        raise option.head.refuse("expected `define`, what, `set` and a name")
+    option.head.check(bool(kind and name), "expected `define`, what, `set` and a name")
     return kind, name
 
 
@@ -630,17 +612,16 @@ def _materials(option: Option, listed: bool, driven: bool) -> list[Isotropic]:
     """
     rows = option.data
     starts = [row for row, line in enumerate(rows) if _starts_material(line)]
-    if not starts and not all(line.blank for line in rows):
-        raise option.head.refuse("`isotropic` without a line that names a material")
+    empty = all(line.blank for line in rows)
+    option.head.check(bool(starts) or empty, "`isotropic` without a line that names a material")
     before_list = 3 if driven else 2  # decks without tables have none here
     materials = []
     for block in blocks(rows, starts):
-        if len(block) < before_list:
-            raise block[0].refuse("a material without its values and their tables")
+        words = "a material without its values and their tables"
+        block[0].check(len(block) >= before_list, words)
         number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
         values = block[1].reals()
-        if len(values) < 2:
-            raise block[1].refuse("expected Young's modulus, Poisson's ratio, ...")
+        block[1].check(len(values) >= 2, "expected Young's modulus, Poisson's ratio, ...")
         members = [each for each in block[before_list:] if not each.blank] if listed else []
         tables = block[2].integers() if driven else [0] * _MATERIAL_TABLES
         elements = tuple(each for each in read_list(members) if isinstance(each, int))
@@ -665,30 +646,26 @@ def _table(option: Option) -> MarcTable:
     follow, 3 for a formula. Of each variable follow its type, its points, and whether
     values beyond them are extrapolated.
     """
-    rows = option.filled
-    if len(rows) < 2:
-        raise option.head.refuse(f"table {option.name!r} has no lines of numbers")
+    rows, head = option.filled, option.head
+    head.check(len(rows) >= 2, f"table {option.name!r} has no lines of numbers")
     number, count, _, _, kind = _at_least(rows[0], 2, "a table's number, count of variables", 5)
     variable, points = 0, None
     if kind != FORMULA and count >= 1:
         variable, expected = _at_least(rows[1], 2, "a variable's type, count of points", 2)
         # A line with letters mentions a file that was not read.
         if count == 1 and kind == POINTS and not any(line.lettered for line in rows):
-            if len(rows) - 2 != expected:
-                raise option.head.refuse(
-                    f"table {option.name!r} has {len(rows) - 2} lines of points, "
-                    f"while {rows[1].place} says {expected}"
-                )
+            found = f"table {option.name!r} has {len(rows) - 2} lines of points"
+            words = f"{found}, while {rows[1].place} says {expected}"
+            head.check(len(rows) - 2 == expected, words)
             pairs = [line.fields("rr") for line in rows[2:]]
             points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
-    return MarcTable(option.name, number, variable, points, option.head, tuple(rows))
+    return MarcTable(option.name, number, variable, points, head, tuple(rows))
 
 
 def _at_least(line: Line, needed: int, what: str, count: int) -> list[int]:
     """The first `count` integers of a line that has the `needed` first ones."""
     values = line.integers()
-    if len(values) < needed:
-        raise line.refuse(f"{len(values)} fields, expected {needed}: {what}")
+    line.check(len(values) >= needed, f"{len(values)} fields, expected {needed}: {what}")
     return (values + [0] * count)[:count]
 
 
@@ -709,34 +686,27 @@ def _conditions(option: Option) -> Iterator[Condition]:
 
     Other conditions lack the degrees of freedom or have other numbers there.
     """
-    rows = option.filled
+    rows, family = option.filled, f"`{option.keyword}`"
     starts = [row for row, line in enumerate(rows) if _starts_condition(line)]
-    if rows and (not starts or starts[0] > 1):
-        raise option.head.refuse(
-            f"`{option.keyword}` is not in the table-driven style, expected a line of "
-            "six integers and a name"
-        )
+    option.head.check(
+        not rows or starts[:1] in ([0], [1]),
+        f"{family} is not in the table-driven style, expected a line of six integers and a name",
+    )
     displacement = option.keyword == FIXED_DISPLACEMENT
     needed = 6 if displacement else 5
     for block in blocks(rows, starts):
-        if len(block) < needed:
-            raise block[-1].refuse(
-                f"`{option.keyword}` has {len(block)} lines from {block[0].place} on, "
-                f"expected at least {needed}"
-            )
+        found = f"{family} has {len(block)} lines from {block[0].place} on"
+        block[-1].check(len(block) >= needed, f"{found}, expected at least {needed}")
         name = block[0].fields("iiiiiit")[6]
         values, tables = block[1].reals(), block[2].integers()
-        if len(tables) > len(values):
-            raise block[2].refuse(f"{len(tables)} tables for {len(values)} values")
+        found = f"{len(tables)} tables for {len(values)} values"
+        block[2].check(len(tables) <= len(values), found)
         tables += [0] * (len(values) - len(tables))
         directions: list[int] = []
         if displacement:
-            directions = block[3].integers()
-            if len(directions) != len(values):
-                raise block[3].refuse(
-                    f"{len(directions)} degrees of freedom for {len(values)} values"
-                )
-            where = block[5]
+            directions, where = block[3].integers(), block[5]
+            found = f"{len(directions)} degrees of freedom for {len(values)} values"
+            block[3].check(len(directions) == len(values), found)
         else:
             # Kinds of loads differ in what comes between; a name is always last.
             where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
@@ -768,11 +738,9 @@ def _bodies(option: Option) -> list[Body]:
 
     The sixth number is its control. A rigid body's curves or surfaces follow.
     """
-    rows = option.data
-    if len(rows) < _BEFORE_BODIES:
-        raise option.head.refuse(
-            f"`contact` has {len(rows)} lines, expected {_BEFORE_BODIES} and bodies"
-        )
+    rows, needed = option.data, f"expected {_BEFORE_BODIES} and bodies"
+    words = f"`contact` has {len(rows)} lines, {needed}"
+    option.head.check(len(rows) >= _BEFORE_BODIES, words)
     starts: list[int] = []
     for row, line in enumerate(rows[_BEFORE_BODIES:], start=_BEFORE_BODIES):
         # Their numbers rise from 1, a name is last.
@@ -781,22 +749,19 @@ def _bodies(option: Option) -> list[Body]:
         if name and not is_number and numbers[0] == str(len(starts) + 1):
             starts.append(row)
     announced = rows[0].first_integer()
-    if len(starts) != announced:
-        raise rows[0].refuse(f"{announced} contact bodies announced, but {len(starts)} found")
+    words = f"{announced} contact bodies announced, but {len(starts)} found"
+    rows[0].check(len(starts) == announced, words)
     bodies = []
     for block in blocks(rows, starts):
-        if len(block) < _BODY_LINES:
-            raise block[-1].refuse(
-                f"a contact body of {len(block)} lines from {block[0].place} on, expected "
-                f"at least {_BODY_LINES}"
-            )
-        _, _, _, _, _, control, _, _, name = block[0].fields("iiiiiiiit")
+        words = f"a contact body of {len(block)} lines from {block[0].place} on"
+        block[-1].check(len(block) >= _BODY_LINES, f"{words}, expected at least {_BODY_LINES}")
+        *_, control, _, _, name = block[0].fields("iiiiiiiit")
         motion, tables = block[4].reals(), block[5].integers()
-        if len(motion) < TRANSLATIONS or len(tables) != len(motion):
-            raise block[4].refuse(
-                f"a body's motion of {len(motion)} numbers and {len(tables)} tables, "
-                f"expected as many of both, and {TRANSLATIONS} at least"
-            )
+        block[4].check(
+            len(tables) == len(motion) >= TRANSLATIONS,
+            f"a body's motion of {len(motion)} numbers and {len(tables)} tables, "
+            f"expected as many of both, and {TRANSLATIONS} at least",
+        )
         kind = block[1].first_integer()
         bodies.append(Body(name, kind, control, tuple(motion), tuple(tables), block[4]))
     return bodies
@@ -821,36 +786,27 @@ def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
     options = [option for option in all_options if option.case == number]
     named = [option for option in options if option.keyword == "loadcase"]
     titled = [option for option in options if option.keyword == "title"]
+    times = [option for option in options if option.keyword == "time step"]
     stepping = (FIXED, ADAPTIVE, *_OTHER_STEPPING)
     steps = [option for option in options if option.keyword in stepping]
-    if len(steps) > 1:
-        raise steps[1].head.refuse(
-            f"a second way of stepping, `{steps[1].keyword}`, beside "
-            f"`{steps[0].keyword}` on {steps[0].head.place}"
-        )
     step = steps[0] if steps else None
-    times = [option for option in options if option.keyword == "time step"]
-    increments, period = _increments(step, times[-1] if times else None)
-    return LoadCase(
-        number,
-        (named or titled)[-1].name if named or titled else "",
-        _active(named[-1]) if named else (),
-        step,
-        times[-1] if times else None,
-        increments,
-        period,
-        options[0].head,
-    )
+    for other in steps[1:]:
+        beside = f"beside `{steps[0].keyword}` on {steps[0].head.place}"
+        raise other.head.refuse(f"a second way of stepping, `{other.keyword}`, {beside}")
+    time_step = times[-1] if times else None
+    name = (named or titled)[-1].name if named or titled else ""
+    active = _active(named[-1].data) if named else ()
+    increments, period = _increments(step, time_step)
+    return LoadCase(number, name, active, step, time_step, increments, period, options[0].head)
 
 
-def _active(option: Option) -> tuple[str, ...]:
+def _active(rows: Sequence[Line]) -> tuple[str, ...]:
     """Names of the conditions that act, as many as the first line says."""
-    rows = option.data
     if not rows:
         return ()
     count = rows[0].first_integer()
-    if len(rows) - 1 < count:
-        raise rows[0].refuse(f"{count} conditions announced, but {len(rows) - 1} named")
+    words = f"{count} conditions announced, but {len(rows) - 1} named"
+    rows[0].check(len(rows) > count, words)
     return tuple(line.word for line in rows[1 : 1 + count])
 
 
@@ -860,8 +816,7 @@ def _increments(
     """The count of a load case's increments, and their time together."""
     if stepping is None:
         return 0, 0.0
-    if not stepping.data:
-        raise stepping.head.refuse(f"`{stepping.keyword}` without numbers")
+    stepping.head.check(bool(stepping.data), f"`{stepping.keyword}` without numbers")
     first = stepping.data[0]
     if stepping.keyword == ADAPTIVE:
         return None, first.fields(_AUTO_STEP)[1]
@@ -870,8 +825,7 @@ def _increments(
     count = first.first_integer()
     if time_step is None:
         return count, None
-    if not time_step.data:
-        raise time_step.head.refuse("`time step` without a number")
+    time_step.head.check(bool(time_step.data), "`time step` without a number")
     return count, count * time_step.data[0].fields("r")[0]
 
 
@@ -887,21 +841,19 @@ def _post(option: Option) -> Post:
     n-th increment; 13 nodal codes, where 0 stands for displacement and forces.
     """
     rows = [line for line in option.data if not line.blank]
-    if not rows:
-        raise option.head.refuse("`post` without a line of numbers")
+    option.head.check(bool(rows), "`post` without a line of numbers")
     head = rows[0].integers()
     head += [0] * (POST_NODAL + 1 - len(head))
     count = head[POST_COUNT]
     codes = [line for line in rows[1:] if not line.lettered]
-    if len(codes) < count:
-        raise rows[0].refuse(f"{count} element codes announced, but {len(codes)} lines of them")
-    codes = codes[:count]
+    words = f"{count} element codes announced, but {len(codes)} lines of them"
+    rows[0].check(len(codes) >= count, words)
     return Post(
-        tuple(line.fields("i")[0] for line in codes),
+        tuple(line.fields("i")[0] for line in codes[:count]),
         tuple(line.fields("wi")[1] for line in rows[1:] if line.lettered),
         tuple(head),
         rows[0],
-        tuple(codes),
+        tuple(codes[:count]),
     )
 
 

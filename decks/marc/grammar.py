@@ -229,6 +229,11 @@ class Line(NamedTuple):
         """The error that names this line."""
         return DeckError(f"{self.place}: {problem}")
 
+    def check(self, good: bool, problem: str) -> None:
+        """Refuse the deck at this line where it is not `good`."""
+        if not good:
+            raise self.refuse(problem)
+
     def fields(self, kinds: str) -> list[Any]:
         """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero.
 

@@ -72,6 +72,10 @@ _NODAL_CODES = (1, 5, 35, 38)  # displacement, reaction, contact normal force an
 # penalties, dynamic operators, sharp angles, physical constants, limits. It leaves out
 # the one that is -2 before the first load case and -1 in each.
 _BEFORE, _WITHIN = -2.0, -1.0
+_MEGABYTES = 25
+# Chosen by Mentat's "large strain": procedures by kind of material, among them updated
+# Lagrange with additive decomposition.
+_LARGE_STRAIN = (4, 213, 123, 130, 230, 123, 1, 0)
 _PARAMETERS = (
     (1.0, 1.0e9, 1.0e2, 1.0e6, 0.25, 0.5, 1.5, -0.5),
     (8.625, 20.0, 1.0e-4, 1.0e-6, 1.0, 1.0e-4),
@@ -193,11 +197,10 @@ class _Writer:
         yield from _comment("input file using extended precision")
         elements = sum(len(section.number) for section, _, _ in self.parts)
         pressures = sum(len(s.number) for s, kind, _ in self.parts if kind in _WITH_PRESSURE)
-        megabytes, large_strain = 25, (4, 213, 123, 130, 230, 123, 1, 0)
         yield keyword_line("extended")
         sizes = integers_line([0, elements, self.mesh_nodes + pressures, 0])
         yield f"{'sizing':<30}{sizes}"
-        yield keyword_line("alloc", megabytes)
+        yield keyword_line("alloc", _MEGABYTES)
         for number in dict.fromkeys(kind for _, kind, _ in self.parts):
             yield keyword_line("elements", number)
         yield keyword_line("version", 15, 2, 0, 0)
@@ -205,9 +208,7 @@ class _Writer:
         yield keyword_line("processor", 1, 1, 1, 0)
         yield "$no list"
         if analysis.large_strain:
-            # Chosen by Mentat's "large strain": procedures by kind of material, among
-            # them updated Lagrange with additive decomposition.
-            yield keyword_line("large stra", *large_strain)
+            yield keyword_line("large stra", *_LARGE_STRAIN)
         yield keyword_line("all points")
         yield keyword_line("no echo", 1, 2, 3, 4)
         yield keyword_line("end")
@@ -216,8 +217,7 @@ class _Writer:
     def model_definition(self) -> Iterator[str]:
         """From the solver to ``end option``."""
         multifrontal, nested_dissection = 8, 11
-        yield keyword_line("solver")
-        yield integers_line([multifrontal, *[0] * 15])
+        yield from _option("solver", [multifrontal, *[0] * 15])
         yield keyword_line("optimize", nested_dissection)
         yield from self.mesh()
         yield from self.sets()
@@ -228,7 +228,7 @@ class _Writer:
         # Mentat repeats the job's name as that of the load case before the first increment.
         yield from self.active(TITLE)
         yield from self.contact()
-        yield from self.contact_table()
+        yield from _contact_table()
         yield keyword_line("no print")
         yield from self.post()
         yield from _job_parameters(_BEFORE)
@@ -248,14 +248,13 @@ class _Writer:
                 node = np.column_stack([node, self.mesh_nodes + section.number])
             words = ", the last node of each its pressure" * pressure
             yield from _comment(f"elements of {section.name}{words}")
-            yield keyword_line("connectivity")
-            yield integers_line([0, 0, print_it, 0, _GEOMETRY, material, 0, body, 0])
+            header = [0, 0, print_it, 0, _GEOMETRY, material, 0, body, 0]
+            yield from _option("connectivity", header)
             yield from _element_lines(section, kind, node)
         if any(kind in _WITH_PRESSURE for _, kind, _ in self.parts):
             first = self.mesh_nodes + 1
             yield from _comment(f"nodes from {first} on hold a pressure and have no place")
-        yield keyword_line("coordinates")
-        yield integers_line([coordinates, self.mesh_nodes, 0, 1])
+        yield from _option("coordinates", [coordinates, self.mesh_nodes, 0, 1])
         yield from _node_lines(self.model.node_mm, 1)
         if self.meshed:
             yield from _node_lines(self.model.probe_mesh.node_mm, self.model.first_probe_node)
@@ -288,15 +287,10 @@ class _Writer:
         )
         for number, (section, _, _) in enumerate(self.parts, start=1):
             material = section.material
-            law = f"{number:10d}{'elastic':<40}{integers_line([10, 0, 0, 0])}"
+            law = f"{number:10d}{'elastic':<40}{integers_line([10, 0, 0, 0])}{section.name}"
+            numbers = [material.young_mpa, material.poisson, *[0.0] * 6]
             yield keyword_line("isotropic", "structural")
-            yield integers_line([0, 0, 0, 2])
-            yield law + section.name
-            yield reals_line([material.young_mpa, material.poisson, *[0.0] * 6])
-            yield integers_line([0] * 8)
-            yield reals_line([0.0])
-            yield integers_line([0])
-            yield ""
+            yield from _rows([0, 0, 0, 2], law, numbers, [0] * 8, [0.0], [0], "")
 
     def waveform(self) -> Iterator[str]:
         """The table of depths, a line a sample."""
@@ -315,12 +309,9 @@ class _Writer:
         dilatation = float(self.element == _PLAIN_QUAD)
         if dilatation:
             yield from _comment("the second parameter asks for constant dilatation")
-        yield keyword_line("geometry")
-        yield integers_line([0, 0, 2])
-        yield integers_line([_GEOMETRY, plane_strain, *_COLOURS[_FINGER]])
-        yield "plane_strain"
-        yield reals_line([thickness_mm, dilatation, *[0.0] * 5])
-        yield ""
+        kind = [_GEOMETRY, plane_strain, *_COLOURS[_FINGER]]
+        numbers = [thickness_mm, dilatation, *[0.0] * 5]
+        yield from _option("geometry", [0, 0, 2], kind, "plane_strain", numbers, "")
 
     def conditions(self) -> Iterator[str]:
         """What does not move and, of a meshed probe, how all its nodes move."""
@@ -331,22 +322,16 @@ class _Writer:
             yield from _comment(
                 "every node of the probe is moved: it is as stiff as if it were rigid"
             )
-        yield keyword_line(FIXED_DISPLACEMENT)
-        yield ""
+        yield from _option(FIXED_DISPLACEMENT, "")
         for name, y_mm, table, nodes in conditions:
-            yield integers_line([1, 0, 0, 0, relative, 0]) + name
-            yield reals_line([0.0, y_mm])
-            yield integers_line([0, table])
-            yield integers_line([1, 2])
-            yield integers_line([node_set])
-            yield nodes
+            head = integers_line([1, 0, 0, 0, relative, 0]) + name
+            yield from _rows(head, [0.0, y_mm], [0, table], [1, 2], [node_set], nodes)
 
     def active(self, load_case: str) -> Iterator[str]:
         """Which conditions act in a load case."""
         names = ["held", *["probe_motion"] * self.meshed]
         yield keyword_line("loadcase", load_case)
-        yield integers_line([len(names)])
-        yield from names
+        yield from _rows([len(names)], *names)
 
     def contact(self) -> Iterator[str]:
         """The two bodies, how they touch, and the table that says so.
@@ -366,23 +351,23 @@ class _Writer:
             "known; this deck leaves what Mentat 2021.4 writes by default. The Mentat "
             "procedure beside it sets segment-to-segment and writes the deck again"
         )
-        yield keyword_line("contact", 5, 0, 0)
-        law = (COULOMB_BILINEAR, by_nodal_force) if friction else (0, 0)
-        limits = (most_separations, iterative_penetration_check)
+        law = [COULOMB_BILINEAR, by_nodal_force] if friction else [0, 0]
+        limits = [most_separations, iterative_penetration_check]
         midsides_touch = -1 if self.quadratic else 0
-        yield integers_line(
-            [_PROBE, 0, self.boundary_nodes(), *law, *limits, *[0] * 6, midsides_touch, 0, 0]
+        yield keyword_line("contact", 5, 0, 0)
+        yield from _rows(
+            [_PROBE, 0, self.boundary_nodes(), *law, *limits, *[0] * 6, midsides_touch, 0, 0],
+            [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0],
+            [0.0, 0.0, 1.0, 0.0, 0.0, bias, 0.0, friction_force_tolerance],
+            [1.0, 0.0],
         )
-        yield integers_line([0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0])
-        yield reals_line([0.0, 0.0, 1.0, 0.0, 0.0, bias, 0.0, friction_force_tolerance])
-        yield reals_line([1.0, 0.0])
-        yield from self.body(_FINGER, "finger")
+        yield from _body(_FINGER, "finger")
         if self.meshed:
-            yield from self.body(_PROBE, "probe")
+            yield from _body(_PROBE, "probe")
         else:
             yield from self.rigid_probe()
         yield from self.interaction(friction)
-        yield from self.contact_pairs()
+        yield from _contact_pairs()
 
     def boundary_nodes(self) -> int:
         """Most nodes on the outline of one deformable body, mid-sides included."""
@@ -390,14 +375,6 @@ class _Writer:
         finger = len(np.unique(edges)) + self.quadratic * len(edges)
         # Each node of the probe's single row of elements is on its outline.
         return max(finger, len(self.model.probe_mesh.node_mm) if self.meshed else 0)
-
-    def body(self, number: int, name: str) -> Iterator[str]:
-        """A deformable body: its elements are those whose block names it."""
-        yield from _comment(f"contact body {number}: {name}")
-        yield integers_line([number, 0, 0, 0, 0, VELOCITY, 0, -1]) + name
-        yield integers_line([*_KINDS[DEFORMABLE], *_COLOURS[number]])
-        yield from _placed([0.0] * 8, [0] * 8)
-        yield ""
 
     def rigid_probe(self) -> Iterator[str]:
         """The lower side from left to right: a curve has its inside on its left.
@@ -415,24 +392,19 @@ class _Writer:
         yield integers_line([_PROBE, len(pieces), 0, 0, 1, POSITION, 0, -1]) + "probe"
         yield integers_line([*_KINDS[RIGID], *_COLOURS[_PROBE]])
         yield from _placed([0.0, _INTO_SKIN_MM, *[0.0] * 6], [0, _WAVEFORM_TABLE, *[0] * 6])
+        weights, knots = [[1.0], [1.0]], [[0.0], [0.0], [1.0], [1.0]]
         for start_mm, end_mm in pieces:
-            yield integers_line([nurbs, 2, 2, 1])  # points, order, pieces it is cut into
-            yield reals_line(start_mm)
-            yield reals_line(end_mm)
-            for number in (1.0, 1.0, 0.0, 0.0, 1.0, 1.0):  # weights, then knots
-                yield reals_line([number])
+            # Points, order, pieces it is cut into.
+            yield from _rows([nurbs, 2, 2, 1], start_mm, end_mm, *weights, *knots)
 
     def interaction(self, friction: float) -> Iterator[str]:
         """How finger and probe touch: pairs of reals and the tables that multiply them."""
-        stress_limit = 1.0e20
-        zeros = [0.0] * 8
+        stress_limit, zeros = 1.0e20, [0.0] * 8
+        second = DEFORMABLE if self.meshed else RIGID
         yield from _comment("contact interaction 1: touch")
         yield keyword_line("con intera", 3)
         yield integers_line([1, 0]) + "touch"
-        yield integers_line(_KINDS[DEFORMABLE])
-        yield integers_line(_KINDS[DEFORMABLE if self.meshed else RIGID])
-        yield integers_line([0] * 16)
-        yield integers_line([0] * 11)
+        yield from _rows(_KINDS[DEFORMABLE], _KINDS[second], [0] * 16, [0] * 11)
         for numbers in (
             [0.0, 0.0, friction, *[0.0] * 5],
             zeros,
@@ -441,28 +413,7 @@ class _Writer:
             [0.0, 0.0, 1.0, *[0.0] * 5],
             *(zeros, zeros, zeros, [0.0]),
         ):
-            yield reals_line(numbers)
-            yield integers_line([0] * len(numbers))
-
-    def contact_pairs(self) -> Iterator[str]:
-        """The contact table: finger and probe touch by interaction 1."""
-        yield from _comment("contact table 1: contact_pairs")
-        yield keyword_line("con table", 1)
-        yield integers_line([1, 1, 0]) + "contact_pairs"
-        yield from _comment(f"the only pair: {_FINGER} (finger), {_PROBE} (probe)")
-        yield integers_line([_FINGER, _PROBE, 1, 0, 0])
-        yield integers_line([0] * 8)
-        yield reals_line([2.0, *[0.0] * 7])
-        yield integers_line([0] * 8)
-        yield reals_line([0.0] * 3)
-        yield integers_line([0] * 3)
-
-    def contact_table(self) -> Iterator[str]:
-        """Which contact table holds from here on."""
-        yield from _comment("allowed contact is defined by contact table 1 (contact_pairs)")
-        yield keyword_line("contact table")
-        yield integers_line([0, 4])
-        yield integers_line([1])
+            yield from _rows(numbers, [0] * len(numbers))
 
     def post(self) -> Iterator[str]:
         """What goes on the post files, of all elements and nodes at every increment."""
@@ -485,28 +436,66 @@ class _Writer:
         yield from _comment(f"start of loadcase {_PRESS}")
         yield keyword_line("title", _PRESS)
         yield from self.active(_PRESS)
-        yield from self.contact_table()
+        yield from _contact_table()
         yield from _comment(
             f"full Newton until force and displacement are within {_TOLERANCE:g}; Marc "
             "tests one alone where the other is too small, as with the probe off the skin"
         )
-        limits = (99_999, 40)  # increments, recycles of one
+        limits = [99_999, 40]  # increments, recycles of one
         force_and_displacement, full_newton = 5, 1
-        method = (0, force_and_displacement, 0, full_newton)
+        method = [0, force_and_displacement, 0, full_newton]
+        within = [_TOLERANCE, *[0.0] * 5, -1.0, 0.0]  # of the force, of the displacement
         yield keyword_line("control", "structural")
-        yield integers_line([*limits, *method, 0, 0, 1, 0, 1, 0, 0, 0, 0])
-        for _ in ("force", "displacement"):
-            yield reals_line([_TOLERANCE, *[0.0] * 5, -1.0, 0.0])
+        yield from _rows([*limits, *method, 0, 0, 1, 0, 1, 0, 0, 0, 0], within, within)
         yield from _job_parameters(_WITHIN)
         yield from _comment(
             "an increment a sample, none cut back: results are wanted at these times"
         )
-        yield keyword_line(FIXED)
-        yield integers_line([motion.increments, 0, 0, 0, 0])
-        yield keyword_line("time step")
-        yield reals_line([motion.dt_s])
+        yield from _option(FIXED, [motion.increments, 0, 0, 0, 0])
+        yield from _option("time step", [motion.dt_s])
         yield keyword_line("continue")
         yield from _comment(f"end of loadcase {_PRESS}")
+
+
+def _rows(*rows: str | Sequence[float]) -> Iterator[str]:
+    """Lines of text, of integers or, where one is a float, of reals."""
+    for row in rows:
+        if isinstance(row, str):
+            yield row
+        elif all(isinstance(number, int) for number in row):
+            yield integers_line([int(number) for number in row])
+        else:
+            yield reals_line(row)
+
+
+def _option(keyword: str, *rows: str | Sequence[float]) -> Iterator[str]:
+    """An option that has nothing but its name on its keyword's line."""
+    return _rows(keyword_line(keyword), *rows)
+
+
+def _body(number: int, name: str) -> Iterator[str]:
+    """A deformable body: its elements are those whose block names it."""
+    yield from _comment(f"contact body {number}: {name}")
+    yield integers_line([number, 0, 0, 0, 0, VELOCITY, 0, -1]) + name
+    yield integers_line([*_KINDS[DEFORMABLE], *_COLOURS[number]])
+    yield from _placed([0.0] * 8, [0] * 8)
+    yield ""
+
+
+def _contact_pairs() -> Iterator[str]:
+    """The contact table: finger and probe touch by interaction 1."""
+    yield from _comment("contact table 1: contact_pairs")
+    yield keyword_line("con table", 1)
+    yield integers_line([1, 1, 0]) + "contact_pairs"
+    yield from _comment(f"the only pair: {_FINGER} (finger), {_PROBE} (probe)")
+    first = [2.0, *[0.0] * 7]
+    yield from _rows([_FINGER, _PROBE, 1, 0, 0], [0] * 8, first, [0] * 8, [0.0] * 3, [0] * 3)
+
+
+def _contact_table() -> Iterator[str]:
+    """Which contact table holds from here on."""
+    yield from _comment("allowed contact is defined by contact table 1 (contact_pairs)")
+    yield from _option("contact table", [0, 4], [1])
 
 
 def _job_parameters(state: float) -> Iterator[str]:
@@ -517,11 +506,8 @@ def _job_parameters(state: float) -> Iterator[str]:
 
 def _placed(motion: Sequence[float], tables: Sequence[int]) -> Iterator[str]:
     """The lines that all bodies have: where, and how moved by which table."""
-    yield reals_line([*[0.0] * 6, 1.0])  # centre and axis of rotation
-    yield reals_line([0.0] * 4)
-    yield reals_line(motion)
-    yield integers_line(tables)
-    yield integers_line([0] * 4)
+    centre_and_axis = [*[0.0] * 6, 1.0]
+    yield from _rows(centre_and_axis, [0.0] * 4, motion, tables, [0] * 4)
 
 
 def _comment(text: str) -> Iterator[str]:
