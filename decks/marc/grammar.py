@@ -9,7 +9,7 @@ rules come from decks that Mentat 2014 to 2024 wrote and from what third parties
 
 import math
 import re
-from collections import deque
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -479,11 +479,12 @@ Member = int | tuple[int, int]
 _PAIR = re.compile(r"([+-]?\d{1,18}):(\d{1,9})\Z")
 _NUMBER = re.compile(r"[+-]?\d{1,18}\Z")
 _CONTINUED = re.compile(r"(?:^|[\s,\d])c(?:ontinue)?\s*\Z", re.IGNORECASE)
-_JOINING = ("and", "except", "intersect")
-_TO = ("to", "through")
+_ITEM = re.compile(
+    r"(?P<joining>and|except|intersect)(?= )|"
+    r"(?P<first>\S+)(?: (?:to|through) (?P<last>\S+)(?: by (?P<step>\S+))?)?",
+    re.IGNORECASE,
+)
 _MOST = 20_000_000  # members of a list
-
-_Words = deque[tuple[Line, str]]
 
 
 def read_list(
@@ -502,25 +503,24 @@ def read_list(
         A word that is no part of a list; names its line.
     """
     known = {name.lower(): members for name, members in (earlier or {}).items()}
-    words: _Words = deque()
-    for line in lines:
+    owners, texts, ends = list(lines), [], [0]
+    for line in owners:
         parts = line.text.replace(",", " ").split()
         if parts and _CONTINUED.search(line.text):
             parts.pop()
-        words += [(line, part) for part in parts]
+        texts.append("".join(f"{part} " for part in parts))
+        ends.append(ends[-1] + len(texts[-1]))
     found: dict[Member, None] = {}
     joining = "and"
-    while words:
-        line, word = words[0]
-        if word.lower() in _JOINING:
-            joining = words.popleft()[1].lower()
+    for item in _ITEM.finditer("".join(texts)):
+        if item["joining"]:
+            joining = item["joining"].lower()
             continue
-        if word.lower() in known:
-            members = known[words.popleft()[1].lower()]
-        else:
-            members = _span(words, paired)
-        if len(found) + len(members) > _MOST:
-            raise line.refuse(f"a list of more than {_MOST} members")
+        line = owners[bisect_left(ends, item.end()) - 1]
+        members = known.get(item[0].lower())
+        if members is None:
+            members = _span(line, item, paired)
+        line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")
         if joining == "and":
             found.update(dict.fromkeys(members))
         else:
@@ -530,32 +530,21 @@ def read_list(
     return list(found)
 
 
-def _span(words: _Words, paired: bool) -> Sequence[Member]:
-    """``a``, ``a to b`` or ``a to b by n``, taken from the front of `words`."""
-    line, (first, side) = words[0][0], _member(words, paired)
-    if not words or words[0][1].lower() not in _TO:
+def _span(line: Line, item: re.Match[str], paired: bool) -> Sequence[Member]:
+    """``a``, ``a to b`` or ``a to b by n``."""
+    first, side = _member(line, item["first"], paired)
+    if not item["last"]:
         return [(first, side) if paired else first]
-    line, to = words.popleft()
-    if words:
-        line = words[0][0]
-    last, last_side = _member(words, paired, (line, to))
-    step = 1
-    if words and words[0][1].lower() == "by":
-        step = abs(_member(words, False, words.popleft())[0]) or 1
-    if side != last_side:
-        raise line.refuse("a list goes from one side of an element to another")
-    if abs(last - first) // step > _MOST:
-        raise line.refuse(f"a list of more than {_MOST} members")
+    last, last_side = _member(line, item["last"], paired)
+    step = abs(_member(line, item["step"] or "1", False)[0]) or 1
+    line.check(side == last_side, "a list goes from one side of an element to another")
+    line.check(abs(last - first) // step <= _MOST, f"a list of more than {_MOST} members")
     forward = 1 if last >= first else -1
     span = range(first, last + forward, forward * step)
     return [(number, side) for number in span] if paired else span
 
 
-def _member(words: _Words, paired: bool, before: tuple[Line, str] | None = None) -> tuple[int, int]:
-    if not words:
-        assert before is not None
-        raise before[0].refuse(f"a list ends in {before[1]!r}")
-    line, word = words.popleft()
+def _member(line: Line, word: str, paired: bool) -> tuple[int, int]:
     found = (_PAIR if paired else _NUMBER).match(word)
     if found is None:
         what = "element:side" if paired else "a number or the name of a set before"

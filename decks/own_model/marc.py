@@ -90,19 +90,14 @@ def rebase_marc(
     for name, node in request.afferents.items():
         place = deck.coordinates.of(node)
         if place is None or len(place) < 2:
-            raise _no_node(deck, name, node)
+            problem = f"afferent {name}: node {node} has no coordinates"
+            if unread := ", ".join(each.name for each in deck.includes if not each.followed):
+                problem += f"; included and not read: {unread}"
+            line = deck.coordinates.line
+            raise DeckError(problem) if line is None else line.refuse(problem)
         places[name] = (float(place[0]) * request.length_mm, float(place[1]) * request.length_mm)
     needs = tuple(dict.fromkeys(each.name for each in deck.includes))
     return Rebased(edits.changed(), tuple(remarks), places, needs, chosen.start_s)
-
-
-def _no_node(deck: MarcDeck, name: str, node: int) -> DeckError:
-    problem = f"afferent {name}: node {node} has no coordinates"
-    unread = [each.name for each in deck.includes if not each.followed]
-    if unread:
-        problem += f"; included and not read: {', '.join(unread)}"
-    line = deck.coordinates.line
-    return DeckError(problem) if line is None else line.refuse(problem)
 
 
 @dataclass(slots=True)
@@ -130,11 +125,8 @@ class _Edits:
 
     def _lines(self, like: Line, texts: Sequence[str]) -> bytes:
         """`texts` with the line end that `like` has."""
-        if like.included:
-            raise like.refuse(
-                "would have to change, but is in an included file; only the deck "
-                "itself is changed: put these lines into it"
-            )
+        words = "would have to change, but is in an included file; only the deck itself is changed"
+        like.check(not like.included, f"{words}: put these lines into it")
         end = self.data[like.start + len(like.text) : like.stop].decode("latin-1")
         if not end.endswith("\n"):
             end = "\r\n" if b"\r\n" in self.data else "\n"
@@ -188,13 +180,12 @@ def _uses(deck: MarcDeck) -> Iterator[_Use]:
                     manner = "rotation" if row >= TRANSLATIONS else "velocity or load"
                     what = f"the {manner} of {what}"
                 yield _Use(table, value, what, moves, "", body.line)
-    for kind, others in (
-        ("material", deck.materials()),
-        ("contact interaction", deck.interactions()),
-    ):
-        for other in others:
-            for table in filter(None, other.tables):
-                yield _Use(table, 1.0, f"{kind} {other.name!r}", False, "", other.line)
+    for material in deck.materials():
+        for table in filter(None, material.tables):
+            yield _Use(table, 1.0, f"material {material.name!r}", False, "", material.line)
+    for touch in deck.interactions():
+        for table in filter(None, touch.tables):
+            yield _Use(table, 1.0, f"contact interaction {touch.name!r}", False, "", touch.line)
 
 
 def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
@@ -220,23 +211,18 @@ def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
         raise same[1].line.refuse(f"{len(same)} tables have number {table.number}: {_names(same)}")
     mine = tuple(use for use in uses if use.table == table.number)
     for use in mine:
-        if not use.moves:
-            raise use.line.refuse(
-                f"table {table.name!r} ({table.line.place}) also drives {use.what}, "
-                "which is no displacement: give the motion a table of its own"
-            )
-    problem = ""
-    if not mine:
-        problem = "drives no fixed displacement and no contact body"
-    elif table.points is None or not len(table.points):
-        problem = (
+        words = f"table {table.name!r} ({table.line.place}) also drives {use.what}, which is no"
+        use.line.check(use.moves, f"{words} displacement: give the motion a table of its own")
+    for good, problem in (
+        (bool(mine), "drives no fixed displacement and no contact body"),
+        (
+            table.points is not None and len(table.points) > 0,
             "is a formula or of several variables, or its points are in a file that was not "
-            "read; expected points of time and value"
-        )
-    elif table.variable != TIME:
-        problem = f"is of variable type {table.variable}, expected {TIME}, time"
-    if problem:
-        raise table.line.refuse(f"table {table.name!r} {problem}")
+            "read; expected points of time and value",
+        ),
+        (table.variable == TIME, f"is of variable type {table.variable}, expected {TIME}, time"),
+    ):
+        table.line.check(good, f"table {table.name!r} {problem}")
     return table, mine
 
 
@@ -244,12 +230,9 @@ def _one_factor(table: MarcTable, drives: _Uses) -> float:
     """The factor of all that the table drives, or it is not the same depth for all."""
     first = drives[0]
     for use in drives[1:]:
-        if abs(use.value) != abs(first.value):
-            raise use.line.refuse(
-                f"table {table.name!r} drives {use.what} with factor {use.value:g}, "
-                f"but {first.what} ({first.line.place}) with {first.value:g}: which "
-                "is the probe?"
-            )
+        words = f"table {table.name!r} drives {use.what} with factor {use.value:g}, but"
+        words += f" {first.what} ({first.line.place}) with {first.value:g}: which is the probe?"
+        use.line.check(abs(use.value) == abs(first.value), words)
     return abs(first.value)
 
 
@@ -302,14 +285,14 @@ def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
         )
     (case,) = moving
     start_s = 0.0
-    for each in cases[: case.number - 1]:
+    before = cases[: case.number - 1]
+    for each in before:
         if each.period is None:
-            raise each.line.refuse(
-                f"load case {each.number} {each.name!r} comes before the waveform, but "
-                "`auto load` or `auto step` does not say how long it takes"
-            )
+            words = f"load case {each.number} {each.name!r} comes before the waveform, but"
+            words += " `auto load` or `auto step` does not say how long it takes"
+            raise each.line.refuse(words)
         start_s += each.period
-    return _Chosen(case, start_s, cases[: case.number - 1], cases[case.number :])
+    return _Chosen(case, start_s, before, cases[case.number :])
 
 
 def _acting(case: LoadCase, drives: _Uses) -> _Uses:
@@ -353,37 +336,35 @@ def _set_points(
 
 def _set_increments(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Motion) -> list[str]:
     """Make the load case `motion.increments` of `motion.dt_s`."""
-    option = chosen.case.stepping
+    option, time_step = chosen.case.stepping, chosen.case.time_step
     assert option is not None
     counted = f"{motion.increments} increments of {motion.dt_s:g} s"
+    option.head.check(
+        option.keyword in (FIXED, ADAPTIVE),
+        f"{chosen.words} steps by `{option.keyword}`, which is not changed here; "
+        f"expected `{FIXED}` or `{ADAPTIVE}`",
+    )
     first, *others = option.data
-    time_step = ["time step", reals_line([motion.dt_s], first.layout, free=first.free)]
+    added = ["time step", reals_line([motion.dt_s], first.layout, free=first.free)]
+    if time_step is not None:
+        line = time_step.data[0]
+        edits.replace(line, _with_first_real(line, motion.dt_s))
+        added = []
     if option.keyword == FIXED:
         edits.replace(first, first.with_integer(0, motion.increments))
-        if chosen.case.time_step is None:
-            edits.replace(option.head, *time_step, option.head.text)
+        edits.replace(option.head, *added, option.head.text)
         remark = f"{option.head.place}: {chosen.words}: {counted}"
-    elif option.keyword == ADAPTIVE:
+    else:
         numbers = [motion.increments, 0, _CUT_BACKS]
         if (deck.version or 0) >= _NEWER_VERSION:
             numbers += [0, 0]
-        lines = [FIXED, integers_line(numbers, first.layout, free=first.free)]
-        if chosen.case.time_step is None:
-            lines += time_step
+        lines = [FIXED, integers_line(numbers, first.layout, free=first.free), *added]
         if option.head.text.isupper():
             lines = [line.upper() for line in lines]
         edits.replace(option.head, *lines)
         for line in (first, *others):
             edits.replace(line)
         remark = f"{option.head.place}: {chosen.words}: `{ADAPTIVE}` became `{FIXED}`, {counted}"
-    else:
-        raise option.head.refuse(
-            f"{chosen.words} steps by `{option.keyword}`, which is not changed here; "
-            f"expected `{FIXED}` or `{ADAPTIVE}`"
-        )
-    if chosen.case.time_step is not None:
-        line = chosen.case.time_step.data[0]
-        edits.replace(line, _with_first_real(line, motion.dt_s))
     return [remark, *_raise_limits(edits, deck, chosen, motion)]
 
 
@@ -398,8 +379,8 @@ def _with_first_real(line: Line, value: float) -> str:
     written = f"{value:.4e}".replace("e-0", "-").replace("e+0", "+")
     if len(written) <= layout.real and parse_real(written) == value:
         return written.rjust(layout.real) + rest
-    if rest.strip():
-        raise line.refuse(f"{value!r} does not fit into ten columns; put a comma behind the number")
+    words = f"{value!r} does not fit into ten columns; put a comma behind the number"
+    line.check(not rest.strip(), words)
     return format_free(value) + ","
 
 

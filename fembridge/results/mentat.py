@@ -120,21 +120,18 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> 
     named = [node for node, _ in found if node is not None]
     if not named:
         if len(nodes) != len(found):
-            raise ResultError(
-                f"the text does not say of which node its curves are: name one node for each "
-                f"of the {len(found)}, {len(nodes)} were named",
-                path,
-            )
+            words = "the text does not say of which node its curves are: name one node for each"
+            raise ResultError(f"{words} of the {len(found)}, {len(nodes)} were named", path)
         named = list(nodes)
     elif len(set(named)) < len(found):
         twice = [node for node in named if named.count(node) > 1]
         words = f"node {min(twice)} has two" if twice else "one has no node"
         raise ResultError(f"of {len(found)} curves {words}", path)
     curves = dict(zip(named, (curve for _, curve in found), strict=True))
-    missing = [node for node in nodes if node not in curves]
-    if missing:
-        there = ", ".join(map(str, curves))
-        raise ResultError(f"no curve of node {missing[0]}, there is {there}", path)
+    for node in nodes:
+        if node not in curves:
+            there = ", ".join(map(str, curves))
+            raise ResultError(f"no curve of node {node}, there is {there}", path)
     return [StressTrace.on_grid(node, curves[node], path) for node in nodes or curves]
 
 
@@ -178,24 +175,24 @@ def write_plot_table(path: Path, output: Path) -> int:
     ResultError
         There is no table in it, or its tables have different columns.
     """
-    tables = read_plot_tables(path)
-    several = len(tables) > 1
-    columns = list(tables[0].labels)
-    if any(table.labels != tables[0].labels for table in tables):
+    first, *others = tables = read_plot_tables(path)
+    columns = list(first.labels)
+    if any(table.labels != first.labels for table in others):
         columns = _without_nodes(columns)
-    for table in tables[1:]:
+    for table in others:
         if _without_nodes(table.labels) != _without_nodes(columns):
             words = f"columns {', '.join(table.labels)}, those of the first table are "
-            raise ResultError(words + ", ".join(tables[0].labels), path, table.line)
+            raise ResultError(words + ", ".join(first.labels), path, table.line)
     columns = [
         f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
         for at, name in enumerate(columns)
     ]
     with replacing(output) as draft, draft.open("w", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([*["table"] * several, *columns])
+        writer.writerow(["table", *columns] if others else columns)
         for count, table in enumerate(tables, start=1):
-            writer.writerows([*[count] * several, *row] for row in table.values.tolist())
+            rows = table.values.tolist()
+            writer.writerows([count, *row] if others else row for row in rows)
     return sum(len(table.values) for table in tables)
 
 
@@ -220,12 +217,13 @@ def read_plot_tables(path: Path) -> list[PlotTable]:
     width = max((values for _, _, values in runs), key=len).shape[1]
     tables = []
     for start, before, values in runs:
-        if values.shape[1] == width:
-            bad = np.argwhere(~np.isfinite(values))
-            if bad.size:
-                raise ResultError("a number that is not finite", path, start + 1 + int(bad[0][0]))
-            header = tuple(filter(str.strip, before))
-            tables.append(PlotTable(_labels(before, values), values, header, start + 1))
+        if values.shape[1] != width:
+            continue
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:
+            raise ResultError("a number that is not finite", path, start + 1 + int(bad[0][0]))
+        header = tuple(filter(str.strip, before))
+        tables.append(PlotTable(_labels(before, values), values, header, start + 1))
     return tables
 
 
@@ -260,26 +258,20 @@ def _labels(before: Sequence[str], values: FloatArray) -> tuple[str, ...]:
 
 
 def _stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[int]:
-    others = range(table.x + 1, len(table.labels))
+    others, line = range(table.x + 1, len(table.labels)), table.line
     if not table.is_named:
         if len(others) > 1:
-            raise ResultError(
-                f"{len(table.labels)} columns without names: which is time, and which von "
-                "Mises stress, is not said",
-                path,
-                table.line,
-            )
+            words = f"{len(table.labels)} columns without names: which is time, and which von"
+            raise ResultError(f"{words} Mises stress, is not said", path, line)
         above = f"; above them: {' / '.join(table.header)[:200]!r}" * bool(table.header)
         options.note(f"columns without names, taken as time in s and von Mises stress{above}")
         return list(others)
     if not table.is_over_time:
-        raise ResultError(
-            f"over {table.labels[table.x]!r}, a trace needs Time there", path, table.line
-        )
+        raise ResultError(f"over {table.labels[table.x]!r}, a trace needs Time there", path, line)
     columns = [k for k in others if _VON_MISES.search(table.labels[k])]
     left = ", ".join(repr(table.labels[k]) for k in others if k not in columns)
     if not columns:
-        raise ResultError(f"no von Mises stress in it, but {left}", path, table.line)
+        raise ResultError(f"no von Mises stress in it, but {left}", path, line)
     if left:
         options.note(f"no von Mises stress, left out: {left}")
     return columns
@@ -323,13 +315,12 @@ class Sts:
     @property
     def problem(self) -> str | None:
         """Why the job is not one that reached its end; None if it is."""
+        if self.exit_number == SUCCESS:
+            return None
         last = self.rows[-1] if self.rows else None
         reached = last and f"increment {last.increment} at {last.total_time_ms:g} ms"
         if self.exit_number is None:
-            where = f", {reached}" if reached else ""
-            return f"the job has not ended, or was killed{where}"
-        if self.exit_number == SUCCESS:
-            return None
+            return "the job has not ended, or was killed" + (f", {reached}" if reached else "")
         where = f"after {reached}" if reached else "before any increment"
         return f"the job ended {where} with exit number {self.exit_number}, {SUCCESS} is success"
 
@@ -374,30 +365,22 @@ def read_sts(path: Path) -> Sts:
 
 def _sts_row(line: str, path: Path, number: int) -> StsRow:
     """An increment, by words, or by columns where neighbours touch."""
-    fields = line.split()
+    fields, shown = line.split(), f"{line[:120]!r}"
     if len(fields) != len(_WIDTHS):
         ends = np.cumsum(_WIDTHS).tolist()
         fields = [line[end - width : end].strip() for end, width in zip(ends, _WIDTHS, strict=True)]
         if line[ends[-1] :].strip():
-            raise ResultError(f"no increment: {line[:120]!r}", path, number)
-    try:
-        cells: list[Any] = [_count(text) for text in fields[:_COUNTS]]
-        step_s, time_s, *lengths_mm = map(_real, fields[_COUNTS:])
-        cells += [step_s * MS_PER_S, time_s * MS_PER_S, *lengths_mm]
-        return StsRow(*cells)
-    except ValueError as error:
-        raise ResultError(f"no increment: {error} in {line[:120]!r}", path, number) from error
-
-
-def _count(text: str) -> int | None:
-    if text and not text.strip("*"):
-        return None
-    if not (text.isascii() and text.isdigit()):
-        raise ValueError(f"{text!r} is no count")
-    return int(text)
-
-
-def _real(text: str) -> float:
-    if not (text.isascii() and _REAL.fullmatch(text)):
-        raise ValueError(f"{text!r} is no number")
-    return float(_NO_E.sub("E", text) if "e" not in text.lower() else text)  # 1.0000-101
+            raise ResultError(f"no increment: {shown}", path, number)
+    cells: list[Any] = []
+    for at, text in enumerate(fields):
+        if at < _COUNTS:
+            is_count = text.isascii() and text.isdigit()
+            if not is_count and (not text or text.strip("*")):
+                raise ResultError(f"no increment: {text!r} is no count in {shown}", path, number)
+            cells.append(int(text) if is_count else None)
+            continue
+        if not (text.isascii() and _REAL.fullmatch(text)):
+            raise ResultError(f"no increment: {text!r} is no number in {shown}", path, number)
+        real = float(_NO_E.sub("E", text) if "e" not in text.lower() else text)  # 1.0000-101
+        cells.append(real * MS_PER_S if at in (_COUNTS, _COUNTS + 1) else real)
+    return StsRow(*cells)

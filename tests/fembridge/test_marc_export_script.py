@@ -153,13 +153,6 @@ def test_a_linear_field_comes_back_at_every_node(traces):
         assert (found[node].start_ms, found[node].dt_ms) == (0.0, 0.5)
 
 
-def test_a_node_between_elements_gets_their_mean_or_one_set_alone(traces):
-    words = ("--nodes", 20, "--extrapolate", "average")
-    assert traces(*words)[20].stress_pa[0] == pytest.approx(1e6 * linear(0.0)(2, 1))
-    left = traces(*words, "--within", "left")[20].stress_pa[0]
-    assert left == pytest.approx(1e6 * linear(0.0)(1, 1))
-
-
 def test_a_border_of_sets_is_told(export):
     ran = export("--nodes", 20, 70)
     assert "node 20: its elements are in different sets, left | right" in ran.stderr
@@ -259,12 +252,6 @@ def test_what_is_not_there_is_named(export, words, said):
     assert said in ran.stderr
 
 
-def test_a_file_with_the_model_alone_says_so(export):
-    ran = export("--nodes", 70, of=model(positions=[]))
-    assert (ran.returncode, "holds a model and no results" in ran.stderr) == (1, True)
-    assert export("--list", of=model(positions=[])).returncode == 0
-
-
 @pytest.mark.parametrize(
     "words", [(), ("--nodes", "x"), ("--afferent", "XX=1"), ("--near", "1"), ("--unit", "bar")]
 )
@@ -350,19 +337,6 @@ def test_nothing_in_it_is_newer_than_python_2_7():
         if isinstance(node, ast.Raise):
             assert node.cause is None
     assert script.isascii()
-
-
-@pytest.mark.parametrize("python", ["python2.7", "python3.6", "python3.8"])
-def test_an_old_python_runs_it_to_the_same_table(process, tmp_path, python):
-    found = shutil.which(python)
-    asked = [python, "-c", "import json"]
-    if not found or subprocess.run(asked, capture_output=True, check=False).returncode:
-        pytest.skip(f"no {python} here")
-    words = ("--afferent", "SA=70", "--near", "3.9,1.8")
-    assert process(*words, "-o", "new.csv").returncode == 0
-    ran = process(*words, "-o", "old.csv", python=found)
-    assert ran.returncode == 0, ran.stderr
-    assert (tmp_path / "old.csv").read_bytes() == (tmp_path / "new.csv").read_bytes()
 
 
 def arguments(*words):

@@ -118,18 +118,6 @@ def test_output_is_element_codes_and_nodal_codes():
 # ---- Descriptions
 
 
-@pytest.mark.parametrize("name", PATHS)
-def test_a_description_holds_what_the_deck_does(name):
-    held = describe_marc_deck(PATHS[name])
-    deck = read_marc_deck(PATHS[name].read_bytes())
-    assert held["version"] == 15
-    assert held["bytes"] == PATHS[name].stat().st_size
-    assert held["elements"] == {str(each.kind): len(each.number) for each in deck.elements}
-    assert held["nodes"] == len(deck.coordinates.number)
-    assert [each["name"] for each in held["tables"]] == [t.name for t in deck.tables]
-    assert held["remarks"] == []
-
-
 def test_a_description_keeps_going_where_an_option_is_refused(tmp_path):
     path = tmp_path / "mine.dat"
     wrong = LINEAR.replace(b"post\n         0", b"post\n         5", 1)
@@ -139,11 +127,6 @@ def test_a_description_keeps_going_where_an_option_is_refused(tmp_path):
     line = wrong[: wrong.index(b"post\n")].count(b"\n") + 2
     assert held["post"] is None
     assert [f"mine.dat:{line}: 5 " in each for each in held["remarks"]] == [True]
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(DeckError, match=r"gone\.dat: "):
-        describe_marc_deck(tmp_path / "gone.dat")
 
 
 # ---- Elements
@@ -168,11 +151,6 @@ def test_elements_of_a_type_not_known_keep_all_their_nodes(count):
     nodes = list(range(1000, 1000 + count))
     (found,) = deck_of([(1, 999, nodes), (2, 999, nodes)]).elements
     assert_array_equal(found.node, [nodes, nodes])
-
-
-def test_types_of_one_option_are_apart():
-    found = deck_of([(1, 11, [1, 2, 3, 4]), (2, 6, [1, 2, 3])]).elements
-    assert [each.kind for each in found] == [11, 6]
 
 
 @pytest.mark.parametrize(
@@ -219,12 +197,6 @@ def test_a_line_that_is_no_node_is_named():
     data = LINEAR.replace(b"coordinates\n         3", b"coordinates\n         9", 1)
     with pytest.raises(DeckError, match=r"line \d+: 9 coordinates"):
         read_marc_deck(data)
-
-
-def test_a_set_without_members_is_a_set():
-    text = "define              node                set                 none\n\n"
-    data = LINEAR.replace(b"define", text.encode() + b"define", 1)
-    assert read_marc_deck(data).sets()["none"].member.shape == (0,)
 
 
 # ---- Other versions and layouts

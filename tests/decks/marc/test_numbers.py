@@ -14,7 +14,6 @@ from decks.marc.grammar import (
     format_free,
     format_real,
     integers_line,
-    parse_integer,
     parse_real,
     read_list,
     reals_line,
@@ -61,12 +60,6 @@ def test_reals_may_be_short(text, value):
 def test_other_texts_are_no_reals(text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         parse_real(text)
-
-
-@pytest.mark.parametrize("text", ["", "1.", "1_0", "a", "1 2", "9" * 60])
-def test_other_texts_are_no_integers(text):
-    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        parse_integer(text)
 
 
 @given(numbers)
@@ -177,14 +170,6 @@ def test_spans_go_up_and_down(start, stop, step):
     way = 1 if stop >= start else -1
     expected = list(range(start, stop + way, way * step))
     assert list_of(f"{start} to {stop} by {step}") == expected
-
-
-@given(members=st.lists(st.integers(1, 99), min_size=1, unique=True))
-def test_a_list_goes_on_behind_a_c(members):
-    rows = [members[at : at + 3] for at in range(0, len(members), 3)]
-    lines = ["".join(f"{each:12d}" for each in row) + "   c" for row in rows]
-    lines[-1] = lines[-1].removesuffix("   c")
-    assert list_of(*lines) == members
 
 
 @given(first=st.sets(st.integers(1, 30)), second=st.sets(st.integers(1, 30)))

@@ -51,15 +51,6 @@ def test_unix_and_windows_line_ends_read_alike(sample):
     assert keywords(unix) == keywords(windows)
 
 
-def test_sections_follow_one_another(sample):
-    deck = read_marc_deck(sample.read_bytes())
-    order = [option.section for option in deck.options]
-    assert order == sorted(order, key=list(Section).index)
-    last = {option.section: option.keyword for option in deck.options}
-    assert list(last.values()) == ["end", "end option", "continue"]
-    assert {o.case for o in deck.options if o.section is Section.HISTORY} == {1}
-
-
 LINES_TO_END_OPTION = SMALL[:CASE].count(b"\n") + 1
 WITHOUT_LOAD_CASES = {LINES_TO_END_OPTION, LINES_TO_END_OPTION + 1}
 
@@ -70,12 +61,6 @@ def test_a_deck_cut_at_any_byte_is_refused(place):
     assume(SMALL[:place].count(b"\n") not in WITHOUT_LOAD_CASES)
     with pytest.raises(DeckError):
         read_marc_deck(SMALL[:place])
-
-
-def test_a_deck_without_load_cases_is_whole():
-    """Linear increment 0 is an analysis too, and a cut right there cannot be seen."""
-    lines = SMALL.splitlines(keepends=True)[: LINES_TO_END_OPTION + 1]
-    assert read_marc_deck(b"".join(lines)).load_cases() == []
 
 
 def test_a_cut_deck_names_the_option_it_ends_in():
@@ -142,13 +127,6 @@ def test_comments_stay_with_the_option_before_them():
     (solver,) = (o for o in options if any("mine" in each.text for each in o.lines))
     assert solver.keyword == "solver"
     assert [line.text for line in solver.data] == ["         8"]
-
-
-def test_keywords_differ_in_ten_characters_of_any_case():
-    data = with_model("NO PRINT", "Contact Table", f"{0:10d}", "post,", "0,16,17")
-    assert keywords(data, Section.MODEL)[-4:] == [
-        *("no print", "contact table", "post", "end option")
-    ]
 
 
 def test_an_option_that_nobody_knows_keeps_its_lines():

@@ -114,14 +114,6 @@ def test_the_layout_of_the_deck_is_kept_and_digits_are_not_lost(marc_text, layou
     assert_allclose(table.points[1], [5e-4, 1 / 3], rtol=1e-15)
 
 
-def test_comments_between_points_stay(marc_text):
-    deck = marc_text()
-    head, first, *rest = list(deck.table())[:1], *list(deck.table())[1:]
-    lines = [*head, "$ mine", first, "$ and this", *rest]
-    new = rebase_marc(deck.text(table=lines), MOTION, Request()).deck
-    assert new.count(b"$ mine\n") == new.count(b"$ and this\n") == 1
-
-
 def test_a_waveform_starts_when_its_load_case_does(marc_text):
     """Time of tables runs on: 20 increments of 0.1 come before."""
     deck = marc_text()
@@ -133,13 +125,6 @@ def test_a_waveform_starts_when_its_load_case_does(marc_text):
     rest, press = read_marc_deck(new.deck).load_cases()
     assert (rest.increments, press.increments) == (20, 3)
     assert new.before_s == pytest.approx(2.0)
-
-
-def test_a_load_case_is_named_by_number_too(marc_text):
-    deck = marc_text()
-    data = deck.text(cases=[*deck.case("rest"), *deck.case("press")])
-    by_number = rebase_marc(data, MOTION, Request(step="2"))
-    assert by_number == rebase_marc(data, MOTION, Request(step="PRESS"))
 
 
 def test_control_is_raised_only_where_it_is_too_small(marc_text):
@@ -292,16 +277,6 @@ def test_a_rotation_is_no_displacement(marc_text):
     assert refused(data, "degree of freedom 4 of `fixed disp` 'turn'").startswith("line ")
 
 
-def test_a_table_that_a_load_shares_is_refused(marc_text):
-    deck = marc_text()
-    load = [
-        *("point load", "", deck.named(1, 0, 0, 0, 0, 0, name="push"), deck.reals(0.0, 5.0)),
-        *(deck.ints(0, 1), deck.ints(2), "held_nodes"),
-    ]
-    data = deck.text(conditions=[*deck.conditions(), *load])
-    refused(data, "`point load` 'push'")
-
-
 @pytest.mark.parametrize(
     ("row", "numbers", "found"),
     [(1, (1, 1, 0, 0, 3), "'wave'"), (2, (12, 2, 2, 0, 0, 2), "type 12")],
@@ -370,8 +345,3 @@ def test_a_table_or_its_points_in_an_included_file_are_refused(marc_text, kept, 
     inner = "\n".join([*lines[kept:], ""]).encode()
     refused(data, "wave" if kept else "no table")
     refused(data, rf"wave\.inc:{line}: ", resolver={"wave.inc": inner}.get)
-
-
-@pytest.mark.parametrize("data", [b"*NODE\n1, 0., 0.\n", b""])
-def test_what_is_no_marc_deck_is_refused(data):
-    refused(data, "Marc")

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from decks.analysis import Contact
-from decks.dialects import DIALECTS, DeckOptions
+from decks.dialects import DeckOptions
 from decks.marc.write import marc_deck, marc_files, mentat_procedure
 
 # Of public procedures and scripts; what may follow them is in the second column.
@@ -39,19 +39,6 @@ def test_every_command_is_one_of_public_procedures_and_says_where_it_was_seen(re
     assert all(line.isprintable() and len(line) <= 88 for line in text.splitlines())
 
 
-def test_the_deck_is_read_changed_and_written_under_another_name():
-    assert spoken(mentat_procedure()) == [
-        "*new_model yes",
-        '*import marc_read "job.dat"',
-        "*edit_job job1",
-        "*job_option contact_method:segment_segment",
-        "*job_option friction_model:coulomb_bilinear",
-        "*job_option post:both",
-        "*update_job",
-        '*write_marc "job_s2s.dat" yes',
-    ]
-
-
 def test_the_job_is_named_as_the_deck_is_titled_and_its_first_load_case(make_model):
     lines = marc_deck(make_model()).splitlines()
     (command,) = [line for line in spoken(mentat_procedure()) if line.startswith("*edit_job")]
@@ -59,17 +46,6 @@ def test_the_job_is_named_as_the_deck_is_titled_and_its_first_load_case(make_mod
     assert lines[0] == f"title               {job}"
     (first, *_) = [line for line in lines if line.startswith("loadcase")]
     assert first == f"loadcase            {job}"
-
-
-@pytest.mark.parametrize("results", [None, "both", "text", "binary"])
-def test_a_run_folder_has_the_deck_and_its_procedure(make_model, results):
-    analysis = make_model()
-    files = DIALECTS["marc"].write(analysis, DeckOptions(results=results, probe="meshed"))
-    chosen = results or "both"
-    assert files == {
-        "job.dat": marc_deck(analysis, probe="meshed", results=chosen),
-        "job.proc": mentat_procedure(results=chosen),
-    }
 
 
 def test_without_friction_none_is_set(make_model):

@@ -33,7 +33,19 @@ def test_every_line_is_in_one_option_and_none_is_unknown(built):
     assert (finger.name, finger.kind, other.name) == ("finger", 1, "probe")
     assert motion == ((POSITION, -1.0, 1) if probe == "rigid" else (0, 0.0, 0))
     parts = [*model.layers, *([model.probe] if probe == "meshed" else [])]
+    place_mm, sets = deck.coordinates.position, deck.sets()
+    node_mm = model.node_mm
+    if probe == "meshed":
+        node_mm = np.concatenate([node_mm, model.probe_mesh.node_mm])
+    assert_allclose(place_mm[:, :2], node_mm, rtol=1e-15, atol=0)
+    assert_array_equal(deck.coordinates.number, np.arange(1, len(node_mm) + 1))
+    assert sets["skin_apex"].member.tolist() == [model.apex]
+    for name, number in model.afferent.items():
+        assert sets[f"afferent_{name.lower()}"].member.tolist() == [number]
+    assert [each.name for each in deck.conditions()][1:] == ["probe_motion"] * (probe == "meshed")
     for block, material, part in zip(deck.elements, deck.materials(), parts, strict=True):
+        assert_array_equal(block.node[:, : part.node.shape[1]], part.node)
+        assert_array_equal(block.number, part.number)
         assert block.material == material.number
         assert material.name == part.name
         assert material.values[:2] == (part.material.young_mpa, part.material.poisson)

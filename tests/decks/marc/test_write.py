@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.analysis import Contact
 from decks.dialects import DIALECTS
 from decks.marc.write import marc_deck
-from decks.material import TABLE_1
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
@@ -17,7 +16,6 @@ from fembridge.errors import DeckError
 TYPES = {name: int(number) for name, number in DIALECTS["marc"].elements.items()}
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 (PRESSED,) = (make_stimulus(entry, 500.0) for entry in resolve("sine_20_250"))
-PRESSURE_TYPES = (80, 118)
 PFL, NOUR = "pfl_example_model_0", "nour_plastic"
 
 
@@ -105,17 +103,6 @@ def test_options_have_as_many_fields_a_line_as_in_a_real_deck(built, sample):
         assert ours.rows[4:] == theirs.rows[4:]
 
 
-def test_sizes_count_a_pressure_node_an_element(built):
-    model, _, deck = built
-    zero, elements, nodes, last = deck.integers(deck.one("sizing").line[30:])
-    assert (zero, last) == (0, 0)
-    assert elements == len(deck.elements)
-    pressures = elements if model.element in ("CPE4H", "CPE4RH") else 0
-    assert nodes == len(deck.nodes) + pressures
-    highest = max(node for _, *nodes_ in deck.elements.values() for node in nodes_)
-    assert highest == nodes
-
-
 def test_small_strain_is_asked_for_by_leaving_the_large_one_out(make_model, read_deck):
     deck = read_deck(marc_deck(make_model(large_strain=False)))
     assert "large stra" not in deck.keywords
@@ -129,77 +116,7 @@ def test_a_neo_hookean_skin_is_refused(make_model):
 # ---- Mesh
 
 
-def test_every_node_has_its_number_and_its_place(built):
-    model, probe, deck = built
-    node_mm = model.node_mm
-    if probe == "meshed":
-        node_mm = np.concatenate([node_mm, model.probe_mesh.node_mm])
-    nodes = deck.nodes
-    assert list(nodes) == list(range(1, len(node_mm) + 1))
-    assert_allclose(np.array([*nodes.values()])[:, :2], node_mm, rtol=1e-15, atol=0)
-    assert not np.array([*nodes.values()])[:, 2].any()
-
-
-def test_every_element_has_its_type_and_nodes_and_a_pressure_of_its_own(built):
-    model, probe, deck = built
-    sections = [*model.layers, *([model.probe] if probe == "meshed" else [])]
-    elements = deck.elements
-    assert len(elements) == sum(len(section.number) for section in sections)
-    pressures = []
-    for section in sections:
-        for number, wanted in zip(section.number.tolist(), section.node.tolist(), strict=True):
-            kind, *nodes = elements[number]
-            if kind in PRESSURE_TYPES:
-                pressures.append(nodes.pop())
-            assert nodes == wanted
-    count = len(deck.nodes)
-    assert sorted(pressures) == list(range(count + 1, count + 1 + len(pressures)))
-
-
-def test_one_block_a_layer_names_its_material_and_body(built):
-    model, probe, deck = built
-    blocks = deck.all("connectivity")
-    names = [layer.name for layer in model.layers]
-    bodies = [1] * len(names)
-    if probe == "meshed":
-        names, bodies = [*names, "probe_body"], [*bodies, 2]
-    assert len(blocks) == len(names)
-    for k, (block, name, body) in enumerate(zip(blocks, names, bodies, strict=True)):
-        assert deck.integers(block.rows[0]) == [0, 0, 1, 0, 1, k + 1, 0, body, 0]
-        members = [deck.integers(row)[0] for row in block.rows[1:]]
-        assert deck.members("element", name) == members
-        assert deck.all("isotropic")[k].rows[1][90:] == name
-
-
 # ---- Sets, materials, geometry
-
-
-def test_sets_hold_fixed_nodes_the_afferents_and_the_apex(built):
-    model, probe, deck = built
-    assert deck.members("node", "held_nodes") == model.fixed.tolist()
-    assert deck.members("node", "skin_apex") == [model.apex]
-    for name, number in model.afferent.items():
-        assert deck.members("node", f"afferent_{name.lower()}") == [number]
-        words = f"$....{name}: {model.sites[name]}"
-        assert words in deck.text.splitlines()
-    if probe == "meshed":
-        first = model.first_probe_node
-        wanted = list(range(first, first + len(model.probe_mesh.node_mm)))
-        assert deck.members("node", "probe_nodes") == wanted
-
-
-def test_materials_are_those_of_table_1(built):
-    model, _, deck = built
-    found = {}
-    for option in deck.all("isotropic"):
-        young, poisson, *rest = deck.reals(option.rows[2])
-        assert not any(rest)
-        assert not any(deck.integers(option.rows[3]))
-        found[option.rows[1][90:]] = (young, poisson)
-    for layer in model.layers:
-        wanted = TABLE_1[layer.name]
-        assert found[layer.name] == (wanted.young_mpa, wanted.poisson)
-    assert set(found) - {"probe_body"} == set(TABLE_1)
 
 
 def test_plain_four_node_elements_alone_have_constant_dilatation(built):
@@ -219,14 +136,6 @@ def table_of(deck):
     assert deck.integers(head) == [1, 1, 0, 0, 2]
     assert deck.integers(variable) == [1, len(rows), 2, *[0, 0, 2] * 3, 0, 0, 0, 0]
     return np.array([deck.reals(row) for row in rows]).T
-
-
-def test_the_table_is_the_stimulus_to_its_last_digit(make_model, read_deck):
-    deck = read_deck(marc_deck(make_model(stimulus=NOISE)))
-    time_s, depth_mm = table_of(deck)
-    assert len(time_s) == 501
-    assert_array_equal(np.round(time_s, 7), np.round(NOISE.times_ms * 1e-3, 7))
-    assert_allclose(depth_mm * 1e3, NOISE.displacement_um, rtol=1e-15, atol=1e-15)
 
 
 @pytest.mark.parametrize(("stimulus", "count"), [(NOISE, 500), (PRESSED, 520)])
@@ -250,31 +159,6 @@ def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_dec
     assert_allclose(np.diff(depth_mm[:21]), 0.025, rtol=1e-9)
     assert_allclose(depth_mm[20:] * 1e3, PRESSED.displacement_um, atol=1e-12)
     assert "$....up to 0.01 s: the ramp to the pre-indentation" in deck.text
-
-
-def test_fixed_nodes_do_not_move_and_a_meshed_probe_moves_by_the_table(built):
-    _, probe, deck = built
-    blank, *rows = deck.one("fixed disp").rows
-    assert blank == ""
-    conditions = [rows[k : k + 6] for k in range(0, len(rows), 6)]
-    found = {
-        head[60:]: (
-            deck.reals(value),
-            deck.integers(table),
-            deck.integers(dof),
-            kind.strip(),
-            nodes,
-        )
-        for head, value, table, dof, kind, nodes in conditions
-    }
-    wanted = {"held": ([0.0, 0.0], [0, 0], [1, 2], "2", "held_nodes")}
-    if probe == "meshed":
-        wanted["probe_motion"] = ([0.0, -1.0], [0, 1], [1, 2], "2", "probe_nodes")
-    assert found == wanted
-    for name in ("job1", "press"):
-        count, *active = deck.one("loadcase", name).rows
-        assert int(count) == len(active)
-        assert active == list(wanted)
 
 
 # ---- Output
@@ -321,35 +205,6 @@ def bodies_of(deck):
     starts = [k for k, row in enumerate(rows) if row[80:].isidentifier() and len(row[:80]) == 80]
     ends = [*starts[1:], len(rows)]
     return {rows[start][80:]: rows[start:end] for start, end in zip(starts, ends, strict=True)}
-
-
-def test_the_finger_is_the_first_body_and_deformable(built):
-    _, _, deck = built
-    bodies = bodies_of(deck)
-    assert list(bodies) == ["finger", "probe"]
-    assert deck.integers(deck.one("contact").rows[0])[0] == 2
-    head, kind, *rest = bodies["finger"]
-    assert deck.integers(head[:80]) == [1, 0, 0, 0, 0, 0, 0, -1]
-    assert deck.integers(kind)[:4] == [1, 1, 0, 0]
-    assert [len(row) for row in rest] == [140, 80, 160, 80, 40, 0]
-    assert not any(deck.reals(rest[2]) + deck.integers(rest[3]))
-
-
-def test_a_rigid_probe_is_moved_by_the_table_in_position_control(built):
-    _, probe, deck = built
-    if probe == "meshed":
-        head, kind, *rest = bodies_of(deck)["probe"]
-        assert deck.integers(head[:80]) == [2, 0, 0, 0, 0, 0, 0, -1]
-        assert deck.integers(kind)[:4] == [1, 1, 0, 0]
-        assert rest[-1] == ""
-        return
-    head, kind, _, _, motion, tables, growth, *curves = bodies_of(deck)["probe"]
-    assert deck.integers(head[:80]) == [2, len(curves) // 9, 0, 0, 1, -1, 0, -1]
-    assert deck.integers(kind)[:4] == [2, 0, 0, 0]
-    assert deck.reals(motion) == [0.0, -1.0, 0, 0, 0, 0, 0, 0]
-    assert deck.integers(tables) == [0, 1, 0, 0, 0, 0, 0, 0]
-    assert deck.integers(growth) == [0, 0, 0, 0]
-    assert deck.integers(deck.all("table", "waveform")[0].rows[0])[0] == 1
 
 
 def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_deck):

@@ -75,14 +75,6 @@ def test_a_copied_table_has_a_trace_for_each_node_that_its_labels_name(text):
     assert_allclose(second.stress_pa, [0.0, 0.5e6, 0.25e6], rtol=1e-15)
 
 
-def test_nodes_are_given_in_the_order_in_which_they_are_asked_for(text):
-    path = text(COPIED)
-    assert [trace.node for trace in read(path, [7, 12])] == [7, 12]
-    assert [trace.node for trace in read(path, [7])] == [7]
-    with pytest.raises(ResultError, match="no curve of node 9, there is 12, 7"):
-        read(path, [7, 9])
-
-
 def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(text):
     path = text(NINE_LINES)
     heard = []
@@ -154,13 +146,6 @@ def test_tables_of_other_columns_do_not_become_one_csv(text, tmp_path):
     assert not (tmp_path / "t.csv").exists()
 
 
-def test_a_narrow_table_above_and_a_lone_line_of_numbers_are_part_of_the_text(text):
-    above = "NODE X Y\n3 50.0 50.0 1.0\n3 49.2 50.6 1.0\n\n1 2 3\n"
-    table = read_plot(text(above + COPIED))
-    assert table.values.shape == (3, 3)
-    assert table.labels[0] == "Time"
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -175,12 +160,6 @@ def test_a_narrow_table_above_and_a_lone_line_of_numbers_are_part_of_the_text(te
 def test_how_the_numbers_are_written_and_parted_does_not_matter(text, content):
     table = read_plot(text(content))
     assert_array_equal(table.values, [[0, 0, 0], [0.0005, 0.0125, 0.5], [0.001, 0.025, 0.25]])
-
-
-@pytest.mark.parametrize("content", ["", "no numbers\nat all\n", "1\n2\n3\n", "0,5 0\n1,5 1\n"])
-def test_a_text_without_a_table_is_refused(text, content):
-    with pytest.raises(ResultError):
-        read_plot_tables(text(content))
 
 
 @pytest.mark.parametrize("word", ["1e999", "nan"])
@@ -199,17 +178,6 @@ def test_any_table_comes_back_number_by_number(tmp_path_factory, rows, separator
     path = tmp_path_factory.getbasetemp() / "any.txt"
     path.write_text(head + "\n".join(separator.join(map(repr, row)) for row in rows))
     assert_array_equal(read_plot(path).values, np.array(rows))
-
-
-@given(content=st.binary(max_size=300))
-def test_any_bytes_give_a_table_or_an_error_and_nothing_else(tmp_path_factory, content):
-    path = tmp_path_factory.getbasetemp() / "bytes.txt"
-    path.write_bytes(content)
-    try:
-        found = read_plot_tables(path)
-    except ResultError:
-        return
-    assert all(table.values.shape[1] == len(table.labels) for table in found)
 
 
 SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
@@ -266,17 +234,6 @@ def test_a_real_job_is_read_to_its_end(name, count, cycles, cut_backs, greatest_
     assert last.total_time_ms == 1000.0
     assert last.displacement_max_mm == greatest_mm
     assert [row.increment for row in found.rows] == list(range(count))
-
-
-@pytest.mark.parametrize("name", ["nour_plastic", "pfl_example_model_0"])
-def test_in_a_real_job_steps_add_up_to_times_and_cycles_to_their_total(name):
-    """Printed to five digits; cycles of a cut-back attempt count in the total."""
-    time_ms, cycles = 0.0, 0
-    for row in read_sts(SAMPLES / f"{name}.sts").rows:
-        time_ms += row.increment_time_ms
-        cycles += row.cycles
-        assert row.total_time_ms == pytest.approx(time_ms, rel=5e-4)
-        assert row.total_cycles >= cycles
 
 
 def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):

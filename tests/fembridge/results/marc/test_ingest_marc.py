@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -95,15 +94,6 @@ def test_fields_and_paraview(here, capsys):
     assert len(list((here / "v").glob("*.vtu"))) == 3
 
 
-def test_a_cut_file_is_taken_in_part(here, capsys):
-    whole = (here / "job.t16").read_bytes()
-    (here / "job.t16").write_bytes(whole[:-500])
-    assert main(["ingest", "job.t16", "--node", "1"]) == 1
-    assert "--partial" in capsys.readouterr().err
-    assert main(["ingest", "job.t16", "--node", "1", "--partial", "-o", "t.csv"]) == 0
-    assert len(rows_of("t.csv")) == 2
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -164,26 +154,6 @@ def test_a_history_plot_becomes_traces_of_the_nodes_that_it_names(here):
     assert [row["node"] for row in rows] == ["2"] * 6
     assert float(rows[-1]["von_mises_pa"]) == pytest.approx(1.25e6)
     assert float(rows[-1]["time_ms"]) == pytest.approx(2.5)
-
-
-def test_a_path_plot_becomes_a_table(here):
-    lines = ["Arc Length\tStress"] + [f"{k}\t{k * k}" for k in range(5)]
-    (here / "path.txt").write_text("\n".join(lines) + "\n")
-    assert main(["ingest", "path.txt"]) == 0
-    rows = rows_of("path_plot.csv")
-    assert len(rows) == 5
-    assert list(rows[0]) == ["Arc Length", "Stress"]
-
-
-def test_a_recorded_post_file_goes_to_paraview(here):
-    shutil.copy(PLASTIC, here / "plastic.t16")
-    assert main(["ingest", "plastic.t16", "--vtu", "v"]) == 0
-    import meshio
-
-    mesh = meshio.read(here / "v" / "plastic.0024.vtu")
-    moved = mesh.point_data["Displacement"]
-    assert np.linalg.norm(moved, axis=1).max() == pytest.approx(108.78, rel=1e-4)
-    assert mesh.point_data["Plastic Strain in Global System"].shape == (85, 6)
 
 
 @pytest.mark.parametrize("words", [["--list"], ["--node", "1"], []])

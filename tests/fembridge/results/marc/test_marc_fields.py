@@ -2,7 +2,6 @@
 
 import contextlib
 import warnings
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import meshio
@@ -95,23 +94,6 @@ def test_a_nodal_field_has_all_nodes_but_those_of_pressure(path, plane):
     assert column_names(field) == ["dx_mm", "dy_mm"]
     for node, (x, y) in zip(field.nodes.tolist(), field.values.tolist(), strict=True):
         assert (x, y) == (pytest.approx(0.002), -node)
-
-
-def test_names_are_as_short_as_they_are_clear(path):
-    assert read_field(path, "equiv").name == "Equivalent Von Mises Stress"
-    assert read_field(path, "STRESS").name == "Stress"
-    with pytest.raises(ResultError, match="no heat in it, it holds Displacement, Equ"):
-        read_field(path, "heat")
-    with pytest.raises(UsageError, match="'' may be Displacement or Equivalent"):
-        read_field(path, "")
-
-
-def test_the_nearest_node_is_one_with_elements(path, plane):
-    (near,) = near_nodes(path, [(1.1, 0.9)])
-    assert plane.nodes[near.node] == (1.0, 1.0)
-    assert near.distance_mm == pytest.approx(np.hypot(0.1, 0.1))
-    (origin,) = near_nodes(path, [(-1.0, -1.0)])  # where pressure nodes stand
-    assert origin.node == 1
 
 
 def test_nodes_of_a_set_of_the_file_are_found_case_blind(path):
@@ -218,25 +200,6 @@ def test_nodes_between_bricks_lie_where_vtk_looks_for_them(write_post, tmp_path)
     found = mesh.points[cells.data[0]]
     for k, (p, q) in enumerate(pairs):
         assert_allclose(found[8 + k], (found[p] + found[q]) / 2)
-
-
-def test_memory_does_not_grow_with_the_number_of_increments(write_post, tmp_path):
-    import tracemalloc
-
-    plane = models.Plane(11, *models.grid(15, 15))
-    (one,) = plane.increments(linear_stress, (0.0,))
-    peaks = []
-    for count in (2, 8):
-        increments = [replace(one, number=k, time_s=k * 1e-3) for k in range(count)]
-        path = write_post(writer.Storage(), plane.model(), increments)
-        write_vtu_series(path, tmp_path / "warm")
-        tracemalloc.start()
-        try:
-            write_vtu_series(path, tmp_path / f"{count}")
-            peaks.append(tracemalloc.get_traced_memory()[1])
-        finally:
-            tracemalloc.stop()
-    assert peaks[1] < 1.2 * peaks[0]
 
 
 PARTIAL = ReadOptions(partial=True)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import re
 import struct
 from dataclasses import replace
 
@@ -260,16 +259,6 @@ def test_many_small_increments(binary, every, many, write_post):
 
 
 @BINARY_AND_TEXT
-@pytest.mark.usefixtures("read_in_parts")
-def test_increments_of_more_bytes_than_are_compared_as_a_whole(binary, many, write_post):
-    model, increments = many(4, elements=300, nodes=1500)
-    path = write_post(writer.Storage(binary), model, increments)
-    assert path.stat().st_size > 5 * SMALL_BYTES
-    with PostFile(path) as post:
-        check(post, increments)
-
-
-@BINARY_AND_TEXT
 @pytest.mark.parametrize(("elements", "nodes"), [(2, 200), (300, 1500)])
 @pytest.mark.usefixtures("read_in_parts")
 def test_one_of_another_kind_among_them_is_read_as_it_is(binary, elements, nodes, many, write_post):
@@ -408,13 +397,6 @@ def test_line_ends_and_blanks_at_them_change_nothing(change, write_text):
         check_two_nodes(post)
 
 
-def test_records_of_uneven_lines_are_refused_at_their_byte(write_text):
-    text = TWO_NODES.replace("0.300000-100\n", "0.300000-100  \n")
-    at = text.index("           10 0.100") + 2 * 40 - 1  # where the last line end is expected
-    with pytest.raises(ResultError, match=rf"block 50800 of the model \(byte {at}\)"):
-        PostFile(write_text(text))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -480,22 +462,6 @@ def test_every_byte_of_a_run_is_read_and_agrees_with_its_status_file(
             assert_allclose(increment.time_s, time_s, rtol=RTOL)
             moved = np.linalg.norm(post.nodal_values(row, "Displacement"), axis=1)
             assert_allclose(moved.max(), maximum, rtol=RTOL)
-
-
-def test_the_mesh_is_that_of_the_deck(marc_samples):
-    deck = (marc_samples / "nour_plastic.dat").read_text(encoding="latin-1")
-    block = deck.split("coordinates", 1)[1].splitlines()
-    count = int(block[1].split()[1])
-    places = {}
-    for line in block[2 : 2 + count]:
-        words = [line[at : at + 20] for at in (10, 30, 50)]
-        real = [float(re.sub(r"(\d)([+-]\d+)$", r"\1e\2", w.strip())) for w in words]
-        places[int(line[:10])] = real
-    with PostFile(marc_samples / "nour_plastic.t16") as post:
-        mesh = post.mesh
-        assert sorted(places) == sorted(mesh.node_ids.tolist())
-        expected = np.array([places[node] for node in mesh.node_ids.tolist()])
-        assert_allclose(mesh.coordinates_mm, expected, rtol=1e-6, atol=1e-6)
 
 
 CUT_STEP, CHANGES = (1, 4000) if os.environ.get("CI") == "true" else (37, 120)
@@ -564,18 +530,6 @@ def check_beginning(post, increments):
         values = post.nodal_values(row, "Displacement")
         assert_array_equal(values, expected.nodal[0].values)
         assert_array_equal(post.element_values(row, np.array([0])), expected.element)
-
-
-def test_a_cut_names_block_increment_and_byte(write_post, small_run):
-    model, increments = small_run()
-    path = write_post(writer.Storage(), model, increments)
-    whole = path.read_bytes()
-    at = whole.rindex(b"=   b   e   g   =   5   2   3")
-    path.write_bytes(whole[: at + 300])
-    with PostFile(path) as post:
-        assert "block 52300 of increment 1" in post.problem
-        assert f"byte {at + 300}" in post.problem
-        assert len(post.increments) == 1
 
 
 @pytest.mark.parametrize("how", STORAGES)

@@ -11,8 +11,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from decks.finger import LAYERS
-from decks.presets import QUICK, mesh_of
 from fembridge import read
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import read_field
@@ -137,18 +135,6 @@ def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(wri
     assert "at the points" in said[-1]
 
 
-def test_von_mises_below_zero_is_told(write_post):
-    """Points 2 and 3 have 1 MPa, the others none: at corner 1 that is -1/2 each."""
-    plane = models.Plane(11, *models.grid(1, 1))
-    element = [[[s, s, 0, 0, 0, 0, 0] for s in (0.0, 1.0, 1.0, 0.0)]]
-    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
-    path = write_post(writer.Storage(), plane.model(), increments)
-    said = []
-    options = ReadOptions(von_mises="scalar", log=said.append)
-    assert read_marc(path, [1], options)[0].stress_pa[0] == pytest.approx(-1e6)
-    assert any("von Mises stress is below 0 at 0 ms" in words for words in said)
-
-
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     columns=st.integers(1, 4),
@@ -231,13 +217,6 @@ def test_a_file_without_one_stress_tensor_says_what_it_has(codes, told, write_po
         read_stress_tensor(path, [1])
 
 
-def test_a_recorded_run_without_stress_says_what_it_holds(marc_samples):
-    with pytest.raises(ResultError, match="holds Plastic Strain in Global System"):
-        read(marc_samples / "nour_plastic.t16", [1])
-    with pytest.raises(ResultError, match=r"no stress tensor .* it holds no elem"):
-        read(marc_samples / "nour_linear.t16", [1])
-
-
 # Two columns of elements to the left are layer 0, one to the right is layer 1.
 SOFT_MPA, STIFF_MPA = 1.0, 40.0
 BETWEEN, INSIDE, IN_STIFF = 7, 6, 8
@@ -274,14 +253,6 @@ def test_a_node_between_layers_is_refused_with_both_names(two_layers, write_post
     path = file_of(two_layers, write_post, sets=sets)
     with pytest.raises(ResultError, match=r"between epidermis and dermis: .*one-sided"):
         last_mpa(path, BETWEEN)
-
-
-def test_across_materials_takes_the_mean_over_all_elements(two_layers, write_post):
-    path = file_of(two_layers, write_post)
-    mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
-    assert last_mpa(path, BETWEEN, across_materials=True) == pytest.approx(mean)
-    corner = (SOFT_MPA + STIFF_MPA) / 2
-    assert last_mpa(path, 3, across_materials=True) == pytest.approx(corner)
 
 
 def test_each_side_of_a_boundary_for_itself(two_layers, write_post):
@@ -539,76 +510,11 @@ def test_a_job_that_gave_up_is_told_from_its_status_file(write, increments, marc
 
 
 DT_S = 0.0005
-MIDDLE_MM = 1.0
 
 
 def stress_mpa(x, y, layer, time_s):
     """Linear in place and jumping from layer to layer."""
     return [time_s * 1e3 * (0.01 * (k + 1) + 0.02 * x - 0.01 * y + 0.5 * layer) for k in range(6)]
-
-
-@pytest.fixture(scope="module")
-def finger():
-    """Corners, elements and layers of the quick mesh's middle, by number from 1."""
-    mesh = mesh_of(QUICK)
-    middle = np.abs(mesh.node_mm[mesh.quad, 0]).max(axis=1) < MIDDLE_MM
-    kept = np.unique(mesh.quad[middle]).tolist()
-    nodes = {row + 1: tuple(mesh.node_mm[row].tolist()) for row in kept}
-    quads = [tuple(n + 1 for n in quad) for quad in mesh.quad[middle].tolist()]
-    return nodes, quads, mesh.layer[middle].tolist()
-
-
-def inner_nodes(finger):
-    """A node for each layer, all of whose elements are of it."""
-    _, quads, layers = finger
-    met = {}
-    for quad, layer in zip(quads, layers, strict=True):
-        for node in quad:
-            met.setdefault(node, set()).add(layer)
-    return {layers.pop(): node for node, layers in met.items() if len(layers) == 1}
-
-
-@pytest.fixture(scope="module", params=[11, 80, 27])
-def run(request, finger, tmp_path_factory):
-    """A run folder of two increments after rest, each layer an element set."""
-    nodes, quads, layers = finger
-    plane = models.Plane(request.param, nodes, quads, layers)
-    sets = tuple(
-        (name, 0, tuple(k + 1 for k, x in enumerate(layers) if x == number), ())
-        for number, name in enumerate(LAYERS)
-    )
-    increments = plane.increments(stress_mpa, (0.0, DT_S, 2 * DT_S))
-    folder = tmp_path_factory.mktemp("run")
-    (folder / "job.t16").write_bytes(
-        writer.post_bytes(writer.Storage(), plane.model(sets=sets), increments)
-    )
-    places = tuple(
-        AfferentNode(f"A{layer}", node, LAYERS[layer], *nodes[node], -nodes[node][1])
-        for layer, node in sorted(inner_nodes(finger).items())
-    )
-    RunFolder(folder, "marc", 2, 1e3 * DT_S, 0.0, places, "0").write()
-    return folder
-
-
-def test_afferents_have_the_stress_of_their_own_layer(run, finger):
-    traces = read(run)
-    assert len(traces) == len(LAYERS)
-    for trace in traces:
-        layer = int(trace.afferent[1:])
-        x, y = finger[0][trace.node]
-        exact = [1e6 * models.von_mises(stress_mpa(x, y, layer, k * DT_S)) for k in range(3)]
-        assert trace.start_ms == 0.0
-        assert trace.dt_ms == pytest.approx(0.5, rel=1e-6)
-        assert_allclose(trace.stress_pa, exact, rtol=1e-5, atol=1)
-
-
-def test_the_deck_s_run_must_have_reached_its_end(run, tmp_path):
-    text = (run / "run.toml").read_text().replace("increments = 2", "increments = 5")
-    (tmp_path / "run.toml").write_text(text)
-    (tmp_path / "job.t16").write_bytes((run / "job.t16").read_bytes())
-    with pytest.raises(ResultError, match=r"results end at 1 ms, the deck runs to 2.5"):
-        read(tmp_path)
-    assert np.isclose(read(tmp_path, partial=True)[0].times_ms[-1], 1.0)
 
 
 def test_steps_before_the_stimulus_need_not_have_its_time_step(tmp_path):
