@@ -17,7 +17,7 @@ from errno import ENOSPC
 from importlib import import_module
 from io import TextIOWrapper
 from types import ModuleType
-from typing import NoReturn, TextIO
+from typing import TextIO
 
 from fembridge import __version__
 from fembridge.errors import FembridgeError
@@ -109,7 +109,11 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
     if asked is None:
         return parser, None
     if asked not in VERBS:
-        _refuse_verb(parser, asked)
+        from difflib import get_close_matches
+
+        near = " or ".join(get_close_matches(asked, VERBS, n=2, cutoff=0.5))
+        hint = f"did you mean {near}?" if near else f"choose {', '.join(VERBS)}"
+        parser.error(f"no verb {asked!r}; {hint}")
     command = import_module(f"fembridge.commands.{asked.replace('-', '_')}")
     child = verbs.add_parser(
         asked,
@@ -123,14 +127,6 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
     return parser, command
 
 
-def _refuse_verb(parser: argparse.ArgumentParser, asked: str) -> NoReturn:
-    from difflib import get_close_matches
-
-    near = get_close_matches(asked, VERBS, n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"choose {', '.join(VERBS)}"
-    parser.error(f"no verb {asked!r}; {hint}")
-
-
 def _strict(value: object) -> object:
     """Turn a summary into what JSON has: no NaN, no array, no path, no tuple."""
     if hasattr(value, "tolist"):  # NumPy's numbers and arrays, unimported
@@ -139,13 +135,9 @@ def _strict(value: object) -> object:
         return {str(key): _strict(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_strict(item) for item in value]
-    if isinstance(value, float):
-        return value if value - value == 0 else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    raise TypeError(f"a summary cannot hold {value!r}")
+    return None if isinstance(value, float) and value - value != 0 else value
 
 
 def _reader_has_left() -> bool:

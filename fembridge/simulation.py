@@ -57,8 +57,7 @@ class Simulation:
 
     `trains` and `mean_rates` run over stimuli, then afferents; a population has a
     train a cell, its `repeat` from 1, the most sensitive first, and its rate is their
-    mean. `rates` and `spikes` are the same as tables. `origin` is how the stress was
-    computed.
+    mean. `origin` is how the stress was computed.
     """
 
     stimuli: tuple[Stimulus, ...]
@@ -102,12 +101,7 @@ class Simulation:
 
         The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
         ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All four,
-        and with `plot` ``raster.png``, are replaced, or, after an error, none.
-
-        Raises
-        ------
-        OutputError
-            `folder` cannot be written.
+        and with `plot` ``raster.png``, are replaced, or, after an `OutputError`, none.
         """
         import tomli_w
 
@@ -150,32 +144,9 @@ def simulate(
 ) -> Simulation:
     """Compute stress and spikes; what a solver makes is kept below `folder`.
 
-    Parameters
-    ----------
-    method
-        One of `METHODS`, or "auto": a map where there can be one.
-    parameters
-        Of all classes; by default those of the paper. A set such as
-        ``neural.parameter_set("fitted")``, which the command takes, also has the
-        pre-indentation that `stimuli` should have.
-    parameters_name
-        What the record calls them.
-    stored
-        Take the stored response of a reference finger even where a solver is.
-    ladder
-        The contact models to try, in this order.
-    response
-        What was accepted for `model` with its contact before: taken, not solved.
-    log
-        Called with a line about where the stress comes from.
-
-    Raises
-    ------
-    MissingError
-        No solver, and no stored response that would do; the message names the
-        line that installs one.
-    SolverError, ResponseError
-        The solver failed, or no contact model is to be trusted.
+    As `fembridge.simulate`, and: `parameters_name` is what the record calls the
+    `parameters`; `ladder` are the contact models to try, in this order; `response` is
+    what was accepted for `model` with its contact before, taken and not solved.
     """
     if method not in (AUTO, *METHODS):
         raise UsageError(f"method {method!r}, expected {AUTO}, {' or '.join(METHODS)}")
@@ -210,31 +181,26 @@ def simulate(
             model = replace(model, contact=ladder[slip.rung - 1])
             closure_percent = slip.closure_percent
     if response is None or method == "transient":
-        slips = closure_percent is not None
-        traces, contacts = solve_transients(
-            stimuli, model, folder, settings, log, ladder, slips=slips
+        traces, origin["contacts"] = solve_transients(
+            stimuli, model, folder, settings, log, ladder, slips=closure_percent is not None
         )
-        origin = {**origin, "contacts": contacts}
     else:
         method = "map"
         traces = [response.traces(stimulus, parameters) for stimulus in stimuli]
     if response is not None:
         closure_percent = response.closure_percent
-        origin = {**origin, "response": dict(response.origin)}
-    return encode_all(
-        stimuli,
-        traces,
-        parameters,
-        {
-            "fembridge": __version__,
-            "method": method,
-            **origin,
-            **({"no_map": reason} if reason else {}),
-            "closure_percent": closure_percent,
-            **({"parameter_set": parameters_name} if parameters_name else {}),
-            "parameters": parameters_to_table(parameters),
-        },
-    )
+        origin["response"] = dict(response.origin)
+    record = {
+        "fembridge": __version__,
+        "method": method,
+        **origin,
+        "no_map": reason,
+        "closure_percent": closure_percent,
+        "parameter_set": parameters_name or None,
+        "parameters": parameters_to_table(parameters),
+    }
+    known = {key: value for key, value in record.items() if value is not None}
+    return encode_all(stimuli, traces, parameters, known)
 
 
 def encode_all(
@@ -247,10 +213,9 @@ def encode_all(
 
     Raises
     ------
-    TraceError
-        Not the same afferents for each stimulus, or not one time axis for all.
-    ParameterError
-        A time step that the parameters were not made for.
+    TraceError, ParameterError
+        Not the same afferents and one time axis for all; a time step that the parameters
+        were not made for.
     """
     afferents = [str(trace.afferent) for trace in traces[0]]
     _check_alike(stimuli, traces, afferents, parameters)
@@ -266,13 +231,8 @@ def encode_all(
             trains.extend(_trains_of(stimulus.id, afferent, spikes_ms))
             rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
             rates.append(Rate(stimulus.id, afferent, rate))
-    return Simulation(
-        stimuli=tuple(stimuli),
-        traces=tuple(tuple(row) for row in traces),
-        trains=tuple(trains),
-        mean_rates=tuple(rates),
-        origin=origin,
-    )
+    rows = tuple(tuple(row) for row in traces)
+    return Simulation(tuple(stimuli), rows, tuple(trains), tuple(rates), origin)
 
 
 def encode_traces(
@@ -353,13 +313,9 @@ def _stored(model: Model, deepest: Stimulus, asked_for: bool, log: Log) -> Respo
             raise
         install = f"install the solver: {SOLVER_INSTALL_LINE}"
         raise MissingError(f"no ccx on the PATH, and {error}; {install}") from error
-    if asked_for:
-        log(f"stored response of finger {model.finger.name!r}")
-    else:
-        log(
-            f"no ccx on the PATH: stored response of finger {model.finger.name!r}; "
-            f"to solve it here: {SOLVER_INSTALL_LINE}"
-        )
+    line = f"stored response of finger {model.finger.name!r}"
+    instead = f"no ccx on the PATH: {line}; to solve it here: {SOLVER_INSTALL_LINE}"
+    log(line if asked_for else instead)
     return response
 
 
@@ -370,22 +326,20 @@ def _check_alike(
     parameters: Parameters,
 ) -> None:
     """Refuse traces of other afferents or another time axis than the first stimulus's."""
-    unknown = set(afferents) - set(parameters)
     count, dt_ms = stimuli[0].displacement_um.size, stimuli[0].dt_ms
     near_ms = STEP_TOLERANCE * dt_ms
+    expected = afferents if set(afferents) <= set(parameters) else list(parameters)
     for stimulus, row in zip(stimuli, traces, strict=True):
         found = [str(trace.afferent) for trace in row]
-        if found != afferents or unknown:
+        if found != expected:
             raise TraceError(
-                f"{stimulus.id}: traces of {', '.join(found)}, expected of "
-                f"{', '.join(parameters if unknown else afferents)}"
+                f"{stimulus.id}: traces of {', '.join(found)}, expected of {', '.join(expected)}"
             )
         axes = [(trace.stress_pa.size, trace.dt_ms, trace.start_ms) for trace in row]
         axes.append((stimulus.displacement_um.size, stimulus.dt_ms, 0.0))
         for size, step_ms, start_ms in axes:
             if size != count or abs(step_ms - dt_ms) > near_ms or abs(start_ms) > near_ms:
                 raise TraceError(
-                    f"{stimulus.id}: {size} samples every {step_ms:g} ms from "
-                    f"{start_ms:g} ms, expected one time axis for all, {count} "
-                    f"samples every {dt_ms:g} ms from 0 ms"
+                    f"{stimulus.id}: {size} samples every {step_ms:g} ms from {start_ms:g} ms, "
+                    f"expected as of {stimuli[0].id}: {count} every {dt_ms:g} ms from 0 ms"
                 )

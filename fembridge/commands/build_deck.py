@@ -36,11 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_option(parser, default="runs")
     _add_deck_options(parser.add_argument_group("the deck of our finger"))
     add = parser.add_argument_group("your own model").add_argument
-    add(
-        "--base-deck",
-        metavar="FILE",
-        help="a .inp of CalculiX or Abaqus, or a .dat of Marc",
-    )
+    add("--base-deck", metavar="FILE", help="a .inp of CalculiX or Abaqus, or a .dat of Marc")
     add(
         "--amplitude",
         metavar="NAME",
@@ -62,48 +58,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the node of an afferent; repeat it for each. Without one, results of "
         "all nodes are written and fembridge ingest asks which to read",
     )
-    add(
-        "--length-unit",
-        choices=("mm", "m"),
-        default="mm",
-        help="of the deck (default: mm); with N its stress is in MPa, of m in Pa",
-    )
+    unit = "of the deck (default: mm); with N its stress is in MPa, of m in Pa"
+    add("--length-unit", choices=("mm", "m"), default="mm", help=unit)
 
 
 def _add_deck_options(group: argparse._ActionsContainer) -> None:
     add_options(group, (*FINGER, *SOLVING))
-    group.add_argument(
+    add = group.add_argument
+    add(
         "--element",
         metavar="NAME",
         help="of the finger: CPE4 and others by Abaqus's name, for Marc 80, 11, 27, "
         "54 or 118 (default: CPE4; Marc and Abaqus: CPE4H, which is 80)",
     )
-    group.add_argument(
+    add(
         "--contact",
         choices=("node-to-surface", "surface-to-surface"),
         help="formulation (default: node-to-surface; the other one is path-dependent; not "
         "of Marc, whose procedure sets segment-to-segment)",
     )
-    group.add_argument(
-        "--stiffness-mpa-per-mm",
-        type=float,
-        metavar="K",
-        help="of the contact's springs (default: 200; Marc has none)",
-    )
-    group.add_argument("--friction", type=float, default=0.4, metavar="MU", help="default: 0.4")
-    group.add_argument(
-        "--results",
-        choices=RESULTS,
-        help="what the solver writes (default: binary, float64; Marc: both .t16 and .t19)",
-    )
-    group.add_argument(
+    springs = "of the contact's springs (default: 200; Marc has none)"
+    add("--stiffness-mpa-per-mm", type=float, metavar="K", help=springs)
+    add("--friction", type=float, default=0.4, metavar="MU", help="default: 0.4")
+    results = "what the solver writes (default: binary, float64; Marc: both .t16 and .t19)"
+    add("--results", choices=RESULTS, help=results)
+    add(
         "--ascii",
         action="store_const",
         const="text",
         dest="results",
         help="the same as --results text: six digits",
     )
-    group.add_argument(
+    add(
         "--probe-body",
         choices=PROBES,
         help="of Marc: a rigid curve that a table moves, or elements whose nodes are "

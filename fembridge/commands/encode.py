@@ -27,8 +27,9 @@ EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5 250"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    parser.add_argument("traces", type=Path, metavar="CSV", help="table of traces")
-    parser.add_argument(
+    add = parser.add_argument
+    add("traces", type=Path, metavar="CSV", help="table of traces")
+    add(
         "-o",
         "--output",
         type=Path,
@@ -37,31 +38,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write into (default: encoded)",
     )
     add_options(parser, ("parameters",), default="published")
-    parser.add_argument(
-        "--stimulus",
-        metavar="ID",
-        help="what the tables call the stimulus (default: the file's name)",
-    )
-    parser.add_argument(
+    named = "what the tables call the stimulus (default: the file's name)"
+    add("--stimulus", metavar="ID", help=named)
+    add(
         "--afferent",
         choices=("SA", "RA", "PC"),
         nargs="+",
         help="what to take a trace for that names no afferent: one class or more",
     )
-    parser.add_argument(
+    add(
         "--window-ms",
         type=float,
         nargs=2,
         metavar=("START", "END"),
         help="count spikes after START up to END (default: the whole trace)",
     )
-    parser.add_argument(
+    add(
         "--derivative",
         choices=("backward", "central", "forward"),
         default="backward",
         help="scheme of the stress derivatives (default: backward)",
     )
-    parser.add_argument("--no-raster", action="store_true", help="write the tables alone")
+    add("--no-raster", action="store_true", help="write the tables alone")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

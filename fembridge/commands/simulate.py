@@ -37,29 +37,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, (*STIMULUS, *FINGER, *SOLVING, *LIMITS))
     add_options(parser, ("parameters",), default="fitted")
     add_output_option(parser, default="out")
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         "--element",
         choices=("CPE4", "CPE4R", "CPE8R"),
         default="CPE4",
         help="element of the finger (default: CPE4)",
     )
-    parser.add_argument(
+    add(
         "--method",
         choices=("auto", "map", "transient"),
         default="auto",
         help="interpolate in one indentation, or solve each waveform (default: auto, "
         "the map where stress depends on depth alone)",
     )
-    parser.add_argument(
-        "--stored", action="store_true", help="take the stored response even where ccx is installed"
-    )
-    parser.add_argument(
-        "--no-plot", action="store_true", help="draw no raster; an earlier one in DIR is removed"
-    )
+    stored = "take the stored response even where ccx is installed"
+    add("--stored", action="store_true", help=stored)
+    no_plot = "draw no raster; an earlier one in DIR is removed"
+    add("--no-plot", action="store_true", help=no_plot)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
+    from dataclasses import asdict
     from pathlib import Path
 
     from fembridge.api import simulate
@@ -95,22 +95,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "method": simulation.origin["method"],
         "parameters": simulation.origin.get("parameter_set", ""),
         "notes": lines,
-        "rates": [
-            {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
-            for r in simulation.mean_rates
-        ],
+        "rates": [asdict(rate) for rate in simulation.mean_rates],
     }
 
 
 def _print_rates(simulation: "Simulation") -> None:
-    afferents = list(dict.fromkeys(rate.afferent for rate in simulation.mean_rates))
-    by_key = {(r.stimulus, r.afferent): r.rate_ips for r in simulation.mean_rates}
+    count = len(simulation.traces[0])
+    rates = simulation.mean_rates
     ids = [stimulus.id for stimulus in simulation.stimuli]
     width = max(len("stimulus"), *map(len, ids[:_SHOWN]))
-    header = "".join(f"{name:>8}" for name in afferents)
+    header = "".join(f"{rate.afferent:>8}" for rate in rates[:count])
     print(f"{'stimulus':<{width}}{header}   impulses/s")
-    for name in ids[:_SHOWN]:
-        cells = "".join(f"{by_key[name, a]:8.1f}" for a in afferents)
-        print(f"{name:<{width}}{cells}")
+    for row, name in enumerate(ids[:_SHOWN]):
+        of_stimulus = rates[row * count : (row + 1) * count]
+        print(f"{name:<{width}}{''.join(f'{rate.rate_ips:8.1f}' for rate in of_stimulus)}")
     if len(ids) > _SHOWN:
         print(f"... {len(ids) - _SHOWN} more in rates.csv")

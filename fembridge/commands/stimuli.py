@@ -21,23 +21,16 @@ EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    parser.add_argument(
-        "ids",
-        nargs="*",
-        metavar="ID",
-        help="sine_20_250, a set as sine_20, noise or all; commas join several",
-    )
-    parser.add_argument(
+    add = parser.add_argument
+    word = "sine_20_250, a set as sine_20, noise or all; commas join several"
+    add("ids", nargs="*", metavar="ID", help=word)
+    add(
         "--export",
         choices=("csv", "wav", "npy", "marc-table"),
         help="write the waveform of each ID instead of listing it",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="PATH",
-        help="file for one stimulus, folder for several (default: current folder)",
-    )
+    place = "file for one stimulus, folder for several (default: current folder)"
+    add("-o", "--output", metavar="PATH", help=place)
     add_options(parser, ("preindent_um", "seed"))
 
 
@@ -54,22 +47,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _list(args: argparse.Namespace) -> dict[str, Any]:
-    from decks.stimuli import (
-        CATALOGUE,
-        MISPRINT_NOTE,
-        catalogue_lines,
-        entry_lines,
-        resolve,
-        to_record,
-    )
+    from decks import stimuli
 
-    entries = resolve(args.ids) if args.ids else CATALOGUE
+    entries = stimuli.resolve(args.ids) if args.ids else stimuli.CATALOGUE
     if not args.json:
-        print(*(entry_lines(entries) if args.ids else catalogue_lines()), sep="\n")
+        lines = stimuli.entry_lines(entries) if args.ids else stimuli.catalogue_lines()
+        print(*lines, sep="\n")
     return {
         "count": len(entries),
-        "stimuli": [to_record(entry) for entry in entries],
-        "notes": [MISPRINT_NOTE],
+        "stimuli": [stimuli.to_record(entry) for entry in entries],
+        "notes": [stimuli.MISPRINT_NOTE],
     }
 
 

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import add_options, add_output_option, add_stored_finger_option
 
 if TYPE_CHECKING:
-    from fembridge.fitting.study import Case, Finding
+    import pandas
+
+    from fembridge.fitting.study import Case
     from fembridge.observed import ObservedRates
 
 EXAMPLE = "fembridge study --observed rates.csv --drive published rising -o study"
@@ -65,13 +67,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     cases = _cases_from(args, observed)
     done = count(1)
 
-    def on_finding(finding: "Finding") -> None:
-        case = finding.case
+    def on_case(trials: "pandas.DataFrame") -> None:
+        case, median = trials.iloc[0], trials.median(numeric_only=True)
         print(
-            f"{next(done)}/{len(cases)} {case.afferent} {case.model}, cells {case.cells}, "
-            f"pre-indented by {case.preindent_um:g} um: "
-            f"RMSE {finding.median(studies.fitted_rmse_ips):.1f} ips fitted, "
-            f"{finding.median(studies.held_out_rmse_ips):.1f} held out",
+            f"{next(done)}/{len(cases)} {case['afferent']} {case['drive']}, cells "
+            f"{case['cells']}, pre-indented by {case['preindent_um']:g} um: "
+            f"RMSE {median['fitted_rmse_ips']:.1f} ips fitted, "
+            f"{median['held_out_rmse_ips']:.1f} held out",
             file=sys.stderr,
         )
 
@@ -82,7 +84,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         seeds=args.seeds,
         evaluations=args.evaluations,
         jobs=args.jobs,
-        on_finding=on_finding,
+        on_case=on_case,
     )
     output, summary = Path(args.output), studies.summary_text(study)
     with filling(output, last=studies.SUMMARY_FILE) as draft:
@@ -92,18 +94,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(summary)
         print(f"{studies.CASES_FILE}, {studies.SUMMARY_FILE}, {PICTURE_FILE}: {output}")
+    best = {name: study.ranked(name)[0] for name in study.unfitted}
     return {
         "output": args.output,
         "cases": len(cases),
         "best": {
             name: {
-                "drive": one.case.model,
-                "cells": one.case.cells,
-                "preindent_um": one.case.preindent_um,
-                "free_parameters": one.case.free_parameters,
-                "held_out_rmse_ips": one.median(studies.held_out_rmse_ips),
+                **trials.iloc[0][["drive", "cells", "preindent_um", "free_parameters"]],
+                "held_out_rmse_ips": trials["held_out_rmse_ips"].median(),
             }
-            for name, one in ((name, study.best(name)) for name in study.unfitted)
+            for name, trials in best.items()
         },
     }
 

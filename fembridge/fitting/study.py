@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,16 +19,23 @@ from fembridge.executor import LocalExecutor
 from fembridge.fitting.problem import fit_problem
 from fembridge.observed import ObservedRates
 from fembridge.response.response_map import ResponseMap
-from fembridge.tables import write_table
+from fembridge.store import write_text
 from neural.agreement import Agreement, agreement
 from neural.encoder import encode_cells
 from neural.models import DEFAULT_MODELS, MODELS, model_named
 from neural.parameter_sets import fitted_preindent_um
 from neural.parameters import PUBLISHED
 from neural.rates import mean_rate_ips
-from neural.search import EVALUATIONS, Trial, cross_validate
+from neural.search import EVALUATIONS, cross_validate
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+CASES_FILE = "study.csv"
+SUMMARY_FILE = "study.md"
 SEEDS = (1, 2, 3)
+CASE = ("afferent", "drive", "cells", "preindent_um", "free_parameters")
+"""Columns of the trials that say which case it is."""
 
 # Pre-indentations at which the default models are compared.
 _DEPTHS_UM = (0.0, 25.0, 50.0, 75.0, 100.0, 125.0, 150.0)
@@ -43,54 +51,31 @@ class Case:
     cells: int
     preindent_um: float
 
-    @property
-    def free_parameters(self) -> int:
-        """How many parameters a fit searches."""
-        return len(model_named(self.model, self.afferent).free(self.cells))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Finding:
-    """What the seeds gave of one case."""
-
-    case: Case
-    trials: tuple[Trial, ...]
-
-    def median(self, measure: Callable[[Trial], float]) -> float:
-        """Median over seeds of a number of a trial."""
-        return float(np.median([measure(trial) for trial in self.trials]))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelStudy:
-    """Findings in the order of their cases; `unfitted` is Table 2 as printed."""
+    """What was tried; `unfitted` is Table 2 as printed, by class.
 
-    findings: tuple[Finding, ...]
+    `trials` has a row a case and seed: `CASE`, ``seed``, R² and RMSE over the stimuli of
+    the fit (``fitted_*``) and over all, each predicted by a fit without its group
+    (``held_out_*``), and ``parameters``.
+    """
+
+    trials: "pd.DataFrame"
     unfitted: dict[str, Agreement]
-    seeds: tuple[int, ...]
-    evaluations: int
 
-    def best(self, afferent: str) -> Finding:
-        """The finding with the smallest held-out error of a class."""
-        mine = [one for one in self.findings if one.case.afferent == afferent]
-        return min(mine, key=lambda one: one.median(held_out_rmse_ips))
-
-
-def fitted_rmse_ips(trial: Trial) -> float:
-    """RMSE over the stimuli of the fit."""
-    return trial.fitted.rmse_ips
-
-
-def held_out_rmse_ips(trial: Trial) -> float:
-    """RMSE over all stimuli, each predicted by a fit without its group."""
-    return trial.held_out.rmse_ips
+    def ranked(self, afferent: str) -> "list[pd.DataFrame]":
+        """Trials of each case of a class; the smallest median held-out RMSE first."""
+        mine = self.trials[self.trials["afferent"] == afferent]
+        cases = [part for _, part in mine.groupby(list(CASE), sort=False)]
+        return sorted(cases, key=lambda part: part["held_out_rmse_ips"].median())
 
 
 def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
-    """Cases of the whole study.
+    """Every model with its own cells, with and without pre-indentation; and more.
 
-    Every model with its own cells, with and without pre-indentation; the default models
-    over a range of pre-indentations, and with one cell; the published model with many.
+    The default models over a range of pre-indentations, and with one cell; the published
+    model with many.
     """
     cases = [
         Case(name, afferent, rows[afferent].cells, depth_um)
@@ -119,54 +104,70 @@ def study_models(
     seeds: Sequence[int] = SEEDS,
     evaluations: int = EVALUATIONS,
     jobs: int = 1,
-    on_finding: Callable[[Finding], None] = lambda finding: None,
+    on_case: "Callable[[pd.DataFrame], None]" = lambda trials: None,
 ) -> ModelStudy:
     """Fit and cross-validate every case; `jobs` processes share them.
+
+    `on_case` is called with the trials of each.
 
     Raises
     ------
     UsageError
         No case or no seed, a seed below 0, or `jobs` below 1.
     """
-    if not cases or not seeds or min(seeds) < 0:
+    import pandas as pd
+
+    if not cases or not seeds or min(seeds) < 0 or jobs < 1:
         raise UsageError(
-            f"{len(cases)} cases and seeds {list(seeds)}, expected one of each or more"
+            f"{len(cases)} cases, seeds {list(seeds)} and {jobs} jobs, expected one of each "
+            "or more, and no seed below 0"
         )
-    if jobs < 1:
-        raise UsageError(f"jobs is {jobs}, expected 1 or more")
-    finding_of = partial(_finding, observed, response, tuple(seeds), evaluations)
-    findings = []
+    trials_of = partial(_trials_of, observed, response, tuple(seeds), evaluations)
+    found = []
     with ExitStack() as stack:
         each = map if jobs == 1 else stack.enter_context(LocalExecutor(jobs)).map
-        for finding in each(finding_of, cases):
-            findings.append(finding)
-            on_finding(finding)
+        for trials in each(trials_of, cases):
+            found.append(trials)
+            on_case(trials)
     classes = dict.fromkeys(case.afferent for case in cases)
-    return ModelStudy(
-        findings=tuple(findings),
-        unfitted={name: _unfitted(observed, response, name) for name in classes},
-        seeds=tuple(seeds),
-        evaluations=evaluations,
-    )
+    unfitted = {name: _unfitted(observed, response, name) for name in classes}
+    return ModelStudy(pd.concat(found, ignore_index=True), unfitted)
 
 
-def _finding(
+def _trials_of(
     observed: ObservedRates,
     response: ResponseMap,
     seeds: tuple[int, ...],
     evaluations: int,
     case: Case,
-) -> Finding:
-    problem = fit_problem(
-        observed,
-        response,
-        model_named(case.model, case.afferent),
-        preindent_um=case.preindent_um,
-        cells=case.cells,
-    )
-    return Finding(
-        case, tuple(cross_validate(problem, seed, evaluations=evaluations) for seed in seeds)
-    )
+) -> "pd.DataFrame":
+    """A row a seed of one case."""
+    import pandas as pd
+
+    model = model_named(case.model, case.afferent)
+    depth_um, cells = case.preindent_um, case.cells
+    problem = fit_problem(observed, response, model, preindent_um=depth_um, cells=cells)
+    free = [one.field for one in problem.free]
+    rows = []
+    for seed in seeds:
+        trial = cross_validate(problem, seed, evaluations=evaluations)
+        fitted, held_out = trial.fitted, trial.held_out
+        rows.append(
+            {
+                **dict(
+                    zip(CASE, (case.afferent, case.model, cells, depth_um, len(free)), strict=True)
+                ),
+                "seed": seed,
+                "fitted_r_squared": fitted.regression.r_squared,
+                "fitted_rmse_ips": fitted.rmse_ips,
+                "held_out_r_squared": held_out.regression.r_squared,
+                "held_out_rmse_ips": held_out.rmse_ips,
+                "parameters": " ".join(
+                    f"{name}={getattr(trial.parameters, name):.6g}" for name in free
+                ),
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> Agreement:
@@ -179,49 +180,13 @@ def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> 
     return agreement(problem.observed_ips, np.array(rates))
 
 
-CASES_FILE = "study.csv"
-SUMMARY_FILE = "study.md"
-
-_COLUMNS = (
-    "afferent",
-    "drive",
-    "cells",
-    "preindent_um",
-    "free_parameters",
-    "seed",
-    "fitted_r_squared",
-    "fitted_rmse_ips",
-    "held_out_r_squared",
-    "held_out_rmse_ips",
-    "parameters",
-)
-
-
 def write_cases(path: Path, study: ModelStudy) -> None:
     """Write a row a case and seed; ``parameters`` as ``name=value`` with blanks."""
-    rows = []
-    for finding in study.findings:
-        case = finding.case
-        free = model_named(case.model, case.afferent).free(case.cells)
-        for trial in finding.trials:
-            rows.append(
-                [
-                    case.afferent,
-                    case.model,
-                    case.cells,
-                    f"{case.preindent_um:g}",
-                    len(free),
-                    trial.seed,
-                    f"{trial.fitted.regression.r_squared:.4f}",
-                    f"{trial.fitted.rmse_ips:.3f}",
-                    f"{trial.held_out.regression.r_squared:.4f}",
-                    f"{trial.held_out.rmse_ips:.3f}",
-                    " ".join(
-                        f"{one.field}={getattr(trial.parameters, one.field):.6g}" for one in free
-                    ),
-                ]
-            )
-    write_table(path, _COLUMNS, rows)
+    table = study.trials.copy()
+    for end, text in (("preindent_um", "{:g}"), ("r_squared", "{:.4f}"), ("rmse_ips", "{:.3f}")):
+        for name in table.columns[table.columns.str.endswith(end)]:
+            table[name] = table[name].map(text.format)
+    write_text(path, table.to_csv(index=False, lineterminator="\n"))
 
 
 def summary_text(study: ModelStudy) -> str:
@@ -235,18 +200,15 @@ def summary_text(study: ModelStudy) -> str:
             "R² held out | RMSE held out (range) |",
             "|---|---|---|---|---|---|---|---|",
         ]
-        mine = [one for one in study.findings if one.case.afferent == afferent]
-        for finding in sorted(mine, key=lambda one: one.median(held_out_rmse_ips)):
-            case = finding.case
-            errors = [held_out_rmse_ips(trial) for trial in finding.trials]
-            r_squared = finding.median(lambda trial: trial.fitted.regression.r_squared)
-            held_out = finding.median(lambda trial: trial.held_out.regression.r_squared)
+        for trials in study.ranked(afferent):
+            case, median = trials.iloc[0], trials.median(numeric_only=True)
+            errors_ips = trials["held_out_rmse_ips"]
             lines.append(
-                f"| {case.model} | {case.cells} | {case.preindent_um:g} | "
-                f"{case.free_parameters} | {r_squared:.3f} | "
-                f"{finding.median(fitted_rmse_ips):.1f} | {held_out:.3f} | "
-                f"{finding.median(held_out_rmse_ips):.1f} "
-                f"({min(errors):.1f}–{max(errors):.1f}) |"
+                f"| {case['drive']} | {case['cells']} | {case['preindent_um']:g} | "
+                f"{case['free_parameters']} | {median['fitted_r_squared']:.3f} | "
+                f"{median['fitted_rmse_ips']:.1f} | {median['held_out_r_squared']:.3f} | "
+                f"{median['held_out_rmse_ips']:.1f} "
+                f"({errors_ips.min():.1f}–{errors_ips.max():.1f}) |"
             )
         lines += [
             "| published, Table 2 as printed | 1 | 0 | 0 | "

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from fembridge.fitting.study import ModelStudy, fitted_rmse_ips, held_out_rmse_ips
+from fembridge.fitting.study import ModelStudy
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -25,28 +25,20 @@ def study_figure(study: ModelStudy) -> "Figure":
     from matplotlib.figure import Figure
 
     classes = tuple(study.unfitted)
-    rows = [
-        sorted(
-            (one for one in study.findings if one.case.afferent == name),
-            key=lambda one: one.median(held_out_rmse_ips),
-        )
-        for name in classes
-    ]
+    rows = [study.ranked(name) for name in classes]
     height = 1.1 + _ROW_IN * max(map(len, rows))
     figure = Figure(figsize=(PAGE_WIDTH_IN, height), layout="constrained")
     panels = figure.subplots(1, len(classes), squeeze=False)[0]
-    for panel, name, findings in zip(panels, classes, rows, strict=True):
+    for panel, name, cases in zip(panels, classes, rows, strict=True):
         make_plain(panel)
-        for place, finding in enumerate(findings):
-            held = [held_out_rmse_ips(trial) for trial in finding.trials]
-            seen = [fitted_rmse_ips(trial) for trial in finding.trials]
-            panel.plot([min(seen), max(held)], [place] * 2, color=FAINT, linewidth=HAIR_PT)
+        for place, trials in enumerate(cases):
+            held, seen = trials["held_out_rmse_ips"], trials["fitted_rmse_ips"]
+            panel.plot([seen.min(), held.max()], [place] * 2, color=FAINT, linewidth=HAIR_PT)
             panel.plot(seen, [place] * len(seen), "|", color=INK, markersize=5)
             panel.plot(held, [place] * len(held), "o", color=AFFERENT_COLOURS[name], markersize=3.5)
         panel.axvline(study.unfitted[name].rmse_ips, color=INK, linewidth=HAIR_PT, dashes=(4, 3))
-        labels = [
-            f"{one.case.model}, {one.case.cells}, {one.case.preindent_um:g}" for one in findings
-        ]
+        firsts = [trials.iloc[0] for trials in cases]
+        labels = [f"{one['drive']}, {one['cells']}, {one['preindent_um']:g}" for one in firsts]
         panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT - 1)
         panel.set_ylim(len(labels) - 0.4, -0.6)
         panel.set_xlim(left=0)

@@ -108,6 +108,13 @@ def read_fields(
     ResultError
         At once: the file is absent, foreign, cut, or has no such quantity. While
         it is read: a record or a number is none, or is not finite.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> field = next(fb.read_fields("runs/sine_20_250", "DISP"))
+    >>> field.time_ms, field.components, field.units
+    (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
     if nodes_at_once is not None and nodes_at_once < 1:
         raise UsageError(f"nodes_at_once is {nodes_at_once}, expected 1 or more")

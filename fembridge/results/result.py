@@ -194,6 +194,12 @@ def read(
     ------
     ResultError
         The file is absent, cut, foreign, or does not hold what was asked for.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> [trace.afferent for trace in fb.read("runs/sine_20_250")]
+    ['SA', 'RA', 'PC']
     """
     result = open_result(
         path,

@@ -2,6 +2,8 @@
 
 import doctest
 import importlib.util
+import shutil
+from pathlib import Path
 
 import pandas
 import pytest
@@ -10,6 +12,9 @@ from numpy.testing import assert_array_equal
 import fembridge as fb
 from fembridge import api
 from fembridge.cli import main
+from fembridge.results import frd_fields, result
+
+RECORDED = Path(__file__).parents[2] / "fixtures/transient_sine"
 
 
 @pytest.fixture(autouse=True)
@@ -19,8 +24,9 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
 
 
-@pytest.mark.parametrize("module", [fb, api])
-def test_the_examples_are_true(module):
+@pytest.mark.parametrize("module", [fb, api, result, frd_fields])
+def test_the_examples_are_true(tmp_path, module):
+    shutil.copytree(RECORDED, tmp_path / "runs/sine_20_250")
     found = doctest.testmod(module)
     assert found.attempted
     assert not found.failed
@@ -66,8 +72,7 @@ def test_run_gives_an_outcome_for_what_is_no_run_folder(tmp_path):
 
 
 def test_traces_of_a_result_become_a_table(tmp_path):
-    folder = fb.__path__[0] + "/../fixtures/transient_sine"
-    traces = fb.read(f"{folder}/job.frd")
+    traces = fb.read(RECORDED / "job.frd")
     frame = traces.to_frame()
     assert list(frame.columns) == ["time_ms", "afferent", "node", "von_mises_pa"]
     first = frame[frame.node == traces[0].node]

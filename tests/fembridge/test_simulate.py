@@ -1,36 +1,45 @@
 """The whole pipeline as a function: where its stress comes from, and who is told."""
 
-import dataclasses
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from decks.analysis import Contact
+from decks.dialects import JOB
+from decks.material import PronyTerm
 from decks.presets import PRESETS, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import simulation as module
-from fembridge.errors import MissingError, ResponseError, UsageError
+from fembridge.errors import MissingError, ResponseError, SolverError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.response import solve
+from fembridge.response import transients as transients_module
 from fembridge.response.response_map import FOLDER, read_map
-from fembridge.response.solve import Rung, Solved
+from fembridge.response.solve import LADDER, FrictionSlipError, Rung, Solved
+from fembridge.run_folder import read_run_folder
 from fembridge.simulation import simulate
-from fembridge.solver import ccx
+from fembridge.solver import ccx as ccx_module
 from fembridge.solver.settings import SolverSettings
-from fembridge.solver.verdict import Outcome
+from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.store import sha256_of
+from fembridge.trace import StressTrace
 from neural import PUBLISHED
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
 
 
-def stimuli_of(*words, **options):
-    return [make_stimulus(entry, **options) for entry in resolve(words)]
+def stimuli_of(word, **options):
+    return [make_stimulus(entry, **options) for entry in resolve([word])]
+
+
+ONE, TWO = stimuli_of("sine_20_250"), stimuli_of("sine_20_12.5,sine_20_250")
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +53,19 @@ def no_ccx(monkeypatch):
 
 
 @pytest.fixture
-def played(monkeypatch):
+def lines():
+    """What is logged: pass its `append`."""
+    return []
+
+
+@pytest.fixture
+def ccx(monkeypatch):
     """A solver is there, and solves the response with the second contact tried."""
     calls = []
 
     def solved(folder, model, settings, **options):
-        calls.append((folder, model, options))
-        frictionless = Contact(friction=0.0)
-        rungs = (Rung(Contact(), "diverged"), Rung(frictionless, None))
+        calls.append((folder, model, options["depth_um"]))
+        rungs = (Rung(Contact(), "diverged"), Rung(Contact(friction=0.0), None))
         outcome = Outcome(folder, wall_s=12.3, increments=39)
         return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
 
@@ -60,136 +74,279 @@ def played(monkeypatch):
     return calls
 
 
-def test_without_a_solver_the_stored_response_answers_and_it_is_told(tmp_path, model, no_ccx):
-    told, stimuli = [], stimuli_of("noise_25_250")
+@pytest.fixture
+def accepting(monkeypatch, ccx):
+    """A solver whose indentation is accepted with whatever contact comes first."""
 
-    found = simulate(stimuli, model, tmp_path / "out", log=told.append)
+    def solved(folder, model, settings, *, ladder, **options):
+        outcome = Outcome(folder, wall_s=12.3, increments=39)
+        return Solved(read_map(FOLDER / "quick.toml"), (Rung(ladder[0], None),), outcome)
 
-    assert told == [
-        "no ccx on the PATH: stored response of finger 'quick'; "
-        f"to solve it here: {SOLVER_INSTALL_LINE}"
-    ]
-    assert found.origin["source"] == "stored response"
+    monkeypatch.setattr(solve, "solve_response", solved)
+
+
+@pytest.fixture
+def slipping(monkeypatch, ccx):
+    """A solver whose indentation shows that skin slips under friction."""
+
+    def solved(folder, model, settings, *, ladder, **options):
+        raise FrictionSlipError("skin slips under the probe", 1.5, 1)
+
+    monkeypatch.setattr(solve, "solve_response", solved)
+
+
+@pytest.fixture
+def transients(monkeypatch):
+    """Solver and reader of whole transients: which runs it was called with.
+
+    The last run of a call fails with the next of `failures`, if there is one.
+    """
+
+    class Calls(list):
+        failures = ()
+
+    calls = Calls()
+
+    def run_folders(runs, settings):
+        calls.append(([run.folder for run in runs], settings))
+        outcomes = [Outcome(run.folder, wall_s=20.0, increments=500) for run in runs]
+        if len(calls) <= len(calls.failures):
+            failure = Failure(calls.failures[len(calls) - 1], "increment 30")
+            outcomes[-1] = Outcome(outcomes[-1].folder, failure)
+        return outcomes
+
+    def read(run):
+        wave = np.linspace(0, 1e4, run.increments + 1)
+        return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
+
+    monkeypatch.setattr(transients_module, "run_folders", run_folders)
+    monkeypatch.setattr(transients_module, "read", read)
+    return calls
+
+
+def contact_of(place):
+    return read_run_folder(place).inputs["contact"]
+
+
+def soft(model):
+    dermis = replace(model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
+    materials = {**model.finger.materials, "dermis": dermis}
+    return replace(model, finger=replace(model.finger, materials=materials))
+
+
+def test_without_a_solver_the_stored_response_answers(tmp_path, model, no_ccx, lines):
+    stimuli = stimuli_of("noise_25_250")
+
+    found = simulate(stimuli, model, tmp_path / "out", log=lines.append)
+
+    [line] = lines
+    assert line.startswith("no ccx on the PATH: stored response of finger 'quick'")
+    assert line.endswith(SOLVER_INSTALL_LINE)
     response = read_map(FOLDER / "quick.toml")
     for stimulus, row in zip(stimuli, found.traces, strict=True):
         for trace, expected in zip(row, response.traces(stimulus), strict=True):
             assert_array_equal(trace.stress_pa, expected.stress_pa)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, played):
-    told = []
-    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, stored=True, log=told.append)
-    assert told == ["stored response of finger 'quick'"]
-    assert found.origin["source"] == "stored response"
-    assert played == []
-
-
-def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, played):
-    told = []
-
-    found = simulate(stimuli_of("sine_20_250"), model, tmp_path, log=told.append)
-
-    [(folder, solved_model, options)] = played
-    assert folder == tmp_path / "response"
-    assert solved_model is model
-    assert options["depth_um"] == 400.0
-    assert found.origin["source"] == "CalculiX"
-    assert told == [
-        "response of finger 'quick' solved in 12 s: 39 increments, contact "
-        "node-to-surface, 200 MPa/mm, no friction, unloading within "
-        "1e-06 % of loading"
-    ]
-
-
-def test_the_indentation_goes_as_deep_as_the_deepest_stimulus(tmp_path, model, played):
-    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=210.0)
-    with pytest.raises(ResponseError, match="goes 460 um deep, the response map"):
-        simulate(stimuli, model, tmp_path)  # the play's map is shallower than asked
-    assert played[0][2]["depth_um"] == 500.0
-
-
-def test_the_record_tells_all_that_the_result_depends_on(tmp_path, model, no_ccx):
-    origin = simulate(stimuli_of("sine_20_250"), model, tmp_path).origin
-    assert origin["method"] == "map"
+    origin = found.origin
+    assert (origin["source"], origin["method"]) == ("stored response", "map")
     assert origin["response"]["finger"]["name"] == "quick"
     assert origin["parameters"]["SA"]["tau_ms"] == PUBLISHED["SA"].tau_ms
     assert origin["closure_percent"] == 1e-6
 
 
+def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, ccx, lines):
+    found = simulate(ONE, model, tmp_path, stored=True, log=lines.append)
+    assert lines == ["stored response of finger 'quick'"]
+    assert found.origin["source"] == "stored response"
+    assert ccx == []
+
+
+def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, ccx, lines):
+    found = simulate(ONE, model, tmp_path, log=lines.append)
+
+    assert ccx == [(tmp_path / "response", model, 400.0)]
+    assert found.origin["source"] == "CalculiX"
+    [line] = lines
+    assert "solved in 12 s: 39 increments, contact node-to-surface, 200 MPa/mm, no friction" in line
+
+
+def test_the_indentation_goes_as_deep_as_the_deepest_stimulus(tmp_path, model, ccx):
+    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=210.0)
+    with pytest.raises(ResponseError, match="460 um"):
+        simulate(stimuli, model, tmp_path)  # the play's map is shallower than asked
+    assert ccx[0][2] == 500.0
+
+
+def test_results_that_are_there_answer_without_another_solve(tmp_path, model, monkeypatch, lines):
+    """The real ladder, over the recorded run, whose record has the second read it again."""
+
+    def play(run, settings, halt=None):
+        for name in ("job.frd", "job.dat"):
+            shutil.copy(RECORDED / name, run.folder)
+        outcome = Outcome(run.folder, exit_code=0, wall_s=9.6, increments=39)
+        ccx_module._write_record(run, outcome, sha256_of(run.deck))
+        return outcome
+
+    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
+    monkeypatch.setattr(ccx_module, "run_ccx", play)
+    simulate(ONE, model, tmp_path, log=lines.append)
+    monkeypatch.setattr(ccx_module, "run_ccx", None)
+    simulate(ONE, model, tmp_path, log=lines.append)
+
+    assert "solved in 10 s: 39 increments" in lines[0]
+    assert "read again: 39 increments" in lines[1]
+
+
 def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
-    stronger = dict(PUBLISHED)
-    stronger["SA"] = dataclasses.replace(PUBLISHED["SA"], alpha_mv_per_ms=9.0)
+    stronger = {**PUBLISHED, "SA": replace(PUBLISHED["SA"], alpha_mv_per_ms=9.0)}
     plain, strong = (
-        simulate(stimuli_of("sine_20_250"), model, tmp_path, parameters=chosen)
-        for chosen in (PUBLISHED, stronger)
+        simulate(ONE, model, tmp_path, parameters=chosen) for chosen in (PUBLISHED, stronger)
     )
     assert strong.mean_rates[0].rate_ips > plain.mean_rates[0].rate_ips
     assert strong.mean_rates[1:] == plain.mean_rates[1:]
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "options", "found"),
     [
-        ({"probe": Probe(diameter_mm=2.0)}, "no response is stored for this probe"),
-        ({"element": "CPE8R"}, "no response is stored for this element"),
+        ({"probe": Probe(diameter_mm=2.0)}, {}, "stored for this probe"),
+        ({"element": "CPE8R"}, {}, "stored for this element"),
+        ({}, {"preindent_um": 200.0}, "sine_20_250 goes 450 um deep.* 400 um"),
+        ({}, {"method": "transient"}, "--method transient"),
     ],
 )
-def test_what_is_not_stored_takes_a_solver(tmp_path, model, no_ccx, change, told):
-    with pytest.raises(MissingError) as caught:
-        simulate(stimuli_of("sine_20_250"), dataclasses.replace(model, **change), tmp_path)
-    assert str(caught.value).startswith("no ccx on the PATH, and ")
-    assert told in str(caught.value)
+def test_what_is_not_stored_takes_a_solver(tmp_path, model, no_ccx, change, options, found):
+    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=options.pop("preindent_um", 0.0))
+    with pytest.raises(MissingError, match=found) as caught:
+        simulate(stimuli, replace(model, **change), tmp_path, **options)
     assert str(caught.value).endswith(SOLVER_INSTALL_LINE)
 
 
-def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, played):
-    other = dataclasses.replace(model, element="CPE8R")
+def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, ccx):
     with pytest.raises(ResponseError, match="for this element") as caught:
-        simulate(stimuli_of("sine_20_250"), other, tmp_path, stored=True)
+        simulate(ONE, replace(model, element="CPE8R"), tmp_path, stored=True)
     assert "install" not in str(caught.value)
 
 
-def test_too_deep_for_the_stored_response_names_the_stimulus_and_both_depths(
-    tmp_path, model, no_ccx
+@pytest.mark.parametrize(
+    ("stimuli", "change", "options", "found"),
+    [
+        ([], None, {}, "no stimulus"),
+        (ONE, None, {"method": "magic"}, "'magic'"),
+        (ONE, None, {"method": "transient", "stored": True}, "stored response"),
+        (ONE, soft, {"stored": True}, "dermis relaxes"),
+        (ONE, soft, {"method": "map"}, "dermis relaxes"),
+    ],
+)
+def test_options_that_mean_nothing_are_misuse(
+    tmp_path, model, ccx, stimuli, change, options, found
 ):
-    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=200.0)
-    with pytest.raises(MissingError) as caught:
-        simulate(stimuli, model, tmp_path)
-    assert str(caught.value) == (
-        "no ccx on the PATH, and sine_20_250 goes 450 um deep, the stored response of "
-        f"finger 'quick' reaches 400 um; install the solver: {SOLVER_INSTALL_LINE}"
-    )
+    with pytest.raises(UsageError, match=found):
+        simulate(stimuli, change(model) if change else model, tmp_path, **options)
+    assert ccx == []
 
 
-def test_a_transient_takes_a_solver(tmp_path, model, no_ccx):
-    with pytest.raises(MissingError) as caught:
-        simulate(stimuli_of("sine_20_250"), model, tmp_path, method="transient")
-    assert str(caught.value).endswith(f"install it: {SOLVER_INSTALL_LINE}")
+def test_a_transient_uses_the_contact_that_the_indentation_accepted(
+    tmp_path, model, ccx, transients, lines
+):
+    settings = SolverSettings(threads=2, jobs=2)
+
+    found = simulate(TWO, model, tmp_path, method="transient", settings=settings, log=lines.append)
+
+    [(places, used)] = transients
+    assert places == [tmp_path / "runs" / stimulus.id for stimulus in TWO]
+    for place in places:
+        assert contact_of(place)["friction"] == 0.0
+        assert (place / f"{JOB}.inp").is_file()
+    assert (used.jobs, used.threads) == (2, 2)
+    assert lines[-1].startswith("2 transients solved in 40 s, contact node-to-surface")
+    assert found.origin["method"] == "transient"
+    assert found.traces[0][0].stress_pa[-1] == 1e4
+
+
+def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, transients):
+    transients.failures = [Cause.DISK_FULL] * 9
+    with pytest.raises(SolverError, match="sine_20_250"):
+        simulate(TWO, model, tmp_path, method="transient")
+    assert len(transients) == 1
+
+
+def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
+    tmp_path, model, accepting, transients, lines
+):
+    transients.failures = [Cause.DIVERGED]
+
+    found = simulate(TWO, model, tmp_path, method="transient", log=lines.append)
+
+    both = [tmp_path / "runs" / stimulus.id for stimulus in TWO]
+    assert [places for places, _ in transients] == [both, both[1:]]
+    used = [contact_of(place) for place in both]
+    assert [contact["stiffness_mpa_per_mm"] for contact in used] == [200.0, 200.0]
+    assert [contact["stick_share"] for contact in used] == [0.1, 0.01]
+    assert list(found.origin["contacts"].values()) == used
+    assert any("left node-to-surface, 200 MPa/mm" in line for line in lines)
+
+
+def test_a_transient_that_diverges_with_every_contact_is_an_error(
+    tmp_path, model, accepting, transients
+):
+    transients.failures = [Cause.DIVERGED] * 99
+    with pytest.raises(SolverError, match="sine_20_250"):
+        simulate(ONE, model, tmp_path, method="transient")
+    assert len(transients) == len(LADDER)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("change", "waves", "reason"),
     [
-        ({"method": "magic"}, "method 'magic', expected auto, map or transient"),
-        ({"method": "transient", "stored": True}, "a stored response answers no"),
+        (soft, TWO, "dermis relaxes"),
+        (lambda model: model, [each.sliding(2.0) for each in TWO], "slides across the skin"),
     ],
 )
-def test_options_that_mean_nothing_are_misuse(tmp_path, model, options, message):
-    with pytest.raises(UsageError, match=message):
-        simulate(stimuli_of("sine_20_250"), model, tmp_path, **options)
+def test_where_there_is_no_map_each_waveform_is_solved_and_the_reason_logged(
+    tmp_path, model, ccx, transients, lines, change, waves, reason
+):
+    found = simulate(waves, change(model), tmp_path, log=lines.append)
+
+    [(places, _)] = transients
+    assert len(places) == 2
+    assert reason in lines[0]
+    assert found.origin["method"] == "transient"
+    assert reason in found.origin["no_map"]
+    [(_, indented, _)] = ccx
+    assert not indented.depends_on_time
 
 
-def test_no_stimulus_is_misuse(tmp_path, model):
-    with pytest.raises(UsageError, match="no stimulus to simulate"):
-        simulate([], model, tmp_path)
+def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
+    tmp_path, model, slipping, transients, lines
+):
+    found = simulate(ONE, model, tmp_path, log=lines.append)
+
+    [([place], _)] = transients
+    assert contact_of(place)["friction"] == LADDER[0].friction
+    assert lines[0].startswith("skin slips under the probe")
+    assert (found.origin["method"], found.origin["closure_percent"]) == ("transient", 1.5)
+    assert "response" not in found.origin
 
 
-@pytest.mark.parametrize("name", ["jobs", "threads"])
-@pytest.mark.parametrize("number", [0, -1])
-def test_settings_below_one_are_misuse(name, number):
-    with pytest.raises(UsageError, match=f"{name} is {number}, expected 1 or more"):
-        SolverSettings(**{name: number})
+def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(tmp_path, model, slipping):
+    with pytest.raises(UsageError, match="skin slips under the probe"):
+        simulate(ONE, model, tmp_path, method="map")
+
+
+def test_after_a_slip_contacts_with_friction_follow_and_no_others(
+    tmp_path, model, slipping, transients
+):
+    transients.failures = [Cause.DIVERGED]
+    simulate(ONE, model, tmp_path / "once")
+    assert contact_of(tmp_path / "once/runs/sine_20_250")["stick_share"] == LADDER[1].stick_share
+
+    transients.clear()
+    transients.failures = [Cause.DIVERGED] * 99
+    with pytest.raises(SolverError):
+        simulate(ONE, model, tmp_path / "always")
+    rough = [contact for contact in LADDER if contact.friction == LADDER[0].friction]
+    assert len(transients) == len(rough) < len(LADDER)
 
 
 @pytest.mark.parametrize(
@@ -212,24 +369,3 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     if asked is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", asked)
     assert SolverSettings(threads=threads).shared_by(runs).threads == expected
-
-
-def test_results_that_are_there_answer_without_another_solve(tmp_path, model, monkeypatch):
-    """The real ladder, over the recorded run, whose record has the second read it again."""
-    lines = []
-
-    def play(run, settings, halt=None):
-        for name in ("job.frd", "job.dat"):
-            shutil.copy(RECORDED / name, run.folder)
-        outcome = Outcome(run.folder, exit_code=0, wall_s=9.6, increments=39)
-        ccx._write_record(run, outcome, sha256_of(run.deck))
-        return outcome
-
-    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(ccx, "run_ccx", play)
-    simulate(stimuli_of("sine_20_250"), model, tmp_path, log=lines.append)
-    monkeypatch.setattr(ccx, "run_ccx", None)
-    simulate(stimuli_of("sine_20_250"), model, tmp_path, log=lines.append)
-
-    assert "solved in 10 s: 39 increments" in lines[0]
-    assert "read again: 39 increments" in lines[1]

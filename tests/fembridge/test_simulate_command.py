@@ -10,6 +10,7 @@ import pytest
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
+from fembridge.errors import OutputError
 from fembridge.machine import CCX_VARIABLE, SOLVER_INSTALL_LINE
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import read_rates, read_spikes
@@ -21,9 +22,7 @@ NOTE = (
     "no ccx on the PATH: stored response of finger 'quick'; "
     f"to solve it here: {SOLVER_INSTALL_LINE}\n"
 )
-
-HELD = "parameters fitted: the probe is 75 um deep before time 0, as in their fit\n"
-PUBLISHED_WORDS = ["--parameters", "published"]
+PREINDENTED = "parameters fitted: the probe is 75 um deep before time 0, as in their fit\n"
 
 
 @pytest.fixture
@@ -35,53 +34,76 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
+    """What a run left: names and bytes."""
+    folder = tmp_path_factory.mktemp("earlier")
+    assert main(["simulate", "--stimulus", "sine_50_250", "--stored", "-o", str(folder)]) == 0
+    return contents(folder)
+
+
+@pytest.fixture
+def result(here, earlier):
+    """The folder of an earlier run, as that left it."""
+    folder = here / "out"
+    folder.mkdir()
+    for name, content in earlier.items():
+        (folder / name).write_bytes(content)
+    return folder
+
+
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_set_of_stimuli_gives_five_files_and_one_note(here, capsys):
+def inside(times_ms):
+    """Spikes in the window of a noise."""
+    return ((times_ms > 5.0) & (times_ms <= 250.0)).sum()
+
+
+def test_a_set_of_stimuli_gives_five_files_a_table_and_one_note(here, capsys):
     assert main(["simulate", "--stimulus", "noise_25_250", "-o", "out"]) == 0
 
     streams = capsys.readouterr()
-    assert streams.err == NOTE + HELD
-    assert sorted(contents(here / "out")) == FILES
+    assert streams.err == NOTE + PREINDENTED
+    first = contents(here / "out")
+    assert sorted(first) == FILES
     rates = read_rates(here / "out/rates.csv")
     assert len(rates) == 15
-    assert {rate.afferent for rate in rates} == {"SA", "RA", "PC"}
-    assert (here / "out/raster.png").read_bytes()[:4] == b"\x89PNG"
+    assert first["raster.png"][:4] == b"\x89PNG"
     table = streams.out.splitlines()
     assert table[0].split() == ["stimulus", "SA", "RA", "PC", "impulses/s"]
     assert len(table) == 7
     for k, line in enumerate(table[1:6]):
         name, *cells = line.split()
         assert {rate.stimulus for rate in rates[3 * k : 3 * k + 3]} == {name}
-        expected = [f"{rate.rate_ips:.1f}" for rate in rates[3 * k : 3 * k + 3]]
-        assert cells == expected
-    assert table[-1] == "rates.csv, spikes.csv, traces.npz, raster.png: out"
+        assert cells == [f"{rate.rate_ips:.1f}" for rate in rates[3 * k : 3 * k + 3]]
+    assert table[-1].endswith("raster.png: out")
+    main(["simulate", "--stimulus", "noise_25_250", "-o", "again"])
+    assert contents(here / "again") == first
 
 
 def test_the_rates_are_those_of_the_stored_map_worked_out_apart(here):
     """Catalogue, map and encoder put together by hand."""
-    main(["simulate", "--stimulus", "noise_25_250", "-o", "out", *PUBLISHED_WORDS])
+    words = ["--stimulus", "noise_25_250", "--parameters", "published", "--no-plot"]
+    main(["simulate", *words])
 
     response = read_map(FOLDER / "quick.toml")
     expected = {}
-    for entry in resolve(["noise_25_250"]):
-        for trace in response.traces(make_stimulus(entry)):
+    bulk = np.load(here / "out/traces.npz", allow_pickle=False)
+    for row, entry in enumerate(resolve(["noise_25_250"])):
+        for column, trace in enumerate(response.traces(make_stimulus(entry))):
+            np.testing.assert_array_equal(bulk["von_mises_pa"][row, :, column], trace.stress_pa)
             [times_ms] = encode(trace.stress_pa, 0.5, PUBLISHED[trace.afferent])
-            count = ((times_ms > 5.0) & (times_ms <= 250.0)).sum()
-            expected[entry.id, trace.afferent] = count / 0.245
-    rates = read_rates(here / "out/rates.csv")
-    found = {(rate.stimulus, rate.afferent): rate.rate_ips for rate in rates}
+            expected[entry.id, trace.afferent] = inside(times_ms) / 0.245
+    found = {(r.stimulus, r.afferent): r.rate_ips for r in read_rates(here / "out/rates.csv")}
     assert found == pytest.approx(expected, rel=1e-12)
     assert sum(found.values()) > 500
-    spikes = read_spikes(here / "out/spikes.csv")
-    assert all((train.times_ms > 0).all() for train in spikes)
 
 
-def test_the_fitted_population_stands_on_a_held_probe(here):
+def test_the_fitted_population_is_that_of_a_pre_indented_probe(here):
     """As above, cell by cell: each is the median one under stress of another size."""
-    main(["simulate", "--stimulus", "noise_25_250_20", "-o", "out"])
+    main(["simulate", "--stimulus", "noise_25_250_20", "--no-plot"])
 
     response = read_map(FOLDER / "quick.toml")
     [entry] = resolve(["noise_25_250_20"])
@@ -90,53 +112,33 @@ def test_the_fitted_population_stands_on_a_held_probe(here):
     trains = read_spikes(here / "out/spikes.csv")
     for trace in response.traces(make_stimulus(entry, chosen.preindent_um)):
         population = chosen.parameters[trace.afferent]
-        one = replace(population, cells=1)
         counts = []
         for quantile in quantiles(population.cells):
             stress_pa = trace.stress_pa / np.exp(population.spread * quantile)
-            [times_ms] = encode(stress_pa, 0.5, one)
-            counts.append(((times_ms > 5.0) & (times_ms <= 250.0)).sum())
+            [times_ms] = encode(stress_pa, 0.5, replace(population, cells=1))
+            counts.append(inside(times_ms))
         assert rates[trace.afferent] == pytest.approx(np.mean(counts) / 0.245)
         assert counts == sorted(counts, reverse=True)
     assert {train.repeat for train in trains if train.afferent == "PC"} == set(range(1, 6))
 
 
-def test_the_traces_are_those_of_the_stored_map(here):
-    words = ["--stimulus", "sine_50_250", "-o", "out", "--no-plot"]
-    main(["simulate", *words, "--preindent-um", "0"])
-
-    [entry] = resolve(["sine_50_250"])
-    expected = read_map(FOLDER / "quick.toml").traces(make_stimulus(entry))
-    with np.load(here / "out/traces.npz", allow_pickle=False) as bulk:
-        for column, trace in enumerate(expected):
-            np.testing.assert_array_equal(bulk["von_mises_pa"][0, :, column], trace.stress_pa)
-
-
-def test_json_is_all_that_stdout_holds(here, capsys):
-    words = ["--stimulus", "sine_20_250", "-o", "out", "--json", "--no-plot"]
+def test_json_is_all_that_stdout_holds_and_the_record_names_the_source(here, capsys):
+    words = ["--stimulus", "noise_25_250_10", "--seed", "7", "--json", "--no-plot"]
     assert main(["simulate", *words]) == 0
 
     streams = capsys.readouterr()
     summary = json.loads(streams.out)
-    assert streams.err == NOTE + HELD
-    assert summary["output"] == "out"
-    assert summary["method"] == "map"
-    assert summary["notes"] == [NOTE.strip(), HELD.strip()]
-    assert summary["parameters"] == "fitted"
+    assert summary["notes"] == streams.err.splitlines()
+    assert (summary["output"], summary["method"], summary["parameters"]) == (
+        *("out", "map", "fitted"),
+    )
     assert summary["rates"] == [
         {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
         for r in read_rates(here / "out/rates.csv")
     ]
-
-
-def test_the_record_can_be_read_and_names_its_source(here):
-    words = ["--stimulus", "noise_25_250_10", "--seed", "7", "--no-plot"]
-    main(["simulate", *words, *PUBLISHED_WORDS])
-
     record = tomllib.loads((here / "out/simulation.toml").read_text(encoding="utf-8"))
     assert record["source"] == "stored response"
     assert record["stimuli"]["noise_25_250_10"]["seed"] == 7
-    assert record["parameters"]["PC"]["tau_ms"] == PUBLISHED["PC"].tau_ms
 
 
 def test_the_whole_catalogue_is_answered_at_once(here, capsys):
@@ -145,44 +147,28 @@ def test_the_whole_catalogue_is_answered_at_once(here, capsys):
     rates = read_rates(here / "out/rates.csv")
     assert len(rates) == 82 * 3
     assert len({rate.stimulus for rate in rates}) == 82
-    out = capsys.readouterr().out.splitlines()
-    assert out[-2] == "... 52 more in rates.csv"
+    assert capsys.readouterr().out.splitlines()[-2] == "... 52 more in rates.csv"
 
 
-def test_the_same_command_gives_the_same_bytes(here):
-    for folder in ("first", "second"):
-        main(["simulate", "--stimulus", "noise_25_250_10", "-o", folder])
-    assert contents(here / "first") == contents(here / "second")
+def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(result, capsys):
+    main(["simulate", "--stimulus", "sine_20_250", "-o", "out", "--no-plot"])
 
-
-def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(here, capsys):
-    main(["simulate", "--stimulus", "sine_20_250", "-o", "out"])
-    main(["simulate", "--stimulus", "sine_50_250", "-o", "out", "--no-plot"])
-
-    assert sorted(contents(here / "out")) == FILES[1:]
+    assert sorted(contents(result)) == FILES[1:]
     assert "raster" not in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot"]
-    assert main(["simulate", *words]) == 0
-    told = "stored response of finger 'paper'\n"
-    assert capsys.readouterr().err == told + HELD
-
-
-def test_a_probe_that_stands_deeper_fires_sa_between_cycles(here):
-    words = ["simulate", "--stimulus", "sine_20_12.5", "--no-plot"]
-    main([*words, "-o", "touch"])
-    main([*words, "-o", "held", "--preindent-um", "300"])
-
-    touch, held = (read_rates(here / name / "rates.csv") for name in ("touch", "held"))
-    assert held[0].rate_ips > touch[0].rate_ips
+    assert main(["simulate", *words, "--preindent-um", "0"]) == 0
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "stored response of finger 'paper'"
+    assert "75 um deep" in second
+    assert second.endswith("here it is at 0 um")
 
 
 def test_help_shows_an_example_that_runs(here, capsys):
     assert main(["simulate", "--help"]) == 0
-    told = capsys.readouterr().out
-    example = told.split("example: fembridge ")[1].split()
+    example = capsys.readouterr().out.split("example: fembridge ")[1].split()
     assert main(example) == 0
     assert (here / "out/rates.csv").exists()
 
@@ -204,3 +190,146 @@ def test_with_a_solver_the_response_is_solved_and_then_read_again(tmp_path, caps
     record = tomllib.loads((tmp_path / "out/simulation.toml").read_text("utf-8"))
     assert record["source"] == "CalculiX"
     assert read_map(tmp_path / "out/response/response.toml").closure_percent < 0.5
+
+
+def refused(capsys, *words):
+    """Run, expect one line on stderr and nothing else; give code and line."""
+    code = main(["simulate", *words])
+    streams = capsys.readouterr()
+    assert streams.out == ""
+    lines = streams.err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("fembridge: ")
+    return code, lines[0].removeprefix("fembridge: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["--stimulus", "nois_25_250"], "did you mean noise_25_250"),
+        (["--preindent-um", "nan"], "preindent_um must be from 0 to 10000, got nan"),
+        (["--preindent-um", "-3"], "preindent_um must be from 0 to 10000, got -3"),
+        (["--seed", "-1"], "seed is -1, expected 0 or more"),
+        (["--jobs", "0"], "jobs is 0, expected 1 or more"),
+        (["--jobs", "-1"], "jobs is -1, expected 1 or more"),
+        (["--threads", "0"], "threads is 0, expected 1 or more"),
+        (["--time-limit", "nan"], "time_limit_s is nan, expected more than 0"),
+        (["--probe-x-mm", "nan"], "probe: x_mm must be finite, got nan"),
+        (["--probe-diameter-mm", "0"], "probe: diameter_mm must be 0.01 to 20, got 0"),
+        (["--stored", "--method", "transient"], "a stored response answers no"),
+    ],
+)
+def test_a_number_without_meaning_is_misuse_and_nothing_is_written(here, capsys, words, found):
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
+    assert (code, found in line) == (2, True), line
+    assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["-o", ""],
+        ["--method", "magic"],
+        ["--preindent-um", "deep"],
+        ["--element", "C3D8"],
+        ["--jobs", "two"],
+    ],
+)
+def test_a_word_without_meaning_is_misuse(here, capsys, words):
+    assert main(["simulate", "--stimulus", "sine_20_250", *words]) == 2
+    assert "fembridge simulate: error: argument" in capsys.readouterr().err
+    assert contents(here) == {}
+
+
+SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["--preindent-um", "500"], "sine_20_250 goes 750 um deep, the stored response"),
+        (["--method", "transient"], "--method transient: that takes a solver"),
+        (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
+        (["--finger", "named.toml"], "young_mpa 0.05, asked for is 0.08"),
+        (["--element", "CPE8R"], "no response is stored for this element"),
+        (["--probe-diameter-mm", "2"], "diameter_mm 1.0, asked for is 2.0"),
+    ],
+)
+def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, capsys, words, found):
+    (here / "soft.toml").write_text(SOFT, encoding="utf-8")
+    (here / "named.toml").write_text('name = "quick"\n' + SOFT, encoding="utf-8")
+
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
+
+    assert code == 1
+    assert found in line
+    assert line.endswith(SOLVER_INSTALL_LINE)
+    assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "word", "found"),
+    [
+        ("--finger", "absent.toml", "absent.toml"),
+        ("--parameters", "absent.toml", "absent.toml: "),
+        ("--parameters", "", "''"),
+        ("--parameters", "wrong.toml", "wrong.toml: SA: unknown key 'tau'"),
+        ("--parameters", "never.toml", "never.toml: "),
+    ],
+)
+def test_a_file_that_is_wrong_is_named(here, capsys, option, word, found):
+    (here / "wrong.toml").write_text("[SA]\ntau = 3.0\n", encoding="utf-8")
+    (here / "never.toml").write_text("[SA\n", encoding="utf-8")
+    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", option, word)
+    assert (code, found in line) == (1, True), line
+    assert not (here / "out").exists()
+
+
+def test_a_solver_that_is_asked_for_and_not_there_is_told(here, capsys, monkeypatch):
+    monkeypatch.setenv(CCX_VARIABLE, "/opt/ccx")
+    code, line = refused(capsys, "--stimulus", "sine_20_250")
+    assert code == 1
+    assert line == "FEMBRIDGE_CCX is '/opt/ccx', which is no program here"
+
+
+@pytest.mark.parametrize("output", ["file", "file/deeper"])
+def test_an_output_that_is_a_file_is_told_and_stays(here, capsys, output):
+    (here / "file").write_text("mine")
+
+    assert main(["simulate", "--stimulus", "sine_20_250", "-o", output]) == 1
+
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "fembridge: file: a file stands where a folder is wanted"
+    assert (here / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--stimulus", "sine_20_250", "--preindent-um", "500"],
+        ["--stimulus", "sine_20_250", "--method", "transient"],
+        ["--stimulus", "sine_20_250", "--parameters", "absent.toml"],
+        ["--stimulus", "nois"],
+    ],
+)
+def test_an_earlier_result_survives_a_run_that_fails(result, earlier, words):
+    assert main(["simulate", "-o", "out", *words]) != 0
+
+    assert contents(result) == earlier
+    assert "raster.png" in earlier
+
+
+def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
+    result, earlier, capsys, monkeypatch
+):
+    from fembridge.plots import style
+
+    def disk_full(figure, path, **options):
+        raise OutputError("cannot write: No space left on device", path)
+
+    monkeypatch.setattr(style, "save_figure", disk_full)
+    assert main(["simulate", "--stimulus", "sine_20_250", "-o", "out"]) == 1
+
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "fembridge: out/raster.png: cannot write: No space left on device"
+    assert contents(result) == earlier
