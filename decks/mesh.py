@@ -69,10 +69,8 @@ class Mesh:
     def area_mm2(self) -> FloatArray:
         """Area of each quad, ``(E,)``."""
         corner = self.node_mm[self.quad]
-        diagonal = corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]
-        area: FloatArray = 0.5 * (
-            diagonal[0][:, 0] * diagonal[1][:, 1] - diagonal[0][:, 1] * diagonal[1][:, 0]
-        )
+        (ax, ay), (bx, by) = (corner[:, 2] - corner[:, 0]).T, (corner[:, 3] - corner[:, 1]).T
+        area: FloatArray = 0.5 * (ax * by - ay * bx)
         return area
 
     def edges(self) -> tuple[IntArray, IntArray, IntArray]:
@@ -84,8 +82,9 @@ class Mesh:
     def outline(self) -> tuple[IntArray, IntArray, IntArray]:
         """The edges that one element alone has, as `edges` does."""
         nodes, element, face = self.edges()
-        key = np.sort(nodes, axis=1)
-        _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+        _, first, count = np.unique(
+            np.sort(nodes, axis=1), axis=0, return_index=True, return_counts=True
+        )
         rows = np.sort(first[count == 1])
         return nodes[rows], element[rows], face[rows]
 
@@ -104,23 +103,16 @@ class Mesh:
         inside: BoolArray = self.layer == LAYERS.index(layer)
         return inside
 
-    def nodes_inside(self, layer: str) -> IntArray:
-        """Nodes whose every element belongs to `layer`."""
-        inside = self.in_layer(layer)
-        wanted = np.zeros(len(self.node_mm), dtype=bool)
-        wanted[self.quad[inside]] = True
-        wanted[self.quad[~inside]] = False
-        return np.flatnonzero(wanted)
-
     def node_at(self, site: AfferentSite) -> int:
-        """Row of the node inside `site`'s layer that lies nearest to it.
+        """Row of the node that lies nearest to `site`, all of its elements in that layer.
 
         Raises
         ------
         FingerError
             The layer has no inner node, or none within 0.3 mm of the site.
         """
-        rows = self.nodes_inside(site.layer)
+        inside = self.in_layer(site.layer)
+        rows = np.setdiff1d(self.quad[inside], self.quad[~inside])
         if not rows.size:
             raise FingerError(f"no node lies inside {site.layer}: use more rows there")
         wanted = np.array([site.x_mm, -site.depth_mm])
@@ -161,7 +153,7 @@ class Mesh:
                 f"element {row + 1} at ({x:.3f}, {y:.3f}) mm is {fault}: scaled "
                 f"Jacobian {worst[row]:.2f}, expected {MIN_SCALED_JACOBIAN} or more"
             )
-        _check_cover(self.node_mm, self.quad)
+        _check_cover(self.node_mm, self.edges()[0])
         return self
 
 
@@ -195,9 +187,8 @@ def read_mesh(path: Path) -> Mesh:
 # ---- Checks
 
 
-def _check_cover(node_mm: FloatArray, quad: IntArray) -> None:
-    """Refuse counter-clockwise quads that leave a gap or lie on each other."""
-    edge = np.stack([quad, np.roll(quad, -1, axis=1)], -1).reshape(-1, 2)
+def _check_cover(node_mm: FloatArray, edge: IntArray) -> None:
+    """Refuse `edge` of counter-clockwise quads that leave a gap or lie on each other."""
     start, end = edge.T
     directed = start * len(node_mm) + end
     if len(np.unique(directed)) < len(directed):
@@ -235,29 +226,23 @@ def _crossing(point_mm: FloatArray) -> int | None:
     Edges that share a point are left out: with quads whose corners are open,
     two neighbours can only meet there.
     """
+
+    def side(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+        """Side of the line from `a` to `b` on which `c` lies: 1 left, -1 right, 0 on it."""
+        ab, ac = b - a, c - a
+        return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
+
     count = len(point_mm)
     ahead = np.roll(point_mm, -1, axis=0)
     step = max(1, _PAIRS // count)
     for first in range(0, count, step):
         rows = np.arange(first, min(first + step, count))
-        meets = _meet(point_mm[rows, None], ahead[rows, None], point_mm, ahead)
+        a, b, c, d = point_mm[rows, None], ahead[rows, None], point_mm, ahead
+        boxes = (np.maximum(a, b) >= np.minimum(c, d)) & (np.maximum(c, d) >= np.minimum(a, b))
+        crossed = (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
+        meets = boxes.all(axis=-1) & crossed
         apart = (np.arange(count) - rows[:, None]) % count
         meets &= (apart > 1) & (apart < count - 1)
         if meets.any():
             return int(rows[meets.any(axis=1).argmax()])
     return None
-
-
-def _meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
-    """Whether the lines from `a` to `b` and from `c` to `d` have a point in common."""
-    boxes = (np.maximum(a, b) >= np.minimum(c, d)) & (np.maximum(c, d) >= np.minimum(a, b))
-    sides = (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
-    meeting: BoolArray = boxes.all(axis=-1) & sides
-    return meeting
-
-
-def _side(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Side of the line from `a` to `b` on which `c` lies: 1 left, -1 right, 0 on it."""
-    ab, ac = b - a, c - a
-    side: FloatArray = np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
-    return side

@@ -14,7 +14,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -92,8 +91,7 @@ def mesh_finger(finger: Finger) -> Mesh:
 
 def _mesh(section: Section, stretch: float) -> Mesh:
     with _gmsh_session() as (geometry, gmsh):
-        far_mm = section.finger.resolution.far_mm * stretch
-        surfaces = _Drawing(geometry, section, far_mm).draw()
+        surfaces = _draw(geometry, section, section.finger.resolution.far_mm * stretch)
         geometry.generate_mesh(dim=2, algorithm=8)
         gmsh.model.mesh.optimize("UntangleMeshGeometry", niter=10)
         half = _collect(gmsh, surfaces)
@@ -102,22 +100,21 @@ def _mesh(section: Section, stretch: float) -> Mesh:
 
 def _expected_elements(section: Section) -> float:
     """About how many elements the whole section will have."""
-    finger, resolution = section.finger, section.finger.resolution
-    rows = resolution.stratum_corneum_rows + resolution.epidermis_rows + resolution.dermis_rows
-    depth_mm = finger.skin.dermis_depth_mm
-    inside_mm2 = (
-        np.pi
-        * (finger.outline.half_width_mm - depth_mm)
-        * (finger.outline.half_height_mm - depth_mm)
-    )
-    in_skin = 2 * columns_of(section, resolution.far_mm).count * rows
-    return float(in_skin + inside_mm2 / resolution.far_mm**2)
+    outline, resolution = section.finger.outline, section.finger.resolution
+    depth_mm = section.finger.skin.dermis_depth_mm
+    half_axes_mm = outline.half_width_mm - depth_mm, outline.half_height_mm - depth_mm
+    columns = sum(patch.count for _, _, patch in columns_of(section, resolution.far_mm))
+    inside = math.pi * math.prod(half_axes_mm) / resolution.far_mm**2
+    return 2.0 * columns * sum(_rows(section.finger)) + inside
 
 
-def _collect(
-    gmsh: Any,  # noqa: ANN401 - untyped library
-    surfaces: Sequence[Surface],
-) -> "HalfMesh":
+def _rows(finger: Finger) -> tuple[int, int, int]:
+    """Rows of elements across corneum, epidermis and dermis."""
+    resolution = finger.resolution
+    return resolution.stratum_corneum_rows, resolution.epidermis_rows, resolution.dermis_rows
+
+
+def _collect(gmsh: Any, surfaces: Sequence[Surface]) -> "HalfMesh":  # noqa: ANN401 - untyped
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row_of = np.full(int(max(tags)) + 1, -1, dtype=np.int64)
     row_of[tags.astype(np.int64)] = np.arange(len(tags))
@@ -136,148 +133,81 @@ def _collect(
 # ---- The drawing
 
 
-class _Drawing:
-    """Draws `section` into pygmsh's `geometry`; columns grow to `far_mm`."""
+def _draw(geometry: Any, section: Section, far_mm: float) -> list[Surface]:  # noqa: ANN401 - untyped
+    """Draw `section` into pygmsh's `geometry`, its columns growing to `far_mm`."""
+    finger = section.finger
+    surfaces: list[Surface] = []
 
-    def __init__(
-        self,
-        geometry: Any,  # noqa: ANN401 - untyped library
-        section: Section,
-        far_mm: float,
-    ) -> None:
-        self._geometry, self._section, self._far_mm = geometry, section, far_mm
+    def point(place_mm: Iterable[float]) -> Any:  # noqa: ANN401 - untyped
+        return geometry.add_point([*place_mm, 0.0])
 
-    def draw(self) -> list[Surface]:
-        """Draw everything: the surfaces with their layers."""
-        columns = columns_of(self._section, self._far_mm)
-        section = self._section
-        depths = (section.surface, section.corneum, section.epidermis, section.dermis)
-        boundaries = [self._boundary(columns, depth) for depth in depths]
-        resolution = section.finger.resolution
-        rows = (resolution.stratum_corneum_rows, resolution.epidermis_rows, resolution.dermis_rows)
-        surfaces: list[Surface] = []
-        for band, count in enumerate(rows):
-            surfaces += self._band(band, count, boundaries[band], boundaries[band + 1])
-        surfaces += self._inside(*boundaries[-1])
-        far_mm = self._far_mm
-        self._geometry.set_mesh_size_callback(lambda dim, tag, x, y, z, lc: min(lc, far_mm))
-        return surfaces
+    def divided(curve: Any, division: Division) -> Any:  # noqa: ANN401 - untyped
+        geometry.set_transfinite_curve(curve, division.count + 1, "Progression", division.growth)
+        return curve
 
-    def _boundary(
-        self,
-        columns: "Columns",
-        depth: Any,  # noqa: ANN401
-    ) -> tuple[list[Any], list[Any]]:
-        """Draw one boundary of the layers: its curves, and the points between them."""
-        geometry = self._geometry
+    # Boundaries of the layers, from the skin inwards: curves, and the points between them.
+    boundaries = []
+    for depth in (section.surface, section.corneum, section.epidermis, section.dermis):
         knots: list[Any] = []
         curves: list[Any] = []
-        patches = zip(pairwise(columns.break_mm), columns.division, strict=True)
-        for (start_mm, end_mm), division in patches:
+        for start_mm, end_mm, division in columns_of(section, far_mm):
             samples = max(_SAMPLES_A_COLUMN * division.count, _LEAST_SAMPLES)
-            arc_mm = np.linspace(start_mm, end_mm, samples + 1)
-            points = self._section.curve(depth, arc_mm)
-            if not knots:
-                knots.append(self._point(points[0]))
-            knots.append(self._point(points[-1]))
-            inner = [self._point(point) for point in points[1:-1]]
-            curves.append(geometry.add_spline([knots[-2], *inner, knots[-1]]))
-            self._divide(curves[-1], division)
-        return curves, knots
-
-    def _band(
-        self,
-        band: int,
-        rows: int,
-        upper: tuple[list[Any], list[Any]],
-        lower: tuple[list[Any], list[Any]],
-    ) -> list[Surface]:
-        """Draw the patches of one layer, between two boundaries."""
-        geometry = self._geometry
-        (above, top), (below, bottom) = upper, lower
-        upright = [geometry.add_line(*ends) for ends in zip(top, bottom, strict=True)]
-        for line in upright:
-            self._divide(line, Division(rows))
-        surfaces = []
+            first, *inner, last = section.curve(depth, np.linspace(start_mm, end_mm, samples + 1))
+            knots += [point(first)] if not knots else []
+            knots.append(point(last))
+            spline = geometry.add_spline([knots[-2], *map(point, inner), knots[-1]])
+            curves.append(divided(spline, division))
+        boundaries.append((curves, knots))
+    # Patches of each layer between two boundaries; the outermost ends in the nail.
+    for band, rows in enumerate(_rows(finger)):
+        (above, top), (below, bottom) = boundaries[band : band + 2]
+        upright = [
+            divided(geometry.add_line(*ends), Division(rows))
+            for ends in zip(top, bottom, strict=True)
+        ]
         for k in range(len(above)):
             loop = geometry.add_curve_loop([above[k], upright[k + 1], -below[k], -upright[k]])
             surface = geometry.add_plane_surface(loop)
             corners = [top[k], top[k + 1], bottom[k + 1], bottom[k]]
             geometry.set_transfinite_surface(surface, "Left", corners)
-            on_back = band == 0 and k == len(above) - 1
-            name = "nail" if on_back else LAYERS[band]
+            name = "nail" if band == 0 and k == len(above) - 1 else LAYERS[band]
             surfaces.append((surface._id, LAYERS.index(name)))
-        return surfaces
-
-    def _inside(self, dermis: list[Any], knots: list[Any]) -> list[Surface]:
-        """Draw subcutaneous tissue and bone, below the lower side of the dermis."""
-        geometry, far_mm = self._geometry, self._far_mm
-        points = self._section.bone(np.linspace(0.0, np.pi, _BONE_SAMPLES + 1))
-        bone_knots = [self._point(point) for point in points]
-        bone = geometry.add_spline(bone_knots)
-        way_mm = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        self._divide(bone, even(way_mm, far_mm))
-        middle = geometry.add_line(bone_knots[-1], bone_knots[0])
-        height_mm = 2 * self._section.finger.bone.half_height_mm
-        self._divide(middle, even(height_mm, far_mm))
-        bottom = geometry.add_line(bone_knots[-1], knots[-1])
-        top = self._axis(knots[0], bone_knots[0], -points[0, 1])
-        below_mm = points[-1, 1] - float(knots[-1].x[1])
-        self._divide(bottom, graded(below_mm, far_mm, far_mm))
-        around = [*dermis, -bottom, -bone, *(-line for line in reversed(top))]
-        tissue = geometry.add_plane_surface(geometry.add_curve_loop(around))
-        inside = geometry.add_plane_surface(geometry.add_curve_loop([bone, middle]))
-        geometry.set_recombined_surfaces([tissue, inside])
-        return [
-            (tissue._id, LAYERS.index("subcutaneous_tissue")),
-            (inside._id, LAYERS.index("bone")),
-        ]
-
-    def _axis(
-        self,
-        dermis: Any,  # noqa: ANN401
-        bone: Any,  # noqa: ANN401
-        bone_mm: float,
-    ) -> list[Any]:
-        """Draw the line from dermis to bone, with a node where an afferent sits."""
-        skin = self._section.finger.skin
-        fine_mm = skin.dermis_mm / self._section.finger.resolution.dermis_rows
-        lines: list[Any] = []
-        here, here_mm = dermis, skin.dermis_depth_mm
-        for stop_mm in self._sites_on_axis():
-            there = self._geometry.add_point([0.0, -stop_mm, 0.0])
-            lines.append(self._geometry.add_line(here, there))
-            self._divide(lines[-1], graded(stop_mm - here_mm, fine_mm, fine_mm))
-            here, here_mm = there, stop_mm
-        lines.append(self._geometry.add_line(here, bone))
-        self._divide(lines[-1], graded(bone_mm - here_mm, fine_mm, self._far_mm))
-        return lines
-
-    def _sites_on_axis(self) -> list[float]:
-        finger = self._section.finger
-        least_mm = finger.skin.dermis_depth_mm + _CLEAR_MM
-        most_mm = finger.bone.depth_mm - finger.bone.half_height_mm - _CLEAR_MM
-        return sorted(
-            {
-                site.depth_mm
-                for site in finger.afferents.values()
-                if site.layer == "subcutaneous_tissue"
-                and site.x_mm == 0
-                and least_mm < site.depth_mm < most_mm
-            }
-        )
-
-    def _point(self, point_mm: Any) -> Any:  # noqa: ANN401
-        return self._geometry.add_point([*point_mm, 0.0])
-
-    def _divide(
-        self,
-        curve: Any,  # noqa: ANN401
-        division: "Division",
-    ) -> None:
-        self._geometry.set_transfinite_curve(
-            curve, division.count + 1, "Progression", division.growth
-        )
+    # Subcutaneous tissue and bone, below the lower side of the dermis.
+    dermis, knots = boundaries[-1]
+    points = section.bone(np.linspace(0.0, np.pi, _BONE_SAMPLES + 1))
+    bone_knots = [point(place_mm) for place_mm in points]
+    way_mm = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    bone = divided(geometry.add_spline(bone_knots), even(way_mm, far_mm))
+    middle = geometry.add_line(bone_knots[-1], bone_knots[0])
+    divided(middle, even(2 * finger.bone.half_height_mm, far_mm))
+    bottom_line = geometry.add_line(bone_knots[-1], knots[-1])
+    # The line from dermis to bone has a node where an afferent sits.
+    fine_mm = finger.skin.dermis_mm / finger.resolution.dermis_rows
+    here, here_mm, axis = knots[0], finger.skin.dermis_depth_mm, []
+    bone_mm = finger.bone.depth_mm - finger.bone.half_height_mm
+    sites_mm = {
+        site.depth_mm
+        for site in finger.afferents.values()
+        if (site.layer, site.x_mm) == ("subcutaneous_tissue", 0)
+        and here_mm + _CLEAR_MM < site.depth_mm < bone_mm - _CLEAR_MM
+    }
+    for stop_mm in sorted(sites_mm):
+        there = point((0.0, -stop_mm))
+        division = graded(stop_mm - here_mm, fine_mm, fine_mm)
+        axis.append(divided(geometry.add_line(here, there), division))
+        here, here_mm = there, stop_mm
+    last_line = geometry.add_line(here, bone_knots[0])
+    axis.append(divided(last_line, graded(-points[0, 1] - here_mm, fine_mm, far_mm)))
+    below_mm = points[-1, 1] - float(knots[-1].x[1])
+    divided(bottom_line, graded(below_mm, far_mm, far_mm))
+    around = [*dermis, -bottom_line, -bone, *(-line for line in reversed(axis))]
+    tissue = geometry.add_plane_surface(geometry.add_curve_loop(around))
+    inside = geometry.add_plane_surface(geometry.add_curve_loop([bone, middle]))
+    geometry.set_recombined_surfaces([tissue, inside])
+    surfaces.append((tissue._id, LAYERS.index("subcutaneous_tissue")))
+    surfaces.append((inside._id, LAYERS.index("bone")))
+    geometry.set_mesh_size_callback(lambda dim, tag, x, y, z, lc: min(lc, far_mm))
+    return surfaces
 
 
 # ---- How an edge is divided: even steps, or steps that grow from one width to another.
@@ -293,44 +223,27 @@ class Division:
     growth: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """Patches along the outline: `break_mm` has an end more than `division`."""
-
-    break_mm: tuple[float, ...]
-    division: tuple[Division, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of columns in half a section."""
-        return sum(patch.count for patch in self.division)
-
-
-def columns_of(section: Section, far_mm: float) -> Columns:
-    """Divide half the outline: contact, ridges, growth, side, nail."""
+def columns_of(section: Section, far_mm: float) -> list[tuple[float, float, Division]]:
+    """Patches of half the outline, contact, ridges, growth, side, nail: from, to, columns."""
     resolution = section.finger.resolution
     ridged_mm = section.finger.ridges.half_width_mm
-    contact_mm = min(resolution.contact_half_width_mm, ridged_mm)
-    nail_mm, end_mm = section.nail_arc_mm, section.end_arc_mm
-    fine_mm = resolution.ridge_mm
+    nail_mm, fine_mm = section.nail_arc_mm, resolution.ridge_mm
     grown_mm = min(
         ridged_mm + max(far_mm * _GROWTH - fine_mm, 0.3) / (_GROWTH - 1),
         0.5 * (ridged_mm + nail_mm),
     )
-    ends_mm, divisions = [0.0], []
-    for end, start_mm, stop_mm in (
-        (contact_mm, resolution.contact_mm, resolution.contact_mm),
+    patches, here_mm = [], 0.0
+    for end_mm, first_mm, last_mm in (
+        (min(resolution.contact_half_width_mm, ridged_mm), *2 * (resolution.contact_mm,)),
         (ridged_mm, fine_mm, fine_mm),
         (grown_mm, fine_mm, far_mm),
         (nail_mm, far_mm, far_mm),
-        (end_mm, far_mm, far_mm),
+        (section.end_arc_mm, far_mm, far_mm),
     ):
-        length_mm = end - ends_mm[-1]
-        if length_mm < 1e-9:
-            continue
-        ends_mm.append(end)
-        divisions.append(graded(length_mm, start_mm, stop_mm))
-    return Columns(tuple(ends_mm), tuple(divisions))
+        if end_mm - here_mm >= 1e-9:
+            patches.append((here_mm, end_mm, graded(end_mm - here_mm, first_mm, last_mm)))
+            here_mm = end_mm
+    return patches
 
 
 def graded(length_mm: float, start_mm: float, stop_mm: float) -> Division:
@@ -468,7 +381,15 @@ def _gmsh_session() -> Iterator[tuple[Any, Any]]:
     FingerError
         gmsh failed while it was open, or the caller has a session of its own.
     """
-    gmsh, pygmsh = _libraries()
+    try:
+        import gmsh
+        import pygmsh
+    except OSError as error:
+        raise MissingError(
+            f"gmsh cannot load a system library ({error}); apt-get install -y {SYSTEM_PACKAGES}"
+        ) from error
+    except ImportError as error:
+        raise MissingError(f"{error}; pip install pygmsh") from error
     if gmsh.isInitialized():
         raise FingerError("gmsh is already at work here: call gmsh.finalize() first")
     gmsh.initialize([], readConfigFiles=False, interruptible=False)
@@ -486,16 +407,3 @@ def _gmsh_session() -> Iterator[tuple[Any, Any]]:
     finally:
         gmsh.model.mesh.removeSizeCallback()
         gmsh.finalize()
-
-
-def _libraries() -> tuple[Any, Any]:
-    try:
-        import gmsh
-        import pygmsh
-    except OSError as error:
-        raise MissingError(
-            f"gmsh cannot load a system library ({error}); apt-get install -y {SYSTEM_PACKAGES}"
-        ) from error
-    except ImportError as error:
-        raise MissingError(f"{error}; pip install pygmsh") from error
-    return gmsh, pygmsh

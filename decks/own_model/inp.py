@@ -8,8 +8,8 @@ with its line.
 
 from decks.inp import (
     Block,
-    Deck,
     Edit,
+    Option,
     Resolver,
     Text,
     blocks_in,
@@ -20,7 +20,7 @@ from decks.inp import (
 )
 from decks.keyword_deck import fixed, pair_lines
 from decks.motion import Motion
-from decks.own_model.inp_drive import MOVABLE, Drive, Step, find_drive
+from decks.own_model.inp_drive import MOVABLE, Drive, find_drive
 from decks.own_model.inp_output import Change, Place, find_nodes, output_edits, scopes_of
 from decks.own_model.request import Rebased, Request
 from fembridge.errors import DeckError
@@ -28,20 +28,9 @@ from fembridge.errors import DeckError
 DIALECTS = ("calculix", "abaqus")
 
 # Keywords that Abaqus alone has, and that Abaqus/CAE or its users write often.
-_ABAQUS = frozenset(
-    (
-        "ASSEMBLY",
-        "ENDASSEMBLY",
-        "ENDINSTANCE",
-        "ENDPART",
-        "INSTANCE",
-        "MONITOR",
-        "PARAMETER",
-        "PART",
-        "PREPRINT",
-        "RIGIDSURFACE",
-        "SYSTEM",
-    )
+_ABAQUS = (
+    *("ASSEMBLY", "ENDASSEMBLY", "ENDINSTANCE", "ENDPART", "INSTANCE", "PART", "SYSTEM"),
+    *("MONITOR", "PARAMETER", "PREPRINT", "RIGIDSURFACE"),
 )
 _PLANE_OR_SOLID = ("C3D", "CAX", "CPE", "CPS", "CPEG", "CGAX")
 # As our own decks have them: times to 0.1 us, depths to a picometre where that is
@@ -112,9 +101,14 @@ def rebase_inp(
     ):
         edits += more_edits
         remarks += more_remarks
+    unread = [
+        f"{one.where}: {one.name} was not read, and what it holds is not known"
+        for one in deck.inclusions
+        if not one.read
+    ]
     return Rebased(
         deck=edited(data, edits),
-        remarks=(*remarks, *_unread(deck)),
+        remarks=(*remarks, *unread),
         place_mm={
             name: (place.x * request.length_mm, place.y * request.length_mm)
             for name, place in places.items()
@@ -135,61 +129,41 @@ def dialect_of(data: bytes) -> str:
 
 def _sign_of_abaqus(data: bytes) -> Block | None:
     """The first block that only Abaqus reads; None in a deck for ccx."""
-    return next((block for block in blocks_in(Text(data)) if _abaqus_alone(block)), None)
-
-
-def _abaqus_alone(block: Block) -> bool:
-    if block.keyword in _ABAQUS:
-        return True
-    if b"\n" in block.text.data[block.start : block.head]:  # ccx continues no keyword line
-        return True
-    if block.keyword == "OUTPUT":  # ccx knows *OUTPUT, FREQUENCY= alone
-        return block.option("FIELD") is not None or block.option("HISTORY") is not None
-    if block.keyword == "ELEMENT":  # hybrid elements: CPE4H, C3D8RH
+    for block in blocks_in(Text(data)):
         kind = block.word("TYPE")
-        return kind.startswith(_PLANE_OR_SOLID) and kind.endswith("H")
-    return False
+        if (
+            block.keyword in _ABAQUS
+            # ccx continues no keyword line, has *OUTPUT, FREQUENCY= alone, and no hybrid
+            # elements (CPE4H, C3D8RH)
+            or b"\n" in data[block.start : block.head]
+            or (block.keyword == "OUTPUT" and any(map(block.option, ("FIELD", "HISTORY"))))
+            or (block.keyword == "ELEMENT" and kind.startswith(_PLANE_OR_SOLID) and kind[-1] == "H")
+        ):
+            return block
+    return None
 
 
-def _unread(deck: Deck) -> list[str]:
-    return [
-        f"{one.where}: {one.name} was not read, and what it holds is not known"
-        for one in deck.inclusions
-        if not one.read
-    ]
-
-
-# ---- The waveform
+# ---- The waveform: an amplitude that counts total time begins where the step does, and
+# holds 0 before.
 
 
 def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
-    """`motion` as the amplitude's data, with remarks on what was done.
-
-    An amplitude that counts total time begins where the step does, and holds 0
-    before.
-    """
+    """`motion` as the amplitude's data, with remarks on what was done."""
     rows = drive.amplitude.own_rows()
-    scale = length_mm * drive.factor
-    values = (motion.depth_mm / scale + 0.0).tolist()
+    values = (motion.depth_mm / (length_mm * drive.factor) + 0.0).tolist()
     start_s = (drive.start_s or 0.0) if drive.total_time else 0.0
     times_s = (motion.time_s + start_s).tolist()
     if start_s > 0:
         times_s, values = [0.0, *times_s], [0.0, *values]
-    pairs = [
+    lines = pair_lines(
         (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
         for time_s, value in zip(times_s, values, strict=True)
-    ]
-    edits = in_place_of(drive.amplitude, rows, list(pair_lines(pairs)))
-    return edits, _remarks(drive, motion, length_mm, len(rows))
-
-
-def _remarks(drive: Drive, motion: Motion, length_mm: float, rows: int) -> list[str]:
-    curve, first = drive.amplitude, drive.push[0]
-    name = curve.word("NAME")
+    )
+    curve, first, head = drive.amplitude, drive.push[0], drive.step.head
     clock = "total time" if drive.total_time else "step time"
     remarks = [
-        f"{curve.where}: amplitude {name} ({clock}) holds the waveform, "
-        f"{len(motion.time_s)} samples in place of {rows} data lines"
+        f"{curve.where}: amplitude {curve.word('NAME')} ({clock}) holds the waveform, "
+        f"{len(motion.time_s)} samples in place of {len(rows)} data lines"
     ]
     signs = {push.magnitude > 0 for push in drive.push}
     for push in drive.push if len(signs) > 1 else (first,):
@@ -203,20 +177,19 @@ def _remarks(drive: Drive, motion: Motion, length_mm: float, rows: int) -> list[
     if length_mm != 1:
         remarks.append(f"one length unit of the deck is {length_mm:g} mm")
     if drive.start_s is None:
-        remarks.append(f"{drive.step.head.where}: at what total time the step begins is not known")
+        remarks.append(f"{head.where}: at what total time the step begins is not known")
     elif drive.start_s > 0:
         before = "; the amplitude is 0 before" if drive.total_time else ""
         remarks.append(
-            f"{drive.step.head.where}: the step begins at {drive.start_s:g} s of total "
+            f"{head.where}: the step begins at {drive.start_s:g} s of total "
             f"time, and the waveform with it{before}"
         )
-    later = [step for step in drive.steps if step.number > drive.step.number]
-    if later:
+    for later in drive.steps[drive.step.number :][:1]:
         remarks.append(
-            f"{later[0].head.where}: the steps after the waveform's hold its last "
+            f"{later.head.where}: the steps after the waveform's hold its last "
             "depth unless they say otherwise, and end the run later than it ends"
         )
-    return remarks
+    return in_place_of(curve, rows, list(lines)), remarks
 
 
 # ---- Increments: fixed ones, one a sample
@@ -224,30 +197,34 @@ def _remarks(drive: Drive, motion: Motion, length_mm: float, rows: int) -> list[
 
 def _increment_edits(drive: Drive, motion: Motion, *, abaqus: bool) -> Change:
     """``*STATIC, DIRECT`` and its line in the waveform's step, with remarks."""
-    step = drive.step
-    procedure = _procedure(step, abaqus)
-    edits, remarks = _limit(step, motion.increments)
-    edits += _direct(procedure, abaqus)
+    step, count, edits, remarks = drive.step, motion.increments, list[Edit](), list[str]()
+    procedure = _procedure(drive, abaqus)
+    option = step.head.option("INC")
+    most = _DEFAULT_MOST if option is None else whole(option.value or "", step.head.where)
+    if most < count:
+        remarks.append(f"{step.head.where}: INC raised from {most} to {count}")
+        edits.append(_with_option(step.head, option, f"INC={count}"))
+    direct = procedure.option("DIRECT")
+    no_stop = abaqus and direct is not None and direct.word == "NOSTOP"
+    if direct is None:
+        if not (procedure.keyword == "VISCO" and abaqus):  # fixed there without CETOL
+            edits.append(_with_option(procedure, None, "DIRECT"))
+    elif direct.word.startswith("NO") and not no_stop:  # to ccx, NO STOP is a no
+        edits.append(_with_option(procedure, direct, "DIRECT"))
     rows = procedure.own_rows()
-    line = ", ".join(fixed(time_s, 7) for time_s in (motion.dt_s, motion.increments * motion.dt_s))
+    line = ", ".join(fixed(time_s, _TIME_DIGITS) for time_s in (motion.dt_s, count * motion.dt_s))
     edits += in_place_of(procedure, rows[:1], [line])
     was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
     remarks.append(
-        f"{procedure.where}: {procedure.title}, DIRECT takes {motion.increments} "
+        f"{procedure.where}: {procedure.title}, DIRECT takes {count} "
         f"increments: {line} (was: {was.decode('latin-1')})"
     )
-    if procedure.keyword == "DYNAMIC" and abaqus:
-        smooth = drive.amplitude.option("SMOOTH")
-        if smooth is None or smooth.word.strip("0.") != "":
-            raise drive.amplitude.error(
-                "in *DYNAMIC Abaqus rounds an amplitude's corners by SMOOTH, 0.25 "
-                "without it, and the waveform with them; write SMOOTH=0"
-            )
     return edits, remarks
 
 
-def _procedure(step: Step, abaqus: bool) -> Block:
-    found = step.of(*MOVABLE)
+def _procedure(drive: Drive, abaqus: bool) -> Block:
+    """The procedure of the waveform's step, which leaves the increments to us."""
+    step, found = drive.step, drive.step.of(*MOVABLE)
     if len(found) != 1:
         kinds = ", ".join(f"*{name}" for name in MOVABLE)
         there = "; ".join(f"{block.title}, {block.where}" for block in found)
@@ -257,49 +234,33 @@ def _procedure(step: Step, abaqus: bool) -> Block:
     (procedure,) = found
     if step.head.option("PERTURBATION") is not None:
         raise step.head.error("a PERTURBATION step has no increments in time")
-    for name in ("RIKS", "EXPLICIT", "SUBSPACE"):
+    own_ways = ["RIKS", "EXPLICIT", "SUBSPACE"]
+    if procedure.keyword == "VISCO" and abaqus:
+        own_ways.append("CETOL")
+    for name in own_ways:
         if procedure.option(name) is not None:
             raise procedure.error(
                 f"{procedure.title}, {name} chooses its increments itself; the "
                 "waveform needs fixed ones"
             )
-    if procedure.keyword == "VISCO" and abaqus and procedure.option("CETOL"):
-        raise procedure.error(
-            "*VISCO, CETOL chooses its increments itself; take CETOL out for fixed ones"
-        )
     for block in (step.head, procedure):
         if not block.own:
             raise block.error(
                 f"{block.title} of the waveform's step is in an included file; put it into the deck"
             )
+    smooth = drive.amplitude.option("SMOOTH")
+    sharp = smooth is not None and smooth.word.strip("0.") == ""
+    if procedure.keyword == "DYNAMIC" and abaqus and not sharp:
+        raise drive.amplitude.error(
+            "in *DYNAMIC Abaqus rounds an amplitude's corners by SMOOTH, 0.25 "
+            "without it, and the waveform with them; write SMOOTH=0"
+        )
     return procedure
 
 
-def _limit(step: Step, increments: int) -> Change:
-    """``INC`` of the step raised where it is too small."""
-    option, most = step.head.option("INC"), _DEFAULT_MOST
-    if option is not None:
-        most = whole(option.value or "", step.head.where)
-    if most >= increments:
-        return [], []
-    remark = f"{step.head.where}: INC raised from {most} to {increments}"
-    if option is not None:
-        new = f"INC={increments}".encode()
-        return [Edit(option.start, option.stop, new)], [remark]
-    return [_appended(step.head, f"INC={increments}")], [remark]
-
-
-def _direct(procedure: Block, abaqus: bool) -> list[Edit]:
-    option = procedure.option("DIRECT")
-    if option is None:
-        if procedure.keyword == "VISCO" and abaqus:  # fixed without CETOL
-            return []
-        return [_appended(procedure, "DIRECT")]
-    if option.word.startswith("NO") and not (abaqus and option.word == "NOSTOP"):
-        return [Edit(option.start, option.stop, b"DIRECT")]  # to ccx, NO STOP is a no
-    return []
-
-
-def _appended(block: Block, option: str) -> Edit:
+def _with_option(block: Block, there: Option | None, new: str) -> Edit:
+    """`new` in the place of an option of the keyword line, or behind the last one."""
+    if there is not None:
+        return Edit(there.start, there.stop, new.encode())
     comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
-    return Edit(block.head, block.head, f"{comma}{option}".encode())
+    return Edit(block.head, block.head, f"{comma}{new}".encode())

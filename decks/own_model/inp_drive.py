@@ -26,6 +26,7 @@ _TIMED = (
 # Displacements along x, y, z.
 _TRANSLATIONS = range(1, 4)
 _LAST_DEGREE = 100  # far beyond what any solver has
+_DISPLACEMENT = ("", "DISPLACEMENT")
 # What makes of a condition something else than magnitude times amplitude.
 _FOREIGN = ("USER", "SUBMODEL", "FIXED", "MASSFLOW", "TIMEDELAY", "LOADCASE")
 # Options of *AMPLITUDE with the words that they may have; None: any.
@@ -57,30 +58,6 @@ class Step:
     def of(self, *keywords: str) -> list[Block]:
         """The step's blocks that have one of `keywords`."""
         return [block for block in self.blocks if block.keyword in keywords]
-
-    def period_s(self) -> float:
-        """What the step adds to the total time.
-
-        Raises
-        ------
-        DeckError
-            It is no step in time, or sets the clock.
-        """
-        procedures = self.of(*_TIMED)
-        if len(procedures) != 1:
-            raise self.head.error(
-                "how long this step takes is not known (no *STATIC, *DYNAMIC, *VISCO), "
-                "and the waveform's amplitude counts total time; let it count step time"
-            )
-        (procedure,) = procedures
-        for name in ("TIMERESET", "TOTALTIMEATSTART"):
-            if procedure.option(name) is not None:
-                raise procedure.error(
-                    f"{name} sets the clock, and the waveform's amplitude counts "
-                    "total time; let it count step time"
-                )
-        row = next(procedure.rows(), None)
-        return 1.0 if row is None else row.number(1, blank=0.0) or 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,18 +108,24 @@ def find_drive(deck: Deck, amplitude: str | None, step: str | None) -> Drive:
                 f"{block.title} uses amplitude {name} too, and would follow the "
                 "waveform; give it an amplitude of its own"
             )
-    chosen = _step_of(name, users, steps, step, curve)
-    push = tuple(_pushes(name, chosen, users))
+        if block.keyword == "BOUNDARY" and not any(block in one.blocks for one in steps):
+            raise block.error(
+                f"*BOUNDARY with amplitude {name} is in no step; put it into the one that it "
+                "belongs to"
+            )
+    mine = [one for one in steps if any(user in one.blocks for user in users)]
+    if not mine:
+        raise curve.error(f"no *BOUNDARY of a step uses amplitude {name}")
+    chosen = _chosen(steps, mine, name, step)
+    push = _pushes(name, [block for block in users if block in chosen.blocks])
     total = curve.word("TIME") == "TOTALTIME"
-    return Drive(
-        amplitude=curve,
-        step=chosen,
-        steps=tuple(steps),
-        push=push,
-        factor=_factor(push),
-        total_time=total,
-        start_s=_start_s(deck, steps, chosen, needed=total),
-    )
+    try:
+        start_s = _start_s(deck, steps[: chosen.number])
+    except DeckError:
+        if total:
+            raise
+        start_s = None
+    return Drive(curve, chosen, tuple(steps), push, abs(push[0].magnitude), total, start_s)
 
 
 def _steps_of(deck: Deck) -> list[Step]:
@@ -171,17 +154,17 @@ def _only_amplitude(deck: Deck) -> str:
     for block in deck.of("BOUNDARY"):
         name = block.word("AMPLITUDE")
         moves = any(push.axis in _TRANSLATIONS for push in _magnitudes(block))
-        if name and moves and _is_displacement(block):
+        if name and moves and block.word("TYPE") in _DISPLACEMENT:
             found.setdefault(name, block.where)
-    if len(found) == 1:
-        return next(iter(found))
     if not found:
         raise DeckError(
             "no *BOUNDARY in a step moves anything by an AMPLITUDE; give the probe's "
             f"one (the deck has {_known(deck)}){deck.unread}"
         )
-    listed = ", ".join(f"{name} ({where})" for name, where in found.items())
-    raise DeckError(f"several amplitudes move something: {listed}; name one")
+    if len(found) > 1:
+        listed = ", ".join(f"{name} ({where})" for name, where in found.items())
+        raise DeckError(f"several amplitudes move something: {listed}; name one")
+    return next(iter(found))
 
 
 def _known(deck: Deck) -> str:
@@ -195,99 +178,75 @@ def _known(deck: Deck) -> str:
 def _definition(deck: Deck, name: str) -> Block:
     """The amplitude `name`, of a kind that can hold a waveform."""
     found = [block for block in deck.of("AMPLITUDE") if block.word("NAME") == name]
-    if not found:
+    if len(found) != 1:
+        there = " and ".join(block.where for block in found)
+        problem = f"duplicate, at {there}" if found else f"it has {_known(deck)}{deck.unread}"
         raise DeckError(
-            f"no *AMPLITUDE, NAME={name} in the deck; it has {_known(deck)}{deck.unread}"
+            f"{len(found)} *AMPLITUDE, NAME={name} in the deck, expected one; {problem}"
         )
-    if len(found) > 1:
-        both = " and ".join(block.where for block in found)
-        raise DeckError(f"*AMPLITUDE, NAME={name}: duplicate, at {both}; keep one")
     (curve,) = found
-    if not curve.own:
-        raise curve.error(f"*AMPLITUDE, NAME={name} is in an included file; put it into the deck")
+    if not curve.own or curve.option("INPUT") is not None:
+        raise curve.error(f"*AMPLITUDE, NAME={name}: its data is in another file; put it here")
     curve.own_rows()
     for option in curve.options:
-        if option.name == "INPUT":
-            raise curve.error("its data is in another file; put it into the deck")
-        if option.name not in _CURVE_OPTIONS:
-            raise curve.error(
-                f"*AMPLITUDE with {option.name}: what it does to a waveform is not "
-                "known here; take it out"
-            )
-        words = _CURVE_OPTIONS[option.name]
+        words = _CURVE_OPTIONS.get(option.name, ())
         if words is not None and option.word not in words:
-            expected = " or ".join(words)
-            raise curve.error(f"*AMPLITUDE with {option.name}={option.value}, expected {expected}")
+            expected = f"expected {' or '.join(words)}" if words else "take it out"
+            said = option.name if option.value is None else f"{option.name}={option.value}"
+            raise curve.error(f"*AMPLITUDE with {said} may be no waveform; {expected}")
     return curve
 
 
-def _step_of(
-    name: str, users: list[Block], steps: list[Step], wanted: str | None, curve: Block
-) -> Step:
-    mine = [step for step in steps if any(user in step.blocks for user in users)]
-    for user in users:
-        if user.keyword == "BOUNDARY" and not any(user in one.blocks for one in steps):
-            raise user.error(
-                f"*BOUNDARY with amplitude {name} is in no step; put it into the one that it "
-                "belongs to"
-            )
-    if not mine:
-        raise curve.error(f"no *BOUNDARY of a step uses amplitude {name}")
-    if wanted is not None:
-        step = _step_named(steps, wanted)
-        if step not in mine:
-            known = "; ".join(one.name for one in mine)
-            raise step.head.error(
-                f"no *BOUNDARY here uses amplitude {name}; those that have one: {known}"
-            )
-        return step
-    if len(mine) > 1:
-        listed = "; ".join(step.name for step in mine)
-        raise DeckError(f"several steps use amplitude {name}: {listed}; name one")
-    return mine[0]
+def _chosen(steps: list[Step], mine: list[Step], name: str, wanted: str | None) -> Step:
+    """The step that is `wanted`, or the only one of `mine`, which use the amplitude."""
+    if wanted is None:
+        if len(mine) > 1:
+            listed = "; ".join(step.name for step in mine)
+            raise DeckError(f"several steps use amplitude {name}: {listed}; name one")
+        return mine[0]
+    named = [
+        step
+        for step in steps
+        if wanted.strip() == str(step.number) or step.head.word("NAME") == squeezed(wanted) != ""
+    ]
+    if not named:
+        known = "; ".join(step.name for step in steps)
+        raise DeckError(f"no step {wanted!r} in the deck; it has: {known}")
+    if named[0] not in mine:
+        known = "; ".join(one.name for one in mine)
+        raise named[0].head.error(
+            f"no *BOUNDARY here uses amplitude {name}; those that have one: {known}"
+        )
+    return named[0]
 
 
-def _step_named(steps: list[Step], wanted: str) -> Step:
-    for step in steps:
-        if wanted.strip() == str(step.number):
-            return step
-        if (word := step.head.word("NAME")) and word == squeezed(wanted):
-            return step
-    known = "; ".join(step.name for step in steps)
-    raise DeckError(f"no step {wanted!r} in the deck; it has: {known}")
-
-
-def _pushes(name: str, step: Step, users: list[Block]) -> Iterator[Push]:
-    found = False
-    for block in step.of("BOUNDARY"):
-        if block not in users:
-            continue
-        if not _is_displacement(block):
+def _pushes(name: str, blocks: list[Block]) -> tuple[Push, ...]:
+    """What the amplitude moves in its step: displacements of one size."""
+    found: list[Push] = []
+    for block in blocks:
+        foreign = [word for word in _FOREIGN if block.option(word) is not None]
+        if block.word("TYPE") not in _DISPLACEMENT:
+            foreign = [f"TYPE={block.word('TYPE')}"]
+        if foreign:
             raise block.error(
-                f"*BOUNDARY, TYPE={block.word('TYPE')} with amplitude {name}: the "
-                "waveform is a displacement"
+                f"{block.title} with {foreign[0]} and amplitude {name}: it would not follow the "
+                "waveform, a displacement"
             )
-        for foreign in _FOREIGN:
-            if block.option(foreign) is not None:
-                raise block.error(
-                    f"*BOUNDARY with {foreign} and amplitude {name}: it would not "
-                    "follow the waveform"
-                )
-        for push in _magnitudes(block):
-            if push.axis not in _TRANSLATIONS:
-                raise DeckError(
-                    f"{push.where}: degree of freedom {push.axis} with amplitude "
-                    f"{name} is no displacement"
-                )
-            found = True
-            yield push
+        found += _magnitudes(block)
+    for push in found:
+        if push.axis not in _TRANSLATIONS:
+            raise DeckError(
+                f"{push.where}: degree of freedom {push.axis} with amplitude {name} is no "
+                "displacement"
+            )
+        if abs(push.magnitude) != abs(found[0].magnitude):
+            raise DeckError(
+                f"{push.where}: magnitude {push.magnitude:g}, but {found[0].magnitude:g} at "
+                f"{found[0].where}: one amplitude cannot give both the waveform's depth"
+            )
     if not found:
-        where = next(user.where for user in users if user in step.blocks)
-        raise DeckError(f"{where}: the magnitudes with amplitude {name} are 0: nothing would move")
-
-
-def _is_displacement(block: Block) -> bool:
-    return block.word("TYPE") in ("", "DISPLACEMENT")
+        raise blocks[0].error(f"the magnitudes with amplitude {name} are 0: nothing would move")
+    return tuple(found)
 
 
 def _magnitudes(block: Block) -> Iterator[Push]:
@@ -304,29 +263,24 @@ def _magnitudes(block: Block) -> Iterator[Push]:
             yield Push(magnitude, one, what, row.where)
 
 
-def _factor(push: tuple[Push, ...]) -> float:
-    first = push[0]
-    for other in push:
-        if abs(other.magnitude) != abs(first.magnitude):
-            raise DeckError(
-                f"{other.where}: magnitude {other.magnitude:g}, but "
-                f"{first.magnitude:g} at {first.where}: one amplitude cannot give both "
-                "the waveform's depth"
+def _start_s(deck: Deck, steps: list[Step]) -> float:
+    """Total time at which the last of `steps` begins."""
+    clocks = [(one, "READ") for one in deck.of("RESTART")]
+    periods_s = []
+    for step in steps:
+        procedures = step.of(*_TIMED)
+        if len(procedures) != 1:
+            raise step.head.error(
+                "how long this step takes is not known (no *STATIC, *DYNAMIC, *VISCO), "
+                "and the waveform's amplitude counts total time; let it count step time"
             )
-    return abs(first.magnitude)
-
-
-def _start_s(deck: Deck, steps: list[Step], chosen: Step, *, needed: bool) -> float | None:
-    try:
-        for block in deck.of("RESTART"):
-            if block.option("READ") is not None:
-                raise block.error(
-                    "*RESTART, READ: the total time at the start is not known, and the "
-                    "waveform's amplitude counts it; let it count step time"
-                )
-        *before, _ = [step.period_s() for step in steps[: chosen.number]]
-    except DeckError:
-        if needed:
-            raise
-        return None
-    return sum(before)
+        row = next(procedures[0].rows(), None)
+        periods_s.append(1.0 if row is None else row.number(1, blank=0.0) or 1.0)
+        clocks += [(procedures[0], name) for name in ("TIMERESET", "TOTALTIMEATSTART")]
+    for block, name in clocks:
+        if block.option(name) is not None:
+            raise block.error(
+                f"{name} sets the clock, and the waveform's amplitude counts total time; "
+                "let it count step time"
+            )
+    return sum(periods_s[:-1])

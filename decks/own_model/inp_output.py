@@ -16,7 +16,7 @@ nodes in one scope.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from decks.inp import Block, Deck, Edit, Piece, Row, inserted, members, squeezed, without
@@ -129,12 +129,10 @@ def _calculix_request(drive: Drive, step: Step, *, on_set: bool, binary: bool) -
         raise timed[0].error(
             f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it out"
         )
-    kind, double = ("OUTPUT", ", DOUBLE") if binary else ("FILE", "")
-    nodes = f", NSET={OUTPUT_SET}" if on_set else ""
-    flat = _flat(drive, step) if on_set else ""
-    options = f"{nodes}{often}{flat}{double}"
-    element = "ELEMENT" if binary else "EL"
-    return [f"*NODE {kind}{options}", "U", f"*{element} {kind}{options}", "S"]
+    nodes = f", NSET={OUTPUT_SET}{often}{_flat(drive, step)}" if on_set else often
+    if binary:
+        return [f"*NODE OUTPUT{nodes}, DOUBLE", "U", f"*ELEMENT OUTPUT{nodes}, DOUBLE", "S"]
+    return [f"*NODE FILE{nodes}", "U", f"*EL FILE{nodes}", "S"]
 
 
 def _steps_to_write(drive: Drive) -> list[Step]:
@@ -169,9 +167,7 @@ def _flat(drive: Drive, step: Step) -> str:
 
 
 def _abaqus_request(on_set: bool) -> list[str]:
-    nodes, elements = "", ""
-    if on_set:
-        nodes, elements = f", NSET={OUTPUT_SET}", f", ELSET={OUTPUT_SET}"
+    nodes, elements = (f", {kind}={OUTPUT_SET}" if on_set else "" for kind in ("NSET", "ELSET"))
     return [
         "*OUTPUT, FIELD, FREQUENCY=1",
         f"*NODE OUTPUT{nodes}",
@@ -193,76 +189,60 @@ def _abaqus_requests(step: Step) -> list[Block]:
         elif groups and block.keyword in _ABAQUS_PARTS:
             groups[-1].append(block)
     gone: list[Block] = []
-    for group in groups:
-        if group[0].option("FIELD") is not None:
-            parts = [one for one in group if one.keyword in ("NODEOUTPUT", "ELEMENTOUTPUT")]
-            gone += group if len(parts) == len(group) - 1 else parts
+    for head, *others in groups:
+        parts = [one for one in others if one.keyword in ("NODEOUTPUT", "ELEMENTOUTPUT")]
+        if head.option("FIELD") is not None:
+            gone += [head, *others] if len(parts) == len(others) else parts
     return gone
 
 
 # ---- Sets: one an afferent, one for all
 
 
-def afferent_set(name: str) -> str:
-    """Name of the node set of an afferent.
-
-    Raises
-    ------
-    DeckError
-        The afferent's name cannot be part of one.
-    """
-    if not _SET_NAME.fullmatch(name):
-        raise DeckError(
-            f"afferent {name!r}: its name becomes that of a set, and may have letters, "
-            "digits, - and _"
-        )
-    return f"AFFERENT_{name.upper()}"
-
-
 def _sets(
     deck: Deck, drive: Drive, scopes: list[Scope], places: Mapping[str, Place], abaqus: bool
 ) -> Change:
-    """Those sets that the deck has not yet, before its first step."""
-    outside = scopes[0].blocks
-    if len({afferent_set(name) for name in places}) < len(places):
-        raise DeckError(f"afferents {', '.join(places)}: two names of one set")
-    lines: list[str] = []
-    together: dict[str, list[int]] = {}
+    """Those sets that the deck has not yet, before its first step or the assembly's end."""
+    wanted: dict[tuple[str, str], Members] = {}
+    together: dict[str, dict[int, Place]] = {}
     for name, place in places.items():
-        lines += _set_lines("NSET", afferent_set(name), {place.instance: [place.node]}, outside)
-        numbers = together.setdefault(place.instance, [])
-        if place.node not in numbers:
-            numbers.append(place.node)
-    lines += _set_lines("NSET", OUTPUT_SET, together, outside)
+        key = "NSET", f"AFFERENT_{name.upper()}"
+        if not _SET_NAME.fullmatch(name) or key in wanted:
+            raise DeckError(
+                f"afferent {name!r}: its name becomes that of a set, and may have letters, "
+                "digits, - and _, and be there once"
+            )
+        wanted[key] = {place.instance: [place.node]}
+        together.setdefault(place.instance, {})[place.node] = place
+    wanted["NSET", OUTPUT_SET] = {instance: list(some) for instance, some in together.items()}
     if abaqus:
-        around = _elements_around(scopes, places.values())
-        lines += _set_lines("ELSET", OUTPUT_SET, around, outside)
+        wanted["ELSET", OUTPUT_SET] = _elements_around(scopes, together)
+    lines = []
+    for (keyword, name), numbers in wanted.items():
+        makers = (keyword, "NODE", "ELEMENT")
+        outside = [one for one in scopes[0].blocks if one.keyword in makers]
+        there = [one for one in outside if one.word(keyword) == name]
+        if there and not _holds(there, numbers):
+            raise there[0].error(
+                f"set {name} is there already and holds something else than the output "
+                "asked for; rename or remove it"
+            )
+        for instance, some in () if there else numbers.items():
+            of = f", INSTANCE={instance}" if instance else ""
+            lines += [f"*{keyword}, {keyword}={name}{of}", *list_lines(some)]
     if not lines:
         return [], []
-    before = _set_place(deck, drive, in_assembly=any(one.instance for one in places.values()))
-    line = before.text.data.count(b"\n", 0, before.start) + 1
+    ends = deck.of("ENDASSEMBLY") if any(together) else [drive.steps[0].head]
+    if len(ends) != 1 or not ends[0].own:
+        raise DeckError(
+            f"sets have to be put before {ends[0].where if ends else '*END ASSEMBLY'}; expected "
+            f"one there in the deck itself, found {len(ends)}"
+        )
+    text, start = ends[0].text, ends[0].start
     # A node set and an element set may share a name.
     names = dict.fromkeys(each.split("=")[1].split(",")[0] for each in lines if "=" in each)
-    remark = f"line {line}: before it, sets {', '.join(names)}"
-    return [inserted(before.text, before.start, lines)], [remark]
-
-
-def _set_lines(
-    keyword: str, name: str, wanted: Members, outside: tuple[Block, ...]
-) -> Iterator[str]:
-    """Lines of a set, none where the deck has it as it should be."""
-    makers = (keyword, "NODE", "ELEMENT")
-    there = [one for one in outside if one.word(keyword) == name and one.keyword in makers]
-    if not there:
-        for instance, numbers in wanted.items():
-            of = f", INSTANCE={instance}" if instance else ""
-            yield f"*{keyword}, {keyword}={name}{of}"
-            yield from list_lines(numbers)
-    elif not _holds(there, wanted):
-        raise there[0].error(
-            f"set {name} is there already and holds something else than the output "
-            "asked for; rename or remove it"
-        )
+    line = text.data.count(b"\n", 0, start) + 1
+    return [inserted(text, start, lines)], [f"line {line}: before it, sets {', '.join(names)}"]
 
 
 def _holds(blocks: list[Block], wanted: Members) -> bool:
@@ -280,39 +260,17 @@ def _holds(blocks: list[Block], wanted: Members) -> bool:
     return found == expected
 
 
-def _set_place(deck: Deck, drive: Drive, *, in_assembly: bool) -> Block:
-    """The block before which sets go: the first step or, in an assembly, its end."""
-    before = drive.steps[0].head
-    if in_assembly:
-        ends = deck.of("ENDASSEMBLY")
-        if len(ends) != 1:
-            raise DeckError(f"{len(ends)} *END ASSEMBLY in the deck, expected one")
-        (before,) = ends
-    if not before.own:
-        raise before.error(
-            f"{before.title} is in an included file, and sets have to be put before "
-            "it; put it into the deck itself"
-        )
-    return before
-
-
-def _elements_around(scopes: list[Scope], places: Iterable[Place]) -> Members:
-    """Numbers of the elements at `places`, by instance and in deck order."""
-    nodes: dict[str, dict[int, Place]] = {}
-    for place in places:
-        nodes.setdefault(place.instance, {})[place.node] = place
+def _elements_around(scopes: list[Scope], nodes: Mapping[str, Mapping[int, Place]]) -> Members:
+    """Numbers of the elements at `nodes`, by instance and in deck order."""
     found: dict[str, list[int]] = {}
     for scope in scopes:
-        wanted = nodes.get(scope.instance)
-        if not wanted:
-            continue
+        wanted = nodes.get(scope.instance, {})
         reached: set[int] = set()
-        for block in scope.blocks:
-            if block.keyword == "ELEMENT":
-                for number, corners in _elements(block):
-                    if here := wanted.keys() & corners:
-                        found.setdefault(scope.instance, []).append(number)
-                        reached |= here
+        for block in scope.blocks if wanted else ():
+            for number, corners in _elements(block) if block.keyword == "ELEMENT" else ():
+                if here := wanted.keys() & corners:
+                    found.setdefault(scope.instance, []).append(number)
+                    reached |= here
         for node in wanted.keys() - reached:
             raise DeckError(
                 f"{wanted[node].where}: no *ELEMENT of the deck has node {node}, so it "
@@ -394,56 +352,46 @@ def find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[Place]
     """
     found: dict[int, list[Place]] = {node: [] for node in nodes}
     for scope in scopes:
-        for place in _nodes_in(scope, nodes):
-            found[place.node].append(place)
+        for node, place in _nodes_in(scope, nodes).items():
+            found[node].append(place)
     for node, places in found.items():
         if not places:
             made = deck.of(*_NODE_MAKERS)
             hint = f"; {made[0].title}, {made[0].where}, is not followed" if made else ""
             raise DeckError(f"no *NODE of the deck defines node {node}{hint}{deck.unread}")
         if len(places) > 1:
-            listed = ", ".join(
-                f"{place.instance or 'the assembly'} ({place.where})" for place in places
-            )
+            listed = ", ".join(f"{one.instance or 'the assembly'} ({one.where})" for one in places)
             raise DeckError(
                 f"node {node} is in several instances: {listed}; give one of them another number"
             )
     return [found[node][0] for node in nodes]
 
 
-def _nodes_in(scope: Scope, nodes: list[int]) -> Iterator[Place]:
-    """Those of `nodes` that the scope defines, each once."""
+def _nodes_in(scope: Scope, nodes: list[int]) -> dict[int, Place]:
+    """Those of `nodes` that the scope defines."""
     found: dict[int, Place] = {}
+    across, up = scope.shift
     for block in scope.blocks:
-        if block.keyword != "NODE":
-            continue
-        for row in _rows_of(block, nodes):
+        for row in _rows_of(block, nodes) if block.keyword == "NODE" else ():
             if block.word("SYSTEM") not in ("", "R"):
                 raise block.error(
                     f"*NODE, SYSTEM={block.word('SYSTEM')}: node {row.words[0]} is not in "
                     "rectangular coordinates"
                 )
             node, x, y = row.whole(0), row.number(1, blank=0.0), row.number(2, blank=0.0)
-            before = found.get(node)
-            if before is not None and max(abs(before.x - x), abs(before.y - y)) > _SAME * (
-                abs(x) + abs(y)
-            ):
+            place = Place(node, x + across, y + up, scope.instance, row.where)
+            before = found.setdefault(node, place)
+            if max(abs(before.x - place.x), abs(before.y - place.y)) > _SAME * (abs(x) + abs(y)):
                 raise DeckError(f"{row.where}: node {node} again, elsewhere than at {before.where}")
-            found[node] = Place(node, x, y, scope.instance, row.where)
-    system = [block for block in scope.blocks if block.keyword == "SYSTEM"]
-    if found and system:
-        raise system[0].error(
-            "*SYSTEM moves the nodes after it, which is not followed; write the "
-            "afferents' nodes in global coordinates"
-        )
-    if found and scope.turned:
+            found[node] = place
+    moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
+    if found and (moved or scope.turned):
         raise DeckError(
-            f"{scope.turned}: instance {scope.instance} is turned, and where its nodes "
-            "come to lie is not worked out; turn the part"
+            f"{(moved or [scope.turned])[0]}: turns or moves the nodes of "
+            f"{scope.instance or 'the deck'}, and where they come to lie is not worked out; "
+            "write them in global coordinates"
         )
-    for place in found.values():
-        x, y = place.x + scope.shift[0], place.y + scope.shift[1]
-        yield Place(place.node, x, y, scope.instance, place.where)
+    return found
 
 
 def _rows_of(block: Block, nodes: list[int]) -> Iterator[Row]:

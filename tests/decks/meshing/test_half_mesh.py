@@ -26,11 +26,12 @@ def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(start
 
 def test_patches_follow_each_other_from_the_apex_to_the_back():
     section = section_of(QUICK)
-    columns = columns_of(section, 0.525)
-    assert columns.break_mm[:3] == (0.0, 0.5, 3.0)
-    assert columns.break_mm[-2:] == (section.nail_arc_mm, section.end_arc_mm)
-    assert (np.diff(columns.break_mm) > 0).all()
-    assert [patch.count % 2 for patch in columns.division] == [0] * 5
+    starts_mm, ends_mm, divisions = zip(*columns_of(section, 0.525), strict=True)
+    assert starts_mm == (0.0, *ends_mm[:-1])
+    assert ends_mm[:2] == (0.5, 3.0)
+    assert ends_mm[-2:] == (section.nail_arc_mm, section.end_arc_mm)
+    assert (np.diff(ends_mm) > 0).all()
+    assert [patch.count % 2 for patch in divisions] == [0] * 5
 
 
 def half(x_mm=0.0):

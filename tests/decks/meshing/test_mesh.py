@@ -148,15 +148,6 @@ def test_afferents_sit_exactly_at_their_sites_and_inside_one_layer(name, mesh):
         assert (mesh.layer[around] == LAYERS.index(site.layer)).all()
 
 
-def test_a_node_inside_a_layer_is_in_no_other(mesh):
-    inside = [set(mesh.nodes_inside(layer).tolist()) for layer in LAYERS]
-    assert sum(map(len, inside)) == len(set.union(*inside))
-    corner = mesh.quad[mesh.in_layer("dermis")]
-    shared = np.intersect1d(corner, mesh.quad[mesh.in_layer("epidermis")])
-    assert shared.size
-    assert not set(shared.tolist()) & set.union(*inside)
-
-
 def test_no_node_within_reach_of_a_site_is_an_error(mesh):
     with pytest.raises(FingerError, match=r"is 1\.\d\d mm away, expected within 0\.3"):
         mesh.node_at(AfferentSite("bone", 0.0, 5.0))
