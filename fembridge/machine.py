@@ -12,10 +12,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
+from typing import NamedTuple
 
 from fembridge.errors import MissingError
 
@@ -29,7 +27,7 @@ CCX_ELSEWHERE = (
     "brew install costerwi/homebrew-calculix/calculix-ccx"
 )
 CCX_VARIABLE = "FEMBRIDGE_CCX"
-CCX_TRIED = (2, 20)
+CCX_TRIED = "2.20"
 """The version that everything was tried with."""
 
 PACKAGES = {
@@ -53,20 +51,15 @@ ROOM_GIB = 2.0
 """A transient run of the finest finger writes about a third of a GiB."""
 
 
-class State(Enum):
-    """What a check found; only `MISSING` keeps the stored response from working."""
+class Check(NamedTuple):
+    """One line of the doctor: what was looked at, what was found, what to do.
 
-    OK = "ok"
-    NOTE = "note"
-    MISSING = "missing"
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One line of the doctor: what was looked at, what was found, what to do."""
+    `state` is ``ok``, ``note`` or ``missing``; only the last keeps the stored response
+    from working.
+    """
 
     name: str
-    state: State
+    state: str
     found: str
     remedy: str = ""
 
@@ -92,17 +85,11 @@ def find_ccx() -> Path | None:
             raise MissingError(f"{CCX_VARIABLE} is {asked!r}, which is no program here")
         return Path(found).absolute()
     plain = shutil.which("ccx")
-    return Path(plain).absolute() if plain else _newest_versioned_ccx()
-
-
-def _newest_versioned_ccx() -> Path | None:
+    if plain:
+        return Path(plain).absolute()
     versions: dict[tuple[int, int, bool], Path] = {}
-    for folder in map(Path, os.get_exec_path()):
-        try:
-            programs = [path for path in folder.iterdir() if path.name[:4] == "ccx_"]
-        except OSError:
-            continue
-        for path in programs:
+    for folder in os.get_exec_path():
+        for path in Path(folder).glob("ccx_*"):
             match = re.fullmatch(r"ccx_(\d+)\.(\d+)(_MT)?", path.name)
             if match and path.is_file() and os.access(path, os.X_OK):
                 key = (int(match[1]), int(match[2]), bool(match[3]))
@@ -110,11 +97,29 @@ def _newest_versioned_ccx() -> Path | None:
     return versions[max(versions)] if versions else None
 
 
+def version_of(ccx: Path) -> tuple[str, str]:
+    """Version that a solver prints, as ``2.20``, "" for none; and its exit code and first words.
+
+    Raises
+    ------
+    MissingError
+        It does not run.
+    """
+    try:
+        answer = _run([str(ccx), "-v"], patience_s=20)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise MissingError(f"{ccx} does not run: {error}") from error
+    # exit 201 is what a healthy ccx gives for -v
+    match = re.search(r"Version (\d+(?:\.\d+)*)", answer.stdout)
+    said = (answer.stderr.strip() or answer.stdout.strip() or "nothing").split("\n")
+    return match[1] if match else "", f"(exit {answer.returncode}): {said[0]}"
+
+
 def examine(version: str) -> list[Check]:
     """Look at everything the doctor reports; `version` is fembridge's own."""
     return [
-        Check("fembridge", State.OK, version),
-        Check("python", State.OK, f"{sys.version.split()[0]}, {sys.executable}"),
+        Check("fembridge", "ok", version),
+        Check("python", "ok", f"{sys.version.split()[0]}, {sys.executable}"),
         *(check_package(name) for name in PACKAGES),
         check_ccx(),
         check_gmsh(),
@@ -124,22 +129,12 @@ def examine(version: str) -> list[Check]:
     ]
 
 
-def to_lines(checks: Sequence[Check]) -> list[str]:
-    """Write each check as a line, with its remedy on a line of its own."""
-    lines = []
-    for check in checks:
-        lines.append(f"{check.state.value:<8} {check.name:<11} {check.found}")
-        if check.remedy:
-            lines.append(f"{'':<20} -> {check.remedy}")
-    return lines
-
-
 def check_package(name: str) -> Check:
     """Compare the installed version of a dependency with the least one."""
     least, needed, use = PACKAGES[name]
     least_text = ".".join(map(str, least))
     remedy = f"{sys.executable} -m pip install '{name}>={least_text}'"
-    state = State.MISSING if needed else State.NOTE
+    state = "missing" if needed else "note"
     try:
         found = importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -147,68 +142,58 @@ def check_package(name: str) -> Check:
     numbers = tuple(int(part) for part in re.findall(r"\d+", found)[: len(least)])
     if numbers < least:
         return Check(name, state, f"{found}, older than {least_text}", remedy)
-    return Check(name, State.OK, found)
+    return Check(name, "ok", found)
 
 
 def check_ccx() -> Check:
     """Find the solver and ask for its version; without it nothing new is solved."""
     remedy = f"{SOLVER_INSTALL_LINE} (Debian, Ubuntu); elsewhere {CCX_ELSEWHERE}"
+    path = None
     try:
         path = find_ccx()
+        version, said = version_of(path) if path else ("", "")
     except MissingError as error:
-        return Check("ccx", State.NOTE, str(error), f"unset or correct {CCX_VARIABLE}")
+        return Check("ccx", "note", str(error), remedy if path else f"correct {CCX_VARIABLE}")
     if path is None:
         found = "not found; stored responses work without it, new decks need it"
-        return Check("ccx", State.NOTE, found, remedy)
-    try:
-        answer = subprocess.run(
-            [str(path), "-v"], capture_output=True, text=True, timeout=20, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return Check("ccx", State.NOTE, f"{path} does not run: {error}", remedy)
-    # exit 201 is what a healthy ccx gives for -v
-    match = re.search(r"Version (\d+)\.(\d+)", answer.stdout)
-    if match is None:
-        said = (answer.stderr.strip() or answer.stdout.strip() or "nothing").split("\n")
-        found = f"{path} prints no version (exit {answer.returncode}): {said[0]}"
-        return Check("ccx", State.NOTE, found, remedy)
-    found = f"{match[1]}.{match[2]}, {path}"
-    if (int(match[1]), int(match[2])) != CCX_TRIED:
-        found += f" (tried with {CCX_TRIED[0]}.{CCX_TRIED[1]})"
-    return Check("ccx", State.OK, found)
+        return Check("ccx", "note", found, remedy)
+    if not version:
+        return Check("ccx", "note", f"{path} prints no version {said}", remedy)
+    tried = "" if version == CCX_TRIED else f" (tried with {CCX_TRIED})"
+    return Check("ccx", "ok", f"{version}, {path}{tried}")
 
 
 def check_gmsh() -> Check:
     """Import gmsh in another process; it is for fingers without a stored mesh."""
-    command = [sys.executable, "-P", "-c", "import gmsh; print(gmsh.__version__)"]
     try:
-        answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        command = [sys.executable, "-P", "-c", "import gmsh; print(gmsh.__version__)"]
+        answer = _run(command, patience_s=60)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return Check("gmsh", State.NOTE, f"not tried: {error}")
+        return Check("gmsh", "note", f"not tried: {error}")
     if answer.returncode == 0:
-        return Check("gmsh", State.OK, answer.stdout.strip())
+        return Check("gmsh", "ok", answer.stdout.strip())
     last = (answer.stderr.strip() or f"exit {answer.returncode}").split("\n")[-1]
-    found = f"cannot be imported ({last}); stored meshes work without it"
     if "No module named 'gmsh'" in last:
-        return Check("gmsh", State.NOTE, found, f"{sys.executable} -m pip install gmsh")
-    return Check(
-        "gmsh",
-        State.NOTE,
-        found,
-        f"{SOLVER_INSTALL_LINE} (Debian, Ubuntu); elsewhere "
-        "conda install -c conda-forge python-gmsh",
-    )
+        remedy = f"{sys.executable} -m pip install gmsh"
+    else:
+        elsewhere = "conda install -c conda-forge python-gmsh"
+        remedy = f"{SOLVER_INSTALL_LINE} (Debian, Ubuntu); elsewhere {elsewhere}"
+    found = f"cannot be imported ({last}); stored meshes work without it"
+    return Check("gmsh", "note", found, remedy)
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def check_threads() -> Check:
     """How many cores there are and how many ccx will take."""
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:
-        cores = os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS")
-    taken = f"OMP_NUM_THREADS is {asked}" if asked else "OMP_NUM_THREADS is not set"
-    return Check("threads", State.OK, f"{cores} cores; {taken}")
+    taken = f"OMP_NUM_THREADS is {asked or 'not set'}"
+    return Check("threads", "ok", f"{cores()} cores; {taken}")
 
 
 def check_folder(folder: Path) -> Check:
@@ -218,12 +203,11 @@ def check_folder(folder: Path) -> Check:
             free_gib = shutil.disk_usage(folder).free / GIB
     except OSError as error:
         found = f"{folder} cannot be written: {error.strerror}"
-        return Check("folder", State.NOTE, found, "go to another folder, or name one with -o")
+        return Check("folder", "note", found, "go to another folder, or name one with -o")
     found = f"{folder}, {free_gib:.1f} GiB free"
     if free_gib < ROOM_GIB:
-        remedy = f"make room: a long run wants {ROOM_GIB:g} GiB"
-        return Check("folder", State.NOTE, found, remedy)
-    return Check("folder", State.OK, found)
+        return Check("folder", "note", found, f"make room: a long run wants {ROOM_GIB:g} GiB")
+    return Check("folder", "ok", found)
 
 
 def check_encoding() -> Check:
@@ -232,5 +216,11 @@ def check_encoding() -> Check:
     named = [f"{n}={os.environ[n]}" for n in ("LC_ALL", "LC_CTYPE", "LANG") if os.environ.get(n)]
     found = f"{encoding}, {' '.join(named) or 'no locale set'}"
     if encoding.replace("-", "") != "utf8":
-        return Check("locale", State.NOTE, found, "export LC_ALL=C.UTF-8")
-    return Check("locale", State.OK, found)
+        return Check("locale", "note", found, "export LC_ALL=C.UTF-8")
+    return Check("locale", "ok", found)
+
+
+def _run(command: list[str], patience_s: float) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command, capture_output=True, text=True, errors="replace", timeout=patience_s, check=False
+    )

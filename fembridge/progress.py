@@ -3,7 +3,6 @@
 import sys
 import threading
 from time import perf_counter
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from fembridge.solver.settings import Progress
@@ -33,12 +32,7 @@ class Bars:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         with self._lock:
             self._shows = False
             if self._bars is not None:
@@ -88,12 +82,14 @@ def words_of(progress: Progress) -> str:
         f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
     )
     left_s = progress.left_s
-    if left_s is None:
-        return words
+    return words if left_s is None else f"{words}, {clock(left_s)} left"
+
+
+def clock(left_s: float) -> str:
+    """A time as ``1:02:03`` or ``2:03``."""
     minutes, seconds = divmod(round(left_s), 60)
     hours, minutes = divmod(minutes, 60)
-    clock = f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
-    return f"{words}, {clock} left"
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
 
 
 def _start() -> "rich.progress.Progress":

@@ -18,23 +18,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Examine the machine; `exit_code` is 1 when something needed is missing."""
     from fembridge import __version__
-    from fembridge.machine import State, examine, to_lines
+    from fembridge.machine import examine
 
     checks = examine(__version__)
-    if not args.json:
-        print(*to_lines(checks), sep="\n")
-    missing = [check.name for check in checks if check.state is State.MISSING]
+    missing = [check.name for check in checks if check.state == "missing"]
+    for check in () if args.json else checks:
+        print(f"{check.state:<8} {check.name:<11} {check.found}")
+        if check.remedy:
+            print(f"{'':<20} -> {check.remedy}")
     return {
         "ok": not missing,
         "missing": missing,
-        "checks": [
-            {
-                "name": check.name,
-                "state": check.state.value,
-                "found": check.found,
-                "remedy": check.remedy,
-            }
-            for check in checks
-        ],
+        "checks": [check._asdict() for check in checks],
         "exit_code": 1 if missing else 0,
     }

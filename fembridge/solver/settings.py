@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fembridge.errors import UsageError
+from fembridge.machine import cores
 
 THREAD_VARIABLE = "OMP_NUM_THREADS"
 STALL_LIMIT_S = 600.0
@@ -75,11 +76,7 @@ class SolverSettings:
     on_progress: OnProgress | None = None
 
     def __post_init__(self) -> None:
-        for name in ("threads", "jobs"):
-            number = getattr(self, name)
-            if number is not None and number < 1:
-                raise UsageError(f"{name} is {number}, expected 1 or more")
-        for name in ("time_limit_s", "stall_limit_s", "iteration_limit"):
+        for name in ("threads", "jobs", "time_limit_s", "stall_limit_s", "iteration_limit"):
             limit = getattr(self, name)
             if limit is not None and not limit > 0:
                 raise UsageError(f"{name} is {limit}, expected more than 0")
@@ -88,11 +85,7 @@ class SolverSettings:
         """These settings for `runs` at once, which share the cores where nothing else is set."""
         if self.threads is not None or os.environ.get(THREAD_VARIABLE):
             return self
-        if hasattr(os, "sched_getaffinity"):
-            cores = len(os.sched_getaffinity(0))
-        else:
-            cores = os.cpu_count() or 1
-        return replace(self, threads=max(1, cores // runs))
+        return replace(self, threads=max(1, cores() // runs))
 
 
 DEFAULTS = SolverSettings()

@@ -9,7 +9,7 @@ A range is two values of a parameter, or words about its base value::
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +18,14 @@ from fembridge.errors import UsageError
 
 ONE_AT_A_TIME = "one-at-a-time"
 LATIN_HYPERCUBE = "latin-hypercube"
-DESIGNS = (ONE_AT_A_TIME, LATIN_HYPERCUBE)
 
 # Of a drawn value: enough for any size, and short to read.
 _DIGITS = 6
 # Chance correlations of more samples are small without it, and it takes its time.
 _MOST_OPTIMISED = 200
 
-_PERCENT = re.compile(r"(?:±|\+/?-)?\s*(\d+(?:\.\d+)?)\s*%")
-_FACTOR = re.compile(r"factor\s+(\d+(?:\.\d+)?)")
+_NUMBER = r"(\d+(?:\.\d+)?)"
+_WORDS = re.compile(rf"(?:±|\+/?-)?\s*{_NUMBER}\s*%|factor\s+{_NUMBER}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +39,8 @@ class Range:
     def at(self, share: float) -> float:
         """Value at `share` of the way, 0 to 1."""
         if self.logarithmic:
-            value = self.low * (self.high / self.low) ** share
-        else:
-            value = self.low + share * (self.high - self.low)
-        return _rounded(value)
+            return _rounded(self.low * (self.high / self.low) ** share)
+        return _rounded(self.low + share * (self.high - self.low))
 
 
 def range_of(asked: object, base: float | None) -> Range:
@@ -52,30 +49,21 @@ def range_of(asked: object, base: float | None) -> Range:
     Raises
     ------
     UsageError
-        Neither two numbers nor words about a base value that is there and > 0.
+        Neither two ascending numbers nor words about a base value that is there and > 0.
     """
-    if isinstance(asked, list) and len(asked) == 2:
-        low, high = (_number(each) for each in asked)
-        if not low < high:
-            raise UsageError(f"from {low:g} to {high:g}, expected the lower value first")
-        return Range(low, high)
-    word = asked if isinstance(asked, str) else ""
-    percent, factor = _PERCENT.fullmatch(word), _FACTOR.fullmatch(word)
-    if percent is None and factor is None:
-        raise UsageError(f"{asked!r}, expected [from, to], as [0.9, 1.3], '20 %' or 'factor 2'")
-    if base is None or not base > 0:
-        of = "nothing" if base is None else f"{base:g}"
-        raise UsageError(f"{asked!r} of {of}: expected [from, to]")
-    if percent is not None:
-        share = float(percent[1]) / 100
-        if not 0 < share < 1:
-            raise UsageError(f"{asked!r}, expected more than 0 % and below 100 %")
-        return Range(_rounded(base * (1 - share)), _rounded(base * (1 + share)))
-    assert factor is not None
-    times = float(factor[1])
-    if not times > 1:
-        raise UsageError(f"{asked!r}, expected a factor above 1")
-    return Range(_rounded(base / times), _rounded(base * times), logarithmic=True)
+    if isinstance(asked, list) and all(type(each) in (int, float) for each in asked):
+        if len(asked) == 2 and -math.inf < asked[0] < asked[1] < math.inf:
+            return Range(float(asked[0]), float(asked[1]))
+    elif base is not None and base > 0 and (match := _WORDS.fullmatch(str(asked))):
+        share, factor = float(match[1] or 0) / 100, float(match[2] or 0)
+        if 0 < share < 1:
+            return Range(_rounded(base * (1 - share)), _rounded(base * (1 + share)))
+        if factor > 1:
+            return Range(_rounded(base / factor), _rounded(base * factor), logarithmic=True)
+    raise UsageError(
+        f"{asked!r} of the base's {base}, expected [from, to], as [0.9, 1.3]; of a base above 0 "
+        "also '20 %', below 100 %, or 'factor 2', above 1"
+    )
 
 
 def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> list[dict[str, float]]:
@@ -83,10 +71,9 @@ def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> lis
 
     A value that is the base's own is left out: it is no other finger.
     """
-    start = dict(base)
-    rows = [start]
+    rows = [dict(base)]
     for name, span in ranges.items():
-        rows += [{**start, name: value} for value in (span.low, span.high) if value != start[name]]
+        rows += [{**base, name: value} for value in (span.low, span.high) if value != base[name]]
     return rows
 
 
@@ -97,33 +84,17 @@ def latin_hypercube(ranges: Mapping[str, Range], samples: int, seed: int) -> lis
     for (``random-cd`` of SciPy). The same seed draws the same fingers, as long as
     SciPy is the same.
     """
-    shares = hypercube_shares(len(ranges), samples, seed)
-    return [
-        {
-            name: span.at(float(share))
-            for (name, span), share in zip(ranges.items(), row, strict=True)
-        }
-        for row in shares
-    ]
-
-
-def hypercube_shares(parameters: int, samples: int, seed: int) -> Sequence[Sequence[float]]:
-    """Shares of ranges in [0, 1), ``(sample, parameter)``."""
     from scipy.stats import qmc
 
     sampler = qmc.LatinHypercube(
-        parameters,
+        len(ranges),
         optimization="random-cd" if samples <= _MOST_OPTIMISED else None,
         seed=np.random.default_rng(seed),
     )
-    shares: Sequence[Sequence[float]] = sampler.random(samples).tolist()
-    return shares
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UsageError(f"{value!r}, expected a finite number")
-    return float(value)
+    return [
+        {name: span.at(share) for (name, span), share in zip(ranges.items(), row, strict=True)}
+        for row in sampler.random(samples).tolist()
+    ]
 
 
 def _rounded(value: float) -> float:

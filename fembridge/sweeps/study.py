@@ -30,29 +30,26 @@ from typing import Any
 from decks.analysis import ELEMENTS, Contact
 from decks.probe import Probe
 from decks.stimuli import MAX_AMPLITUDE_UM, Entry, resolve
-from fembridge.errors import FembridgeError, UsageError
+from fembridge.errors import UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.response.solve import LADDER
 from fembridge.simulation import METHODS
 from fembridge.store import changed, read_toml, structure
 from fembridge.sweeps.fingers import (
-    CONTACT_KEYS,
     FingersTable,
     Value,
     Variant,
     check_below,
-    check_keys,
     check_points,
     combinations,
     fingers_of,
+    place,
 )
 from neural import ParameterSet, parameter_set, parameter_set_or_file
 from neural.parameter_sets import SET_NAMES
 
 Asked = Mapping[str, Value]
 """What is asked of a contact model, by the names of `decks.analysis.Contact`."""
-
-PROBE_KEYS = ("shape", "diameter_mm", "fillet_mm", "x_mm")
 
 _MAX_BYTES = 10_000_000
 _MAX_NAME = 60
@@ -92,31 +89,43 @@ class Study:
     def __post_init__(self) -> None:
         if not self.preindents_um:
             object.__setattr__(self, "preindents_um", (self.parameters.preindent_um,))
-        for name, values in self._factors().items():
+        factors = self._factors()
+        for name, values in factors.items():
             if not values:
                 raise UsageError(f"{name}: none, expected one or more")
         check_points(self.points)
         for name in ("stimuli", "probes", "methods", "preindent_um"):
-            [(value, count)] = Counter(self._factors()[name]).most_common(1)
+            [(value, count)] = Counter(factors[name]).most_common(1)
             if count > 1:
                 raise UsageError(f"{name}: {value}: a duplicate")
-        for method in self.methods:
-            if method not in METHODS:
-                raise UsageError(f"methods: {method!r}, expected {' or '.join(METHODS)}")
-        if self.element not in ELEMENTS:
-            raise UsageError(f"element: {self.element!r}, expected one of {', '.join(ELEMENTS)}")
-        for depth_um in self.preindents_um:
-            if not 0 <= depth_um <= MAX_AMPLITUDE_UM:
-                raise UsageError(f"preindent_um: {depth_um}, expected 0 to {MAX_AMPLITUDE_UM:g}")
-        if self.seed is not None and self.seed < 0:
-            raise UsageError(f"seed: {self.seed}, expected 0 or more")
-        self._check_contacts()
+        of_all = {name for each in self.contacts for name in each}
+        of_fingers = {name for each in self.variants for name in each.contact}
+        for asked in (*self.contacts, *(each.contact for each in self.variants if each.contact)):
+            ladder_of(asked)
+        transient = "transient" in self.methods
         energy = reading_energy(self.parameters.parameters)
-        if energy and "transient" in self.methods:
-            raise UsageError(
-                f"methods: the drive of {energy} reads strain energy, a transient "
-                "gives von Mises stress alone"
-            )
+        for wrong, problem in (
+            (set(self.methods) - {*METHODS}, f"methods: {self.methods}, expected of {METHODS}"),
+            (self.element not in ELEMENTS, f"element: {self.element!r}, expected of {ELEMENTS}"),
+            (
+                not all(0 <= each <= MAX_AMPLITUDE_UM for each in self.preindents_um),
+                f"preindent_um: {self.preindents_um}, expected 0 to {MAX_AMPLITUDE_UM:g}",
+            ),
+            ((self.seed or 0) < 0, f"seed: {self.seed}, expected 0 or more"),
+            (of_all & of_fingers, f"contacts: {of_all & of_fingers} is asked of the fingers too"),
+            (self.stored and transient, "stored: a stored response answers no transient"),
+            (
+                self.stored and of_all | of_fingers,
+                "contacts: a stored response has its own",
+            ),
+            (
+                energy and transient,
+                f"methods: the drive of {energy} reads strain energy, a transient gives von "
+                "Mises stress alone",
+            ),
+        ):
+            if wrong:
+                raise UsageError(problem)
 
     @property
     def points(self) -> int:
@@ -133,18 +142,6 @@ class Study:
             "methods": self.methods,
             "preindent_um": self.preindents_um,
         }
-
-    def _check_contacts(self) -> None:
-        shared = {name for each in self.contacts for name in each}
-        for asked in (*self.contacts, *(each.contact for each in self.variants if each.contact)):
-            ladder_of(asked)
-        for variant in self.variants:
-            if both := sorted(shared.intersection(variant.contact)):
-                raise UsageError(f"contacts: {both[0]} is asked of the fingers too")
-        if self.stored and "transient" in self.methods:
-            raise UsageError("stored: a stored response answers no transient")
-        if self.stored and (shared or any(each.contact for each in self.variants)):
-            raise UsageError("contacts: a stored response has its own")
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,22 +172,14 @@ def read_study(path: Path) -> Study:
         file and the key.
     """
     table = read_toml(path, UsageError, _MAX_BYTES)
-    try:
+    with place(str(path)):
         return study_from(table, path.parent, path.stem, path.read_text("utf-8-sig"))
-    except FembridgeError as error:
-        raise UsageError(f"{path}: {error}") from error
 
 
 def study_from(
     table: Mapping[str, object], folder: Path, name: str = "study", text: str = ""
 ) -> Study:
-    """Study of a table as TOML gives it; files are counted from `folder`.
-
-    Raises
-    ------
-    UsageError
-        What `read_study` refuses.
-    """
+    """Study of a table as TOML gives it, as `read_study`; files are counted from `folder`."""
     listed = dict(table)
     for key in _LISTS:
         if key in table and not isinstance(table[key], list):
@@ -199,26 +188,34 @@ def study_from(
     if isinstance(fingers, list):
         listed["fingers"] = [{"base": e} if isinstance(e, str) else e for e in fingers]
     asked = structure(listed, _StudyTable, UsageError)
-    try:
+    with place("stimuli"):
         stimuli = resolve(asked.stimuli)
-    except FembridgeError as error:
-        raise UsageError(f"stimuli: {error}") from error
-    probes = _rows(asked.probes, "probes", PROBE_KEYS)
-    contacts = _rows(asked.contacts, "contacts", CONTACT_KEYS)
-    counts = (stimuli, asked.methods, probes, contacts, asked.preindent_um)
-    rest = math.prod(max(1, len(values)) for values in counts)
+    with place("probes"):
+        probes = tuple(map(_probe, _rows(asked.probes)))
+    with place("contacts"):
+        contacts = tuple(_rows(asked.contacts))
+    with place("parameters"):
+        word = asked.parameters
+        if word not in SET_NAMES and PurePosixPath(word).suffix:
+            check_below(word)
+            word = str(folder / word)
+        parameters = parameter_set_or_file(word)
+    name = name if asked.name is None else asked.name
+    if not 0 < len(name) <= _MAX_NAME or not name.isprintable():  # in reports and pictures
+        raise UsageError(f"name: {name!r}, expected 1 to {_MAX_NAME} characters")
+    others = (stimuli, asked.methods, probes, contacts, asked.preindent_um)
     return Study(
         stimuli=stimuli,
-        variants=fingers_of(asked.fingers, folder, rest),
-        probes=tuple(_probe(row, f"probes {k}") for k, row in enumerate(probes, 1)),
-        contacts=tuple(contacts),
+        variants=fingers_of(asked.fingers, folder, math.prod(max(1, len(e)) for e in others)),
+        probes=probes,
+        contacts=contacts,
         methods=tuple(asked.methods),
-        parameters=_parameters(asked.parameters, folder),
+        parameters=parameters,
         preindents_um=tuple(asked.preindent_um),
         seed=asked.seed,
         element=asked.element,
         stored=asked.stored,
-        name=_checked_name(name if asked.name is None else asked.name),
+        name=name,
         text=text,
     )
 
@@ -231,55 +228,25 @@ def ladder_of(asked: Asked) -> tuple[Contact, ...]:
     UsageError
         A name or a value that no contact model has.
     """
-    try:
-        return tuple(dict.fromkeys(changed(rung, asked, UsageError) for rung in LADDER))
-    except UsageError as error:
-        raise UsageError(f"contacts: {error}") from error
+    with place("contacts"):
+        return tuple(dict.fromkeys(changed(each, asked, UsageError) for each in LADDER))
 
 
-def _rows(
-    entries: Sequence[Mapping[str, Any]], where: str, keys: Sequence[str]
-) -> list[dict[str, Value]]:
+def _rows(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Value]]:
     """Every combination of the values of each entry."""
-    rows: list[dict[str, Value]] = []
-    for k, entry in enumerate(entries, start=1):
-        check_keys(entry, keys, f"{where} {k}")
-        count, found = combinations(entry, f"{where} {k}")
-        check_points(count)
-        rows += found
-    if not rows:
-        raise UsageError(f"{where}: none, expected one or more")
-    return rows
+    count, rows = combinations(entries)
+    check_points(count)
+    return list(rows)
 
 
-def _probe(row: Mapping[str, Value], where: str) -> Probe:
+def _probe(row: Mapping[str, Value]) -> Probe:
     entries = dict(row)
     flat = entries.get("shape") == "flat"
     if "fillet_mm" in entries and not flat:
-        raise UsageError(f"{where}: fillet_mm is for shape 'flat'")
+        raise UsageError("fillet_mm is for shape 'flat'")
     diameter_mm = entries.get("diameter_mm", Probe().diameter_mm)
     if flat and isinstance(diameter_mm, float | int):
         widest_mm = _FILLET_SHARE * abs(diameter_mm)
         entries.setdefault("fillet_mm", min(Probe().fillet_mm, widest_mm))
-    try:
-        structure(entries, Probe, UsageError)
-    except UsageError as error:
-        raise UsageError(f"{where}: {error}") from error
+    structure(entries, Probe, UsageError)
     return Probe(**entries)  # type: ignore[arg-type] # as it is written: 1 stays 1
-
-
-def _parameters(word: str, folder: Path) -> ParameterSet:
-    try:
-        if word not in SET_NAMES and PurePosixPath(word).suffix:
-            check_below(word)
-            word = str(folder / word)
-        return parameter_set_or_file(word)
-    except FembridgeError as error:
-        raise UsageError(f"parameters: {error}") from error
-
-
-def _checked_name(name: str) -> str:
-    """A name that can be printed in reports and pictures."""
-    if not 0 < len(name) <= _MAX_NAME or not name.isprintable():
-        raise UsageError(f"name: {name!r}, expected 1 to {_MAX_NAME} characters")
-    return name

@@ -12,28 +12,27 @@ import hashlib
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from decks.probe import Probe
-from decks.stimuli import Entry
 from decks.waveform import make_stimulus
 from fembridge import __version__
 from fembridge.errors import FembridgeError, MissingError, OutputError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
-from fembridge.progress import Bars, words_of
+from fembridge.progress import Bars, clock, words_of
 from fembridge.response.acceptance import depth_for
 from fembridge.solver.ccx import signals_as_exits
 from fembridge.solver.settings import Progress, SolverSettings
 from fembridge.store import make_folder, write_text
-from fembridge.sweeps.fingers import Value, Variant
+from fembridge.sweeps.fingers import Variant, place
 from fembridge.sweeps.study import Asked, Study, read_study
 from fembridge.sweeps.work import (
     ANSWER_COLUMNS,
@@ -47,7 +46,6 @@ from fembridge.sweeps.work import (
     solver_version,
     work,
 )
-from fembridge.tables import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,20 +56,14 @@ RESULTS_FILE = "results.csv"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Point:
-    """One combination of a study: what its rows begin with, and the key of its item."""
-
-    columns: Mapping[str, Value | None]
-    item: str
-    stimulus: str
-    afferents: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All points of a study in the order of its table; items by their keys."""
+    """Work of a study: `items` by their keys, and how its table begins.
 
-    points: tuple[Point, ...]
+    `rows` has one for each point and afferent: what is different from point to point,
+    and the ``key`` of the item that answers it.
+    """
+
+    rows: "pd.DataFrame"
     items: Mapping[str, Item]
 
 
@@ -174,40 +166,56 @@ def plan_of(study: Study, solver: str) -> Plan:
     UsageError
         A stimulus whose samples cannot be made.
     """
-    deepest_um = _deepest_um(study)
-    points: dict[tuple[str, ...], Point] = {}
+    import pandas as pd
+
+    with place("stimuli"):
+        deepest_um = {
+            (entry.id, um): float(make_stimulus(entry, um, study.seed).displacement_um.max())
+            for entry in study.stimuli
+            for um in study.preindents_um
+        }
+    rows: list[dict[str, Any]] = []
     items: dict[str, Item] = {}
     for variant, probe, shared in product(study.variants, study.probes, study.contacts):
-        asked = {**shared, **variant.contact}
-        responses: dict[float, Response] = {}  # by depth
+        finger, asked = variant.finger, {**shared, **variant.contact}
         label = _label(study, variant, probe, shared)
+        responses: dict[float, Response] = {}  # by depth
+        columns = _columns(study, variant, probe, shared)
         for preindent_um, asked_method in product(study.preindents_um, study.methods):
             # Of skin that relaxes there is no map: each waveform is solved.
-            method = "transient" if variant.finger.relaxing_s else asked_method
-            columns = {
-                **_columns(study, variant, probe, shared),
-                "preindent_um": preindent_um,
-                "method": method,
-            }
+            method = "transient" if finger.relaxing_s else asked_method
             by_map = method == "map"  # all stimuli are one item
             for entries in [study.stimuli] if by_map else [(each,) for each in study.stimuli]:
                 depth_um = depth_for(max(deepest_um[entry.id, preindent_um] for entry in entries))
                 response = responses.setdefault(
                     depth_um,
-                    Response(variant.finger, probe, asked, study.element, depth_um, solver, label),
+                    Response(finger, probe, asked, study.element, depth_um, solver, label),
                 )
-                item = _item(study, response, method, entries, preindent_um)
+                words = [label, method if by_map else f"{method} {entries[0].id}"]
+                if len(study.preindents_um) > 1:
+                    words.append(f"pre-indented by {preindent_um:g} um")
+                item = Item(
+                    response,
+                    method,
+                    entries,
+                    preindent_um,
+                    study.seed,
+                    study.parameters.parameters,
+                    study.parameters.name,
+                    ", ".join(words),
+                )
                 items.setdefault(item.key, item)
-                afferents = tuple(variant.finger.afferents)
-                for entry in entries:
-                    points.setdefault(
-                        (variant.label, item.key, entry.id),
-                        Point(columns, item.key, entry.id, afferents),
-                    )
-    return Plan(tuple(points.values()), items)
+                point = {**columns, "preindent_um": preindent_um, "method": method}
+                rows += [
+                    {**point, "stimulus": entry.id, "afferent": name, "key": item.key}
+                    for entry in entries
+                    for name in finger.afferents
+                ]
+    table = pd.DataFrame(rows, dtype=object)
+    return Plan(table.drop_duplicates(["finger", "key", "stimulus", "afferent"]), items)
 
 
-def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict[str, Value | None]:
+def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict[str, Any]:
     """What is different from point to point, and the usual sizes of the probe."""
     names = dict.fromkeys(n for each in study.variants for n in each.changes)
     asked_names = dict.fromkeys(n for each in study.contacts for n in each)
@@ -221,40 +229,6 @@ def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict
         "probe_x_mm": probe.x_mm,
         **{f"contact_{name}": asked.get(name) for name in asked_names},
     }
-
-
-def _item(
-    study: Study, response: Response, method: str, entries: tuple[Entry, ...], preindent_um: float
-) -> Item:
-    label = f"{response.label}, {method}"
-    if method == "transient":
-        label = f"{label} {entries[0].id}"
-    if len(study.preindents_um) > 1:
-        label = f"{label}, pre-indented by {preindent_um:g} um"
-    return Item(
-        response,
-        method,
-        entries,
-        preindent_um,
-        study.seed,
-        study.parameters.parameters,
-        study.parameters.name,
-        label,
-    )
-
-
-def _deepest_um(study: Study) -> dict[tuple[str, float], float]:
-    """How deep the probe goes, by stimulus and pre-indentation."""
-    try:
-        return {
-            (entry.id, depth_um): float(
-                make_stimulus(entry, depth_um, study.seed).displacement_um.max()
-            )
-            for entry in study.stimuli
-            for depth_um in study.preindents_um
-        }
-    except FembridgeError as error:
-        raise UsageError(f"stimuli: {error}") from error
 
 
 def _label(study: Study, variant: Variant, probe: Probe, asked: Asked) -> str:
@@ -334,7 +308,7 @@ def _do(
                 shown.over(task, ended)
                 if ended.cause:
                     causes[task.key] = ended.cause
-            elif ended.finished:
+            elif not ended.cause:
                 ready.extendleft(reversed(behind.pop(task.key)))
             else:
                 for item in behind.pop(task.key):
@@ -387,37 +361,24 @@ def _provenance(study: Study, solver: str, plan: Plan) -> str:
 
 def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
     """Write a row for each point and afferent, failed ones too; how many there are."""
-    columns = [*plan.points[0].columns, *ANSWER_COLUMNS, "status", "cause", "run"]
-    rows = list(_rows(folder, plan, causes))
-    write_table(folder / RESULTS_FILE, columns, rows)
-    return len(rows)
+    import pandas as pd
 
-
-def _rows(folder: Path, plan: Plan, causes: Mapping[str, str]) -> Iterator[tuple[object, ...]]:
-    found: dict[str, dict[tuple[str, str], tuple[float, int, float]] | str] = {}
-    for point in plan.points:
-        key = point.item
-        place = plan.items[key].place
-        if key not in found:
-            found[key] = causes.get(key) or _answers(folder / place)
-        answers = found[key]
-        for afferent in point.afferents:
-            begin = (*point.columns.values(), point.stimulus, afferent)
-            if isinstance(answers, str):
-                yield (*begin, None, None, None, "failed", answers, str(place))
-            else:
-                numbers = answers[point.stimulus, afferent]
-                yield (*begin, *numbers, "done", None, str(place))
-
-
-def _answers(place: Path) -> dict[tuple[str, str], tuple[float, int, float]] | str:
-    """Answers of an item; a file that went away since is a cause like any other."""
-    try:
-        table = read_answers(place)
-    except (OSError, ValueError) as error:
-        return str(error)
-    columns = (table[name].tolist() for name in ("rate_ips", "spikes", "peak_stress_pa"))
-    return dict(zip(table.index, zip(*columns, strict=True), strict=True))
+    causes = dict(causes)
+    answers = [pd.DataFrame(columns=["key", *ANSWER_COLUMNS], dtype=object)]
+    for key, item in plan.items.items():
+        if key not in causes:
+            try:
+                answers.append(read_answers(folder / item.place).reset_index().assign(key=key))
+            except (OSError, ValueError) as error:  # it went away since
+                causes[key] = str(error)
+    found = pd.concat([each.astype(object) for each in answers])
+    table = plan.rows.merge(found, how="left", on=["key", "stimulus", "afferent"])
+    table["cause"] = table["key"].map(causes)
+    table["status"] = np.where(table["cause"].isna(), "done", "failed")
+    table["run"] = table["key"].map({key: str(item.place) for key, item in plan.items.items()})
+    table = table[[*plan.rows.columns.drop("key"), *ANSWER_COLUMNS[2:], "status", "cause", "run"]]
+    write_text(folder / RESULTS_FILE, table.to_csv(index=False, lineterminator="\n"))
+    return len(table)
 
 
 class _Shown(Bars):
@@ -440,7 +401,12 @@ class _Shown(Bars):
     def follow(self, progress: Progress) -> None:
         """Move, make or take away the bar of one run of the solver."""
         folder = progress.folder
-        name = self._names.setdefault(folder, self._name(folder))
+        if folder not in self._names:
+            for task in self.running:
+                where = task.solve_place if isinstance(task, Item) else task.place
+                if f"/{where.as_posix()}/" in folder.as_posix():
+                    self._names[folder] = str(task).removeprefix("response ")
+        name = self._names.setdefault(folder, folder.name)
         if progress.ended:
             self.remove(name)
             del self._names[folder]
@@ -450,32 +416,20 @@ class _Shown(Bars):
 
     def over(self, item: Item, ended: Ended) -> None:
         """Count an item that is finished or failed."""
-        if ended.finished:
-            self._done += 1
-        else:
-            self._failed += 1
-        count = f"{self._done + self._failed}/{self._total}"
-        if self._says and not ended.finished:
+        self._done += not ended.cause
+        self._failed += bool(ended.cause)
+        if self._says and ended.cause:
             self.print(f"failed: {item}: {ended.cause}")
         elif self._says and not self.on_terminal:
             how = "finished elsewhere" if ended.before else f"{ended.wall_s:.1f} s"
-            self.print(f"{count} {item}: {how}")
+            self.print(f"{self._done + self._failed}/{self._total} {item}: {how}")
         self._update()
-
-    def _name(self, folder: Path) -> str:
-        """The task that is solved in `folder`."""
-        for task in self.running:
-            place = task.solve_place if isinstance(task, Item) else task.place
-            if f"/{place.as_posix()}/" in folder.as_posix():
-                return str(task).removeprefix("response ")
-        return folder.name
 
     def _update(self) -> None:
         over = self._done + self._failed
         words = f"{self._done} done, {len(self.running)} running, {self._failed} failed"
         made = over - self._before
         if made and over < self._total:
-            left_s = round((time.monotonic() - self._begin_s) * (self._total - over) / made)
-            hours, rest_s = divmod(left_s, 3600)
-            words += f", {hours}:{rest_s // 60:02d}:{rest_s % 60:02d} left"
+            left_s = (time.monotonic() - self._begin_s) * (self._total - over) / made
+            words += f", {clock(left_s)} left"
         self.show("sweep", over / self._total, words)

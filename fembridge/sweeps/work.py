@@ -13,8 +13,6 @@ The record is written last and carries a checksum of its own: where all agree, t
 item is finished and whole.
 """
 
-import re
-import subprocess
 import threading
 import time
 import traceback
@@ -43,7 +41,7 @@ from fembridge.errors import (
     OutputError,
     ResponseError,
 )
-from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx, version_of
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.response.solve import solve_response
 from fembridge.simulation import SPIKES_FILE, Simulation, simulate
@@ -91,7 +89,6 @@ _SOLVES, _RUNS, _LOCK = "solves", "runs", ".lock"
 _FILES = (ANSWERS_FILE, SPIKES_FILE)
 # What makes a transient another one than those before: see decision 0014.
 _HOW_SOLVED = {"drive": "spring", "section": "half"}
-_VERSION_PATIENCE_S = 20.0
 
 # gmsh has one state a process.
 _meshing = threading.Lock()
@@ -252,11 +249,6 @@ class Ended:
     busy: bool = False
     wall_s: float = 0.0
 
-    @property
-    def finished(self) -> bool:
-        """Whether its answers are there."""
-        return not self.cause
-
 
 def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = True) -> Ended:
     """Do `task` in the sweep's `folder`; what is wrong with it is its cause.
@@ -311,19 +303,7 @@ def solver_version() -> str:
             f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}; or say "
             "'stored = true' in the study: the reference fingers have stored responses"
         )
-    try:
-        answer = subprocess.run(
-            [str(program), "-v"],
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_VERSION_PATIENCE_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise MissingError(f"{program} does not run: {error}") from error
-    match = re.search(r"Version (\d+(?:\.\d+)*)", answer.stdout)
-    return f"calculix {match[1] if match else 'of no known version'}"
+    return f"calculix {version_of(program)[0] or 'of no known version'}"
 
 
 def _solve(task: Response, folder: Path, settings: SolverSettings, waits: bool) -> bool:

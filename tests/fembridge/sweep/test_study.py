@@ -18,9 +18,7 @@ from fembridge.errors import FingerError, UsageError
 from fembridge.sweeps import design, read_study, run_sweep
 from fembridge.sweeps.design import (
     Range,
-    hypercube_shares,
     latin_hypercube,
-    one_at_a_time,
     range_of,
 )
 from fembridge.sweeps.fingers import MOST_POINTS, Anchor, anchor_of, anchored
@@ -112,81 +110,82 @@ def test_lists_of_a_probe_multiply_and_a_flat_one_gets_its_fillet(study_file):
     assert study.points == 10
 
 
-HOSTILE = {
-    'stimulus = ["sine_20_250"]': "unknown key 'stimulus', .* did you mean stimuli",
-    "methods = ['map']": "stimuli: absent",
-    "stimuli = []": "stimuli: no stimulus named",
-    "stimuli = ['../../etc/passwd']": "stimuli: no stimulus '../../etc/passwd'",
-    "stimuli = [\"__import__('os').system('id')\"]": "stimuli: no stimulus",
-    "stimuli = [nan]": "stimuli 1: nan, expected",
-    "stimuli = 'sine_20_250'\nmethods = ['maps']": "methods: 'maps', expected map or",
-    "stimuli = 'sine_20_250'\nmethods = []": "methods: none",
-    "stimuli = 'sine_20_250'\nmethods = ['map', 'map']": "methods: map: a dupl",
-    "stimuli = 'sine_20_250'\npreindent_um = nan": "preindent_um: nan",
-    "stimuli = 'sine_20_250'\npreindent_um = -1": "preindent_um: -1.0, expected 0 to",
-    "stimuli = 'sine_20_250'\npreindent_um = [1, 1.0]": "preindent_um: 1.0: a dupl",
-    "stimuli = 'sine_20_250'\nseed = -1": "seed: -1, expected 0 or more",
-    "stimuli = 'sine_20_250'\nseed = 1.5": "seed: 1.5, expected a whole number",
-    "stimuli = 'sine_20_250'\nstored = 'yes'": "stored: 'yes', expected true or false",
-    "stimuli = 'sine_20_250'\nelement = 'CPE5'": "element: 'CPE5', expected one of",
-    "stimuli = 'sine_20_250'\nname = ''": "name: '', expected 1 to 60",
-    "stimuli = 'sine_20_250'\nparameters = '../p.toml'": "parameters: '../p.toml', exp",
-    "stimuli = 'sine_20_250'\nparameters = 'publish'": "parameters: no parameter set",
-    "stimuli = 'sine_20_250'\nparameters = 7": "parameters: 7, expected a word",
-    "stimuli = 'sine_20_250'\nfingers = []": "fingers: none",
-    "stimuli = 'sine_20_250'\nfingers = 'quick'": "fingers: 'quick', expected a list",
-    "stimuli = 'sine_20_250'\nfingers = [3]": "fingers 1: 3, expected a table",
-    "stimuli = 'sine_20_250'\nfingers = ['../q.toml']": "fingers 1: '../q.toml'",
-    "stimuli = 'sine_20_250'\nfingers = ['/etc/passwd']": "fingers 1: '/etc/pas",
-    "stimuli = 'sine_20_250'\nfingers = ['absent.toml']": "neither a preset .* nor a",
-    "stimuli = 'sine_20_250'\nfingers = [{grids = {}}]": "fingers 1: unknown key 'gri",
-    "stimuli = 'sine_20_250'\nfingers = [{grid = {skin = 1}}]": "'skin', expected sect",
-    "stimuli = 'sine_20_250'\nfingers = [{grid = {skin.dermis_mm = []}}]": "empty list",
-    "stimuli = 'sine_20_250'\nfingers = [{rows = []}]": "fingers 1: rows: none",
-    "stimuli = 'sine_20_250'\nfingers = [{rows = [{}], grid = {}}]": "grid and rows",
-    "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = -1}]}]": (
-        "fingers 1: skin.dermis_mm = -1: .*dermis_mm"
+NO_STUDY = (
+    ("stimulus = ['sine_20_250']", "'stimulus'.*stimuli"),
+    ("methods = ['map']", "stimuli"),
+    ("stimuli = []", "stimuli"),
+    ("stimuli = ['../../etc/passwd']", "stimuli: .*'../../etc/passwd'"),
+    ("stimuli = [nan]", "stimuli 1: nan"),
+    ("stimuli = ", "study.toml"),
+    ("stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000, "study.toml"),
+)
+
+NOT_BESIDE_A_STIMULUS = (
+    ("methods = ['maps']", "methods: .*'maps'"),
+    ("methods = []", "methods"),
+    ("methods = ['map', 'map']", "methods: map"),
+    ("preindent_um = nan", "preindent_um: .*nan"),
+    ("preindent_um = -1", "preindent_um: .*-1.0"),
+    ("preindent_um = [1, 1.0]", "preindent_um: 1.0"),
+    ("seed = -1", "seed: -1"),
+    ("seed = 1.5", "seed: 1.5"),
+    ("stored = 'yes'", "stored: 'yes'"),
+    ("element = 'CPE5'", "element: 'CPE5'"),
+    ("name = ''", "name: ''"),
+    ("parameters = '../p.toml'", "parameters: '../p.toml'"),
+    ("parameters = 'publish'", "parameters: .*publish"),
+    ("parameters = 7", "parameters: 7"),
+    ("fingers = []", "fingers"),
+    ("fingers = 'quick'", "fingers: 'quick'"),
+    ("fingers = [3]", "fingers 1: 3"),
+    ("fingers = ['../q.toml']", "fingers 1: '../q.toml'"),
+    ("fingers = ['/etc/passwd']", "fingers 1: '/etc/passwd'"),
+    ("fingers = ['absent.toml']", "fingers 1: .*absent.toml"),
+    ("fingers = [{grids = {}}]", "fingers 1: .*'grids'"),
+    ("fingers = [{grid = {skin = 1}}]", "fingers 1: 'skin'"),
+    ("fingers = [{grid = {skin.dermis_mm = []}}]", "skin.dermis_mm"),
+    ("fingers = [{rows = []}]", "fingers 1: rows"),
+    ("fingers = [{rows = [{}], grid = {}}]", "grid and rows"),
+    ("fingers = [{rows = [{skin.dermis_mm = -1}]}]", "fingers 1: skin.dermis_mm = -1"),
+    ("fingers = [{rows = [{}, {skin.dermis_mm = nan}]}]", "fingers 1: 2: skin.dermis_mm: nan"),
+    ("fingers = [{rows = [{skin.dermis_mm = true}]}]", "skin.dermis_mm: True"),
+    ("fingers = [{grid.skin.dermis = [1.0]}]", "'dermis'.*dermis_mm"),
+    ("fingers = [{grid.skin.dermis_mm = ['__import__']}]", "dermis_mm: '__import__'"),
+    ("fingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]", "fingers 1: 1: skin.dermis_mm"),
+    (
+        "[[fingers]]\n[fingers.grid]\n'skin.dermis_mm' = [1.0]\nskin.dermis_mm = [1.1]",
+        "skin.dermis_mm",
     ),
-    "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = nan}]}]": (
-        "fingers 1: row 1: skin.dermis_mm: nan, expected a finite number"
+    (
+        "[[fingers]]\n[fingers.grid]\n'skin.dermis_mm.x' = [1.0]\nskin.dermis_mm = [1.1]",
+        "skin.dermis_mm",
     ),
-    "stimuli = 'sine_20_250'\nfingers = [{rows = [{skin.dermis_mm = true}]}]": (
-        "fingers 1: row 1: skin.dermis_mm: True, expected a number"
-    ),
-    "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis = [1.0]}]": (
-        "unknown key 'dermis', .* did you mean dermis_mm"
-    ),
-    "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis_mm = ['__import__']}]": (
-        "dermis_mm: '__import__'"
-    ),
-    "stimuli = 'sine_20_250'\nfingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]": (
-        "fingers 1: grid: skin.dermis_mm: 1.0: a duplicate"
-    ),
-    "stimuli = 'sine_20_250'\n[[fingers]]\n[fingers.grid]\n'skin.dermis_mm' = [1.0]\n"
-    "skin.dermis_mm = [1.1]": "skin.dermis_mm: a duplicate",
-    "stimuli = 'sine_20_250'\n[[fingers]]\n[fingers.grid]\n'skin.dermis_mm.x' = [1.0]\n"
-    "skin.dermis_mm = [1.1]": "skin.dermis_mm: a duplicate",
-    "stimuli = 'sine_20_250'\nprobes = [{diameter_mm = -1}]": "probes 1: diameter_mm",
-    "stimuli = 'sine_20_250'\nprobes = [{diameter = 1}]": "did you mean diameter_mm",
-    "stimuli = 'sine_20_250'\nprobes = [{x_mm = '../'}]": "x_mm",
-    "stimuli = 'sine_20_250'\nprobes = [{fillet_mm = 0.1}]": "fillet_mm is for shape",
-    "stimuli = 'sine_20_250'\nprobes = [{shape = 'round'}]": "probe shape 'round'",
-    "stimuli = 'sine_20_250'\nprobes = []": "probes: none",
-    "stimuli = 'sine_20_250'\nprobes = [{}, {}]": "probes: .*: a duplicate",
-    "stimuli = 'sine_20_250'\ncontacts = [{friction = -0.1}]": "contacts: friction",
-    "stimuli = 'sine_20_250'\ncontacts = [{fricton = 0.1}]": "did you mean friction",
-    "stimuli = 'sine_20_250'\ncontacts = [{friction = '0.4'}]": "friction: '0.4'",
-    "stimuli = 'sine_20_250'\nstored = true\nmethods = ['transient']": "no transient",
-    "stimuli = 'sine_20_250'\nstored = true\ncontacts = [{friction = 0}]": "its own",
-    "stimuli = ": "not readable as TOML",
-    "stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000: "not readable as TOML",
-}
+    ("probes = [{diameter_mm = -1}]", "probes: diameter_mm"),
+    ("probes = [{diameter = 1}]", "diameter_mm"),
+    ("probes = [{x_mm = '../'}]", "x_mm"),
+    ("probes = [{fillet_mm = 0.1}]", "fillet_mm"),
+    ("probes = [{shape = 'round'}]", "'round'"),
+    ("probes = []", "probes"),
+    ("probes = [{}, {}]", "probes: .*duplicate"),
+    ("contacts = [{friction = -0.1}]", "contacts: friction"),
+    ("contacts = [{fricton = 0.1}]", "fricton.*friction"),
+    ("contacts = [{friction = '0.4'}]", "friction: '0.4'"),
+    ("stored = true\nmethods = ['transient']", "stored"),
+    ("stored = true\ncontacts = [{friction = 0}]", "contacts"),
+)
 
 
-@pytest.mark.parametrize("text", HOSTILE, ids=range(len(HOSTILE)))
-def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, study_file):
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        *NO_STUDY,
+        *((f"stimuli = 'sine_20_250'\n{text}", found) for text, found in NOT_BESIDE_A_STIMULUS),
+    ],
+    ids=range(len(NO_STUDY) + len(NOT_BESIDE_A_STIMULUS)),
+)
+def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, found, study_file):
     path = study_file(text)
-    with pytest.raises(UsageError, match=HOSTILE[text]) as caught:
+    with pytest.raises(UsageError, match=found) as caught:
         read_study(path)
     line = str(caught.value)
     assert line.startswith(f"{path}: ")
@@ -198,7 +197,7 @@ def test_a_product_without_measure_is_refused_by_its_number_before_it_is_made():
     names = [f"skin.key_{k}" for k in range(10)]
     grid = {name: [float(k) for k in range(1000)] for name in names}
 
-    with pytest.raises(UsageError, match=f"^{10**30} points .* at most {MOST_POINTS}"):
+    with pytest.raises(UsageError, match=f"{10**30} points .* {MOST_POINTS}"):
         study_from({**LEAST, "fingers": [{"grid": grid}]}, folder=None)
 
 
@@ -207,7 +206,7 @@ def test_a_product_of_probes_or_contacts_is_refused_alike(part):
     keys = {"probes": ("diameter_mm", "x_mm"), "contacts": ("friction", "stick_share")}
     wide = {key: [0.1 + 1e-6 * k for k in range(400)] for key in keys[part]}
 
-    with pytest.raises(UsageError, match=r"^160000 points"):
+    with pytest.raises(UsageError, match="160000 points"):
         study_from({**LEAST, part: [wide]}, folder=None)
 
 
@@ -256,12 +255,9 @@ def test_a_hypercube_has_as_many_fingers_as_it_says_and_all_columns(tmp_path, no
     assert str(study.variants[2]) == "paper sample 3 of 6"
     plan = plan_of(study, "ccx")
     assert len(plan.items) == 6
-    rows = {tuple(point.columns.values()) for point in plan.points}
-    assert len(rows) == 6
-    assert {*RANGES, "contact.friction"} <= set(plan.points[0].columns)
-    for point in plan.points:
-        asked = plan.items[point.item].response.asked
-        assert asked == {"friction": point.columns["contact.friction"]}
+    assert len(plan.rows[[*RANGES, "contact.friction"]].drop_duplicates()) == 6
+    for friction, key in zip(plan.rows["contact.friction"], plan.rows["key"], strict=True):
+        assert plan.items[key].response.asked == {"friction": friction}
 
 
 def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(tmp_path):
@@ -318,81 +314,46 @@ def test_the_table_of_a_design_names_every_parameter_in_its_columns(here, tmp_pa
     assert [row["status"] for row in rows[::3]] == ["done", "failed", "failed"]
 
 
-def test_a_study_without_a_design_has_the_keys_that_it_had(tmp_path):
-    """What was solved before designs were thought of is found again."""
-    study = study_with(tmp_path, grid={"materials.dermis.young_mpa": [0.04, 0.05]})
-    plain, changed = (each.finger for each in study.variants)
-
-    assert changed == PRESETS["quick"]
-    assert plain.afferents == QUICK.afferents
-    responses = [item.response for item in plan_of(study, "ccx").items.values()]
-    assert all(each.asked == {} for each in responses)
-
-
 @pytest.mark.parametrize(
-    ("finger", "problem"),
+    ("finger", "found"),
     [
-        ({"ranges": RANGES}, "fingers 1: design: '', expected one-at-a-time or"),
-        ({"design": "sobol", "ranges": RANGES}, "design: 'sobol', expected"),
-        ({"design": "one-at-a-time"}, "design, but no ranges"),
-        ({"samples": 3}, "samples, but no ranges"),
-        ({"design": "one-at-a-time", "ranges": {}}, "ranges: none, expected one"),
-        (
-            {"design": "one-at-a-time", "ranges": RANGES, "samples": 4},
-            "samples is for a latin-hypercube",
-        ),
-        ({"design": "latin-hypercube", "ranges": RANGES}, "samples: absent"),
-        (
-            {"design": "latin-hypercube", "ranges": RANGES, "samples": 1},
-            "samples: 1, expected 2 to",
-        ),
-        (
-            {"design": "latin-hypercube", "ranges": RANGES, "samples": 5.5},
-            "samples: 5.5, expected a whole number",
-        ),
-        (
-            {"design": "latin-hypercube", "ranges": RANGES, "samples": 5, "seed": -1},
-            "seed: -1, expected 0 to",
-        ),
+        ({"ranges": RANGES}, "fingers 1: design: ''"),
+        ({"design": "sobol", "ranges": RANGES}, "design: 'sobol'"),
+        ({"design": "one-at-a-time"}, "design.*ranges"),
+        ({"samples": 3}, "samples.*ranges"),
+        ({"design": "one-at-a-time", "ranges": {}}, "ranges"),
+        ({"design": "one-at-a-time", "ranges": RANGES, "samples": 4}, "samples"),
+        ({"design": "latin-hypercube", "ranges": RANGES}, "samples: 0"),
+        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 1}, "samples: 1"),
+        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 5.5}, "samples: 5.5"),
+        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 5, "seed": -1}, "seed: -1"),
         ({"design": "latin-hypercube", "ranges": RANGES, "samples": 90_000}, "1080000 points"),
-        ({"ranges": RANGES, "grid": {}}, "grid and ranges, expected one of them"),
-        (
-            {"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}},
-            "skin.colour: the base has no such number",
-        ),
-        (
-            {"design": "one-at-a-time", "ranges": {"contact.frction": [0, 1]}},
-            "contact: unknown key 'frction'.*friction",
-        ),
-        (
-            {"design": "one-at-a-time", "ranges": {"contact.formulation": [0, 1]}},
-            "contact.formulation: the base has no such number",
-        ),
-        (
-            {"design": "one-at-a-time", "ranges": {"skin.dermis_mm": [1.0, 2.5]}},
-            "choose narrower ranges: skin.dermis_mm=2.5: the bone spans",
-        ),
+        ({"ranges": RANGES, "grid": {}}, "grid and ranges"),
+        ({"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}}, "skin.colour"),
+        ({"design": "one-at-a-time", "ranges": {"contact.frction": [0, 1]}}, "contact.frction"),
+        ({"design": "one-at-a-time", "ranges": {"contact.formulation": [0, 1]}}, "formulation"),
+        ({"design": "one-at-a-time", "ranges": {"skin.dermis_mm": [1, 2.5]}}, "dermis_mm=2.5"),
         (
             {
                 "design": "latin-hypercube",
                 "samples": 9,
                 "ranges": {"afferents.SA.to_boundary_mm": [0.1, 0.9]},
             },
-            r"choose narrower ranges: sample \d of 9: afferent SA .* not inside",
+            r"sample \d of 9: afferent SA",
         ),
-        ({"sites": "float"}, "sites: 'float', expected fixed or follow"),
-        ({"rows": [{"afferents.SA.to_boundary_mm": "near"}]}, "'near', expected a num"),
-        ({"rows": [{"afferents.SA.to_boundary_mm": -0.1}]}, "-0.1, expected a number"),
+        ({"sites": "float"}, "sites: 'float'"),
+        ({"rows": [{"afferents.SA.to_boundary_mm": "near"}]}, "'near'"),
+        ({"rows": [{"afferents.SA.to_boundary_mm": -0.1}]}, "-0.1"),
         (
             {"rows": [{"afferents.SA.to_boundary_mm": 0.1, "afferents.SA.depth_mm": 0.5}]},
-            "to_boundary_mm beside afferents.SA.depth_mm, expected one",
+            "to_boundary_mm.*afferents.SA.depth_mm",
         ),
-        ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "afferent 'XY'"),
-        ({"rows": [{"contact.friction": -0.1}]}, "friction must be >= 0"),
+        ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "'XY'.*SA, RA, PC"),
+        ({"rows": [{"contact.friction": -0.1}]}, "friction"),
     ],
 )
-def test_what_cannot_be_designed_is_one_line(tmp_path, finger, problem):
-    with pytest.raises(UsageError, match=problem) as caught:
+def test_what_cannot_be_designed_is_one_line(tmp_path, finger, found):
+    with pytest.raises(UsageError, match=found) as caught:
         study_with(tmp_path, **finger)
     assert "\n" not in str(caught.value)
 
@@ -403,34 +364,34 @@ def test_friction_cannot_be_asked_of_fingers_and_of_contacts(tmp_path):
         "fingers": [{"design": "one-at-a-time", "ranges": {"contact.friction": "9 %"}}],
         "contacts": [{"friction": 0.3}],
     }
-    with pytest.raises(UsageError, match="friction "):
+    with pytest.raises(UsageError, match="friction"):
         study_from(table, tmp_path)
     table["contacts"], table["stored"] = [{}], True
-    with pytest.raises(UsageError, match="a stored response has its own"):
+    with pytest.raises(UsageError, match="contacts"):
         study_from(table, tmp_path)
+
+
+def drawn_shares(parameters, samples, seed):
+    ranges = {str(k): Range(0, 1) for k in range(parameters)}
+    return np.array([[*row.values()] for row in latin_hypercube(ranges, samples, seed)])
 
 
 @pytest.mark.parametrize(("samples", "parameters"), [(7, 1), (7, 3), (201, 3)])
 def test_each_slice_of_each_range_has_one_finger(samples, parameters, not_optimised):
-    shares = np.array(hypercube_shares(parameters, samples, seed=3))
+    shares = drawn_shares(parameters, samples, seed=3)
 
     assert shares.shape == (samples, parameters)
+    assert (shares == drawn_shares(parameters, samples, seed=3)).all()
+    assert (shares != drawn_shares(parameters, samples, seed=4)).any()
     slices = np.sort((shares * samples).astype(int), axis=0)
     np.testing.assert_array_equal(
         slices, np.repeat(np.arange(samples)[:, None], parameters, axis=1)
     )
 
 
-def test_the_same_seed_draws_the_same_fingers_and_another_one_others(not_optimised):
-    ranges = {"a": Range(0, 1), "b": Range(10, 20)}
-
-    assert latin_hypercube(ranges, 9, 1) == latin_hypercube(ranges, 9, 1)
-    assert latin_hypercube(ranges, 9, 1) != latin_hypercube(ranges, 9, 2)
-
-
 def test_drawn_parameters_hardly_go_together():
     """Fifty fingers by chance would have pairs that correlate by 0.3."""
-    shares = np.array(hypercube_shares(14, 50, seed=1))
+    shares = drawn_shares(14, 50, seed=1)
 
     together = np.corrcoef(shares.T) - np.eye(14)
     assert abs(together).max() < 0.2
@@ -451,35 +412,23 @@ def test_a_range_is_two_numbers_or_told_about_the_base(asked, low, high, logarit
     assert range_of(asked, 0.5) == Range(low, high, logarithmic)
 
 
+@pytest.mark.parametrize("base", [1.0, 0.0, None])
 @pytest.mark.parametrize(
-    ("asked", "base", "problem"),
+    "asked",
     [
-        ([1.3, 0.9], 1.0, "from 1.3 to 0.9, expected the lower value first"),
-        ([1, 1], 1.0, "the lower value first"),
-        ([1, 2, 3], 1.0, "expected .from, to., as"),
-        ([1, "two"], 1.0, "'two'"),
-        ([0, float("nan")], 1.0, "nan, expected a finite number"),
-        ("much", 1.0, "'much', expected .from, to."),
-        ("100 %", 1.0, "more than 0 % and below 100 %"),
-        ("0 %", 1.0, "more than 0 %"),
-        ("factor 1", 1.0, "a factor above 1"),
-        ("20 %", 0.0, "'20 %' of 0: expected"),
-        ("20 %", None, "'20 %' of nothing"),
-        (0.5, 1.0, "0.5, expected"),
+        *([1.3, 0.9], [1, 1], [1, 2, 3], [1, "two"], [0, math.nan], [0, math.inf], [False, True]),
+        *("much", "100 %", "0 %", "factor 1", 0.5, None),
     ],
 )
-def test_what_is_no_range_is_refused_with_its_place(asked, base, problem):
-    with pytest.raises(UsageError, match=problem):
+def test_what_is_no_range_is_refused(asked, base):
+    with pytest.raises(UsageError):
         range_of(asked, base)
 
 
-def test_one_at_a_time_begins_with_the_base_and_moves_one_parameter_a_finger():
-    base = {"a": 1.0, "b": 2.0, "c": 3.0}
-    rows = one_at_a_time(base, {"a": Range(0, 2), "b": Range(2.0, 5), "c": Range(1, 4)})
-
-    assert rows[0] == base
-    moved = [{k: v for k, v in row.items() if v != base[k]} for row in rows[1:]]
-    assert moved == [{"a": 0}, {"a": 2}, {"b": 5}, {"c": 1}, {"c": 4}]
+@pytest.mark.parametrize("base", [0.0, None])
+def test_words_about_a_base_take_one_above_0(base):
+    with pytest.raises(UsageError, match=str(base)):
+        range_of("20 %", base)
 
 
 def with_site(finger, name, site):

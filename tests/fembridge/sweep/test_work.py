@@ -61,7 +61,7 @@ def test_all_stimuli_share_the_map_and_each_has_its_transient():
     methods = [each.method for each in plan.items.values()]
     assert methods.count("map") == 1
     assert methods.count("transient") == 82
-    assert len(plan.points) == 164
+    assert len(plan.rows) == 164 * 3
     assert len({each.response.key for each in plan.items.values()}) == 1
     assert len({each.solve_place for each in plan.items.values()}) == 83
 
@@ -98,7 +98,7 @@ def test_the_same_finger_under_two_names_is_done_once_and_told_twice(tmp_path):
     twins = (Variant("quick", base), Variant("mine", replace(base)))
     plan = plan_of(study(variants=twins), CCX)
     assert len(plan.items) == 1
-    assert [point.columns["finger"] for point in plan.points] == ["quick", "mine"]
+    assert plan.rows["finger"].tolist() == ["quick"] * 3 + ["mine"] * 3
 
 
 def test_what_a_variant_does_not_change_has_the_value_of_its_base():
@@ -107,8 +107,7 @@ def test_what_a_variant_does_not_change_has_the_value_of_its_base():
         "fingers": ["paper", {"grid": {"skin": {"dermis_mm": [1.0, 1.2]}}}],
     }
     plan = plan_of(study_from(table, None), CCX)
-    column = [point.columns["skin.dermis_mm"] for point in plan.points]
-    assert column == [1.1, 1.0, 1.2]
+    assert plan.rows["skin.dermis_mm"].tolist()[::3] == [1.1, 1.0, 1.2]
 
 
 def test_what_is_asked_of_the_contact_is_put_into_every_rung():
@@ -263,7 +262,7 @@ def test_of_a_finger_that_relaxes_each_waveform_is_solved():
     method_of = {item.response.finger.relaxing_s > 0: item.method for item in plan.items.values()}
     assert method_of == {False: "map", True: "transient"}
     assert len(plan.items) == 1 + len(resolve("sine_20"))
-    assert {point.columns["method"] for point in plan.points} == {"map", "transient"}
+    assert set(plan.rows["method"]) == {"map", "transient"}
 
 
 def plan_with(solver="stored"):
@@ -283,8 +282,7 @@ def test_who_is_not_to_wait_says_that_it_is_busy(folder):
     with folder_lock(folder / item.place, ".lock"):
         ended = work(item, folder, waits=False)
     assert ended.busy
-    assert not ended.finished
-    assert work(item, folder, waits=False).finished
+    assert not work(item, folder, waits=False).cause
     assert work(item, folder).before
 
 
