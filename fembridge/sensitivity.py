@@ -8,10 +8,10 @@ parameter and output.
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -259,8 +259,11 @@ def rank_regressions(
     least = 2 * (parameters + 1)
     if fingers < least:
         raise UsageError(f"{fingers} fingers for {parameters} parameters, expected {least} or more")
-    _check_apart(swept)
     value, answer = swept.parameters.to_numpy(), swept.answers.to_numpy()
+    x = _standardised(value)
+    for row, column in np.argwhere(np.tril(np.abs(x.T @ x) / fingers > 1 - _SINGULAR, k=-1)):
+        both = " and ".join(swept.parameters.columns[[column, row]])
+        raise UsageError(f"{both} rise and fall together: their effects cannot be told apart")
     coefficient, r_squared = _fitted(value, answer)
     rows = np.random.default_rng(seed).integers(fingers, size=(resamples, fingers))
     drawn, _ = _fitted(value[rows], answer[rows])
@@ -313,17 +316,6 @@ def _standardised(array: FloatArray) -> FloatArray:
     return standard
 
 
-def _check_apart(swept: SweptFingers) -> None:
-    """Refuse parameters that no fit can tell apart."""
-    x = _standardised(swept.parameters.to_numpy())
-    same = np.tril(np.abs(x.T @ x) / len(x) > 1 - _SINGULAR, k=-1)
-    for row, column in np.argwhere(same):
-        raise UsageError(
-            f"{swept.parameters.columns[column]} and {swept.parameters.columns[row]} rise and fall "
-            "together: their effects cannot be told apart"
-        )
-
-
 def in_order(table: "pd.DataFrame") -> list[str]:
     """Parameters of effects or regressions, the one that moves a mean rate most first.
 
@@ -348,71 +340,65 @@ def csv_text(table: "pd.DataFrame") -> str:
 
 
 def effects_markdown(effects: "pd.DataFrame") -> str:
-    """A table a class: from low to high, change of rates and of stress."""
+    """A table a class: from low to high, change of rates and of stress; ``~``: it comes back."""
+
+    def change(each: Mapping[str, Any]) -> str:
+        quantity, percent = each["quantity"], each["change_percent"]
+        words = signed(shown(quantity, each["change"]), _digits(each["at_base"], quantity))
+        share = "" if math.isnan(percent) else f" ({signed(percent, 0)} %)"
+        return f"{words}{share}{'' if each['monotone'] else ' ~'}"
+
     lines: list[str] = []
-    for afferent, mine in effects.groupby("afferent", sort=False):
-        order = in_order(mine)
-        heads = [
-            f"{_output_words(each)} ({_number(each['at_base'], each['quantity'])})"
-            for each in _for_people(mine, order[0])
-        ]
-        lines += _head(str(afferent), ["parameter", "from, to", *heads])
-        for name in order:
-            rows = _for_people(mine, name)
-            span = f"{rows[0]['low']:.4g}, {rows[0]['high']:.4g} {unit_of(name)}".rstrip()
-            lines.append(_line([parameter_words(name), span, *map(_change, rows)]))
+    for afferent, outputs, rows in _for_people(effects):
+        heads = [f"{words} ({_number(e['at_base'], e['quantity'])})" for words, e in outputs]
+        lines += _head(afferent, ["parameter", "from, to", *heads])
+        for name, cells in rows.items():
+            unit = unit_of(name)
+            span = f"{cells[0]['low']:.4g}, {cells[0]['high']:.4g} {unit}".rstrip()
+            lines.append(_line([parameter_words(name), span, *map(change, cells)]))
     return "\n".join(lines).strip() + "\n"
 
 
 def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> str:
     """A table a class: coefficients, bold where their interval leaves out 0."""
+
+    def coefficient(each: Mapping[str, Any]) -> str:
+        number = signed(each["coefficient"], 2)
+        return f"**{number}**" if each["low_95"] > 0 or each["high_95"] < 0 else number
+
     lines: list[str] = []
-    for afferent, mine in regressions.groupby("afferent", sort=False):
-        order = in_order(mine)
-        outputs = _for_people(mine, order[0])
-        lines += _head(str(afferent), ["parameter", *map(_output_words, outputs)])
-        for name in order:
-            cells = map(_coefficient, _for_people(mine, name))
-            lines.append(_line([parameter_words(name), *cells]))
-        fits, spans = [], []
-        for each in outputs:
+    for afferent, outputs, rows in _for_people(regressions):
+        lines += _head(afferent, ["parameter", *(words for words, _ in outputs)])
+        lines += [
+            _line([parameter_words(name), *map(coefficient, cells)]) for name, cells in rows.items()
+        ]
+        fits, spans = ["R² (adjusted)"], ["over all fingers"]
+        for _, each in outputs:
             fit = f"{each['r_squared']:.2f} ({each['adjusted_r_squared']:.2f})"
             fits.append("no variation" if math.isnan(each["r_squared"]) else fit)
-            answers, quantity = (
-                swept.answers[tuple(each[name] for name in OUTPUT)],
-                each["quantity"],
-            )
-            low = _number(answers.min(), quantity).partition(" ")[0]
-            spans.append(f"{low} to {_number(answers.max(), quantity)}")
-        lines.append(_line(["R² (adjusted)", *fits]))
-        lines.append(_line(["over all fingers", *spans]))
+            answers = swept.answers[tuple(each[name] for name in OUTPUT)]
+            low, high = (_number(end, each["quantity"]) for end in (answers.min(), answers.max()))
+            spans.append(f"{low.partition(' ')[0]} to {high}")
+        lines += [_line(fits), _line(spans)]
     return "\n".join(lines).strip() + "\n"
 
 
-def _for_people(table: "pd.DataFrame", parameter: str) -> list[dict[Any, Any]]:
-    """The rows of a table for people: all rates of `parameter`, then the mean stress."""
-    rows = table[table["parameter"] == parameter]
-    is_rate = rows["quantity"] == RATE
-    of_stress = rows[~is_rate & (rows["stimuli"] == ALL)]
-    return [*rows[is_rate].to_dict("records"), *of_stress.to_dict("records")]
+_Row: TypeAlias = dict[Any, Any]
 
 
-def _change(each: Mapping[str, Any]) -> str:
-    """An effect, in percent too; ``~`` where the answer comes back."""
-    quantity = each["quantity"]
-    change = signed(shown(quantity, each["change"]), _digits(each["at_base"], quantity))
-    percent = each["change_percent"]
-    share = "" if math.isnan(percent) else f" ({signed(percent, 0)} %)"
-    return f"{change}{share}{'' if each['monotone'] else ' ~'}"
-
-
-def _coefficient(each: Mapping[str, Any]) -> str:
-    number = signed(each["coefficient"], 2)
-    return f"**{number}**" if each["low_95"] > 0 or each["high_95"] < 0 else number
-
-
-def _output_words(each: Mapping[str, Any]) -> str:
-    return "peak stress" if each["quantity"] == STRESS else group_words(each["stimuli"])
+def _for_people(
+    table: "pd.DataFrame",
+) -> Iterator[tuple[str, list[tuple[str, _Row]], dict[str, list[_Row]]]]:
+    """By class: outputs with their words, all rates and the mean stress; rows by parameter."""
+    wanted = table[(table["quantity"] == RATE) | (table["stimuli"] == ALL)]
+    for afferent, mine in wanted.groupby("afferent", sort=False):
+        mine = mine.sort_values("quantity", key=lambda each: each != RATE, kind="stable")
+        rows = {name: mine[mine["parameter"] == name].to_dict("records") for name in in_order(mine)}
+        outputs = [
+            ("peak stress" if each["quantity"] == STRESS else group_words(each["stimuli"]), each)
+            for each in next(iter(rows.values()))
+        ]
+        yield str(afferent), outputs, rows
 
 
 def _head(afferent: str, cells: Sequence[str]) -> list[str]:
@@ -435,6 +421,7 @@ def _digits(number: float, quantity: str) -> int:
 
 
 _MINUS = "\N{MINUS SIGN}"
+_LAYERS = {"stratum_corneum": "stratum corneum", "subcutaneous_tissue": "subcutaneous tissue"}
 _PLAIN = {
     "ridges.height_mm": "ridge height",
     "ridges.spacing_mm": "ridge spacing",
@@ -452,21 +439,15 @@ _MADE = (
     (re.compile(r"afferents\.(\w+)\.to_boundary_mm"), "{} to boundary"),
     (re.compile(r"afferents\.(\w+)\.depth_mm"), "{} depth"),
 )
-_LAYERS = {
-    "stratum_corneum": "stratum corneum",
-    "subcutaneous_tissue": "subcutaneous tissue",
-}
 _UNITS = {"_mm": "mm", "_mpa": "MPa", "_um": "µm", "_deg": "°"}
 
 
 def parameter_words(name: str) -> str:
     """A parameter as people call it: ``dermis modulus``; others keep their name."""
-    if name in _PLAIN:
-        return _PLAIN[name]
     for pattern, words in _MADE:
         if (match := pattern.fullmatch(name)) is not None:
             return words.format(_LAYERS.get(match[1], match[1]))
-    return name
+    return _PLAIN.get(name, name)
 
 
 def unit_of(name: str) -> str:

@@ -178,7 +178,7 @@ def simulate(
         except FrictionSlipError as slip:
             reason = "; ".join(why for why in (reason, str(slip)) if why)
             method = _possible(method, reason, parameters, log)
-            model = replace(model, contact=ladder[slip.rung - 1])
+            model = replace(model, contact=slip.contact)
             closure_percent = slip.closure_percent
     if response is None or method == "transient":
         traces, origin["contacts"] = solve_transients(

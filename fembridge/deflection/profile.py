@@ -139,9 +139,7 @@ def read_profile(path: Path) -> Deflection:
             origin=table["origin"],
             **{name: np.array(table[name], dtype=np.float64) for name in _NUMBERS},
         )
-    except KeyError as error:
-        raise ResponseError(f"{path}: not a profile: no {error}") from error
-    except (TypeError, ValueError, ResponseError) as error:
+    except (KeyError, TypeError, ValueError, ResponseError) as error:
         raise ResponseError(f"{path}: not a profile: {error}") from error
 
 
@@ -187,25 +185,23 @@ def convergence(deflections: Sequence[Deflection]) -> tuple[ConvergenceRow, ...]
     ResponseError
         Fewer than two profiles, or of different depths.
     """
-    meshes = sorted(deflections, key=lambda deflection: deflection.elements)
-    depths_mm = sorted({deflection.depth_mm for deflection in meshes})
+    meshes = sorted(deflections, key=lambda mesh: mesh.elements)
+    depths_mm = {mesh.depth_mm for mesh in meshes}
     if len(meshes) < 2 or len(depths_mm) != 1:
         raise ResponseError(
             f"{len(meshes)} profiles of depths {depths_mm} mm, expected two or more of one depth"
         )
     quantities = {
-        f"deflection_mm at {distance_mm:g} mm": [float(mesh.at(distance_mm)) for mesh in meshes]
-        for distance_mm in COMPARED_MM
+        **{f"deflection_mm at {x:g} mm": [float(m.at(x)) for m in meshes] for x in COMPARED_MM},
+        "force_n_per_mm": [mesh.force_n_per_mm for mesh in meshes],
     }
-    quantities["force_n_per_mm"] = [mesh.force_n_per_mm for mesh in meshes]
     width = np.array([mesh.elements**-0.5 for mesh in meshes])
     rows = []
     for quantity, values in quantities.items():
-        limit, order = math.nan, math.nan
-        if len(values) >= 3:
-            limit, order = richardson(width[-3:], np.array(values[-3:]))
-        change = 100 * float((values[-1] - values[-2]) / values[-1])
-        rows.append(ConvergenceRow(quantity, tuple(values), change, limit, order))
+        three = len(values) >= 3
+        ends = richardson(width[-3:], np.array(values[-3:])) if three else (math.nan, math.nan)
+        change = 100 * (values[-1] - values[-2]) / values[-1]
+        rows.append(ConvergenceRow(quantity, tuple(values), change, *ends))
     return tuple(rows)
 
 

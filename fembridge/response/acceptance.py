@@ -7,9 +7,9 @@ between the skin's nodes: the run ends well, the skin untouched.
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ DEFAULT_DEPTH_UM = 400.0
 """Deep enough for every stimulus of the catalogue: 250 um and the noise's peaks."""
 STEPS = 30
 """Steps grow with depth: a small vibration sees as many of them as a large one."""
-PROBE_SET = "PROBE"
+_PROBE_SET = "PROBE"
 
 _GROWTH = 1.7
 _UNLOAD_EVERY = 3
@@ -67,8 +67,7 @@ class HysteresisError(ResponseError):
         return self.problem
 
 
-@dataclass(frozen=True, slots=True)
-class Acceptance:
+class Acceptance(NamedTuple):
     """What a load-unload run showed; `problem` is None where it is accepted.
 
     `closure_percent` is the largest difference between unloading and loading at
@@ -78,8 +77,6 @@ class Acceptance:
     """
 
     closure_percent: float
-    force_n_per_mm: float
-    followed_share: float
     problem: str | None
     hysteresis: bool = False
 
@@ -142,10 +139,17 @@ def judge(
     deepest = int(depth_um.argmax())
     deepest_um, moved_um = float(depth_um[deepest]), float(apex_um[deepest])
     force = float(force_n_per_mm[deepest])
-    followed = moved_um / deepest_um if deepest_um > 0 else 0.0
-    closure = _closure_percent(depth_um, stress_pa, deepest)
+    load_um, back_um = depth_um[: deepest + 1], depth_um[deepest + 1 :]
+    same = np.abs(load_um - back_um[:, None]) <= _MATCH_UM
+    compared = same.any(axis=1) & (back_um >= _COMPARED_SHARE * deepest_um)
+    closure = math.nan
+    if compared.any():
+        loading_pa = stress_pa[same[compared].argmax(axis=1)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.abs(stress_pa[deepest + 1 :][compared] / loading_pa - 1)
+        closure = 100 * float(off.max())
     problem, hysteresis = None, False
-    if not (force > 0 and followed >= _FOLLOWED_SHARE):
+    if not (force > 0 and moved_um >= _FOLLOWED_SHARE * deepest_um):
         problem = (
             f"the probe did not push: at {deepest_um:g} um the skin moved "
             f"{moved_um:.3g} um, the force is {force:.3g} N/mm"
@@ -162,7 +166,7 @@ def judge(
             f"unloading differs from loading by {closure:.3g} % at the same depth, "
             f"expected at most {CLOSURE_PERCENT} %"
         )
-    return Acceptance(closure, force, followed, problem, hysteresis)
+    return Acceptance(closure, problem, hysteresis)
 
 
 def recorded_response(folder: Path) -> ResponseMap:
@@ -193,8 +197,7 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     options = ReadOptions(branches=run.branches, on_axis=run.on_axis)
     found = read_stress_and_displacement(run.results, nodes, [run.apex_node], options)
     check_times(found.times_ms, times_ms[1:], run.results)
-    force_times_ms, force_n = read_total_force(folder / f"{JOB}.dat", PROBE_SET)
-    check_times(force_times_ms, times_ms[1:], folder / f"{JOB}.dat")
+    force_n_per_mm = force_on_probe(run, times_ms)
     tensor_pa = _from_rest(found.tensor_pa)
     shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
     if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
@@ -203,8 +206,6 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
         )
     tensor_pa[..., IN_PLANE:] = 0.0  # rounding noise
     apex_um = _from_rest(-_UM_PER_MM * found.displacement_mm[:, 0, 1])
-    # `RF` is the force that pushes the probe down; the section is 1 mm thick.
-    force_n_per_mm = _from_rest(-force_n[:, 1])
     accepted = judge(depth_um, von_mises_pa(tensor_pa), force_n_per_mm, apex_um)
     if accepted.hysteresis:
         raise HysteresisError(f"{folder}: {accepted.problem}", accepted.closure_percent)
@@ -219,6 +220,21 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
         closure_percent=round(accepted.closure_percent, 6),
         origin={"solver": run.solver, "deck_sha256": run.deck_sha256, **run.inputs},
     )
+
+
+def force_on_probe(run: RunFolder, times_ms: FloatArray) -> FloatArray:
+    """Force of the skin on the probe in N/mm at `times_ms` ``(T,)``, the rest state first.
+
+    Raises
+    ------
+    ResultError
+        The run printed none, or at other times.
+    """
+    path = run.folder / f"{JOB}.dat"
+    found_ms, force_n = read_total_force(path, _PROBE_SET)
+    check_times(found_ms, times_ms[1:], path)
+    # `RF` is the force that pushes the probe down; the section is 1 mm thick.
+    return _from_rest(-force_n[:, 1])
 
 
 def check_times(found_ms: FloatArray, expected_ms: FloatArray, path: Path) -> None:
@@ -239,18 +255,6 @@ def check_times(found_ms: FloatArray, expected_ms: FloatArray, path: Path) -> No
             f"{expected_ms[row] / MS_PER_S:g} s",
             path,
         )
-
-
-def _closure_percent(depth_um: FloatArray, stress_pa: FloatArray, deepest: int) -> float:
-    load_um = depth_um[: deepest + 1]
-    worst = []
-    for row in range(deepest + 1, depth_um.size):
-        same = np.flatnonzero(np.abs(load_um - depth_um[row]) <= _MATCH_UM)
-        if same.size and depth_um[row] >= _COMPARED_SHARE * depth_um[deepest]:
-            loading = stress_pa[same[0]]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                worst.append(np.max(np.abs(stress_pa[row] / loading - 1)))
-    return 100 * float(np.max(worst)) if worst else math.nan
 
 
 def _from_rest(values: FloatArray) -> FloatArray:

@@ -109,7 +109,7 @@ class ResponseMap:
         tensor_pa = self.tensors(stimulus.displacement_um, stimulus.id)
         traces = []
         for column, place in enumerate(self.places):
-            model = None if models is None else models.get(place.afferent)
+            model = (models or {}).get(place.afferent)
             if model is not None and _reads_energy(model):
                 stress_pa = energy_stress_pa(tensor_pa[:, column], self.poisson_at(place))
             else:
@@ -215,9 +215,7 @@ def read_map(path: Path) -> ResponseMap:
             closure_percent=float(table["closure_percent"]),
             origin=table["origin"],
         )
-    except KeyError as error:
-        raise ResponseError(f"{path}: not a response map: no {error}") from error
-    except (TypeError, ValueError, AttributeError, ResponseError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, ResponseError) as error:
         raise ResponseError(f"{path}: not a response map: {error}") from error
 
 

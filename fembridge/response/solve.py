@@ -5,7 +5,7 @@ loading curve in every run to 400 um and takes two iterations an increment; what
 follows is for meshes and depths on which it does not converge, in the order of
 what it changes: softer stick springs, then no friction (0.3 % of stress at most),
 softer springs (2 %), and last surface-to-surface contact, which is path-dependent. A
-rung that runs but does not come back is not taken: see `acceptance`.
+contact model that runs but does not come back is not taken: see `acceptance`.
 
 A map is one indentation, read at the depth of each sample, so time and place must not
 matter: no layer relaxes, no mass is accelerated, the probe does not slide. That is
@@ -47,7 +47,7 @@ LADDER = (
 )
 
 # Ends of a run that another contact model may avoid. A missing solver, a full
-# disk or an interrupt are no reason to try the next rung.
+# disk or an interrupt are no reason to try the next.
 CONTACT_CAUSES = frozenset(
     {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN}
 )
@@ -59,33 +59,22 @@ Log = Callable[[str], None]
 class FrictionSlipError(HysteresisError):
     """Friction is what unloading differs by: without it the same contact comes back.
 
-    The contact model is sound, the one of number `rung` on the ladder, from 1; the
-    stress of a waveform takes the whole way of the probe, a transient.
+    The contact model `contact` is sound; the stress of a waveform takes the whole way
+    of the probe, a transient.
     """
 
-    def __init__(self, problem: str, closure_percent: float, rung: int) -> None:
+    def __init__(self, problem: str, closure_percent: float, contact: Contact) -> None:
         super().__init__(problem, closure_percent)
-        self.args = (problem, closure_percent, rung)  # these rebuild it after pickling
-        self.rung = rung
-
-
-@dataclass(frozen=True, slots=True)
-class Rung:
-    """One rung that was tried: its contact model, and why it was left, if it was."""
-
-    contact: Contact
-    problem: str | None
-
-    def __str__(self) -> str:
-        return f"{self.contact}: {self.problem or 'accepted'}"
+        self.args = (problem, closure_percent, contact)  # these rebuild it after pickling
+        self.contact = contact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """An accepted response, what it cost, and the rungs tried until then."""
+    """An accepted response, the contact model that gave it, and what it cost."""
 
     response: ResponseMap
-    rungs: tuple[Rung, ...]
+    contact: Contact
     outcome: Outcome
 
 
@@ -118,55 +107,66 @@ def solve_response(
     ladder: Sequence[Contact] = LADDER,
     log: Log = lambda line: None,
 ) -> Solved:
-    """Solve the response of `model` in `folder`, one run folder a rung.
+    """Solve the response of `model` in `folder`, one run folder a contact model.
 
-    A rung that was solved there before, with the same deck, is read again as long
-    as its files are whole. The accepted map is written as ``response.toml``.
+    One that was solved there before, with the same deck, is read again as long as its
+    files are whole. The accepted map is written as ``response.toml``.
 
     Raises
     ------
     SolverError
         A run ended for a reason that another contact model does not cure.
     FrictionSlipError
-        A rung is not accepted for the friction alone: no map holds for it.
+        One is not accepted for the friction alone: no map holds for it.
     ResponseError
-        No rung was accepted; the message lists each with its reason. Or stress
+        None was accepted; the message lists each with its reason. Or stress
         depends on time: no map holds for such a model.
     OutputError
         `folder` cannot be written.
     """
     if (reason := why_no_map(model, ())) is not None:
         raise ResponseError(f"{folder}: no response map: {reason}")
-    # Each node prescribed: so all that was measured of contacts was measured.
-    model = replace(model, support="prescribed")
     stimulus = indentation(depth_um)
+
+    def measured(run: RunFolder) -> ResponseMap | ResponseError:
+        try:
+            return measured_response(run, stimulus.times_ms, stimulus.displacement_um)
+        except ResponseError as error:
+            return error
+
+    def solved(name: str, contact: Contact) -> tuple[Outcome, ResponseMap | ResponseError]:
+        """The response that was accepted, or why the contact model is left."""
+        # Each node prescribed: so all that was measured of contacts was measured.
+        prescribed = replace(model, support="prescribed", contact=contact)
+        run = build_run_folder(folder / name, prescribed, stimulus)
+        outcome, found = solve_once(run, settings, measured)
+        if outcome.failure is not None and outcome.failure.cause not in CONTACT_CAUSES:
+            raise outcome.to_error()
+        return outcome, found or ResponseError(str(outcome.failure))
+
     make_folder(folder)
-    rungs: list[Rung] = []
+    left: list[str] = []
     for number, contact in enumerate(ladder, start=1):
-        place = folder / f"contact_{number}"
-        run = build_run_folder(place, replace(model, contact=contact), stimulus)
-        outcome, found = _climb(run, stimulus, settings)
+        outcome, found = solved(f"contact_{number}", contact)
         if isinstance(found, ResponseMap):
             write_map(folder / MAP_FILE, found)
-            return Solved(found, (*rungs, Rung(contact, None)), outcome)
+            return Solved(found, contact, outcome)
         if isinstance(found, HysteresisError) and contact.friction > 0:
-            smooth = replace(model, contact=replace(contact, friction=0.0))
-            run = build_run_folder(folder / f"frictionless_{number}", smooth, stimulus)
-            _, without = _climb(run, stimulus, settings)
-            if isinstance(without, ResponseMap):
+            _, smooth = solved(f"frictionless_{number}", replace(contact, friction=0.0))
+            if isinstance(smooth, ResponseMap):
                 raise FrictionSlipError(
                     f"skin slips under the probe: with {contact}, unloading differs from "
                     f"loading by {found.closure_percent:.3g} % at the same depth, without "
-                    f"friction by {without.closure_percent:.2g} %, expected at most "
+                    f"friction by {smooth.closure_percent:.2g} %, expected at most "
                     f"{CLOSURE_PERCENT} %: stress depends on the probe's way, not on depth "
                     "alone",
                     found.closure_percent,
-                    number,
+                    contact,
                 )
-        rungs.append(Rung(contact, str(found).removeprefix(f"{place}: ")))
-        log(f"left {rungs[-1]}")
-    listed = "; ".join(str(rung) for rung in rungs)
-    raise ResponseError(f"{folder}: no contact model was accepted: {listed}")
+        problem = str(found).removeprefix(f"{folder / f'contact_{number}'}: ")
+        left.append(f"{contact}: {problem}")
+        log(f"left {left[-1]}")
+    raise ResponseError(f"{folder}: no contact model was accepted: {'; '.join(left)}")
 
 
 def accept_contact(
@@ -190,28 +190,11 @@ def accept_contact(
         ladder=ladder,
         log=log,
     )
-    contact, outcome = solved.rungs[-1].contact, solved.outcome
+    outcome = solved.outcome
     how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
     log(
         f"response of finger {model.finger.name!r} {how}: "
-        f"{outcome.increments} increments, contact {contact}, unloading within "
+        f"{outcome.increments} increments, contact {solved.contact}, unloading within "
         f"{solved.response.closure_percent:.2g} % of loading"
     )
-    return replace(model, contact=contact), solved.response
-
-
-def _climb(
-    run: RunFolder, stimulus: Stimulus, settings: SolverSettings
-) -> tuple[Outcome, ResponseMap | ResponseError]:
-    """The response that was accepted, or why the rung is left."""
-
-    def judged(run: RunFolder) -> ResponseMap | ResponseError:
-        try:
-            return measured_response(run, stimulus.times_ms, stimulus.displacement_um)
-        except ResponseError as error:
-            return error
-
-    outcome, found = solve_once(run, settings, judged)
-    if outcome.failure is not None and outcome.failure.cause not in CONTACT_CAUSES:
-        raise outcome.to_error()
-    return outcome, found or ResponseError(str(outcome.failure))
+    return replace(model, contact=solved.contact), solved.response

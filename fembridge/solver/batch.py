@@ -71,7 +71,7 @@ def run_folders(
     halt = threading.Event()
 
     def solve(one: Path | RunFolder) -> Outcome:
-        folder = one if isinstance(one, Path) else one.folder
+        folder = _folder_of(one)
         if halt.is_set():
             return Outcome(folder, Failure(Cause.INTERRUPTED, "before it began"))
         try:
@@ -86,12 +86,15 @@ def run_folders(
             halt.set()  # before this thread takes the next folder
             raise
 
-    unique = {
-        (one if isinstance(one, Path) else one.folder).resolve(): one
-        for one in reversed(list(folders))
-    }
+    unique: dict[Path, Path | RunFolder] = {}
+    for each in folders:
+        unique.setdefault(_folder_of(each).resolve(), each)
     with signals_as_exits(), ThreadPoolExecutor(settings.jobs) as pool:
         try:
-            return list(pool.map(solve, reversed(unique.values())))
+            return list(pool.map(solve, unique.values()))
         finally:  # after Ctrl-C the pool waits until each solver is stopped
             halt.set()
+
+
+def _folder_of(one: Path | RunFolder) -> Path:
+    return one if isinstance(one, Path) else one.folder

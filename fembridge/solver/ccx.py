@@ -85,21 +85,19 @@ def run_ccx(
     OutputError
         The folder cannot be written.
     """
-    if not run.deck.is_file():
-        failure = Failure(Cause.BAD_FOLDER, f"no {run.deck.name}", "build the deck again")
-        return Outcome(run.folder, failure)
-    try:
-        program = find_ccx()
-    except MissingError as error:
-        return Outcome(run.folder, Failure(Cause.NO_SOLVER, str(error)))
-    if program is None:
-        install = f"install it: {SOLVER_INSTALL_LINE}"
-        return Outcome(run.folder, Failure(Cause.NO_SOLVER, "no ccx on the PATH", install))
-    try:
-        with signals_as_exits(), folder_lock(run.folder, LOCK_FILE, wait=False):
-            return _run(program, run, settings, halt)
-    except LockedError as error:
-        return Outcome(run.folder, Failure(Cause.BUSY, error.problem, "wait for it, or end it"))
+    failure = Failure(Cause.BAD_FOLDER, f"no {run.deck.name}", "build the deck again")
+    if run.deck.is_file():
+        try:
+            if (program := find_ccx()) is not None:
+                with signals_as_exits(), folder_lock(run.folder, LOCK_FILE, wait=False):
+                    return _run(program, run, settings, halt)
+            install = f"install it: {SOLVER_INSTALL_LINE}"
+            failure = Failure(Cause.NO_SOLVER, "no ccx on the PATH", install)
+        except MissingError as error:
+            failure = Failure(Cause.NO_SOLVER, str(error))
+        except LockedError as error:
+            failure = Failure(Cause.BUSY, error.problem)
+    return Outcome(run.folder, failure)
 
 
 def solve_once(
@@ -122,14 +120,12 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
     """The outcome on record, if the results are whole and of the deck there; else None."""
     try:
         table = tomllib.loads((run.folder / SOLVER_FILE).read_text(encoding="utf-8"))
-        deck_sha256 = sha256_of(run.deck)
-        printed = table.get("printed_sha256")  # not in records of earlier versions
-        if (
-            table["format"] != RECORD_FORMAT
-            or deck_sha256 != table["deck_sha256"]
-            or sha256_of(run.results) != table["results_sha256"]
-            or (printed is not None and sha256_of(run.folder / f"{JOB}.dat") != printed)
-        ):
+        digests = _digests(run)
+        # Records of earlier versions have no digest of what was printed.
+        recorded = {"printed_sha256": digests.get("printed_sha256")} | table
+        known = [recorded[name] == found for name, found in digests.items()]
+        lost = "printed_sha256" in table and "printed_sha256" not in digests
+        if table["format"] != RECORD_FORMAT or lost or not all(known):
             return None
         return Outcome(
             folder=run.folder,
@@ -140,7 +136,7 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
             increments=int(table["increments"]),
             iterations=int(table["iterations"]),
             threads=table.get("threads"),
-            as_built=deck_sha256 == run.deck_sha256,
+            as_built=digests["deck_sha256"] == run.deck_sha256,
         )
     except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
         return None
@@ -180,11 +176,11 @@ class Watchdog:
         if changed:
             self._grown_at_s = elapsed_s
         # A line that cannot be read changes nothing here; the verdict will report it.
-        if f"{JOB}.sta" in changed:
-            with contextlib.suppress(ResultError):
+        with contextlib.suppress(ResultError):
+            if f"{JOB}.sta" in changed:
                 self._sta = read_sta(self._work / f"{JOB}.sta")
-        if f"{JOB}.cvg" in changed:
-            with contextlib.suppress(ResultError):
+        with contextlib.suppress(ResultError):
+            if f"{JOB}.cvg" in changed:
                 self._cvg = read_cvg(self._work / f"{JOB}.cvg")
         good = [row for row in self._sta if not row.failed]
         attempts = [(row.step, row.increment, row.attempt) for row in self._cvg]
@@ -209,11 +205,8 @@ class Watchdog:
         )
         most = settings.iteration_limit
         if most is not None and progress.iterations_here > most:
-            return Failure(
-                Cause.ENDLESS_ITERATION,
-                f"{progress.iterations_here} iterations, limit {most}, {place}",
-                "change the contact's stiffness or type, or make increments smaller",
-            )
+            found = f"{progress.iterations_here} iterations, limit {most}, {place}"
+            return Failure(Cause.ENDLESS_ITERATION, found)
         if settings.time_limit_s is not None and elapsed_s > settings.time_limit_s:
             return Failure(Cause.TIME_LIMIT, f"{settings.time_limit_s:g} s were over {place}")
         still_s = elapsed_s - self._grown_at_s
@@ -359,15 +352,14 @@ def _watch(
 ) -> Failure | None:
     """Wait for the end; stop the solver when the watchdog or `halt` says so."""
     pause_s = FIRST_LOOK_S
-    while True:
+    failure = None
+    while process.returncode is None and failure is None:
         try:
             process.wait(timeout=pause_s)
         except subprocess.TimeoutExpired:
             pause_s = min(1.2 * pause_s, SLOWEST_LOOK_S)
         progress = watchdog.look(time.monotonic() - begin_s)
-        failure = None
-        ended = process.returncode is not None
-        if not ended:
+        if process.returncode is None:
             if on_progress is not None:
                 on_progress(progress)
             failure = watchdog.complaint(progress)
@@ -376,10 +368,9 @@ def _watch(
                 failure = Failure(Cause.INTERRUPTED, done)
             if failure is not None:
                 stop(process)
-        if ended or failure is not None:
-            if on_progress is not None:
-                on_progress(replace(progress, ended=True))
-            return failure
+    if on_progress is not None:
+        on_progress(replace(progress, ended=True))
+    return failure
 
 
 def _collect(run: RunFolder, work: Path) -> None:
@@ -436,15 +427,22 @@ def _write_record(run: RunFolder, outcome: Outcome, deck_sha256: str) -> None:
         "wall_s": round(outcome.wall_s, 3),
         "increments": outcome.increments,
         "iterations": outcome.iterations,
-        "deck_sha256": deck_sha256,
-        "results_sha256": sha256_of(run.results),
+        **_digests(run),
+        "deck_sha256": deck_sha256,  # as it was solved
+        **({} if outcome.threads is None else {"threads": outcome.threads}),
     }
-    printed = run.folder / f"{JOB}.dat"  # forces, where the deck asks for them
-    if printed.is_file():
-        table["printed_sha256"] = sha256_of(printed)
-    if outcome.threads is not None:
-        table["threads"] = outcome.threads
     write_text(run.folder / SOLVER_FILE, tomli_w.dumps(table))
+
+
+def _digests(run: RunFolder) -> dict[str, str]:
+    """Checksums of the deck, the results, and the forces where the deck asks for them."""
+    printed = run.folder / f"{JOB}.dat"
+    paths = {"deck": run.deck, "results": run.results, "printed": printed}
+    return {
+        f"{name}_sha256": sha256_of(path)
+        for name, path in paths.items()
+        if path is not printed or path.is_file()
+    }
 
 
 def _remove(folder: Path) -> None:

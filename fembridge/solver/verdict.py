@@ -10,11 +10,9 @@ import os
 import re
 import shutil
 import signal
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import chain
 from pathlib import Path
 
 from decks.dialects import JOB
@@ -37,19 +35,13 @@ NO_CONVERGENCE = (
     "too many cutbacks",
     "too many iterations",
 )
-CRASHES = {
-    signal.SIGABRT,
-    signal.SIGBUS,
-    signal.SIGFPE,
-    signal.SIGILL,
-    signal.SIGSEGV,
-    signal.SIGSYS,
-}
+CRASHES = {getattr(signal, f"SIG{name}") for name in ("ABRT", "BUS", "FPE", "ILL", "SEGV", "SYS")}
 TIME_TOLERANCE = 1.0e-5
 """Of the end; times in the ``.sta`` have seven digits, in the ``.frd`` six."""
 MIB = 1024**2
 
 LAST_LINES = 5
+NOTHING = "it said nothing"
 MOST_MESSAGES = 50
 LONGEST_MESSAGE = 300
 DROPPED = (
@@ -75,9 +67,12 @@ From the messages of version 2.20; it ends with exit code 0 after each of them.
 NO_ROOM = ("no space left on device", "file too large", "disk quota exceeded")
 """What the Fortran runtime says when a file cannot grow."""
 
-_MORE_LINES = 5  # of a message, after its first
-_BEGIN = re.compile(r"\*(ERROR|WARNING)\b[ :]*(.*)")
-_OTHER = re.compile(r"^\s*\*INFO\b")
+# A message: its line, and at most five more up to a blank one or the next message.
+_MESSAGE = re.compile(
+    r"\*(ERROR|WARNING)\b[ :]*"
+    r"(.*(?:\n(?!\s*$|\s*\*INFO\b|.*\*(?:ERROR|WARNING)\b).*){0,5})",
+    re.MULTILINE,
+)
 _CARD = re.compile(r"^(.*?)[. ]*Card image: *(\S.*)$")
 _VERSION = re.compile(r"CalculiX Version (\S+?),")
 _BANNER = (
@@ -115,9 +110,33 @@ class Cause(Enum):
     UNKNOWN = "the solver failed without a reason we know"
 
 
+REMEDIES = {
+    Cause.BUSY: "wait for it, or end it",
+    Cause.SOLVER_NOT_BUILT_IN: "take SOLVER=... out of the deck",
+    Cause.NEGATIVE_JACOBIAN: "a 2D element lists its nodes counter-clockwise",
+    Cause.INCREMENTS_EXHAUSTED: "raise INC on the *STEP card",
+    Cause.DIVERGED: "make increments smaller, or the contact softer",
+    Cause.ENDLESS_ITERATION: "change the contact's stiffness or type, or make increments smaller",
+    Cause.DISK_FULL: "make room and run again; ulimit -f counts",
+    Cause.OUT_OF_MEMORY: "run fewer jobs at once, or a coarser mesh",
+    Cause.CRASHED: "an element with a node that is not there does this, for one",
+    Cause.WRONG_END: "build the deck again",
+}
+"""The next step, where the cause alone says it."""
+
+# Of an error of the log, in this order.
+_BY_WORDS = (
+    (Cause.OUT_OF_MEMORY, ("error allocating memory", "malloc failed")),
+    (Cause.SOLVER_NOT_BUILT_IN, ("library is not linked",)),
+    (Cause.NEGATIVE_JACOBIAN, ("nonpositive jacobian",)),
+    (Cause.INCREMENTS_EXHAUSTED, ("max. # of increments reached",)),
+    (Cause.DIVERGED, NO_CONVERGENCE),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a run failed: the `cause`, what was found, and the next step if one is.
+    """Why a run failed: the `cause`, what was found, and the next step if it is not the usual.
 
     `deck_line` is the line of the deck that the solver complained about.
     """
@@ -129,8 +148,9 @@ class Failure:
 
     def __str__(self) -> str:
         where = "" if self.deck_line is None else f" (job.inp:{self.deck_line})"
+        remedy = self.remedy or REMEDIES.get(self.cause)
         sentence = f"{self.cause.value}: {self.found}{where}"
-        return f"{sentence}; {self.remedy}" if self.remedy else sentence
+        return f"{sentence}; {remedy}" if remedy else sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +194,7 @@ class Outcome:
     def to_record(self) -> dict[str, object]:
         """The row of a summary."""
         failure = self.failure
+        names = ("version", "exit_code", "wall_s", "increments", "iterations", "threads")
         return {
             "folder": str(self.folder),
             "ok": self.accepted,
@@ -181,12 +202,8 @@ class Outcome:
             "cause": failure and failure.cause.name.lower(),
             "problem": failure and str(failure),
             "deck_line": failure and failure.deck_line,
-            "version": self.version,
-            "exit_code": self.exit_code,
+            **{name: getattr(self, name) for name in names},
             "wall_s": round(self.wall_s, 3),
-            "increments": self.increments,
-            "iterations": self.iterations,
-            "threads": self.threads,
             "deck_as_built": self.as_built,
         }
 
@@ -205,51 +222,38 @@ class LogMessage:
 
 @dataclass(frozen=True, slots=True)
 class SolverLog:
-    """A log's errors, its warnings of something left out, last lines and version.
+    """A log's errors, its warnings of something left out, its end and version.
 
     `no_room` is the line about a full disk.
     """
 
-    errors: tuple[LogMessage, ...] = ()
-    dropped: tuple[LogMessage, ...] = ()
-    last_lines: tuple[str, ...] = ()
+    errors: Sequence[LogMessage] = ()
+    dropped: Sequence[LogMessage] = ()
+    end: str = NOTHING
     version: str | None = None
     no_room: str | None = None
 
-    def error_with(self, *words: str) -> LogMessage | None:
-        """The first error that holds one of `words`, which are lower case."""
-        found = (e for e in self.errors if any(word in e.text.lower() for word in words))
-        return next(found, None)
-
-    @property
-    def end(self) -> str:
-        """The last lines, as one."""
-        return " | ".join(self.last_lines) or "it said nothing"
-
 
 def read_solver_log(path: Path) -> SolverLog:
-    """Read the log at `path`, line by line; an absent one is empty.
+    """Read the log at `path`; an absent one is empty.
 
     CalculiX's C and Fortran parts share one stream through two buffers, so lines
     come late and out of order: the log is read for its ``*ERROR`` and ``*WARNING``
     messages, never for progress.
     """
-    last: deque[str] = deque(maxlen=LAST_LINES)
-    version, no_room = None, None
     if not path.exists():
         return SolverLog()
-    with path.open(encoding="latin-1") as file:
-        errors, dropped = _messages(file)
-        file.seek(0)
-        for line in file:
-            words = line.strip()
-            if set(words) - set("*_") and not words.startswith(_BANNER):
-                last.append(words[:LONGEST_MESSAGE])
-            if version is None and (found := _VERSION.search(line)):
-                version = found[1]
-            if any(phrase in words.lower() for phrase in NO_ROOM):
-                no_room = words[:LONGEST_MESSAGE]
-    return SolverLog(tuple(errors), tuple(dropped), tuple(last), version, no_room)
+    text = path.read_text(encoding="latin-1")
+    version = _VERSION.search(text)
+    lines = [line.strip() for line in text.split("\n")]
+    no_room = (line for line in lines if any(phrase in line.lower() for phrase in NO_ROOM))
+    last = [line for line in lines if set(line) - set("*_") and not line.startswith(_BANNER)]
+    return SolverLog(
+        *_messages(text),
+        " | ".join(line[:LONGEST_MESSAGE] for line in last[-LAST_LINES:]) or NOTHING,
+        version and version[1],
+        next(no_room, "")[:LONGEST_MESSAGE] or None,
+    )
 
 
 def find_card(deck: Path, card: str) -> int | None:
@@ -268,15 +272,29 @@ def judge(work: Path, run: RunFolder, exit_code: int, log: SolverLog) -> Failure
 
     The folder held nothing but the deck before, so all that is there is new.
     """
-    deck = work / f"{JOB}.inp"
-    failure = _from_errors(work, run, log, deck) or _from_exit(work, exit_code, log)
+    try:
+        made = read_sta(work / f"{JOB}.sta")
+        unread = "no increment was made"
+    except ResultError as error:
+        made, unread = [], str(error)
+    failure = _from_log(work, run, log, made) or _from_exit(work, exit_code, log)
     if failure is None and log.dropped:
-        line = _line(log.dropped, deck)
+        line = _line(log.dropped, work / f"{JOB}.inp")
         failure = Failure(Cause.CARD_DROPPED, _quoted(log.dropped), deck_line=line)
-    return failure or _from_files(work, run, log)
+    if failure is not None:
+        return failure
+    unfinished = None
+    if not made:
+        unfinished = Failure(Cause.MISSING_OUTPUT, f"{unread}; last output: {log.end}")
+    elif made[-1].failed:
+        unfinished = Failure(Cause.DIVERGED, _place(made, run))
+    elif not _is_end(made[-1].total_time_ms, run):
+        found = f"{made[-1].total_time_ms:g} ms, run.toml says {run.end_ms:g} ms"
+        unfinished = Failure(Cause.WRONG_END, found)
+    return _from_results(work, run, unfinished)
 
 
-def _messages(lines: Iterable[str]) -> tuple[list[LogMessage], list[LogMessage]]:
+def _messages(text: str) -> tuple[list[LogMessage], list[LogMessage]]:
     """Errors, and warnings that something was left out, each once.
 
     The card that a message is about follows in a message of its own.
@@ -284,11 +302,11 @@ def _messages(lines: Iterable[str]) -> tuple[list[LogMessage], list[LogMessage]]
     errors: list[LogMessage] = []
     dropped: list[LogMessage] = []
     before: LogMessage | None = None
-    for kind, text in _blocks(lines):
-        image = _CARD.match(text)
+    for match in _MESSAGE.finditer(text):
+        kind, words = match[1], " ".join(match[2].split())[:LONGEST_MESSAGE]
+        image = _CARD.match(words)
         if image is None:
-            text = text.replace("inter preted", "interpreted").rstrip(":; ")
-            message = LogMessage(kind, text)
+            message = LogMessage(kind, words.replace("inter preted", "interpreted").rstrip(":; "))
         elif before and before.kind == kind and before.card in (None, image[2]):
             message = replace(before, card=image[2])
         else:
@@ -303,45 +321,24 @@ def _messages(lines: Iterable[str]) -> tuple[list[LogMessage], list[LogMessage]]
     return [e for e in errors if _SUMMARY not in e.text] or errors, dropped
 
 
-def _blocks(lines: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Kind and text of each message: its line and those up to the next blank one."""
-    kind, parts = "", list[str]()
-    for line in chain(lines, "\n"):
-        begin = _BEGIN.search(line)
-        over = line.isspace() or _OTHER.match(line) or len(parts) > _MORE_LINES
-        if parts and (begin or over):
-            yield kind, " ".join(" ".join(parts).split())[:LONGEST_MESSAGE]
-            parts = []
-        if begin:
-            kind, parts = begin[1], [begin[2]]
-        elif parts:
-            parts.append(line)
-
-
-def _from_errors(work: Path, run: RunFolder, log: SolverLog, deck: Path) -> Failure | None:
+def _from_log(work: Path, run: RunFolder, log: SolverLog, made: list[StaRow]) -> Failure | None:
     if log.no_room:
         return _disk_full(work, log.no_room)
+    for cause, phrases in _BY_WORDS:
+        for error in log.errors:
+            if any(phrase in error.text.lower() for phrase in phrases):
+                found = error.text
+                if cause is Cause.OUT_OF_MEMORY:
+                    found = log.end
+                elif cause in (Cause.INCREMENTS_EXHAUSTED, Cause.DIVERGED):
+                    found = _place(made, run)
+                return Failure(cause, found)
     if not log.errors:
         return None
-    if log.error_with("error allocating memory", "malloc failed"):
-        return _out_of_memory(log)
-    if missing := log.error_with("library is not linked"):
-        return Failure(Cause.SOLVER_NOT_BUILT_IN, missing.text, "take SOLVER=... out of the deck")
-    if inverted := log.error_with("nonpositive jacobian"):
-        return Failure(
-            Cause.NEGATIVE_JACOBIAN, inverted.text, "a 2D element lists its nodes counter-clockwise"
-        )
-    try:
-        made = read_sta(work / f"{JOB}.sta")
-    except ResultError:
-        made = []
-    if log.error_with("max. # of increments reached"):
-        return Failure(Cause.INCREMENTS_EXHAUSTED, _place(made, run), "raise INC on the *STEP card")
-    if log.error_with(*NO_CONVERGENCE):
-        return _diverged(made, run)
     if made:
         return Failure(Cause.UNKNOWN, _quoted(log.errors))
-    return Failure(Cause.BAD_DECK, _quoted(log.errors), deck_line=_line(log.errors, deck))
+    line = _line(log.errors, work / f"{JOB}.inp")
+    return Failure(Cause.BAD_DECK, _quoted(log.errors), deck_line=line)
 
 
 def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
@@ -350,17 +347,15 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
     if exit_code == -signal.SIGXFSZ:
         return _disk_full(work, "a limit of file size (ulimit -f) was reached")
     if exit_code < 0:
-        name = f"signal {-exit_code}"
-        if -exit_code in set(signal.Signals):
-            name += f" ({signal.Signals(-exit_code).name})"
+        known = -exit_code in set(signal.Signals)
+        name = f"signal {-exit_code}" + (f" ({signal.Signals(-exit_code).name})" if known else "")
         if -exit_code in CRASHES:
-            remedy = "an element with a node that is not there does this, for one"
-            return Failure(Cause.CRASHED, f"{name}; last output: {log.end}", remedy)
+            return Failure(Cause.CRASHED, f"{name}; last output: {log.end}")
         if exit_code == -signal.SIGKILL:
             name += ", which Linux also sends when memory runs out"
         return Failure(Cause.KILLED, name)
     if exit_code == OUT_OF_MEMORY_EXIT:
-        return _out_of_memory(log)
+        return Failure(Cause.OUT_OF_MEMORY, log.end)
     if exit_code in (CANNOT_EXECUTE, CANNOT_RUN):
         return Failure(Cause.NO_SOLVER, log.end, "see fembridge doctor")
     if shutil.disk_usage(work).free < NO_ROOM_BYTES:
@@ -368,9 +363,8 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
     return Failure(Cause.UNKNOWN, f"exit code {exit_code}; last output: {log.end}")
 
 
-def _from_files(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
-    """What is wrong with the result file or the increments; a cut file explains the rest."""
-    unfinished = _unfinished(work, run, log)
+def _from_results(work: Path, run: RunFolder, unfinished: Failure | None) -> Failure | None:
+    """What is wrong with the result file; where it is cut, that explains `unfinished`."""
     path = work / f"{JOB}.frd"
     try:
         with ByteFile(path) as file:
@@ -386,42 +380,19 @@ def _from_files(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
         return _disk_full(work, f"{path.name}, byte {harm.offset}: {harm.problem}")
     if unfinished is not None:
         return unfinished
-    found, remedy = "", ""
-    if not index.blocks:
+    last = index.blocks[-1] if index.blocks else None
+    if last is None:
         found = f"{path.name} holds the mesh alone"
         remedy = "the deck asks for no *NODE OUTPUT and no *ELEMENT OUTPUT"
-    elif not _is_end(index.blocks[-1].time_ms, run):
-        last = index.blocks[-1]
+    elif not _is_end(last.time_ms, run):
         found = f"{path.name} ends with {last} at {last.time_ms:g} ms, expected {run.end_ms:g} ms"
-    elif index.blocks[-1].records == 0:
-        found = f"{path.name} holds no node in {index.blocks[-1]}"
+        remedy = ""
+    elif last.records == 0:
+        found = f"{path.name} holds no node in {last}"
         remedy = "NSET does not go with OUTPUT=3D"
-    return Failure(Cause.MISSING_OUTPUT, found, remedy) if found else None
-
-
-def _unfinished(work: Path, run: RunFolder, log: SolverLog) -> Failure | None:
-    """Why the increments are not those of the whole run, if they are not."""
-    try:
-        rows = read_sta(work / f"{JOB}.sta")
-    except ResultError as error:
-        return Failure(Cause.MISSING_OUTPUT, f"{error}; last output: {log.end}")
-    if not rows:
-        return Failure(Cause.MISSING_OUTPUT, f"no increment was made; last output: {log.end}")
-    if rows[-1].failed:
-        return _diverged(rows, run)
-    if not _is_end(rows[-1].total_time_ms, run):
-        return Failure(
-            Cause.WRONG_END,
-            f"{rows[-1].total_time_ms:g} ms, run.toml says {run.end_ms:g} ms",
-            "build the deck again",
-        )
-    return None
-
-
-def _diverged(rows: list[StaRow], run: RunFolder) -> Failure:
-    return Failure(
-        Cause.DIVERGED, _place(rows, run), "make increments smaller, or the contact softer"
-    )
+    else:
+        return None
+    return Failure(Cause.MISSING_OUTPUT, found, remedy)
 
 
 def _place(rows: list[StaRow], run: RunFolder) -> str:
@@ -443,24 +414,20 @@ def _place(rows: list[StaRow], run: RunFolder) -> str:
 def _disk_full(work: Path, found: str) -> Failure:
     free_mib = shutil.disk_usage(work).free / MIB
     room = f"{free_mib:.0f} MiB are free in {os.fspath(work.parent)}"
-    return Failure(Cause.DISK_FULL, f"{found}; {room}", "make room and run again; ulimit -f counts")
-
-
-def _out_of_memory(log: SolverLog) -> Failure:
-    return Failure(Cause.OUT_OF_MEMORY, log.end, "run fewer jobs at once, or a coarser mesh")
+    return Failure(Cause.DISK_FULL, f"{found}; {room}")
 
 
 def _is_end(time_ms: float, run: RunFolder) -> bool:
     return abs(time_ms - run.end_ms) <= max(TIME_TOLERANCE * run.end_ms, 0.01 * run.dt_ms)
 
 
-def _quoted(messages: tuple[LogMessage, ...]) -> str:
+def _quoted(messages: Sequence[LogMessage]) -> str:
     quoted = "; ".join(f'"{message}"' for message in messages[:SHOWN])
     more = len(messages) - SHOWN
     return f"{quoted}; and {more} more" if more > 0 else quoted
 
 
-def _line(messages: tuple[LogMessage, ...], deck: Path) -> int | None:
+def _line(messages: Sequence[LogMessage], deck: Path) -> int | None:
     """Line of the deck whose card the first message with one complains about."""
     lines = (find_card(deck, message.card) for message in messages if message.card)
     return next((line for line in lines if line is not None), None)

@@ -14,7 +14,7 @@ from fembridge.solver.verdict import Cause, SolverLog, judge
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
 PLACES = 40
-ALL_IS_WELL = SolverLog((), (), (" Job finished",), version="2.20")
+ALL_IS_WELL = SolverLog((), (), "Job finished", "2.20")
 
 
 def places_to_cut(size):

@@ -22,7 +22,7 @@ from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.response import solve
 from fembridge.response import transients as transients_module
 from fembridge.response.response_map import FOLDER, read_map
-from fembridge.response.solve import LADDER, FrictionSlipError, Rung, Solved
+from fembridge.response.solve import LADDER, FrictionSlipError, Solved
 from fembridge.run_folder import read_run_folder
 from fembridge.simulation import simulate
 from fembridge.solver import ccx as ccx_module
@@ -65,9 +65,8 @@ def ccx(monkeypatch):
 
     def solved(folder, model, settings, **options):
         calls.append((folder, model, options["depth_um"]))
-        rungs = (Rung(Contact(), "diverged"), Rung(Contact(friction=0.0), None))
         outcome = Outcome(folder, wall_s=12.3, increments=39)
-        return Solved(read_map(FOLDER / "quick.toml"), rungs, outcome)
+        return Solved(read_map(FOLDER / "quick.toml"), Contact(friction=0.0), outcome)
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
     monkeypatch.setattr(solve, "solve_response", solved)
@@ -80,7 +79,7 @@ def accepting(monkeypatch, ccx):
 
     def solved(folder, model, settings, *, ladder, **options):
         outcome = Outcome(folder, wall_s=12.3, increments=39)
-        return Solved(read_map(FOLDER / "quick.toml"), (Rung(ladder[0], None),), outcome)
+        return Solved(read_map(FOLDER / "quick.toml"), ladder[0], outcome)
 
     monkeypatch.setattr(solve, "solve_response", solved)
 
@@ -90,7 +89,7 @@ def slipping(monkeypatch, ccx):
     """A solver whose indentation shows that skin slips under friction."""
 
     def solved(folder, model, settings, *, ladder, **options):
-        raise FrictionSlipError("skin slips under the probe", 1.5, 1)
+        raise FrictionSlipError("skin slips under the probe", 1.5, ladder[0])
 
     monkeypatch.setattr(solve, "solve_response", solved)
 

@@ -1,6 +1,6 @@
 """A response map whose curves are known, and a solver that plays what it is told.
 
-The solver stands for ccx on the ladder of contact models: each rung's results are
+The solver stands for ccx on the ladder of contact models: each one's results are
 the recorded ones of the quick finger, put where the solver would leave them.
 """
 
@@ -65,11 +65,11 @@ def model():
 
 
 class Player:
-    """Stands for `run_ccx`: one play a rung, by the rung's number."""
+    """Stands for `run_ccx`: one play a contact model, by its number."""
 
     def __init__(self):
         self.plays = {}
-        self.rungs = []
+        self.numbers = []
         self.smooth = []
         self.settings = []
 
@@ -79,7 +79,7 @@ class Player:
             self.smooth.append(folder)
             return self.solve(folder)
         number = int(folder.name.removeprefix("contact_"))
-        self.rungs.append(number)
+        self.numbers.append(number)
         self.settings.append(settings)
         play = self.plays.get(number, "solve")
         if isinstance(play, Cause):
@@ -103,8 +103,8 @@ def player(monkeypatch):
 
 
 @pytest.fixture
-def remembering(monkeypatch):
-    """Have rungs of these numbers refused after they were solved.
+def path_dependent(monkeypatch):
+    """Have contact models of these numbers refused after they were solved.
 
     With their number the frictionless twin is refused, too.
     """

@@ -23,15 +23,13 @@ from fembridge.run_folder import read_run_folder
 from fembridge.solver.verdict import Cause
 
 
-def test_the_first_rung_that_is_accepted_is_taken(tmp_path, model, player):
+def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
     told = []
 
     solved = solve_response(tmp_path, model, log=told.append)
 
-    assert player.rungs == [1]
-    assert [str(rung) for rung in solved.rungs] == [
-        "node-to-surface, 200 MPa/mm, friction 0.4: accepted"
-    ]
+    assert player.numbers == [1]
+    assert solved.contact == LADDER[0]
     assert told == []
     assert not solved.outcome.skipped
     shipped = read_map(FOLDER / "quick.toml")
@@ -47,39 +45,40 @@ def test_the_accepted_map_is_written(tmp_path, model, player):
 
 
 @pytest.mark.parametrize("cause", [Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN])
-def test_a_rung_that_does_not_converge_is_left_and_told(tmp_path, model, player, cause):
+def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, player, cause):
     player.plays[1] = cause
     told = []
 
     solved = solve_response(tmp_path, model, log=told.append)
 
-    assert player.rungs == [1, 2]
-    assert told == [f"left {LADDER[0]}: {cause.value}: increment 3"]
-    assert [rung.contact for rung in solved.rungs] == list(LADDER[:2])
-    assert solved.rungs[-1].problem is None
+    assert player.numbers == [1, 2]
+    assert told[0].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
+    assert solved.contact == LADDER[1]
     inputs = solved.response.origin["contact"]
     assert inputs["stiffness_mpa_per_mm"] == LADDER[1].stiffness_mpa_per_mm
 
 
-def test_a_rung_that_remembers_is_left_and_told(tmp_path, model, player, remembering):
-    remembering.add(1)
+def test_a_contact_that_does_not_come_back_is_left_and_told(
+    tmp_path, model, player, path_dependent
+):
+    path_dependent.add(1)
     told = []
 
     solve_response(tmp_path, model, log=told.append)
 
-    assert player.rungs == [1, 2]
+    assert player.numbers == [1, 2]
     assert told == [f"left {LADDER[0]}: unloading differs from loading by 17 %"]
 
 
 @pytest.mark.parametrize("cause", [Cause.NO_SOLVER, Cause.DISK_FULL, Cause.INTERRUPTED])
-def test_what_another_contact_does_not_cure_ends_the_climb(tmp_path, model, player, cause):
+def test_what_another_contact_does_not_cure_ends_the_ladder(tmp_path, model, player, cause):
     """No solver, a full disk, an interrupt: five times the same would not help."""
     player.plays[1] = cause
 
     with pytest.raises(SolverError) as caught:
         solve_response(tmp_path, model)
 
-    assert player.rungs == [1]
+    assert player.numbers == [1]
     assert caught.value.path == tmp_path / "contact_1"
     assert cause.value in str(caught.value)
     assert not (tmp_path / MAP_FILE).exists()
@@ -93,23 +92,23 @@ def test_without_a_solver_the_error_names_the_line_that_installs_one(tmp_path, m
         solve_response(tmp_path / "response", model)
 
 
-def test_when_all_rungs_fail_each_is_listed_with_its_reason(tmp_path, model, player, remembering):
+def test_when_all_contacts_fail_each_is_listed_with_its_reason(
+    tmp_path, model, player, path_dependent
+):
     player.plays = {1: Cause.DIVERGED, 3: Cause.STALLED}
-    remembering.update({2, *range(4, len(LADDER) + 1)})
+    path_dependent.update({2, *range(4, len(LADDER) + 1)})
     told = []
 
     with pytest.raises(ResponseError) as caught:
         solve_response(tmp_path, model, log=told.append)
 
-    message = str(caught.value)
-    assert message.startswith(f"{tmp_path}: no contact model was accepted: ")
-    assert player.rungs == list(range(1, len(LADDER) + 1))
-    reasons = message.partition("accepted: ")[2].split("; ")
+    assert player.numbers == list(range(1, len(LADDER) + 1))
+    reasons = [line.removeprefix("left ") for line in told]
+    assert str(caught.value).endswith("; ".join(reasons))
     assert [reason.split(": ")[0] for reason in reasons] == [str(c) for c in LADDER]
-    assert reasons[0].endswith(f"{Cause.DIVERGED.value}: increment 3")
-    assert reasons[1].endswith("unloading differs from loading by 17 %")
-    assert reasons[2].endswith(f"{Cause.STALLED.value}: increment 3")
-    assert told == [f"left {reason}" for reason in reasons]
+    assert f"{Cause.DIVERGED.value}: increment 3" in reasons[0]
+    assert reasons[1].endswith("17 %")
+    assert f"{Cause.STALLED.value}: increment 3" in reasons[2]
     assert not (tmp_path / MAP_FILE).exists()
 
 
@@ -118,19 +117,21 @@ def test_a_finished_run_is_read_again_and_not_solved(tmp_path, model, player):
 
     second = solve_response(tmp_path, model)
 
-    assert player.rungs == [1]
+    assert player.numbers == [1]
     assert second.outcome.skipped
     np.testing.assert_array_equal(second.response.tensor_pa, first.response.tensor_pa)
 
 
-def test_a_finished_rung_that_remembers_is_not_solved_again(tmp_path, model, player, remembering):
-    remembering.add(1)
+def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
+    tmp_path, model, player, path_dependent
+):
+    path_dependent.add(1)
     solve_response(tmp_path, model)
 
     again = solve_response(tmp_path, model)
 
-    assert player.rungs == [1, 2]
-    assert len(again.rungs) == 2
+    assert player.numbers == [1, 2]
+    assert again.contact == LADDER[1]
 
 
 @pytest.mark.parametrize("name", ["job.dat", "job.frd"])
@@ -140,7 +141,7 @@ def test_a_finished_run_that_lost_a_file_is_solved_again(tmp_path, model, player
 
     solved = solve_response(tmp_path, model)
 
-    assert player.rungs == [1, 1]
+    assert player.numbers == [1, 1]
     assert not solved.outcome.skipped
 
 
@@ -160,10 +161,10 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     with pytest.raises(FrictionSlipError) as slip:
         solve_response(tmp_path, model)
 
-    assert (slip.value.rung, slip.value.closure_percent) == (2, 1.5)
+    assert (slip.value.contact, slip.value.closure_percent) == (LADDER[1], 1.5)
     for words in ("skin slips", "friction 0.4", "by 1.5 %", "the probe's way"):
         assert words in str(slip.value)
-    assert player.rungs == [1, 2]
+    assert player.numbers == [1, 2]
     [folder] = player.smooth
     contact = read_run_folder(folder).inputs["contact"]
     rough = read_run_folder(tmp_path / "contact_2").inputs["contact"]
@@ -171,8 +172,10 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     assert not (tmp_path / MAP_FILE).exists()
 
 
-def test_a_rung_without_friction_has_no_frictionless_twin(tmp_path, model, player, remembering):
-    remembering.update({1, 2, 3})
+def test_a_contact_without_friction_has_no_frictionless_twin(
+    tmp_path, model, player, path_dependent
+):
+    path_dependent.update({1, 2, 3})
 
     solve_response(tmp_path, model)
 
@@ -180,9 +183,9 @@ def test_a_rung_without_friction_has_no_frictionless_twin(tmp_path, model, playe
 
 
 def test_a_slip_is_still_itself_after_a_worker_raised_it():
-    slip = pickle.loads(pickle.dumps(FrictionSlipError("words", 1.5, 2)))
+    slip = pickle.loads(pickle.dumps(FrictionSlipError("words", 1.5, LADDER[1])))
 
-    assert (str(slip), slip.closure_percent, slip.rung) == ("words", 1.5, 2)
+    assert (str(slip), slip.closure_percent, slip.contact) == ("words", 1.5, LADDER[1])
 
 
 @pytest.fixture(scope="module")

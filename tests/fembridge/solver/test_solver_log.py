@@ -65,7 +65,7 @@ def test_a_warning_that_leaves_something_out_is_seen(read, warning):
 
 def test_a_thousand_warnings_do_not_hide_the_error_after_them(read):
     many = "".join(f" *WARNING: parameter not recognized: P{n}\n" for n in range(1000))
-    assert read(many + " *ERROR in here: no\n").error_with("in here")
+    assert [e.text for e in read(many + " *ERROR in here: no\n").errors] == ["in here: no"]
 
 
 def test_the_summary_of_errors_is_kept_only_when_it_is_alone(read):
