@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import fembridge
@@ -74,12 +73,7 @@ class LocalExecutor(Executor):
         """
         return self._threads.submit(self._attempt, pickle.dumps((function, args, kwargs)))
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         self.shutdown(cancel_futures=kind is not None)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -95,8 +89,16 @@ class LocalExecutor(Executor):
         code: int | None = None
         for _ in range(ATTEMPTS):
             worker = self._worker()
+            assert worker.stdin is not None and worker.stdout is not None
+            kind: int = _MESSAGE
+            value: Any = None
             try:
-                kind, value = self._answer(worker, task)
+                worker.stdin.write(task)
+                worker.stdin.flush()
+                while kind == _MESSAGE:
+                    kind, value = pickle.load(worker.stdout)
+                    if kind == _MESSAGE:
+                        self._on_message(value)
             except (EOFError, OSError, pickle.UnpicklingError):  # it died
                 self._own.worker = None
                 code = self._end(worker)
@@ -107,16 +109,6 @@ class LocalExecutor(Executor):
         raise WorkerDiedError(
             f"its process died {ATTEMPTS} times, the last time with exit code {code}"
         )
-
-    def _answer(self, worker: subprocess.Popen[bytes], task: bytes) -> tuple[int, Any]:
-        assert worker.stdin is not None and worker.stdout is not None
-        worker.stdin.write(task)
-        worker.stdin.flush()
-        while True:
-            kind, value = pickle.load(worker.stdout)
-            if kind != _MESSAGE:
-                return kind, value
-            self._on_message(value)
 
     def _worker(self) -> subprocess.Popen[bytes]:
         """The process of this thread; a new one where there is none."""

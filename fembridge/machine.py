@@ -98,13 +98,7 @@ def find_ccx() -> Path | None:
 
 
 def version_of(ccx: Path) -> tuple[str, str]:
-    """Version that a solver prints, as ``2.20``, "" for none; and its exit code and first words.
-
-    Raises
-    ------
-    MissingError
-        It does not run.
-    """
+    """Version that a solver prints, as ``2.20``, "" for none; and its exit code and first words."""
     try:
         answer = _run([str(ccx), "-v"], patience_s=20)
     except (OSError, subprocess.TimeoutExpired) as error:

@@ -53,11 +53,6 @@ class SweptFingers:
 
     Parameters that are the same in all fingers are left out. `causes` are why fingers
     were left out, one each.
-
-    Raises
-    ------
-    UsageError
-        Fewer than two fingers, or no parameter that is different.
     """
 
     parameters: "pd.DataFrame"

@@ -232,13 +232,7 @@ MAX_TOML_BYTES = 1_000_000
 
 
 def read_toml(path: Path, error: MakeError, max_bytes: int = MAX_TOML_BYTES) -> Table:
-    """Table of the TOML file `path`, of at most `max_bytes`.
-
-    Raises
-    ------
-    FembridgeError
-        An `error` that names the file: absent, too large, not UTF-8, no TOML.
-    """
+    """Table of the TOML file `path`, of at most `max_bytes`."""
     try:
         with path.open("rb") as file:
             content = file.read(max_bytes + 1)
@@ -256,11 +250,6 @@ def structure(table: object, kind: type[_Value], error: MakeError) -> _Value:
 
     Numbers, words and truth values are taken as they are: no word becomes a number. An
     unknown key is refused with the near ones.
-
-    Raises
-    ------
-    FembridgeError
-        An `error`, one line: where in the table, what was found, what was expected.
     """
     from cattrs import BaseValidationError
 
@@ -304,21 +293,20 @@ def _converter() -> "Converter":
     ):
         converter.register_structure_hook(kind, _strict(kind, accepted, name))
 
-    def of_table(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - any dataclass
-        made = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
-        return _checked(made, (Mapping,), "a table")
+    def of_table(kind: Any) -> Any:  # noqa: ANN401 - any dataclass
+        return make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
 
-    def of_mapping(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - dict[...]
-        return _checked(mapping_structure_factory(kind, converter), (Mapping,), "a table")
-
-    def of_list(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - list[...]
+    def of_list(kind: Any) -> Any:  # noqa: ANN401 - list[X] or tuple[X, ...]
         as_list: Any = list[get_args(kind)[0]]  # type: ignore[misc]
         made, of_kind = list_structure_factory(as_list, converter), get_origin(kind)
-        return _checked(lambda value, _: of_kind(made(value, _)), (list, tuple), "a list")
+        return lambda value, _: of_kind(made(value, _))
 
-    converter.register_structure_hook_factory(is_dataclass, of_table)
-    converter.register_structure_hook_factory(_is_mapping, of_mapping)
-    converter.register_structure_hook_factory(_is_of_any_length, of_list)
+    for holds, factory, types, words in (
+        (is_dataclass, of_table, (Mapping,), "a table"),
+        (_is_mapping, lambda k: mapping_structure_factory(k, converter), (Mapping,), "a table"),
+        (_is_of_any_length, of_list, (list, tuple), "a list"),
+    ):
+        converter.register_structure_hook_factory(holds, _checked(factory, types, words))
     return converter
 
 
@@ -332,16 +320,21 @@ def _is_of_any_length(kind: Any) -> bool:  # noqa: ANN401 - any type
 
 
 def _checked(
-    make: Callable[[Any, Any], object], accepted: tuple[type, ...], name: str
-) -> Callable[[object, object], object]:
-    """`make` for values of `accepted` types alone: else a word would be a list of letters."""
+    factory: Callable[[Any], Any], accepted: tuple[type, ...], name: str
+) -> Callable[[Any], Callable[[object, object], object]]:
+    """`factory` for values of `accepted` types alone: else a word would be a list of letters."""
 
-    def hook(value: object, kind: object) -> object:
-        if isinstance(value, accepted):
-            return make(value, kind)
-        raise ValueError(f"{value!r}, expected {name}")
+    def checked(kind: object) -> Callable[[object, object], object]:
+        made = factory(kind)
 
-    return hook
+        def hook(value: object, _: object) -> object:
+            if isinstance(value, accepted):
+                return made(value, _)
+            raise ValueError(f"{value!r}, expected {name}")
+
+        return hook
+
+    return checked
 
 
 def _strict(kind: type, accepted: tuple[type, ...], name: str) -> Callable[[object, type], object]:
@@ -405,13 +398,7 @@ def sha256_of(path: Path) -> str:
 
 
 def write_sealed(path: Path, table: Table) -> None:
-    """Write `table`, which has a ``format``, under a line with its checksum.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write `table`, which has a ``format``, under a line with its checksum."""
     import tomli_w
 
     sealed = tomli_w.dumps(table)
@@ -419,13 +406,7 @@ def write_sealed(path: Path, table: Table) -> None:
 
 
 def read_sealed(path: Path, what: str, expected: object) -> Table:
-    """Read what `write_sealed` wrote: a `what`, of the ``format`` `expected`.
-
-    Raises
-    ------
-    ResponseError
-        The file is absent, of another format, or was altered after it was written.
-    """
+    """Read what `write_sealed` wrote: a `what`, of the ``format`` `expected`."""
     try:
         content = path.read_bytes()
         table = tomllib.loads(content.decode())
@@ -447,15 +428,7 @@ def _seal(sealed: bytes) -> str:
 
 
 def digest(content: object) -> str:
-    """SHA-256 of the canonical text of `content`, hexadecimal.
-
-    Raises
-    ------
-    ValueError
-        A number that is not finite.
-    TypeError
-        What TOML has no word for.
-    """
+    """SHA-256 of the canonical text of `content`, hexadecimal."""
     return hashlib.sha256(canonical_text(content).encode()).hexdigest()
 
 

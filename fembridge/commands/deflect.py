@@ -48,6 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from dataclasses import asdict
     from pathlib import Path
 
+    import numpy as np
+
     from fembridge.deflection.profile import convergence, stored_deflection, stored_deflections
     from fembridge.errors import UsageError
     from fembridge.plots.deflection import deflection_figure
@@ -56,22 +58,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.tables import write_table
 
     output = Path(args.output)
-    if args.solver is None:
-        for name in ("depth_mm", "threads", "time_limit"):
-            if getattr(args, name) is not None:
-                raise UsageError(f"{option(name)} is for --solver run")
+    for name in ("depth_mm", "threads", "time_limit"):
+        if args.solver is None and getattr(args, name) is not None:
+            raise UsageError(f"{option(name)} is for --solver run")
     if args.solver is not None:
-        shown = _solved(args, output)
-    elif args.finger is None:
-        shown = list(stored_deflections())
+        shown = [_solved(args, output)]
     else:
-        shown = [stored_deflection(args.finger)]
+        shown = [stored_deflection(args.finger)] if args.finger else list(stored_deflections())
     profile = [
-        (mesh.name, x_mm, down_mm)
+        (mesh.name, *row)
         for mesh in shown
-        for x_mm, down_mm in zip(
-            mesh.distance_mm.tolist(), mesh.deflection_mm.tolist(), strict=True
-        )
+        for row in np.stack([mesh.distance_mm, mesh.deflection_mm], axis=1).tolist()
     ]
     with filling(output, last=TABLE_FILE) as draft:
         write_table(draft / TABLE_FILE, ("mesh", "distance_mm", "deflection_mm"), profile)
@@ -97,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _solved(args: argparse.Namespace, output: "Path") -> "list[Deflection]":
+def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
     from decks.finger_file import read_finger
     from fembridge.deflection.press import DEPTH_MM, FINGERS, press_of, solve_deflection
     from fembridge.deflection.profile import stored_deflections
@@ -116,30 +113,24 @@ def _solved(args: argparse.Namespace, output: "Path") -> "list[Deflection]":
         if same_mesh and stored.depth_mm == solved.depth_mm:
             differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
             print(f"solved here and stored differ by {differ_um:.2g} um at most", file=sys.stderr)
-    return [solved]
+    return solved
 
 
 def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> None:
+    """A column a mesh; of several also the last step between two, and the limit if there is one."""
     from fembridge.deflection.profile import COMPARED_MM
 
-    lines = [
-        (f"deflection at {x_mm:g} mm", [float(mesh.at(x_mm)) for mesh in shown], "mm")
-        for x_mm in COMPARED_MM
-    ]
-    lines.append(("force", [mesh.force_n_per_mm for mesh in shown], "N/mm"))
-    ends = [_end(row) for row in rows] or [""] * len(lines)
-    names = "".join(f"{mesh.name:>10}" for mesh in shown)
-    heads = f"{'change':>10}{'limit':>10}" if rows else ""
-    print(f"{'mesh':<22}{names}{heads}")
-    counts = "".join(f"{mesh.elements:>10}" for mesh in shown)
-    print(f"{'elements':<22}{counts}")
-    for (quantity, values, unit), end in zip(lines, ends, strict=True):
-        cells = "".join(f"{value:>10.5f}" for value in values)
-        print(f"{quantity:<22}{cells}{end} {unit}")
+    def line(label: str, cells: "Sequence[object]", end: str = "") -> None:
+        print(f"{label:<22}{''.join(f'{cell:>10}' for cell in cells)}{end}")
 
-
-def _end(row: dict[str, Any]) -> str:
-    """The last step between meshes and the limit, if there is one."""
-    limit = row["limit"]
-    shown = f"{limit:>10.5f}" if limit == limit else f"{'-':>10}"
-    return f"{row['change_percent']:>8.2f} %{shown}"
+    ends = [""] * (len(COMPARED_MM) + 1)
+    if rows:
+        limits = ("-" if row["limit"] != row["limit"] else f"{row['limit']:.5f}" for row in rows)
+        changes = (f"{row['change_percent']:>8.2f} %" for row in rows)
+        ends = [f"{change}{limit:>10}" for change, limit in zip(changes, limits, strict=True)]
+    line("mesh", [mesh.name for mesh in shown], f"{'change':>10}{'limit':>10}" if rows else "")
+    line("elements", [mesh.elements for mesh in shown])
+    for x_mm, end in zip(COMPARED_MM, ends, strict=False):
+        cells = [f"{float(mesh.at(x_mm)):.5f}" for mesh in shown]
+        line(f"deflection at {x_mm:g} mm", cells, f"{end} mm")
+    line("force", [f"{mesh.force_n_per_mm:.5f}" for mesh in shown], f"{ends[-1]} N/mm")

@@ -24,20 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "folders", nargs="+", metavar="DIR", help="run folder, as build-deck writes it"
     )
     add_options(parser, LIMITS)
-    parser.add_argument(
-        "--stall-limit",
-        type=float,
-        default=STALL_LIMIT_S,
-        metavar="S",
-        help="give up when no file has grown for so long (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--iteration-limit",
-        type=int,
-        default=ITERATION_LIMIT,
-        metavar="N",
-        help="give up an increment after so many iterations (default: %(default)d)",
-    )
+    for name, kind, default, metavar, when in (
+        ("--stall-limit", float, STALL_LIMIT_S, "S", "when no file has grown for so long"),
+        ("--iteration-limit", int, ITERATION_LIMIT, "N", "an increment after so many iterations"),
+    ):
+        text = f"give up {when} (default: %(default)g)"
+        parser.add_argument(name, type=kind, default=default, metavar=metavar, help=text)
     parser.add_argument("--force", action="store_true", help="run also where whole results are")
 
 

@@ -133,15 +133,7 @@ class Press:
 
 
 def press_of(finger: Finger, depth_mm: float = DEPTH_MM) -> Press:
-    """The mesh of `finger`, refined under the probe.
-
-    Raises
-    ------
-    MissingError, FingerError
-        The finger needs a mesh of its own, and none can be made.
-    UsageError
-        A depth that is not within 0.05 to 2 mm.
-    """
+    """The mesh of `finger`, refined under the probe."""
     mesh = mesh_of(finger)
     for radius_mm in FINE_MM:
         mesh = refined(mesh, (0.0, 0.0), radius_mm)
@@ -197,15 +189,7 @@ def solve_deflection(folder: Path, press: Press, settings: SolverSettings = DEFA
 
 
 def measured_deflection(run: RunFolder, press: Press) -> Deflection:
-    """Read the run that was built of `press`, and accept it, or say why not.
-
-    Raises
-    ------
-    ResultError
-        The run is not there or not whole.
-    ResponseError
-        The probe slipped through the skin, or the sides went down unlike.
-    """
+    """Read the run that was built of `press`, and accept it, or say why not."""
     stimulus, mesh = press.stimulus(), press.mesh
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     node = surface_of(mesh)

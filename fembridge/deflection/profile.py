@@ -40,12 +40,6 @@ class Deflection:
     ascend from 0. The probe is `depth_mm` below its first touch. On its way it
     met `loading_n_per_mm` ``(K,)`` at `loading_mm` ``(K,)``, from 0 to `depth_mm`.
     `elements` are those of the mesh called `name`; `origin` is what it was made from.
-
-    Raises
-    ------
-    ResponseError
-        Shapes that do not belong together, what is not finite, distances or depths
-        that do not ascend.
     """
 
     name: str
@@ -75,13 +69,7 @@ class Deflection:
         return float(self.loading_n_per_mm[-1])
 
     def at(self, distance_mm: FloatArray | float) -> FloatArray:
-        """Deflection in mm at distances in mm, straight between the skin's nodes.
-
-        Raises
-        ------
-        ResponseError
-            A distance that is negative, or beyond the last that is known.
-        """
+        """Deflection in mm at distances in mm, straight between the skin's nodes."""
         wanted_mm = np.asarray(distance_mm, dtype=np.float64)
         last_mm = float(self.distance_mm[-1])
         if not ((wanted_mm >= 0) & (wanted_mm <= last_mm)).all():
@@ -123,13 +111,7 @@ def write_profile(path: Path, deflection: Deflection) -> None:
 
 
 def read_profile(path: Path) -> Deflection:
-    """Read a profile that `write_profile` wrote.
-
-    Raises
-    ------
-    ResponseError
-        The file is absent, no profile, or was altered after it was written.
-    """
+    """Read a profile that `write_profile` wrote."""
     table = read_sealed(path, "profile", FORMAT)
     try:
         return Deflection(
@@ -144,13 +126,7 @@ def read_profile(path: Path) -> Deflection:
 
 
 def stored_deflections() -> tuple[Deflection, ...]:
-    """The profiles of all meshes that are stored, the coarsest first.
-
-    Raises
-    ------
-    ResponseError
-        None is stored, or one was altered.
-    """
+    """The profiles of all meshes that are stored, the coarsest first."""
     found = [read_profile(path) for path in sorted(FOLDER.glob("*.toml"))]
     if not found:
         raise ResponseError(f"{FOLDER}: no profile is stored there")
@@ -158,13 +134,7 @@ def stored_deflections() -> tuple[Deflection, ...]:
 
 
 def stored_deflection(name: str) -> Deflection:
-    """The stored profile of the mesh called `name`.
-
-    Raises
-    ------
-    ResponseError
-        None is stored for it: it takes a solver.
-    """
+    """The stored profile of the mesh called `name`."""
     stored = {deflection.name: deflection for deflection in stored_deflections()}
     if name not in stored:
         raise ResponseError(
@@ -179,11 +149,6 @@ def convergence(deflections: Sequence[Deflection]) -> tuple[ConvergenceRow, ...]
 
     The element width goes with the number of elements to the power -1/2, since the
     meshes are made alike.
-
-    Raises
-    ------
-    ResponseError
-        Fewer than two profiles, or of different depths.
     """
     meshes = sorted(deflections, key=lambda mesh: mesh.elements)
     depths_mm = {mesh.depth_mm for mesh in meshes}

@@ -86,11 +86,6 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
 
     Time has no meaning here; a step is one increment of the solver. Deeper than
     the default, the way back is divided into small steps.
-
-    Raises
-    ------
-    StimulusError
-        A depth that is not within 1 um to 10 mm.
     """
     if not _LEAST_UM <= depth_um <= MAX_AMPLITUDE_UM:
         raise StimulusError(
@@ -223,13 +218,7 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
 
 
 def force_on_probe(run: RunFolder, times_ms: FloatArray) -> FloatArray:
-    """Force of the skin on the probe in N/mm at `times_ms` ``(T,)``, the rest state first.
-
-    Raises
-    ------
-    ResultError
-        The run printed none, or at other times.
-    """
+    """Force of the skin on the probe in N/mm at `times_ms` ``(T,)``, the rest state first."""
     path = run.folder / f"{JOB}.dat"
     found_ms, force_n = read_total_force(path, _PROBE_SET)
     check_times(found_ms, times_ms[1:], path)
@@ -238,13 +227,7 @@ def force_on_probe(run: RunFolder, times_ms: FloatArray) -> FloatArray:
 
 
 def check_times(found_ms: FloatArray, expected_ms: FloatArray, path: Path) -> None:
-    """Refuse results at other times than their waveform.
-
-    Raises
-    ------
-    ResultError
-        Another number of increments, or one at another time.
-    """
+    """Refuse results at other times than their waveform."""
     if found_ms.size != expected_ms.size:
         raise ResultError(f"{found_ms.size} increments, expected {expected_ms.size}", path)
     off = np.abs(found_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]

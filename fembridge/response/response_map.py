@@ -118,13 +118,7 @@ class ResponseMap:
         return traces
 
     def tensors(self, displacement_um: FloatArray, name: str = "probe") -> FloatArray:
-        """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)``.
-
-        Raises
-        ------
-        ResponseError
-            A depth that is not finite, or deeper than the map.
-        """
+        """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)``."""
         if not np.isfinite(displacement_um).all():
             raise ResponseError(f"{name}: a probe depth is not finite")
         deepest_um = float(displacement_um.max())
@@ -142,13 +136,7 @@ class ResponseMap:
         return tensor_pa
 
     def poisson_at(self, place: AfferentNode) -> float:
-        """Poisson's ratio of the layer in which an afferent lies.
-
-        Raises
-        ------
-        ResponseError
-            The map's origin does not have it.
-        """
+        """Poisson's ratio of the layer in which an afferent lies."""
         found: object = self.origin
         for key in ("finger", "materials", place.layer, "poisson"):
             found = found.get(key) if isinstance(found, Mapping) else None
@@ -188,13 +176,7 @@ def write_map(path: Path, response: ResponseMap) -> None:
 
 
 def read_map(path: Path) -> ResponseMap:
-    """Read a map that `write_map` wrote.
-
-    Raises
-    ------
-    ResponseError
-        The file is absent, not a map, or was altered after it was written.
-    """
+    """Read a map that `write_map` wrote."""
     table = read_sealed(path, "response map", FORMAT)
     try:
         afferents = table["afferents"]

@@ -37,11 +37,6 @@ def solve_transients(
     under friction makes of an indentation speaks against a map, not against the
     contact. Where skin is known to slip (`slips`) or the probe slides, contacts of
     another friction are no choice.
-
-    Raises
-    ------
-    SolverError, ResponseError
-        A run ended for another reason than its contact, or no contact carried it.
     """
     deepest_um = max(stimulus.deepest_um for stimulus in stimuli)
     waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}

@@ -25,14 +25,7 @@ ENTRY_POINTS = "fembridge.solvers"
 
 
 def load_solver(name: str) -> Solver:
-    """The function that runs the solver `name`.
-
-    Raises
-    ------
-    MissingError
-        No solver of ours nor of an installed package has this name, or it is
-        one that only its owner can run.
-    """
+    """The function that runs the solver `name`."""
     if name == "calculix":
         return run_ccx
     rows = entry_points(group=ENTRY_POINTS)

@@ -157,13 +157,7 @@ class Watchdog:
         self._cvg: list[CvgRow] = []
 
     def look(self, elapsed_s: float) -> Progress:
-        """Look at the files: how far the run is.
-
-        Raises
-        ------
-        OutputError
-            Somebody has removed the folder.
-        """
+        """Look at the files: how far the run is."""
         before, self._sizes = self._sizes, {}
         try:
             with os.scandir(self._work) as entries:

@@ -61,11 +61,6 @@ class SolverSettings:
     `time_limit_s` in all, `stall_limit_s` without a file that grows, or when one
     attempt at an increment takes more than `iteration_limit` iterations; None is never.
     `on_progress` is called at the latest every second, and when a run ends.
-
-    Raises
-    ------
-    UsageError
-        `threads` or `jobs` below 1, a limit that is not more than 0.
     """
 
     threads: int | None = None

@@ -46,19 +46,9 @@ MOST_MESSAGES = 50
 LONGEST_MESSAGE = 300
 DROPPED = (
     "cannot be inter",  # printed with a gap: "inter    preted"
-    "not recognized",
-    "not applicable",
-    "unknown",
-    "nonexist",
-    "not exist",
-    "not been defined",
-    "no set was defined",
-    "exceeds the largest",
-    "deactivated",
-    "ignored",
-    "yet no",
-    "cannot be used",
-    "must be strictly positive",
+    *("not recognized", "not applicable", "unknown", "nonexist", "not exist"),
+    *("not been defined", "no set was defined", "exceeds the largest", "deactivated"),
+    *("ignored", "yet no", "cannot be used", "must be strictly positive"),
 )
 """Words of warnings after which the run is not the one the deck asked for.
 

@@ -44,13 +44,7 @@ class Range:
 
 
 def range_of(asked: object, base: float | None) -> Range:
-    """Range that the study asks for, of a parameter with the `base` value.
-
-    Raises
-    ------
-    UsageError
-        Neither two ascending numbers nor words about a base value that is there and > 0.
-    """
+    """Range that the study asks for, of a parameter with the `base` value."""
     if isinstance(asked, list) and all(type(each) in (int, float) for each in asked):
         if len(asked) == 2 and -math.inf < asked[0] < asked[1] < math.inf:
             return Range(float(asked[0]), float(asked[1]))

@@ -120,11 +120,6 @@ def fingers_of(entries: Sequence[FingersTable], folder: Path, rest: int) -> tupl
     """All fingers of the `entries`; their number is checked before the first is made.
 
     File names count from `folder`; `rest` is how many points each finger has.
-
-    Raises
-    ------
-    UsageError
-        What cannot be understood or be made: the entry and its row are named.
     """
     asked = []
     for number, entry in enumerate(entries, start=1):
@@ -357,13 +352,7 @@ class Anchor:
 
 
 def anchor_of(finger: Finger, name: str) -> Anchor:
-    """Boundary that afferent `name` of `finger` is nearest to.
-
-    Raises
-    ------
-    FingerError
-        No such afferent, or one that does not sit in its layer of the skin.
-    """
+    """Boundary that afferent `name` of `finger` is nearest to."""
     if name not in finger.afferents:
         raise FingerError(f"afferent {name!r}, expected one of {', '.join(finger.afferents)}")
     site = finger.afferents[name]
@@ -375,13 +364,7 @@ def anchor_of(finger: Finger, name: str) -> Anchor:
 
 
 def anchored(finger: Finger, anchors: Mapping[str, Anchor]) -> Finger:
-    """`finger` with afferents where their anchors are.
-
-    Raises
-    ------
-    FingerError
-        The place is not inside the afferent's layer.
-    """
+    """`finger` with afferents where their anchors are."""
     if not anchors:
         return finger
     section, sites = section_of(finger), dict(finger.afferents)

@@ -221,13 +221,7 @@ def study_from(
 
 
 def ladder_of(asked: Asked) -> tuple[Contact, ...]:
-    """Contact models to try: the ladder's, with what is asked put in.
-
-    Raises
-    ------
-    UsageError
-        A name or a value that no contact model has.
-    """
+    """Contact models to try: the ladder's, with what is asked put in."""
     with place("contacts"):
         return tuple(dict.fromkeys(changed(each, asked, UsageError) for each in LADDER))
 

@@ -159,13 +159,7 @@ def run_sweep(
 
 
 def plan_of(study: Study, solver: str) -> Plan:
-    """Work of `study`, to be done with `solver`, a name and a version.
-
-    Raises
-    ------
-    UsageError
-        A stimulus whose samples cannot be made.
-    """
+    """Work of `study`, to be done with `solver`, a name and a version."""
     import pandas as pd
 
     with place("stimuli"):
@@ -286,7 +280,7 @@ def _do(
     # An item goes before the responses that wait: so it is known early what comes of
     # the first fingers, and how long all take.
     responses = [items[0].response for items in behind.values()]
-    known = [response for response in responses if response.is_known(folder)]
+    known = [response for response in responses if response.is_finished(folder)]
     ready: deque[Task] = deque(item for each in known for item in behind.pop(each.key))
     ready.extend(response for response in responses if response.key in behind)
     put_off: set[str] = set()

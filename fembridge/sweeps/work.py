@@ -16,7 +16,8 @@ item is finished and whole.
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
@@ -132,15 +133,17 @@ class Response:
             "finger": finger_table(self.finger),
         }
 
-    def is_known(self, folder: Path) -> bool:
-        """Whether nothing has to be solved for it in the sweep's `folder`."""
+    def read(self, folder: Path) -> ResponseMap:
+        """What it came to in the sweep's `folder`, or what is stored for it."""
         if self.solver == STORED:
-            return True
-        try:
-            read_map(folder / self.place / MAP_FILE)
-        except ResponseError:
-            return False
-        return True
+            return stored_response(self.finger, self.probe, self.element)
+        return read_map(folder / self.place / MAP_FILE)
+
+    def is_finished(self, folder: Path) -> bool:
+        """Whether nothing has to be solved for it in the sweep's `folder`."""
+        with suppress(ResponseError):
+            return self.solver == STORED or bool(self.read(folder))
+        return False
 
     def __str__(self) -> str:
         return f"response {self.label}"
@@ -259,15 +262,17 @@ def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = 
     """
     begin_s = time.monotonic()
     settings = SolverSettings(threads=threads, on_progress=executor.send)
-    before = False
-    cause = ""
+    cause, before = "", False
     try:
         if not (folder / STUDY_FILE).is_file():
             raise OutputError("not there on this machine: all need to share it", folder)
-        if isinstance(task, Response):
-            before = _solve(task, folder, settings, waits)
-        else:
-            before = _answer(task, folder, settings, waits)
+        before = task.is_finished(folder)
+        if not before:
+            with _alone(folder / task.place, waits):
+                before = task.is_finished(folder)
+                if not before:
+                    do = _solve if isinstance(task, Response) else _answer
+                    do(task, folder, settings)  # type: ignore[arg-type] # each its own
     except LockedError as error:
         return Ended(str(error), busy=True)
     except FembridgeError as error:
@@ -290,13 +295,7 @@ def read_answers(place: Path) -> "pd.DataFrame":
 
 
 def solver_version() -> str:
-    """Name and version of the solver on this machine, as ``calculix 2.20``.
-
-    Raises
-    ------
-    MissingError
-        There is none, or it does not run.
-    """
+    """Name and version of the solver on this machine, as ``calculix 2.20``."""
     program = find_ccx()
     if program is None:
         raise MissingError(
@@ -306,54 +305,50 @@ def solver_version() -> str:
     return f"calculix {version_of(program)[0] or 'of no known version'}"
 
 
-def _solve(task: Response, folder: Path, settings: SolverSettings, waits: bool) -> bool:
-    """Solve a response; whether it was solved before."""
-    if task.is_known(folder):
-        return True
+def _solve(task: Response, folder: Path, settings: SolverSettings) -> None:
+    _check_solver(task.solver)
     place = folder / task.place
-    with _alone(place, waits):
-        if task.is_known(folder):
-            return True
-        _check_solver(task.solver)
-        model = Model(task.finger, _mesh(task, place), task.probe, element=task.element)
-        solve_response(
-            place,
-            model.at_once(),
-            settings.shared_by(1),
-            depth_um=task.depth_um,
-            ladder=ladder_of(task.asked),
-        )
-    return False
+    solve_response(
+        place,
+        Model(task.finger, _mesh(task, place), task.probe, element=task.element).at_once(),
+        settings.shared_by(1),
+        depth_um=task.depth_um,
+        ladder=ladder_of(task.asked),
+    )
 
 
-def _answer(item: Item, folder: Path, settings: SolverSettings, waits: bool) -> bool:
-    """Simulate an item and write its files; whether it was finished before."""
-    place = folder / item.place
-    if item.is_finished(folder):
-        return True
-    with _alone(place, waits):
-        if item.is_finished(folder):
-            return True
-        begin_s = time.monotonic()
-        response = _response(item.response, folder)
-        if item.method == "map":
-            simulation = _simulate(item, response, folder, place, settings)  # writes nothing
-        else:
-            solve_place = folder / item.solve_place
-            with _alone(solve_place):
-                _check_solver(item.response.solver)
-                simulation = _simulate(item, response, folder, solve_place, settings)
-        how = {
-            "solver": item.response.solver,
-            "wall_s": round(time.monotonic() - begin_s, 3),
-            "closure_percent": response.closure_percent,
-            "contact": response.origin.get("contact", {}),
-            "response": str(item.response.place),
+def _answer(item: Item, folder: Path, settings: SolverSettings) -> None:
+    """Simulate an item and write its three files, the record last."""
+    place, begin_s = folder / item.place, time.monotonic()
+    response = item.response.read(folder)
+    if item.method == "map":
+        simulation = _simulate(item, response, folder, place, settings)  # writes nothing
+    else:
+        solve_place = folder / item.solve_place
+        with _alone(solve_place):
+            _check_solver(item.response.solver)
+            simulation = _simulate(item, response, folder, solve_place, settings)
+    how = {
+        "solver": item.response.solver,
+        "wall_s": round(time.monotonic() - begin_s, 3),
+        "closure_percent": response.closure_percent,
+        "contact": response.origin.get("contact", {}),
+        "response": str(item.response.place),
+    }
+    with filling(place, last=RECORD_FILE) as draft:
+        write_table(draft / ANSWERS_FILE, ANSWER_COLUMNS, _answers_of(simulation))
+        write_spikes(draft / SPIKES_FILE, simulation.trains)
+        record = {
+            "format": FORMAT,
+            "key": item.key,
+            "parameter_set": item.parameters_name,
+            "how": how,
+            "files": {name: sha256_of(draft / name) for name in _FILES},
+            "inputs": item.inputs(),
         }
-        _write_item(place, item, simulation, how)
-        with suppress(OSError):
-            (place / BUG_FILE).unlink(missing_ok=True)
-    return False
+        write_sealed(draft / RECORD_FILE, record)
+    with suppress(OSError):
+        (place / BUG_FILE).unlink(missing_ok=True)
 
 
 def _simulate(
@@ -376,32 +371,13 @@ def _simulate(
     )
 
 
-def _write_item(place: Path, item: Item, simulation: Simulation, how: Mapping[str, object]) -> None:
-    """Write the three files of a finished item into `place`, the record last."""
-    with filling(place, last=RECORD_FILE) as draft:
-        write_table(draft / ANSWERS_FILE, ANSWER_COLUMNS, _answers_of(simulation))
-        write_spikes(draft / SPIKES_FILE, simulation.trains)
-        write_sealed(
-            draft / RECORD_FILE,
-            {
-                "format": FORMAT,
-                "key": item.key,
-                "parameter_set": item.parameters_name,
-                "how": dict(how),
-                "files": {name: sha256_of(draft / name) for name in _FILES},
-                "inputs": item.inputs(),
-            },
-        )
-
-
 def _answers_of(simulation: Simulation) -> Iterator[tuple[str, str, float, int, float]]:
     """A row for each stimulus and afferent, of `ANSWER_COLUMNS`."""
-    spikes: dict[tuple[str, str], int] = {}
+    spikes: Counter[tuple[str, str]] = Counter()
     windows = {each.id: each.window_ms for each in simulation.stimuli}
     for train in simulation.trains:
-        key = train.stimulus, train.afferent
         inside = spikes_inside(train.times_ms, windows[train.stimulus])
-        spikes[key] = spikes.get(key, 0) + inside
+        spikes[train.stimulus, train.afferent] += inside
     peaks = {
         (stimulus.id, str(trace.afferent)): float(trace.stress_pa.max())
         for stimulus, row in zip(simulation.stimuli, simulation.traces, strict=True)
@@ -410,12 +386,6 @@ def _answers_of(simulation: Simulation) -> Iterator[tuple[str, str, float, int, 
     for rate in simulation.mean_rates:
         key = rate.stimulus, rate.afferent
         yield (*key, rate.rate_ips, spikes[key], peaks[key])
-
-
-def _response(task: Response, folder: Path) -> ResponseMap:
-    if task.solver == STORED:
-        return stored_response(task.finger, task.probe, task.element)
-    return read_map(folder / task.place / MAP_FILE)
 
 
 def _mesh(task: Response, place: Path) -> Mesh:

@@ -40,7 +40,6 @@ from fembridge.deflection.profile import (
 )
 from fembridge.errors import ResponseError, SolverError, UsageError
 from fembridge.plots.deflection import MOST_MESHES, deflection_figure
-from fembridge.plots.style import save_figure
 from fembridge.solver.settings import SolverSettings
 
 MESHES = stored_deflections()
@@ -73,20 +72,6 @@ def test_between_nodes_the_profile_is_straight(distances_mm):
 def test_beyond_its_ends_nothing_is_known(distance_mm):
     with pytest.raises(ResponseError, match="the profile has 0 to 6 mm"):
         profile().at(np.array(distance_mm))
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"distance_mm": NODE_MM[1:]},
-        {"distance_mm": NODE_MM[[0, 2, 1, 3, 4, 5]]},
-        {"deflection_mm": np.full(6, np.nan)},
-        {"loading_n_per_mm": [0.0, 1.0]},
-    ],
-)
-def test_what_is_no_profile_is_refused(changes):
-    with pytest.raises(ResponseError):
-        profile(**changes)
 
 
 def test_a_profile_comes_back_from_its_file_bit_by_bit(tmp_path):
@@ -181,12 +166,6 @@ def test_the_table_has_the_distances_and_the_force_and_finds_the_limit_of_each()
     assert_allclose(force.limit, 0.035, rtol=1e-6)
 
 
-def test_one_mesh_or_two_depths_are_no_study():
-    for meshes in ([mesh(3000)], [mesh(3000), mesh(8000, depth_mm=0.5)]):
-        with pytest.raises(ResponseError):
-            convergence(meshes)
-
-
 PRESSES = {finger.name: press_of(finger) for finger in (QUICK, PAPER)}
 
 
@@ -216,15 +195,6 @@ def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth(p
 def test_a_depth_that_no_pad_has_is_refused(depth_mm):
     with pytest.raises(UsageError, match=r"expected 0\.05 to 2 mm"):
         Press(QUICK, PRESSES["quick"].mesh, depth_mm=depth_mm)
-
-
-def test_the_surface_of_the_refined_mesh_is_that_of_the_preset_between_its_nodes():
-    coarse_mm = mesh_of(QUICK).node_mm[surface_of(mesh_of(QUICK))]
-    fine = PRESSES["quick"].mesh
-    fine_mm = fine.node_mm[surface_of(fine)]
-    on_coarse = np.interp(fine_mm[:, 0], *coarse_mm.T)
-    assert_allclose(fine_mm[:, 1], on_coarse, rtol=0, atol=3e-9)
-    assert_array_equal(np.isin(coarse_mm[:, 0], fine_mm[:, 0]), True)
 
 
 FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
@@ -427,18 +397,6 @@ def test_the_middle_panel_shows_micrometres_from_the_finest_mesh():
         at_mm = line.get_xdata()
         expected_um = 1000 * (mesh.at(at_mm) - MESHES[-1].at(at_mm))
         assert_allclose(line.get_ydata(), expected_um)
-
-
-def test_one_mesh_has_nothing_to_differ_from():
-    figure = deflection_figure(MESHES[:1])
-    assert len(figure.axes) == 2
-    assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), 1000 * MESHES[0].loading_n_per_mm)
-
-
-def test_the_order_in_which_meshes_come_changes_no_byte(tmp_path):
-    save_figure(deflection_figure(MESHES), tmp_path / "a.svg")
-    save_figure(deflection_figure(MESHES[::-1]), tmp_path / "b.svg")
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
 @pytest.mark.parametrize("count", [0, MOST_MESHES + 1])

@@ -1,6 +1,5 @@
 """The ladder of contact models, skin that slips, and models that have no map."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -34,14 +33,6 @@ def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
     assert not solved.outcome.skipped
     shipped = read_map(FOLDER / "quick.toml")
     np.testing.assert_array_equal(solved.response.tensor_pa, shipped.tensor_pa)
-
-
-def test_the_accepted_map_is_written(tmp_path, model, player):
-    solved = solve_response(tmp_path / "response", model)
-
-    written = read_map(tmp_path / "response" / MAP_FILE)
-    np.testing.assert_array_equal(written.tensor_pa, solved.response.tensor_pa)
-    assert written.origin == solved.response.origin
 
 
 @pytest.mark.parametrize("cause", [Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN])
@@ -84,14 +75,6 @@ def test_what_another_contact_does_not_cure_ends_the_ladder(tmp_path, model, pla
     assert not (tmp_path / MAP_FILE).exists()
 
 
-def test_without_a_solver_the_error_names_the_line_that_installs_one(tmp_path, model, monkeypatch):
-    monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
-    monkeypatch.setenv("PATH", str(tmp_path / "empty"))
-
-    with pytest.raises(SolverError, match="no ccx on the PATH; install it: apt-get"):
-        solve_response(tmp_path / "response", model)
-
-
 def test_when_all_contacts_fail_each_is_listed_with_its_reason(
     tmp_path, model, player, path_dependent
 ):
@@ -110,16 +93,6 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
     assert reasons[1].endswith("17 %")
     assert f"{Cause.STALLED.value}: increment 3" in reasons[2]
     assert not (tmp_path / MAP_FILE).exists()
-
-
-def test_a_finished_run_is_read_again_and_not_solved(tmp_path, model, player):
-    first = solve_response(tmp_path, model)
-
-    second = solve_response(tmp_path, model)
-
-    assert player.numbers == [1]
-    assert second.outcome.skipped
-    np.testing.assert_array_equal(second.response.tensor_pa, first.response.tensor_pa)
 
 
 def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
@@ -180,12 +153,6 @@ def test_a_contact_without_friction_has_no_frictionless_twin(
     solve_response(tmp_path, model)
 
     assert [folder.name for folder in player.smooth] == ["frictionless_1", "frictionless_2"]
-
-
-def test_a_slip_is_still_itself_after_a_worker_raised_it():
-    slip = pickle.loads(pickle.dumps(FrictionSlipError("words", 1.5, LADDER[1])))
-
-    assert (str(slip), slip.closure_percent, slip.contact) == ("words", 1.5, LADDER[1])
 
 
 @pytest.fixture(scope="module")

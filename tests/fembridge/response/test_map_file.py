@@ -36,12 +36,6 @@ def test_a_map_comes_back_to_the_last_bit(path, made_map):
     assert found.origin == written.origin
 
 
-def test_the_same_map_gives_the_same_bytes(path, tmp_path):
-    again = tmp_path / "again.toml"
-    write_map(again, read_map(path))
-    assert again.read_bytes() == path.read_bytes()
-
-
 def test_every_edited_digit_is_found(path):
     """Each number of the file in turn, its first digit moved by one."""
     content = path.read_bytes()
@@ -70,27 +64,23 @@ def test_a_file_cut_anywhere_is_refused(path, share):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "message"),
+    ("key", "value"),
     [
-        ("depth_um", [0.0, 1.0], "not a response map: "),
-        ("depth_um", [0.0, 1.0, "deep"], "not a response map: "),
-        ("depth_um", None, "not a response map: no 'depth_um'"),
-        ("force_n_per_mm", [0.0], "not a response map: .*forces"),
-        ("closure_percent", "good", "not a response map: could not convert"),
-        ("closure_percent", None, "not a response map: no 'closure_percent'"),
-        ("afferents", {}, "not a response map: "),
-        ("afferents", 5, "not a response map: "),
-        ("origin", None, "not a response map: no 'origin'"),
+        *(("depth_um", value) for value in ([0.0, 1.0], [0.0, 1.0, "deep"], None)),
+        ("force_n_per_mm", [0.0]),
+        *(("closure_percent", value) for value in ("good", None)),
+        *(("afferents", value) for value in ({}, 5)),
+        ("origin", None),
     ],
 )
-def test_a_sealed_file_that_holds_no_map_is_refused(path, key, value, message):
+def test_a_sealed_file_that_holds_no_map_is_refused(path, key, value):
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     if value is None:
         del table[key]
     else:
         table[key] = value
     reseal(path, table)
-    with pytest.raises(ResponseError, match=f"{path}: {message}"):
+    with pytest.raises(ResponseError, match=f"^{path}: "):
         read_map(path)
 
 

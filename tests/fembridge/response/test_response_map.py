@@ -50,14 +50,6 @@ def test_a_probe_that_is_lifted_off_leaves_no_stress(made_map, lifted_um):
         assert_array_equal(trace.stress_pa, 0.0)
 
 
-@given(depth_um=depths_below_300)
-def test_stress_is_that_of_the_interpolated_tensor(made_map, depth_um):
-    response = made_map()
-    tensor_pa = response.tensors(np.array(depth_um))
-    for column, trace in enumerate(response.traces(stimulus_of(depth_um))):
-        assert_array_equal(trace.stress_pa, von_mises_pa(tensor_pa[:, column]))
-
-
 @given(depth_um=st.floats(0.0, 300.0))
 def test_a_component_is_the_pchip_of_its_own_levels(made_map, depth_um):
     response = made_map()

@@ -1,8 +1,5 @@
 """One run folder under a solver that plays each way a run can end."""
 
-import pickle
-import threading
-
 import pytest
 
 from fembridge.run_folder import read_run_folder
@@ -112,23 +109,6 @@ def test_a_good_run_clears_away_what_earlier_ones_left(fake_ccx, make_run):
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
 
 
-def test_a_failure_as_an_error_names_folder_and_cause(fake_ccx, make_run):
-    folder = make_run("diverged")
-
-    error = solve(folder).to_error()
-
-    assert error.path == folder
-    assert Cause.DIVERGED.value in str(error)
-    assert str(pickle.loads(pickle.dumps(error))) == str(error)
-
-
-def test_a_solver_that_says_a_lot_does_not_block(fake_ccx, make_run):
-    folder = make_run("loud")
-
-    assert solve(folder).accepted
-    assert (folder / "solver.log").stat().st_size > 3_000_000
-
-
 def test_a_solver_whose_files_do_not_grow_is_stopped(fake_ccx, make_run, is_at_work):
     folder = make_run("hang")
 
@@ -146,21 +126,6 @@ def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
     assert outcome.failure.cause is Cause.ENDLESS_ITERATION
     assert "limit 50, after 1 of 4 increments" in str(outcome.failure)
     assert 50 < outcome.iterations < 90_000
-
-
-def test_progress_is_told_while_the_solver_works(fake_ccx, make_run):
-    folder, halt, told = make_run("hang"), threading.Event(), []
-
-    def note(progress):
-        told.append(progress)
-        if progress.increment == 1:
-            halt.set()
-
-    solve(folder, on_progress=note, halt=halt)
-
-    assert (told[-1].increment, told[-1].increments) == (1, 4)
-    assert told[-1].fraction == 0.25
-    assert told[-1].folder == folder
 
 
 @pytest.mark.parametrize("play", ["normal", "diverged"])
@@ -230,13 +195,3 @@ def test_a_solver_that_the_system_cannot_run_is_told(fake_ccx, make_run):
 
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert f"{fake_ccx} cannot be run" in str(outcome.failure)
-
-
-def test_a_folder_without_deck_is_told(fake_ccx, make_run):
-    folder = make_run("normal")
-    (folder / "job.inp").unlink()
-
-    outcome = solve(folder)
-
-    assert outcome.failure.cause is Cause.BAD_FOLDER
-    assert "no job.inp" in str(outcome.failure)

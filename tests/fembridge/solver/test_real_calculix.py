@@ -72,13 +72,6 @@ ENDINGS = {
         "increment 1, from 0 to 0.5 ms, after 2 iterations",
     ),
 }
-OTHER_ENDINGS = {
-    "unknown card": ({"model": "*FOOBAR"}, Cause.CARD_DROPPED),
-    "unknown parameter": ({"request": "*NODE PRINT, NSET=ALL, FOO=3\nU"}, Cause.CARD_DROPPED),
-    "unknown set": ({"request": "*NODE PRINT, NSET=NOPE\nU"}, Cause.CARD_DROPPED),
-    "unknown solver": ({"solver": ", SOLVER=FOO"}, Cause.CARD_DROPPED),
-    "absent node": ({"nodes": "1, 2, 3, 7"}, Cause.CRASHED),
-}
 PATIENCE_S = 120.0
 MANY = {"end_s": 1000.0}
 
@@ -133,18 +126,6 @@ def test_a_fault_in_the_deck_has_its_cause(make_run, part):
 
     assert outcome.failure.cause is cause
     assert words in str(outcome.failure)
-
-
-@pytest.mark.parametrize("fault", OTHER_ENDINGS)
-def test_a_fault_that_calculix_does_not_refuse_is_found(make_run, fault):
-    parts, cause = OTHER_ENDINGS[fault]
-    assert solve(make_run(deck=patch(**parts))).failure.cause is cause
-
-
-def test_a_card_that_was_dropped_is_told_with_its_line(make_run):
-    deck = patch(request="*EL OUTPUT\nS")
-    outcome = solve(make_run(deck=deck))
-    assert deck.splitlines()[outcome.failure.deck_line - 1] == "*EL OUTPUT"
 
 
 @pytest.mark.parametrize("signal_is", ["ignored", "obeyed"])

@@ -74,12 +74,6 @@ def test_the_summary_of_errors_is_kept_only_when_it_is_alone(read):
     assert [str(e) for e in read(" *ERROR in x: y\n\n" + summary).errors] == ["in x: y"]
 
 
-def test_bytes_that_are_no_text_do_not_matter(tmp_path):
-    path = tmp_path / "solver.log"
-    path.write_bytes(b"\xff\xfe\x00 *ERROR in x: \xe9\n")
-    assert str(read_solver_log(path).errors[0]) == "in x: é"
-
-
 def test_a_card_is_found_whatever_its_blanks_and_case(tmp_path):
     deck = tmp_path / "job.inp"
     deck.write_text("*Node Output, nset=All\nU\n*EL OUTPUT\nS\n*EL FILE\nS\n")

@@ -34,12 +34,6 @@ def watch(make_run, tmp_path):
     return make
 
 
-def test_nothing_is_done_before_the_first_file(watch):
-    _, dog = watch()
-    progress = dog.look(1.0)
-    assert (progress.increment, progress.fraction, progress.left_s) == (0, 0.0, None)
-
-
 def test_progress_is_the_time_of_the_last_increment_that_converged(watch):
     work, dog = watch()
     failed = sta_row(3, 0.001, mark="U")
@@ -53,12 +47,6 @@ def test_progress_is_the_time_of_the_last_increment_that_converged(watch):
     assert (progress.iterations, progress.iterations_here) == (5, 2)
     assert progress.fraction == pytest.approx(0.2, rel=1e-9)
     assert progress.left_s == pytest.approx(32.0, rel=1e-9)
-
-
-def test_a_line_that_is_being_written_is_not_counted_yet(watch):
-    work, dog = watch()
-    (work / "job.sta").write_text(STA + sta_row(1, 0.0005) + sta_row(2, 0.001)[:-20])
-    assert dog.look(1.0).increment == 1
 
 
 def test_a_line_that_cannot_be_read_keeps_what_was_known(watch):
@@ -107,11 +95,6 @@ def test_a_folder_that_somebody_removed_is_told(watch):
     work.rmdir()
     with pytest.raises(OutputError, match="gone during the run"):
         dog.look(1.0)
-
-
-def test_no_limit_is_no_complaint(watch):
-    _, dog = watch(time_limit_s=None, stall_limit_s=None, iteration_limit=None)
-    assert dog.complaint(dog.look(1e9)) is None
 
 
 @pytest.mark.parametrize("name", ["time_limit_s", "stall_limit_s", "iteration_limit"])

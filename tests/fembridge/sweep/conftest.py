@@ -20,7 +20,7 @@ from fembridge.sweeps import sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
 RECORDED = ROOT / "fixtures" / "response_quick"
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 
 SOLVER = """
 import os, shutil, sys, time

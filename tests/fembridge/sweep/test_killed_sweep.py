@@ -27,7 +27,7 @@ def begun(ledger):
 
 
 def finished(sweep):
-    code = sweep.wait(120)
+    code = sweep.wait(300)
     out, err = sweep.communicate()
     return code, out, err
 

@@ -1,6 +1,5 @@
 """Work of a study: what is shared, what makes an address another one, one task at a time."""
 
-import pickle
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 
@@ -64,12 +63,6 @@ def test_all_stimuli_share_the_map_and_each_has_its_transient():
     assert len(plan.rows) == 164 * 3
     assert len({each.response.key for each in plan.items.values()}) == 1
     assert len({each.solve_place for each in plan.items.values()}) == 83
-
-
-def test_only_what_goes_deeper_than_the_usual_indentation_takes_one_of_its_own():
-    plan = plan_of(study("sine_20_250,sine_20_500", methods=("map", "transient")), CCX)
-    depths = [(each.method, each.response.depth_um) for each in plan.items.values()]
-    assert depths == [("map", 600.0), ("transient", 400.0), ("transient", 600.0)]
 
 
 def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
@@ -242,13 +235,6 @@ def test_the_version_of_the_program_changes_every_address(monkeypatch):
 def test_names_that_people_give_change_no_address():
     assert item(label="x", parameters_name="y").key == item().key
     assert response(label="x").key == response().key
-
-
-def test_a_task_is_the_same_after_a_pickle():
-    one = item(method="transient")
-    again = pickle.loads(pickle.dumps(one))
-    assert (again.key, again.place, again.solve_place) == (one.key, one.place, one.solve_place)
-    assert [each.id for each in again.stimuli()] == [each.id for each in one.stimuli()]
 
 
 def test_of_a_finger_that_relaxes_each_waveform_is_solved():

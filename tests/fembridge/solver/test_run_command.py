@@ -1,0 +1,90 @@
+"""The verb ``run``: one line a folder, the exit code, the summary."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from fembridge.cli import main
+
+pytestmark = pytest.mark.usefixtures("fake_ccx")
+
+
+def test_a_good_run_says_what_it_cost_and_then_that_it_is_there(make_run, capsys):
+    folder = make_run("normal")
+
+    assert main(["run", str(folder)]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{folder}: 4 increments, 8 iterations, ")
+    assert err == ""
+
+    for words, is_there in (([], True), (["--force"], False)):
+        assert main(["run", str(folder), *words]) == 0
+        assert ("has the results" in capsys.readouterr().out) is is_there
+
+
+def test_one_bad_folder_is_one_line_and_exit_code_1(make_run, capsys):
+    good, bad = make_run("normal", "good"), make_run("bad_deck", "wrong")
+
+    assert main(["run", str(bad), str(good), "--jobs", "2"]) == 1
+
+    out, err = capsys.readouterr()
+    assert out.count("\n") == 1
+    assert out.startswith(str(good))
+    assert err.count("\n") == 1
+    assert err.startswith(f"fembridge: {bad}: ")
+
+
+def test_json_is_all_that_stdout_holds(make_run, capsys):
+    good, bad = make_run("normal", "good"), make_run("bad_deck", "wrong")
+
+    assert main(["run", str(bad), str(good), "--json"]) == 1
+
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["count"], summary["failed"], summary["skipped"]) == (2, 1, 0)
+    first, second = summary["runs"]
+    assert (first["folder"], first["ok"], first["cause"]) == (str(bad), False, "bad_deck")
+    assert (second["ok"], second["increments"], second["problem"]) == (True, 4, None)
+
+
+def test_a_deck_changed_by_hand_is_said(make_run, capsys):
+    folder = make_run("normal")
+    with (folder / "job.inp").open("a") as deck:
+        deck.write("** changed\n")
+
+    assert main(["run", str(folder)]) == 0
+    assert str(folder) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["--jobs", "0"], ["--threads", "0"], ["--time-limit", "-1"], ["--stall-limit", "nan"]),
+        *(["--iteration-limit", "0"], ["--jobs", "two"]),
+    ],
+)
+def test_a_number_that_means_nothing_is_misuse(tmp_path, capsys, words):
+    assert main(["run", str(tmp_path), *words]) == 2
+    assert capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_command_leaves_no_result(make_run, pid_of, is_alive, number, code):
+    folder = make_run("hang")
+    command = [sys.executable, "-m", "fembridge.cli", "run", str(folder)]
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ)
+    try:
+        solver = pid_of(folder)
+        child.send_signal(number)
+        _, err = child.communicate(timeout=120)
+    finally:
+        child.kill()
+        child.wait()
+
+    assert child.returncode == code
+    assert not is_alive(solver)
+    assert b"Traceback" not in err
+    assert sorted(path.name for path in folder.iterdir()) == ["failed", "job.inp", "run.toml"]
