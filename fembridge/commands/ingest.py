@@ -12,84 +12,16 @@ unless --partial takes what is whole.
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fembridge.results import Result
-    from fembridge.results.one_sided import OneSidedStress
-    from fembridge.results.printed import PrintTable
     from fembridge.trace import StressTrace
 
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
-# Of plots and decks: what --list shows as it is.
-_PLAIN = (
-    "title", "schema", "precision", "increments", "end_ms", "tables", "columns",
-    "over_time", "nodes", "arrays", "not_described",
-)  # fmt: skip
-_SINGULAR = {"contact_bodies": "contact body"}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    add = parser.add_argument
-    many: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    files = "a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
-    files += "a plot that Mentat saved, .txt; or a run folder"
-    add("result", type=Path, metavar="RESULT", help=files)
-    add("--list", action="store_true", help="show what the file holds, write nothing")
-    table = "table to write (default: RESULT's name and what it is, here); for --field .npz or .csv"
-    add("-o", "--output", type=Path, metavar="FILE", help=table)
-    unit = "unit of the file's stress (default: MPa, which is N and mm)"
-    add("--stress-unit", choices=("MPa", "kPa", "Pa"), help=unit)
-    partial = "read the complete part of a run that did not end normally"
-    add("--partial", action="store_true", help=partial)
-
-    add = parser.add_argument_group("traces at nodes of a .frd, .t16 or .t19").add_argument
-    add("--node", type=int, metavar="N", help="nodes by number", **many)
-    sets = "nodes of a set: of the file, or of its deck"
-    add("--set", metavar="NAME", dest="sets", help=sets, **many)
-    near = "the node with results nearest to a place in mm of the undeformed mesh; "
-    near += "before a negative X write --near=-X,Y"
-    add("--near", type=place, metavar="X,Y[,Z]", help=near, **many)
-    deck = "where --set looks (default: the sets in a .t16 or .t19; of a .frd the "
-    deck += "deck of the same name in .inp)"
-    add("--deck", type=Path, metavar="DECK", help=deck)
-    afferents = "the nodes of run.toml's afferents (the default where there is one)"
-    add("--afferents", action="store_true", help=afferents)
-    across = "allow nodes between two materials, where stress is a mean over both"
-    add("--across-materials", action="store_true", help=across)
-    sides = "of such --node, the stress in each material separately; of a .frd from "
-    sides += "the points that the .dat beside it prints of this element set"
-    add("--one-sided", nargs="?", const="", metavar="ELSET", help=sides)
-
-    add = parser.add_argument_group("from integration points of a .t16 or .t19").add_argument
-    carried = "how values get to the nodes: by the polynomial through the points "
-    carried += "(the default), from the nearest point, or as the element's mean"
-    add("--extrapolate", choices=("linear", "translate", "average"), help=carried)
-    mises = "von Mises stress of the nodal tensor (the default), or of the points, "
-    mises += "carried to the nodes as a number, as Mentat plots it"
-    add("--von-mises", choices=("tensor", "scalar"), help=mises)
-
-    add = parser.add_argument_group("whole fields of a .frd, .t16 or .t19").add_argument
-    add("--field", metavar="QUANTITY", help="all nodes at one increment: STRESS, DISP")
-    which = "which increment, or mode, --field takes (default: last)"
-    add("--increment", default=LAST, metavar="[STEP:]N", help=which)
-    series = "every increment as VTU, and a PVD, for ParaView"
-    add("--vtu", type=Path, metavar="FOLDER", help=series)
-    derived = "what --vtu computes beside them: von_mises (the default), principal, "
-    derived += "max_shear, mean_stress, strain_energy_density"
-    add("--derived", metavar="NAME", help=derived, **many)
-    only = "only these: of a .frd for --vtu, of a .dat one for its table"
-    add("--quantity", metavar="NAME", help=only, **many)
-
-    add = parser.add_argument_group("printed results in a .dat").add_argument
-    points = "stress traces at integration points, which no averaging has touched; "
-    points += "in the table their node is ELEMENT times 100 plus POINT"
-    add("--point", type=point, metavar="ELEMENT:POINT", help=points, **many)
-    add("--print-set", metavar="NAME", help="of which set, if several are printed")
 
 
 def place(text: str) -> tuple[float, ...]:
@@ -106,10 +38,77 @@ def point(text: str) -> tuple[int, int]:
     return int(element), int(number)
 
 
+_MANY: dict[str, Any] = {"nargs": "+", "action": "extend"}
+_YES: dict[str, Any] = {"action": "store_true"}
+# By group: option, help, and how it is read.
+_OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
+    "": (
+        ("--list", "show what the file holds, write nothing", _YES),
+        ("--output", "table to write (default: RESULT's name and what it is, here); for --field "
+         ".npz or .csv", {"type": Path, "metavar": "FILE"}),
+        ("--stress-unit", "unit of the file's stress (default: MPa, which is N and mm)",
+         {"choices": ("MPa", "kPa", "Pa")}),
+        ("--partial", "read the complete part of a run that did not end normally", _YES),
+    ),
+    "traces at nodes of a .frd, .t16 or .t19": (
+        ("--node", "nodes by number", {"type": int, "metavar": "N", **_MANY}),
+        ("--set", "nodes of a set: of the file, or of its deck",
+         {"metavar": "NAME", "dest": "sets", **_MANY}),
+        ("--near", "the node with results nearest to a place in mm of the undeformed mesh; "
+         "before a negative X write --near=-X,Y", {"type": place, "metavar": "X,Y[,Z]", **_MANY}),
+        ("--deck", "where --set looks (default: the sets in a .t16 or .t19; of a .frd the deck "
+         "of the same name in .inp)", {"type": Path, "metavar": "DECK"}),
+        ("--afferents", "the nodes of run.toml's afferents (the default where there is one)", _YES),
+        ("--across-materials",
+         "allow nodes between two materials, where stress is a mean over both", _YES),
+        ("--one-sided", "of such --node, the stress in each material separately; of a .frd from "
+         "the points that the .dat beside it prints of this element set",
+         {"nargs": "?", "const": "", "metavar": "ELSET"}),
+    ),
+    "from integration points of a .t16 or .t19": (
+        ("--extrapolate", "how values get to the nodes: by the polynomial through the points "
+         "(the default), from the nearest point, or as the element's mean",
+         {"choices": ("linear", "translate", "average")}),
+        ("--von-mises", "von Mises stress of the nodal tensor (the default), or of the points, "
+         "carried to the nodes as a number, as Mentat plots it",
+         {"choices": ("tensor", "scalar")}),
+    ),
+    "whole fields of a .frd, .t16 or .t19": (
+        ("--field", "all nodes at one increment: STRESS, DISP", {"metavar": "QUANTITY"}),
+        ("--increment", "which increment, or mode, --field takes (default: last)",
+         {"default": LAST, "metavar": "[STEP:]N"}),
+        ("--vtu", "every increment as VTU, and a PVD, for ParaView",
+         {"type": Path, "metavar": "FOLDER"}),
+        ("--derived", "what --vtu computes beside them: von_mises (the default), principal, "
+         "max_shear, mean_stress, strain_energy_density", {"metavar": "NAME", **_MANY}),
+        ("--quantity", "only these: of a .frd for --vtu, of a .dat one for its table",
+         {"metavar": "NAME", **_MANY}),
+    ),
+    "printed results in a .dat": (
+        ("--point", "stress traces at integration points, which no averaging has touched; in the "
+         "table their node is ELEMENT times 100 plus POINT",
+         {"type": point, "metavar": "ELEMENT:POINT", **_MANY}),
+        ("--print-set", "of which set, if several are printed", {"metavar": "NAME"}),
+    ),
+}  # fmt: skip
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    files = "a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
+    files += "a plot that Mentat saved, .txt; or a run folder"
+    parser.add_argument("result", type=Path, metavar="RESULT", help=files)
+    for title, options in _OPTIONS.items():
+        group = parser.add_argument_group(title) if title else parser
+        for option, words, how in options:
+            short = ("-o",) if option == "--output" else ()
+            group.add_argument(*short, option, help=words, **how)
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List, or read and write; the summary says what was written."""
     from fembridge.results import open_result
-    from fembridge.results.printed import PRINT_TABLES
+    from fembridge.results.printed import PRINTS, describe_print
 
     result = open_result(
         args.result,
@@ -120,35 +119,37 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         von_mises=args.von_mises,
         log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
     )
-    path = result.path
-    suffix = path.suffix.lower()
-    printed = PRINT_TABLES.get(suffix)
+    path, suffix = result.path, result.path.suffix.lower()
     if suffix == ".dat":  # of a Marc deck, too
         from decks.marc.grammar import is_marc_deck
 
         if is_marc_deck(path):
             return _deck(args, path)
-    kind = _kind(args, path, printed is not None)
+    kind = _kind(args, path, suffix in PRINTS)
     if kind == "list":
-        held = result.describe() if printed is None else printed.describe(path)
+        held = describe_print(path) if suffix in PRINTS else result.describe()
         if not args.json:
             _show(path, held)
         return held
-    if printed is not None and kind == "table":
-        summary, lines = _table(args, result, printed)
+    write = {
+        "traces": _traces, "point": _traces, "sides": _sides, "table": _table, "plot": _plot,
+        "field": _field, "vtu": _vtu,
+    }[kind]  # fmt: skip
+    summary, words, rows = write(args, result)
+    if (suffix in PRINTS and suffix != ".dat") or kind == "plot":
+        unit = ""
     else:
-        writers = {
-            "traces": _traces, "points": _points, "sides": _sides, "plot": _plot,
-            "field": _field, "vtu": _vtu,
-        }  # fmt: skip
-        summary, lines = writers[kind](args, result)
+        summary["stress_unit"] = result.options.stress_unit
+        unit = f"; stress in the file taken as {result.options.stress_unit}"
+        if args.stress_unit is None and (kind != "traces" or result.run is None):
+            unit += " (--stress-unit says otherwise)"
     if not args.json:
-        print(*lines, sep="\n")
+        print(f"{summary['output']}: {words}{unit}", *(f"  {row}" for row in rows), sep="\n")
     return summary
 
 
 def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
-    """What is asked for: list, vtu, field, table, plot, points, sides or traces.
+    """What is asked for: list, vtu, field, table, plot, point, sides or traces.
 
     Raises
     ------
@@ -183,53 +184,35 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
             raise UsageError(f"{path}: {words}")
     if sides:
         return "sides"
-    if whole:
+    if whole or word == "--point":
         return word.removeprefix("--")
-    if printed:
-        return "points" if args.point else "table"
     if not word and path.suffix.lower() == ".txt":
         from fembridge.results.mentat import is_over_time
 
         return "traces" if is_over_time(path) else "plot"
-    return "traces"
+    return "table" if printed else "traces"
 
 
-Written = tuple[dict[str, Any], list[str]]
-"""The summary of a command, and its lines for people."""
+Written = tuple[dict[str, Any], str, list[str]]
+"""The summary of a command, what was written in words, and a line each of its parts."""
 
 
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
-    """Traces at chosen nodes, or of the afferents of ``run.toml``."""
-    from fembridge.errors import UsageError
-
-    nodes: Sequence[int] | None = args.node
-    if result.run is None and not (args.node or args.sets or args.near):
-        nodes = result.named_nodes()
-        if not nodes:
-            held = result.describe()
-            if not args.json:
-                _show(result.path, held)
-            wants = "choose with --node N, --set NAME or --near X,Y"
-            if args.afferents:
-                wants = "--afferents needs one"
-            raise UsageError(f"{result.path}: no run.toml beside it; {wants}")
-    found = result.traces(nodes, sets=args.sets or (), near_mm=args.near or (), deck=args.deck)
-    return _written(args, result, found, foreign=result.run is None)
-
-
-def _points(args: argparse.Namespace, result: "Result") -> Written:
-    """Traces at integration points."""
-    from fembridge.results.printed import read_point_traces
-
-    found = read_point_traces(result.path, args.point, args.print_set, result.options)
-    return _written(args, result, found, foreign=True)
-
-
-def _written(
-    args: argparse.Namespace, result: "Result", found: Sequence["StressTrace"], *, foreign: bool
-) -> Written:
+    """Traces at chosen nodes or integration points, or of the afferents of ``run.toml``."""
     from fembridge.tables import write_traces
 
+    found: Sequence[StressTrace]
+    if args.point:
+        from fembridge.results.printed import read_point_traces
+
+        found = read_point_traces(result.path, args.point, args.print_set, result.options)
+    else:
+        nodes: Sequence[int] | None = args.node
+        if result.run is None and not (args.node or args.sets or args.near):
+            nodes = result.named_nodes()
+            if not nodes:
+                _refuse_without_nodes(args, result)
+        found = result.traces(nodes, sets=args.sets or (), near_mm=args.near or (), deck=args.deck)
     output: Path = args.output or Path(f"{result.path.stem}_traces.csv")
     write_traces(output, found)
     first = found[0]
@@ -237,28 +220,38 @@ def _written(
         {"afferent": one.afferent, "node": one.node, "peak_pa": float(one.stress_pa.max())}
         for one in found
     ]
-    lines = [
-        f"{output}: {len(found)} trace{'s' * (len(found) > 1)}, "
-        f"{first.start_ms:g} to {first.times_ms[-1]:g} ms "
-        f"every {first.dt_ms:g} ms; {_unit_words(args, result, foreign)}"
-    ]
-    for row in rows:
-        who = f"{row['afferent']} " if row["afferent"] else ""
-        lines.append(f"  {who}node {row['node']}: peak {row['peak_pa']:.6g} Pa")
-    return {
+    summary = {
         "output": str(output),
-        "stress_unit": result.options.stress_unit,
         "dt_ms": first.dt_ms,
         "start_ms": first.start_ms,
         "samples": int(first.stress_pa.size),
         "traces": rows,
-    }, lines
+    }
+    words = (
+        f"{_counted(len(found), 'trace')}, {first.start_ms:g} to {first.times_ms[-1]:g} ms "
+        f"every {first.dt_ms:g} ms"
+    )
+    who = [f"{row['afferent'] or ''} node {row['node']}".lstrip() for row in rows]
+    peaks = [f"peak {row['peak_pa']:.6g} Pa" for row in rows]
+    return summary, words, [f"{one}: {peak}" for one, peak in zip(who, peaks, strict=True)]
+
+
+def _refuse_without_nodes(args: argparse.Namespace, result: "Result") -> None:
+    from fembridge.errors import UsageError
+
+    held = result.describe()
+    if not args.json:
+        _show(result.path, held)
+    wants = "choose with --node N, --set NAME or --near X,Y"
+    if args.afferents:
+        wants = "--afferents needs one"
+    raise UsageError(f"{result.path}: no run.toml beside it; {wants}")
 
 
 def _sides(args: argparse.Namespace, result: "Result") -> Written:
     """Stress at nodes as each layer there has it."""
     from fembridge.errors import UsageError
-    from fembridge.results.one_sided import one_sided_stress, write_sides
+    from fembridge.results.one_sided import OneSidedStress, one_sided_stress, write_sides
 
     of_marc = result.reader.points
     if of_marc and args.one_sided:
@@ -284,31 +277,29 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
         }
         for side in found
     ]
-    lines = [f"{output}: {len(found)} sides; {_unit_words(args, result)}"]
-    lines += [f"  node {r['node']} in {r['material']}: peak {r['peak_pa']:.6g} Pa" for r in rows]
-    unit = result.options.stress_unit
-    return {"output": str(output), "stress_unit": unit, "sides": rows}, lines
+    lines = [f"node {r['node']} in {r['material']}: peak {r['peak_pa']:.6g} Pa" for r in rows]
+    return {"output": str(output), "sides": rows}, f"{len(found)} sides", lines
 
 
-def _table(args: argparse.Namespace, result: "Result", printed: "PrintTable") -> Written:
+def _table(args: argparse.Namespace, result: "Result") -> Written:
     """The prints of a solver as a table."""
     from fembridge.errors import UsageError
-    from fembridge.results.printed import write_print_table
+    from fembridge.results.printed import PRINTS, write_print_table
 
     path, suffix = result.path, result.path.suffix.lower()
     if args.quantity and (len(args.quantity) > 1 or suffix != ".dat"):
         raise UsageError(f"{path}: --quantity takes one name, and of a .dat")
     output: Path = args.output or Path(f"{path.stem}_{suffix[1:]}.csv")
     quantity = args.quantity[0] if args.quantity else None
-    columns, rows = write_print_table(printed, path, output, result.options, quantity)
-    unit = f"; {_unit_words(args, result)}" if suffix == ".dat" else ""
-    return {
+    columns, rows = write_print_table(path, output, result.options, quantity)
+    summary = {
         "output": str(output),
-        "format": printed.name,
+        "format": PRINTS[suffix],
         "rows": rows,
         "columns": list(columns),
         "stress_unit": result.options.stress_unit,
-    }, [f"{output}: {rows} rows{unit}"]
+    }
+    return summary, f"{rows} rows", []
 
 
 def _plot(args: argparse.Namespace, result: "Result") -> Written:
@@ -318,9 +309,8 @@ def _plot(args: argparse.Namespace, result: "Result") -> Written:
     columns = result.describe()["columns"]
     output: Path = args.output or Path(f"{result.path.stem}_plot.csv")
     rows = write_plot_table(result.path, output)
-    words = f"{output}: {rows} rows of {', '.join(columns)}; numbers as in the file"
     summary = {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
-    return summary, [words]
+    return summary, f"{rows} rows of {', '.join(columns)}; numbers as in the file", []
 
 
 def _field(args: argparse.Namespace, result: "Result") -> Written:
@@ -334,7 +324,7 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
     when = f"{found.axis} {found.axis_value:g}"
     if found.time_ms == found.time_ms:  # not NaN, as of a mode
         when = f"{found.time_ms:g} ms"
-    return {
+    summary = {
         "output": str(output),
         "quantity": found.name,
         "components": list(found.components),
@@ -343,11 +333,9 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
         "increment": found.increment,
         "time_ms": found.time_ms,
         "nodes": int(found.nodes.size),
-        "stress_unit": result.options.stress_unit,
-    }, [
-        f"{output}: {found.name} of {found.nodes.size} nodes, step {found.step}, "
-        f"increment {found.increment}, {when}; {_unit_words(args, result)}"
-    ]
+    }
+    where = f"step {found.step}, increment {found.increment}, {when}"
+    return summary, f"{found.name} of {found.nodes.size} nodes, {where}", []
 
 
 def _vtu(args: argparse.Namespace, result: "Result") -> Written:
@@ -366,78 +354,8 @@ def _vtu(args: argparse.Namespace, result: "Result") -> Written:
         log=options.log,
     )
     count = len(list(args.vtu.glob("*.vtu")))
-    return {
-        "output": str(collection),
-        "increments": count,
-        "stress_unit": options.stress_unit,
-    }, [f"{collection}: {count} increments; {_unit_words(args, result)}"]
-
-
-def _unit_words(args: argparse.Namespace, result: "Result", foreign: bool = True) -> str:
-    """In which unit the file's stress was taken."""
-    words = f"stress in the file taken as {result.options.stress_unit}"
-    if foreign and args.stress_unit is None:
-        words += " (--stress-unit says otherwise)"
-    return words
-
-
-def _show(path: Path, held: dict[str, Any]) -> None:
-    """Print what `held`, a description of `path`, says."""
-    lines = [f"{path}: {held['format']}, {held['bytes']} bytes"]
-    lines += [f"  {name}: {value}" for name, value in held.get("header", {}).items()]
-    if "mesh_nodes" in held:
-        lines += _of_results(held)
-    for one in held.get("sets", ()):
-        lines.append(f"  set {one['name']}: {one['members']} of kind {one['kind']}")
-    for name, count in held.get("sections", {}).items():
-        lines.append(f"  {name}: {_counted(count, 'time')}")
-    for name in () if "mesh_nodes" in held else _PLAIN:
-        value = held.get(name)
-        if value not in (None, [], ""):
-            words = ", ".join(map(str, value)) if isinstance(value, list) else value
-            lines.append(f"  {name.replace('_', ' ')}: {words}")
-    if "rows" in held:
-        lines.append(f"  {_counted(held['rows'], 'row')}")
-    if held.get("last"):
-        last = (f"{name} {value}" for name, value in held["last"].items())
-        lines.append(f"  last: {', '.join(last)}")
-    lines += [f"  remark: {remark}" for remark in held.get("remarks", ())]
-    if held.get("problem"):
-        lines.append(f"  problem: {held['problem']}")
-    print(*lines, sep="\n")
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
-
-
-def _of_results(held: dict[str, Any]) -> list[str]:
-    """Mesh, materials and quantities of a ``.frd``, ``.t16`` or ``.t19``."""
-    types = [f"{count} of type {one}" for one, count in held.get("element_types", {}).items()]
-    mesh = f"  mesh: {held['mesh_nodes']} nodes, {held['elements']} elements"
-    lines = [f"{mesh}: {', '.join(types)}" if types else mesh]
-    if held.get("codes"):
-        lines.append(f"  element post codes: {', '.join(map(str, held['codes']))}")
-    if held["materials"]:
-        names = (f"{number} {name}" for number, name in held["materials"].items())
-        lines.append(f"  materials: {', '.join(names)}")
-    for one in held["quantities"]:
-        where = "no nodes"
-        if one["nodes"]:
-            where = f"{one['nodes']} nodes, {one['lowest_node']} to {one['highest_node']}"
-        if one.get("at", "nodes") != "nodes":
-            where = f"at {one['at']}"
-        words = [", ".join(one["components"])]
-        count, first, last = (one[key] for key in ("increments", "first_ms", "last_ms"))
-        if count:
-            when = f"{first:g} to {last:g} ms" if count > 1 else f"at {last:g} ms"
-            words.append(f"{_counted(count, 'increment')}, {when}")
-        count, first, last = (one[key] for key in ("modes", "first_value", "last_value"))
-        if count:
-            span = f"{first:g} to {last:g}" if count > 1 else f"{last:g}"
-            words.append(f"{_counted(count, 'mode')} without time, {one['axis']} {span}")
-        lines.append(f"  {one['name']}: {'; '.join([*words, where, one['storage']])}")
-    return lines
+    summary = {"output": str(collection), "increments": count}
+    return summary, f"{count} increments", []
 
 
 def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
@@ -451,28 +369,59 @@ def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
             f"are in {path.stem}.t16 or {path.stem}.t19"
         )
     held = describe_marc_deck(path)
-    if args.json:
-        return held
-    print(f"{path}: {held['format']}, {held['bytes']} bytes")
-    for name, value in held.items():
-        plain = name.replace("_", " ")
-        one_of = _SINGULAR.get(name, plain.removesuffix("s"))
-        if name in ("format", "bytes", "sections", "remarks"):
-            continue
-        if isinstance(value, list):
-            for one in value:
-                print(f"  {one_of}: {_in_words(one, ', ')}")
-        elif isinstance(value, dict) and any(isinstance(x, dict) for x in value.values()):
-            for key, one in value.items():
-                print(f"  {one_of} {key}: {_in_words(one, ', ')}")
-        elif name == "elements":
-            types = (f"{count} of type {number}" for number, count in value.items())
-            print(f"  elements: {', '.join(types)}")
-        elif value not in (None, "", {}):
-            print(f"  {plain}: {_in_words(value, '; ')}")
-    for remark in held.get("remarks", ()):
-        print(f"  remark: {remark}")
+    if not args.json:
+        _show(path, {name: value for name, value in held.items() if name != "sections"})
     return held
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def _show(path: Path, held: dict[str, Any]) -> None:
+    """Print what `held`, a description of `path`, says: a line a name, or a line each of many."""
+    print(f"{path}: {held['format']}, {held['bytes']} bytes")
+    for name, value in (held | held.get("header", {})).items():
+        if name not in ("format", "bytes", "header") and value not in (None, "", [], {}):
+            print(*(f"  {line}" for line in _lines(name.replace("_", " "), value)), sep="\n")
+
+
+def _lines(name: str, value: Any) -> Iterator[str]:  # noqa: ANN401 - whatever JSON can hold
+    """The lines of one name of a description."""
+    one_of = name.replace("bodies", "body").removesuffix("s")
+    if name == "quantities":
+        yield from map(_quantity, value)
+    elif name == "sections":
+        yield from (f"{section}: {_counted(count, 'time')}" for section, count in value.items())
+    elif isinstance(value, list) and (isinstance(value[0], dict) or name == "remarks"):
+        yield from (f"{one_of}: {_in_words(one, ', ')}" for one in value)
+    elif isinstance(value, dict) and any(isinstance(one, dict) for one in value.values()):
+        yield from (f"{one_of} {key}: {_in_words(one, ', ')}" for key, one in value.items())
+    elif isinstance(value, dict) and name in ("elements", "element types"):
+        yield f"{name}: {', '.join(f'{count} of type {kind}' for kind, count in value.items())}"
+    elif isinstance(value, list):
+        yield f"{name}: {', '.join(map(str, value))}"
+    else:
+        yield f"{name}: {_in_words(value, '; ' if name == 'post' else ', ')}"
+
+
+def _quantity(one: dict[str, Any]) -> str:
+    """A quantity of a ``.frd``, ``.t16`` or ``.t19``: components, increments, modes and where."""
+    words = [", ".join(one["components"])]
+    count, first, last = (one[key] for key in ("increments", "first_ms", "last_ms"))
+    if count:
+        when = f"{first:g} to {last:g} ms" if count > 1 else f"at {last:g} ms"
+        words.append(f"{_counted(count, 'increment')}, {when}")
+    count, first, last = (one[key] for key in ("modes", "first_value", "last_value"))
+    if count:
+        span = f"{first:g} to {last:g}" if count > 1 else f"{last:g}"
+        words.append(f"{_counted(count, 'mode')} without time, {one['axis']} {span}")
+    where = f"at {one.get('at', 'nodes')}"
+    if where == "at nodes":
+        where = _counted(one["nodes"], "node")
+        if one["nodes"]:
+            where += f", {one['lowest_node']} to {one['highest_node']}"
+    return f"{one['name']}: {'; '.join([*words, where, one['storage']])}"
 
 
 def _in_words(value: object, between: str) -> str:

@@ -22,7 +22,7 @@ xx yy zz xy yz zx.
 import csv
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,6 @@ _DEFAULTS = ReadOptions()
 _REAL = re.compile(r" *[+-]?\d*\.\d+(?:[Ee][+-]?\d{2,3}|[+-]\d{3})? *")
 _OVERFLOW = re.compile(r" *\*+ *")
 _NOT_FINITE = re.compile(r" *[+-]?(nan|inf|infinity) *", re.IGNORECASE)
-_STA_HEADER_LINES, _CVG_HEADER_LINES = 2, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,25 +93,7 @@ def read_sta(path: Path) -> list[StaRow]:
     ResultError
         There is no such file, or a whole line is no attempt.
     """
-    rows = []
-    for number, line in _whole_lines(path, skip=_STA_HEADER_LINES):
-        try:
-            if line[23:24] not in ("U", " "):
-                raise ValueError(f"{line[23:24]!r} where U or a blank is expected")
-            rows.append(
-                StaRow(
-                    step=_count(line[1:6]),
-                    increment=_count(line[6:17]),
-                    attempt=_count(line[17:23]),
-                    failed=line[23:24] == "U",
-                    iterations=_count(line[24:29]),
-                    total_time_ms=_real(line[29:43]) * MS_PER_S,
-                    step_time_ms=_real(line[43:57]) * MS_PER_S,
-                    increment_time_ms=_real(line[57:71]) * MS_PER_S,
-                )
-            )
-        except ValueError as error:
-            raise ResultError(f"no increment: {line[:80]!r}", path, number) from error
+    rows: list[StaRow] = _progress(path, 2, _STA_COLUMNS, StaRow)
     return rows
 
 
@@ -124,27 +105,25 @@ def read_cvg(path: Path) -> list[CvgRow]:
     ResultError
         There is no such file, or a whole line is no iteration.
     """
-    rows = []
-    for number, line in _whole_lines(path, skip=_CVG_HEADER_LINES):
-        counts = [line[at:to] for at, to in ((0, 6), (6, 12), (12, 18), (18, 24), (24, 33))]
-        try:
-            rows.append(
-                CvgRow(
-                    *map(_count, counts[:3]),
-                    *(None if _OVERFLOW.fullmatch(one) else _count(one) for one in counts[3:]),
-                    *(_percent(line[at : at + 12]) for at in (33, 45, 57, 69)),
-                )
-            )
-        except ValueError as error:
-            raise ResultError(f"no iteration: {line[:80]!r}", path, number) from error
+    rows: list[CvgRow] = _progress(path, 4, _CVG_COLUMNS, CvgRow)
     return rows
 
 
-def _whole_lines(path: Path, skip: int) -> Iterator[tuple[int, str]]:
-    """Number and text of each ended, not blank line after the first `skip`."""
+def _progress(
+    path: Path,
+    header_lines: int,
+    columns: Sequence[tuple[int, int, Callable[[str], object]]],
+    kind: Callable[..., Any],
+) -> list[Any]:
+    """A `kind` of each ended, not blank line under the header, cut at `columns`."""
+    rows = []
     for number, line, ended in text_lines(path):
-        if number > skip and ended and line.strip():
-            yield number, line
+        if number > header_lines and ended and line.strip():
+            try:
+                rows.append(kind(*(convert(line[at:to]) for at, to, convert in columns)))
+            except ValueError as error:
+                raise ResultError(f"no row: {error}: {line[:80]!r}", path, number) from error
+    return rows
 
 
 def _count(field: str) -> int:
@@ -162,6 +141,20 @@ def _real(field: str) -> float:
     return _float(field)
 
 
+def _ms(field: str) -> float:
+    return _real(field) * MS_PER_S
+
+
+def _is_failed(field: str) -> bool:
+    if field not in ("U", " "):
+        raise ValueError(f"{field!r} where U or a blank is expected")
+    return field == "U"
+
+
+def _long_count(field: str) -> int | None:
+    return None if _OVERFLOW.fullmatch(field) else _count(field)
+
+
 def _percent(field: str) -> float:
     if _OVERFLOW.fullmatch(field) or _NOT_FINITE.fullmatch(field):
         return float("inf") if "inf" in field.lower() else float("nan")
@@ -172,6 +165,16 @@ def _float(field: str) -> float:
     """A number as Fortran prints it: ``1.000000-101`` has lost its E."""
     return float(re.sub(r"(?<=\d)(?=[+-])", "E", field))
 
+
+_STA_COLUMNS = (
+    (1, 6, _count), (6, 17, _count), (17, 23, _count), (23, 24, _is_failed),
+    (24, 29, _count), (29, 43, _ms), (43, 57, _ms), (57, 71, _ms),
+)  # fmt: skip
+_CVG_COLUMNS = (
+    (0, 6, _count), (6, 12, _count), (12, 18, _count), (18, 24, _long_count),
+    (24, 33, _long_count), (33, 45, _percent), (45, 57, _percent), (57, 69, _percent),
+    (69, 81, _percent),
+)  # fmt: skip
 
 _HEADER = re.compile(
     r" (?P<what>[A-Za-z].*?) ?"
@@ -204,7 +207,7 @@ _LABEL = re.compile(r"\d{1,18}")
 _TIME = re.compile(r"-?\d*\.\d+(E[+-]\d{2,3}|[+-]\d{3})?")
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class DatSection:
     """One quantity of one set at one time.
 
@@ -219,19 +222,38 @@ class DatSection:
     set_name: str
     columns: tuple[str, ...]
     time_ms: float
-    labels: IntArray
-    values: FloatArray
     label_names: tuple[str, ...] = ()
+    labels: IntArray = field(default_factory=lambda: np.empty((0, 0), dtype=np.int64))
+    values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     over_time: bool = True
     mode: int | None = None
 
     def __str__(self) -> str:
         return f"{self.quantity} for {_of(self.set_name)} at {self.time_ms:g} ms"
 
-    def where(self, record: int) -> str:
-        """The labels of a record in words: ``element 3, point 1``."""
+    def not_finite(self) -> str:
+        """Where a value is NaN or infinite; "" where none is."""
+        if np.isfinite(self.values).all():
+            return ""
+        record, column = np.argwhere(~np.isfinite(self.values))[0].tolist()
         labels = zip(self.label_names, self.labels[record].tolist(), strict=True)
-        return ", ".join(f"{name} {label}" for name, label in labels)
+        where = ", ".join([str(self), *(f"{name} {label}" for name, label in labels)])
+        return f"{where}: {self.columns[column]} is {self.values[record, column]}"
+
+    def filled(self, records: Sequence[tuple[list[int], list[float]]]) -> "DatSection":
+        """The section with `records`, and with names for all their columns."""
+        count, names = len(records[0][1]) if records else 0, self.columns
+        if count and not names:
+            names = ("x", "y", "z") if count == 3 else (self.quantity,)
+        if count > len(names) == 1:
+            names = tuple(f"{names[0]}{k + 1}" for k in range(count))
+        labels = np.array([row[0] for row in records], dtype=np.int64)
+        return replace(
+            self,
+            columns=names[:count] if count else names,
+            labels=labels.reshape(len(records), len(self.label_names)),
+            values=np.array([row[1] for row in records], dtype=np.float64).reshape(-1, count or 1),
+        )
 
 
 def dat_sections(
@@ -252,8 +274,7 @@ def dat_sections(
         a line, and `options.partial` is not set.
     """
     now: DatSection | None = None  # the wanted section that is being read
-    labels: list[list[int]] = []
-    values: list[list[float]] = []
+    records: list[tuple[list[int], list[float]]] = []
     statistics: re.Match[str] | None = None
     mode, over_time, foreign = None, True, ""
     for number, line, ended in text_lines(path):
@@ -267,15 +288,14 @@ def dat_sections(
             continue
         if not line.lstrip()[0].isalpha() or _ODD_VALUE.match(line[-_VALUE_WIDTH:]):
             if now is not None:
-                row = _record(line, now, len(values[0]) if values else None)
+                row = _record(line, now, len(records[0][1]) if records else None)
                 if row is None:
                     raise ResultError(f"no record of {now.quantity}: {line[:80]!r}", path, number)
-                labels.append(row[0])
-                values.append(row[1])
+                records.append(row)
             continue
         if now is not None:
-            yield _closed(now, labels, values)
-        now, labels, values = None, [], []
+            yield now.filled(records)
+        now, records = None, []
         eigen = _MODE.match(line)
         if eigen or _FREQUENCY.fullmatch(line):
             mode, over_time = int(eigen[1]) if eigen else None, False
@@ -286,21 +306,23 @@ def dat_sections(
             continue
         if not line.startswith("   "):
             statistics = None
-        try:
-            found = _opened(text) if statistics is None else _part(text.strip(), statistics)
-        except ValueError as error:
-            raise ResultError(f"time of a section: {error}", path, number) from error
-        if found is None:
+        opened = _opened(text) if statistics is None else _part(text.strip(), statistics)
+        if opened is None:
             foreign = foreign or f"from line {number}: {text.strip()[:60]}"
             continue
-        found.mode, found.over_time = mode, over_time
+        quantity, of, columns, labels, time = opened
+        if not _TIME.fullmatch(time):
+            raise ResultError(f"time of a section: {time!r} is no number", path, number)
+        found = DatSection(
+            quantity, of, columns, _float(time) * MS_PER_S, labels, over_time=over_time, mode=mode
+        )
         if held is not None:
             name = f"{found.quantity} for {_of(found.set_name)}"
             held[name] = held.get(name, 0) + 1
         if wanted(found.quantity, found.set_name):
             now = found
     if now is not None:
-        yield _closed(now, labels, values)
+        yield now.filled(records)
     if foreign:
         options.note(f"tables of another kind are left out, {foreign}")
 
@@ -309,8 +331,12 @@ def _of(set_name: str) -> str:
     return set_name if set_name in (ALL_CONTACT, "") else f"set {set_name}"
 
 
-def _opened(line: str) -> DatSection | None:
-    """A section without records, of its header; None if the line is none."""
+Opened = tuple[str, str, tuple[str, ...], tuple[str, ...], str]
+"""Quantity, set, columns, names of the labels and time of a section."""
+
+
+def _opened(line: str) -> Opened | None:
+    """The section of a header; None if the line is none."""
     header = _HEADER.fullmatch(line) if len(line) <= _LONGEST_HEADER else None
     if header is None:
         return None
@@ -324,40 +350,16 @@ def _opened(line: str) -> DatSection | None:
         labels = ["node"]
     columns = tuple(name for name in names if name not in _LABELS)
     of = header["set"] or header["near"] or header["contact"] or ""
-    return _empty(what.strip(), of, columns, tuple(labels), header["time"])
+    return what.strip(), of, columns, tuple(labels), header["time"]
 
 
-def _part(text: str, head: re.Match[str]) -> DatSection | None:
-    """A section without records, of a line under the header of surface statistics."""
+def _part(text: str, head: re.Match[str]) -> Opened | None:
+    """The section of a line under the header of surface statistics."""
     for start, names in _PARTS_OF_STATISTICS.items():
         if text.startswith(start):
             quantity = f"surface {start.removeprefix('total surface ')}"
-            return _empty(quantity, head["set"], names, (), head["time"])
+            return quantity, head["set"], names, (), head["time"]
     return None
-
-
-def _empty(
-    quantity: str, of: str, columns: tuple[str, ...], labels: tuple[str, ...], time: str
-) -> DatSection:
-    if not _TIME.fullmatch(time):
-        raise ValueError(f"{time!r} is no number")
-    time_ms = _float(time) * MS_PER_S
-    none = np.empty((0, 0))
-    return DatSection(quantity, of, columns, time_ms, none.astype(np.int64), none, labels)
-
-
-def _closed(section: DatSection, labels: list[list[int]], values: list[list[float]]) -> DatSection:
-    """The section with its records, and with names for all their columns."""
-    count, names = len(values[0]) if values else 0, section.columns
-    if count and not names:
-        names = ("x", "y", "z") if count == 3 else (section.quantity,)
-    if count > len(names) == 1:
-        names = tuple(f"{names[0]}{k + 1}" for k in range(count))
-    section.columns = names[:count] if count else names
-    shape = len(values), len(section.label_names)
-    section.labels = np.array(labels, dtype=np.int64).reshape(shape)
-    section.values = np.array(values, dtype=np.float64).reshape(len(values), count)
-    return section
 
 
 def _record(
@@ -367,9 +369,8 @@ def _record(
     values: list[float] = []
     rest = line
     while rest and (_VALUE.fullmatch(rest[-_VALUE_WIDTH:]) or _ODD_VALUE.fullmatch(rest[-14:])):
-        values.append(_float(rest[-_VALUE_WIDTH:]))
+        values.insert(0, _float(rest[-_VALUE_WIDTH:]))
         rest = rest[:-_VALUE_WIDTH]
-    values.reverse()
     words = rest.split()
     labels = [int(word) for word in words if _LABEL.fullmatch(word)]
     if section.quantity.startswith("total number") and not values and len(labels) == 1:
@@ -514,21 +515,10 @@ def _history(
         if not section.time_ms > before.time_ms:
             raise ResultError(f"{section} comes after {before.time_ms:g} ms", path)
     for section in sections:
-        problem = _not_finite(section)
-        if problem:
+        if problem := section.not_finite():
             raise ResultError(problem, path)
     times_ms = np.array([section.time_ms for section in sections])
     return times_ms, first.labels, np.stack([section.values for section in sections])
-
-
-def _not_finite(section: DatSection) -> str:
-    """Where a value is NaN or infinite; "" where none is."""
-    if np.isfinite(section.values).all():
-        return ""
-    record, column = np.argwhere(~np.isfinite(section.values))[0].tolist()
-    where = section.where(record)
-    value = f"{section.columns[column]} is {section.values[record, column]}"
-    return f"{section}{where and ', '}{where}: {value}"
 
 
 DAT_COLUMNS = (
@@ -551,54 +541,39 @@ _UNITS = {
     "volume": "mm3", "total volume": "mm3", "total mass": "t",
 }  # fmt: skip
 _OF_ANY_DECK = (_PA, "1", "")
+PRINTS = {".dat": "ccx-dat", ".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
+"""Names of the formats, by suffix."""
 
 Row = Sequence[object]
 
 
-@dataclass(frozen=True, slots=True)
-class PrintTable:
-    """A kind of print, as a long table: its name, and what reads its rows.
+def print_rows(path: Path, options: ReadOptions, quantity: str | None = None) -> Iterator[Row]:
+    """What `path` holds as a long table: its columns, then row by row.
 
     A ``.dat`` gives one row a number, with its unit beside it. Stress is in Pa, and so
     are energy densities (1 Pa is 1 J/m³). Other units follow from a deck in mm, N and s;
     of a deck in other units (``--stress-unit``) they are called "deck", and the number
     is the deck's. The others give one row an attempt, iteration or increment, with the
-    unit in the name of the column.
-
-    `rows` yields the columns first. `problem` says why what it holds is not the whole of
-    a run; `about` says more than counts.
+    unit in the name of the column; None is empty, a truth 0 or 1. `quantity` takes one
+    of a ``.dat`` alone.
     """
-
-    name: str
-    rows: Callable[[Path, ReadOptions, str | None], Iterator[Row]]
-    problem: Callable[[Path], str | None]
-    about: Callable[[Path], Table] | None = None
-
-    def describe(self, path: Path) -> Table:
-        """What `path` holds."""
-        if self.about is not None:
-            return self.about(path)
-        columns, *rows = self.rows(path, ReadOptions(partial=True), None)
-        return {
-            "format": self.name,
-            "bytes": path.stat().st_size,
-            "rows": len(rows),
-            "last": dict(zip(columns, rows[-1], strict=True)) if rows else None,
-            "problem": self.problem(path),
-        }
-
-
-def print_table_of(path: Path) -> PrintTable | None:
-    """The kind of print that `path` is by its suffix; None if it is none."""
-    return PRINT_TABLES.get(path.suffix.lower())
+    if path.suffix.lower() == ".dat":
+        yield DAT_COLUMNS
+        yield from _dat_rows(path, options, quantity)
+        return
+    kind, rows, problem = _progress_of(path)
+    if problem is not None:
+        options.note(problem)
+    yield tuple(column.name for column in fields(kind))
+    for row in rows:
+        cells = ("" if cell is None else cell for cell in astuple(row))
+        yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in cells)
 
 
 def write_print_table(
-    table: PrintTable, path: Path, output: Path, options: ReadOptions, quantity: str | None = None
+    path: Path, output: Path, options: ReadOptions, quantity: str | None = None
 ) -> tuple[tuple[str, ...], int]:
-    """Write what `path` holds as CSV to `output`; its columns and the count of rows.
-
-    `quantity` takes one of a ``.dat`` alone.
+    """Write `print_rows` as CSV to `output`; its columns and the count of rows.
 
     Raises
     ------
@@ -606,7 +581,7 @@ def write_print_table(
         The file is absent, cut or foreign; it holds no such quantity; a value is
         no finite number. `options.partial` takes what is whole instead.
     """
-    count, rows = 0, table.rows(path, options, quantity)
+    count, rows = 0, print_rows(path, options, quantity)
     columns = tuple(map(str, next(rows)))
     with replacing(output) as draft, draft.open("w", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
@@ -619,24 +594,39 @@ def write_print_table(
     return columns, count
 
 
-def describe_dat(path: Path) -> Table:
-    """Which sections a ``.dat`` holds, and whether its last line is whole."""
+def describe_print(path: Path) -> Table:
+    """What `path` holds: rows and the last of them, or the sections of a ``.dat``."""
+    described: Table = {"format": PRINTS[path.suffix.lower()], "bytes": path.stat().st_size}
     remarks: list[str] = []
+    if path.suffix.lower() != ".dat":
+        columns, *rows = print_rows(path, ReadOptions(log=remarks.append))
+        last = dict(zip(map(str, columns), rows[-1], strict=True)) if rows else None
+        return described | {"rows": len(rows), "last": last, "problem": (*remarks, None)[0]}
     held: dict[str, int] = {}
     options = ReadOptions(partial=True, log=remarks.append)
     list(dat_sections(path, lambda *_: False, options, held))
     cut = [words for words in remarks if words.startswith("cut")]
-    return {
-        "format": "ccx-dat",
-        "bytes": path.stat().st_size,
-        "sections": held,
-        "remarks": [words for words in remarks if words not in cut],
-        "problem": cut[0] if cut else None,
-    }
+    others = [words for words in remarks if words not in cut]
+    return described | {"sections": held, "remarks": others, "problem": (*cut, None)[0]}
+
+
+def _progress_of(path: Path) -> tuple[type, Sequence[Any], str | None]:
+    """Kind and rows of a ``.sta``, ``.cvg`` or ``.sts``, and why they are not a whole run's."""
+    if path.suffix.lower() == ".sts":
+        from fembridge.results.mentat import StsRow, read_sts
+
+        found = read_sts(path)
+        return StsRow, found.rows, found.problem
+    problem = None
+    for number, line, ended in text_lines(path):
+        if not ended:
+            problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
+    if path.suffix.lower() == ".sta":
+        return StaRow, read_sta(path), problem
+    return CvgRow, read_cvg(path), problem
 
 
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
-    yield DAT_COLUMNS
     counts: dict[tuple[str, str], int] = {}
     before: DatSection | None = None
     for section in dat_sections(path, lambda name, _: quantity in (None, name), options):
@@ -657,8 +647,7 @@ def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterato
 
 
 def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:
-    problem = _not_finite(section)
-    if problem:
+    if problem := section.not_finite():
         if not options.partial:
             raise ResultError(problem, path)
         options.note(f"dropped the section: {problem}")
@@ -677,51 +666,3 @@ def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iter
                 time_ms, mode, section.quantity, section.set_name, *places,
                 name, value, unit,
             )  # fmt: skip
-
-
-def _sta_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    return _rows_of(StaRow, read_sta(path), _unfinished(path), options)
-
-
-def _cvg_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    return _rows_of(CvgRow, read_cvg(path), _unfinished(path), options)
-
-
-def _sts_rows(path: Path, options: ReadOptions, _: str | None) -> Iterator[Row]:
-    from fembridge.results.mentat import StsRow, read_sts
-
-    found = read_sts(path)
-    return _rows_of(StsRow, found.rows, found.problem, options)
-
-
-def _rows_of(
-    kind: type, rows: Sequence[Any], problem: str | None, options: ReadOptions
-) -> Iterator[Row]:
-    """The names of the fields, and the rows: None is empty, a truth 0 or 1."""
-    if problem is not None:
-        options.note(problem)
-    yield tuple(field.name for field in fields(kind))
-    for row in rows:
-        cells = ("" if cell is None else cell for cell in astuple(row))
-        yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in cells)
-
-
-def _unfinished(path: Path) -> str | None:
-    for number, line, ended in text_lines(path):
-        if not ended:
-            return f"line {number} has no end yet and is left out: {line[:40]!r}"
-    return None
-
-
-def _sts_problem(path: Path) -> str | None:
-    from fembridge.results.mentat import read_sts
-
-    return read_sts(path).problem
-
-
-PRINT_TABLES = {
-    ".dat": PrintTable("ccx-dat", _dat_rows, _unfinished, describe_dat),
-    ".sta": PrintTable("ccx-sta", _sta_rows, _unfinished),
-    ".cvg": PrintTable("ccx-cvg", _cvg_rows, _unfinished),
-    ".sts": PrintTable("marc-sts", _sts_rows, _sts_problem),
-}

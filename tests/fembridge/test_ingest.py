@@ -236,8 +236,8 @@ def test_progress_becomes_a_table(suffix, rows, capsys):
     ("name", "words"),
     [
         ("cpe4_ascii.dat", "  stresses for set EPROBE: 4 times"),
-        ("cpe4_ascii.sta", "  last: step 1, increment 4, attempt 1, failed 0"),
-        ("cpe4_ascii.cvg", "  20 rows"),
+        ("cpe4_ascii.sta", "  last: step 1, increment 4, attempt 1, iterations 5"),
+        ("cpe4_ascii.cvg", "  rows: 20"),
         ("cpe4_lastiter_ResultsForLastIterations.frd", "  remark: iterations of incre"),
         ("cpe4_diverged.frd", "increment 2 of step 1 did not converge"),
     ],

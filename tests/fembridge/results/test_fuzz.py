@@ -17,8 +17,8 @@ from fembridge.results import frd, read
 from fembridge.results.frd_fields import read_fields
 from fembridge.results.nodes import near_nodes, read_node_sets
 from fembridge.results.printed import (
-    describe_dat,
-    print_table_of,
+    describe_print,
+    print_rows,
     read_cvg,
     read_point_stress,
     read_point_traces,
@@ -183,7 +183,7 @@ def check_dat(path, content, _):
         wholes = {int(m[1]) for m in WHOLE.finditer(content)}
         assert set(points.ravel().tolist()) <= wholes | every_part(wholes)
         assert set(tensor_pa.ravel().tolist()) <= numbers
-    read_quietly(describe_dat, path)
+    read_quietly(describe_print, path)
     read_quietly(lambda p: read_point_traces(p, [(1, 1)], None, LENIENT), path)
     return check_rows(path, numbers)
 
@@ -195,10 +195,9 @@ def every_part(wholes):
 
 
 def check_rows(path, numbers):
-    table = print_table_of(path)
     in_ms, seen = {value * 1e3 for value in numbers}, 0
     try:
-        for row in table.rows(path, LENIENT, None):
+        for row in print_rows(path, LENIENT):
             for cell in row:
                 if isinstance(cell, float) and np.isfinite(cell):
                     assert cell in numbers or cell in in_ms, cell
@@ -284,4 +283,4 @@ def test_what_is_mutated_is_read_while_it_is_whole(kind, block, write_frd, tmp_p
     elif name == "job.inp":
         assert list(read_node_sets(path)) == ["ALL", "A", "B"]
     else:
-        assert len(list(print_table_of(path).rows(path, STRICT, None))) == 1 + 2
+        assert len(list(print_rows(path, STRICT))) == 1 + 2

@@ -24,7 +24,7 @@ from fembridge.results.mentat import (
     read_sts,
     write_plot_table,
 )
-from fembridge.results.printed import print_table_of, write_print_table
+from fembridge.results.printed import describe_print, write_print_table
 from fembridge.results.read_options import ReadOptions
 
 COPIED = (
@@ -284,16 +284,15 @@ def test_a_foreign_or_wrapped_line_is_named(sts, text, line, said):
 
 def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
     path = SAMPLES / "nour_plastic.sts"
-    table = print_table_of(path)
     heard = []
     options = ReadOptions(log=heard.append)
-    assert write_print_table(table, path, tmp_path / "t.csv", options)[1] == 24
+    assert write_print_table(path, tmp_path / "t.csv", options)[1] == 24
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
     assert float(rows[-1]["displacement_max_mm"]) == 108.78
     assert heard == []
-    assert table.describe(path)["problem"] is None
+    assert describe_print(path)["problem"] is None
 
 
 @given(cut=st.integers(0, len(HEAD + ROW * 3 + END)))

@@ -17,7 +17,8 @@ from fembridge.results.printed import (
     CvgRow,
     StaRow,
     dat_sections,
-    print_table_of,
+    describe_print,
+    print_rows,
     read_cvg,
     read_point_traces,
     read_sta,
@@ -283,7 +284,7 @@ def test_modes_have_a_number_and_no_time(dat, tmp_path):
     path = dat(f"{head} {KINDS[0][0]}\n\n{record('11', REALS[:3])}")
     (section,) = sections_of(path)
     assert (section.mode, section.over_time) == (7, False)
-    _, row, *_ = print_table_of(path).rows(path, ReadOptions(), None)
+    _, row, *_ = print_rows(path, ReadOptions())
     assert row[:4] == ("", 7, "displacements", "N")
 
 
@@ -367,8 +368,7 @@ def rows_of(path):
 
 
 def write_table(path, output, quantity=None, **options):
-    table = print_table_of(path)
-    return write_print_table(table, path, output, ReadOptions(**options), quantity)[1]
+    return write_print_table(path, output, ReadOptions(**options), quantity)[1]
 
 
 def test_a_dat_becomes_a_row_a_number_with_its_unit(samples, tmp_path):
@@ -440,4 +440,4 @@ def test_a_line_that_is_still_being_written_is_told(samples, tmp_path):
     heard = []
     assert write_table(path, tmp_path / "t.csv", log=heard.append) == 3
     assert heard[0].startswith("line 6 has no end yet and is left out")
-    assert "line 6" in print_table_of(path).describe(path)["problem"]
+    assert "line 6" in describe_print(path)["problem"]

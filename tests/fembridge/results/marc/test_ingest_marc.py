@@ -44,10 +44,10 @@ def test_a_listing_shows_header_codes_sets_and_times(capsys):
         "job.t16: marc-t16, ",
         "post revision: 14",
         "byte order: little",
-        "element post codes: 17, 311, 312, 313, 314, 315, 316",
-        "6 elements: 6 of type 80",
+        "codes: 17, 311, 312, 313, 314, 315, 316",
+        "element types: 6 of type 80",
         "Stress: SXX, SYY, SZZ, SXY, SYZ, SZX; 3 increments, 0 to 2 ms; at integration",
-        "set probes: 2 of kind node",
+        "set: name probes, kind node, members 2",
     ):
         assert words in out
     assert main(["ingest", "job.t16", "--list", "--json"]) == 0
@@ -142,7 +142,7 @@ def test_a_status_file_becomes_a_table(capsys):
     assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "-o", "s.csv"]) == 0
     assert len(rows_of("s.csv")) == 24
     assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "--list"]) == 0
-    assert "24 rows" in capsys.readouterr().out
+    assert "rows: 24" in capsys.readouterr().out
 
 
 def test_a_history_plot_becomes_traces_of_the_nodes_that_it_names(here):
