@@ -7,8 +7,7 @@ mesh, as the file holds them: the deck's length unit, mm in ours.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,16 +51,13 @@ def choose_nodes(
     found, words = [int(node) for node in nodes], []
     for name in sets:
         members, place = node_set(path, name, deck)
-        if not members:
-            raise ResultError(f"set {name} holds no nodes", place)
         found += members
         shown = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
         count = f"{len(members)} node{'s' * (len(members) != 1)}"
         words.append(f"set {name} of {place.name}: {count}, {shown}")
-    if len(near_mm):
-        near = near_nodes(path, near_mm)
-        found += [one.node for one in near]
-        words += map(str, near)
+    for node, said in near_nodes(path, near_mm) if len(near_mm) else ():
+        found.append(node)
+        words.append(said)
     if log is not None:
         for line in words:
             log(line)
@@ -69,32 +65,22 @@ def choose_nodes(
 
 
 def node_set(path: Path, name: str, deck: Path | None) -> tuple[list[int], Path]:
-    """Nodes of the set `name`, case-blind, and the file that has it.
+    """Nodes of the set `name`, case-blind and without blanks, and the file that has it.
 
-    `deck` None looks into the result file `path` where it has sets, else into the deck
+    `deck` None looks into the result file `path` where it has sets, and into the deck
     with its stem.
     """
-    if deck is None and path.suffix.lower() in _POST:
-        return _set_of_post(path, name)
-    if deck is None:
-        deck = deck_beside(path)
-    if deck.suffix.lower() == ".dat":
-        return _set_of_marc_deck(deck, name), deck
-    return _set_of_deck(deck, name), deck
-
-
-def deck_beside(result: Path) -> Path:
-    """The deck with the stem of `result`, beside it.
-
-    Raises
-    ------
-    UsageError
-        There is none.
-    """
-    deck = result.with_suffix(".inp")
-    if not deck.is_file():
-        raise UsageError(f"{result}: no deck {deck.name} beside it; name one: --deck")
-    return deck
+    missing = []
+    for file in _files_with_sets(path) if deck is None else [deck]:
+        sets = _sets_of(file)
+        for one, pieces in sets.items():
+            if "".join(one.split()).casefold() == "".join(name.split()).casefold():
+                if not 0 < (count := sum(map(len, pieces))) <= _MOST_NODES:
+                    words = f"set {name} has {count} nodes, expected 1 to {_MOST_NODES}"
+                    raise ResultError(words, file)
+                return list(dict.fromkeys(int(node) for piece in pieces for node in piece)), file
+        missing.append(f"{file}: no node set {name!r}; it has {', '.join(sets) or 'none'}")
+    raise UsageError("; ".join(missing))
 
 
 def read_node_sets(deck: Path) -> dict[str, list[range]]:
@@ -113,52 +99,39 @@ def read_node_sets(deck: Path) -> dict[str, list[range]]:
         raise ResultError(str(error), deck) from error
 
 
-def _set_of_deck(deck: Path, name: str) -> list[int]:
-    found = read_node_sets(deck)
-    nodes = found.get("".join(name.split()).upper())
-    if nodes is None:
-        raise UsageError(f"{deck}: no node set {name!r}; it has {', '.join(found) or 'none'}")
-    if (count := sum(map(len, nodes))) > _MOST_NODES:
-        raise ResultError(f"set {name} has {count} nodes, at most {_MOST_NODES} can be read", deck)
-    return list(dict.fromkeys(node for run in nodes for node in run))
+def _files_with_sets(result: Path) -> Iterator[Path]:
+    """`result` itself where its format has sets, and the deck with its stem."""
+    if result.suffix.lower() in _POST:
+        from decks.marc.grammar import is_marc_deck
+
+        yield result
+        if is_marc_deck(result.with_suffix(".dat")):
+            yield result.with_suffix(".dat")
+        return
+    deck = result.with_suffix(".inp")
+    if not deck.is_file():
+        raise UsageError(f"{result}: no deck {deck.name} beside it; name one: --deck")
+    yield deck
 
 
-def _set_of_post(path: Path, name: str) -> tuple[list[int], Path]:
-    from decks.marc.grammar import is_marc_deck
-    from fembridge.results.marc_post import PostFile
+def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
+    """The node sets of a deck or post file by name, in pieces."""
+    if file.suffix.lower() in _POST:
+        from fembridge.results.marc_post import PostFile
 
-    with PostFile(path) as post:
-        sets = [one for one in post.mesh.sets if one.kind == "node"]
-    held = {one.name.strip().casefold(): one for one in sets}
-    found = held.get(name.strip().casefold())
-    if found is not None:
-        return list(dict.fromkeys(found.members.tolist())), path
-    beside = path.with_suffix(".dat")
-    words = ", ".join(one.name.strip() for one in sets) or "none"
-    if is_marc_deck(beside):
-        try:
-            return _set_of_marc_deck(beside, name), beside
-        except UsageError as error:
-            words += f"; {error}"
-    raise UsageError(f"{path}: no node set {name!r}; it has {words}")
-
-
-def _set_of_marc_deck(deck: Path, name: str) -> list[int]:
+        with PostFile(file) as post:
+            sets = post.mesh.sets
+        return {one.name.strip(): [one.members.tolist()] for one in sets if one.kind == "node"}
+    if file.suffix.lower() != ".dat":
+        return read_node_sets(file)
     from decks.marc.contents import read_marc_deck
 
     try:
-        sets = {
-            one.name.strip().casefold(): one
-            for one in read_marc_deck(_bytes(deck), deck).sets().values()
-            if one.kind.startswith("node")
-        }
+        held = read_marc_deck(_bytes(file), file).sets().values()
     except DeckError as error:
-        raise ResultError(f"sets cannot be read: {error}", deck) from error
-    found = sets.get(name.strip().casefold())
-    if found is None:
-        words = ", ".join(one.name.strip() for one in sets.values()) or "none"
-        raise UsageError(f"{deck}: no node set {name!r}; it has {words}")
-    return list(dict.fromkeys(found.member.tolist()))
+        raise ResultError(f"sets cannot be read: {error}", file) from error
+    nodal = [one for one in held if one.kind.startswith("node")]
+    return {one.name.strip(): [one.member.tolist()] for one in nodal}
 
 
 def _bytes(deck: Path) -> bytes:
@@ -170,33 +143,12 @@ def _bytes(deck: Path) -> bytes:
         raise ResultError(f"cannot be read: {error.strerror}", deck) from error
 
 
-@dataclass(frozen=True, slots=True)
-class NearNode:
-    """The node taken for a place: where it is, and how far away.
+def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[tuple[int, str]]:
+    """The node nearest to each place that has a stress, of equals the lowest; and its words.
 
-    `nearer` is the node of the mesh that is nearer and has no results, if there
-    is one: the output was restricted to a set.
-    """
-
-    node: int
-    place_mm: tuple[float, ...]
-    at_mm: tuple[float, ...]
-    distance_mm: float
-    nearer: int | None = None
-
-    def __str__(self) -> str:
-        place = ", ".join(f"{value:g}" for value in self.place_mm)
-        at = ", ".join(f"{value:g}" for value in self.at_mm[: len(self.place_mm)])
-        words = f"near {place}: node {self.node} at {at}, {self.distance_mm:.3g} mm away"
-        if self.nearer is not None:
-            words += f" (node {self.nearer} is nearer and has no results)"
-        return words
-
-
-def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[NearNode]:
-    """The node nearest to each place that has a stress; of equals the lowest.
-
-    A place is x, y or x, y, z. Without z the mesh has to be in one plane of z.
+    A place is x, y or x, y, z. Without z the mesh has to be in one plane of z. The words
+    say where the node is, how far away, and which is nearer and has no results, because
+    the output was restricted to a set.
 
     Raises
     ------
@@ -207,12 +159,10 @@ def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[NearNod
     """
     for place in places_mm:
         if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
-            words = ", ".join(map(str, place))
-            raise UsageError(f"place {words}: expected x,y or x,y,z")
+            raise UsageError(f"place {', '.join(map(str, place))}: expected x,y or x,y,z")
     with open_source(path, ReadOptions(partial=True)) as source:
         nodes, at_mm, held = map(np.concatenate, zip(*source.places(), strict=True))
-    z_mm = at_mm[:, 2]
-    lowest, highest = float(z_mm.min()), float(z_mm.max())
+    lowest, highest = float(at_mm[:, 2].min()), float(at_mm[:, 2].max())
     flat = highest - lowest <= 1e-9 * max(1.0, abs(lowest), abs(highest))
     if not flat and any(len(place) == 2 for place in places_mm):
         raise UsageError(
@@ -222,17 +172,15 @@ def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[NearNod
     for place in places_mm:
         with np.errstate(over="ignore"):  # a place out of reach is at infinity
             away_mm = np.linalg.norm(at_mm[:, : len(place)] - np.array(place), axis=1)
-        mesh = int(np.lexsort((nodes, away_mm))[0])
+        nearest = int(np.lexsort((nodes, away_mm))[0])
         row = int(np.lexsort((nodes, away_mm, ~held))[0])
         if not (held[row] and math.isfinite(away_mm[row])):
             raise ResultError("no node of the mesh has a place and results", path)
-        found.append(
-            NearNode(
-                node=int(nodes[row]),
-                place_mm=tuple(map(float, place)),
-                at_mm=tuple(at_mm[row].tolist()),
-                distance_mm=float(away_mm[row]),
-                nearer=int(nodes[mesh]) if away_mm[mesh] < away_mm[row] else None,
-            )
+        asked, at = (
+            ", ".join(f"{value:g}" for value in one) for one in (place, at_mm[row, : len(place)])
         )
+        words = f"near {asked}: node {nodes[row]} at {at}, {away_mm[row]:.3g} mm away"
+        if away_mm[nearest] < away_mm[row]:
+            words += f" (node {nodes[nearest]} is nearer and has no results)"
+        found.append((int(nodes[row]), words))
     return found

@@ -100,7 +100,7 @@ def test_nodes_of_a_set_of_the_file_are_found_case_blind(path):
     said = []
     assert choose_nodes(path, sets=["PROBES"], log=said.append) == [3, 9]
     assert said == [f"set PROBES of {path.name}: 2 nodes, 3, 9"]
-    with pytest.raises(ResultError, match="set empty holds no nodes"):
+    with pytest.raises(ResultError, match="set empty has 0 nodes"):
         choose_nodes(path, sets=["empty"])
     with pytest.raises(UsageError, match="no node set 'soft'; it has probes, empty"):
         choose_nodes(path, sets=["soft"])
