@@ -1,13 +1,12 @@
 """What a solver is given: the finger, the probe, the stimuli, and the deck itself.
 
-``import decks`` loads no NumPy: names that need it are imported when they are used.
+``import decks`` loads no NumPy: names are imported when they are used.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from decks.dialects import DIALECTS, DeckOptions
-from decks.stimuli import CATALOGUE, resolve
 
 if TYPE_CHECKING:
     from decks.analysis import Analysis, Contact, Model
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from decks.own_model.inp import rebase_inp
     from decks.presets import PRESETS, mesh_of
     from decks.probe import Probe
+    from decks.stimuli import CATALOGUE, resolve
     from decks.waveform import make_stimulus
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "CATALOGUE": "stimuli",
     "PRESETS": "presets",
     "Analysis": "analysis",
     "Contact": "analysis",
@@ -46,6 +47,7 @@ _MODULES = {
     "mesh_of": "presets",
     "read_finger": "finger_file",
     "rebase_inp": "own_model.inp",
+    "resolve": "stimuli",
 }
 
 

@@ -228,8 +228,8 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         "traces": rows,
     }
     words = (
-        f"{_counted(len(found), 'trace')}, {first.start_ms:g} to {first.times_ms[-1]:g} ms "
-        f"every {first.dt_ms:g} ms"
+        f"{len(found)} trace{'s' * (len(found) > 1)}, {first.start_ms:g} to "
+        f"{first.times_ms[-1]:g} ms every {first.dt_ms:g} ms"
     )
     who = [f"{row['afferent'] or ''} node {row['node']}".lstrip() for row in rows]
     peaks = [f"peak {row['peak_pa']:.6g} Pa" for row in rows]

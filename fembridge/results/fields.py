@@ -4,13 +4,12 @@ A `Reader` names under `source` the class that opens its format as a `FieldSourc
 views on whole fields (`read_field`, `nodes.near_nodes`, `vtu`) know no format.
 """
 
-import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import reader_of, result_file
 from fembridge.store import replacing
+from fembridge.tables import write_table
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Key = tuple[int, int]  # step and increment
@@ -153,7 +153,8 @@ def open_source(path: Path | str, options: ReadOptions) -> FieldSource:
         No such file, or no reader takes it.
     """
     path = result_file(path)
-    found: FieldSource = reader_of(path).open(path, options)
+    reader = reader_of(path)
+    found: FieldSource = reader.load(reader.source, path, options)(path, options)
     return found
 
 
@@ -217,28 +218,17 @@ def write_field(path: Path, field: Field) -> None:
     suffix = path.suffix.lower()
     if suffix not in FIELD_SUFFIXES:
         raise UsageError(f"{path}: expected a name in {' or '.join(FIELD_SUFFIXES)}")
-    with replacing(path) as draft:
-        if suffix == ".npz":
-            with draft.open("wb") as out:
-                np.savez_compressed(
-                    out,
-                    quantity=np.array(field.name),
-                    step=np.array(field.step),
-                    increment=np.array(field.increment),
-                    time_ms=np.array(field.time_ms),
-                    axis=np.array(field.axis),
-                    axis_value=np.array(field.axis_value),
-                    components=np.array(field.components),
-                    units=np.array(field.units),
-                    nodes=field.nodes,
-                    values=field.values,
-                )
-            return
-        with draft.open("w", newline="", encoding="utf-8") as text:
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerow(["node", *column_names(field)])
-            for node, values in zip(field.nodes.tolist(), field.values, strict=True):
-                writer.writerow([node, *values.tolist()])
+    if suffix == ".csv":
+        rows = zip(field.nodes.tolist(), field.values, strict=True)
+        header = ("node", *column_names(field))
+        write_table(path, header, ((node, *values.tolist()) for node, values in rows))
+        return
+    named = ("step", "increment", "time_ms", "axis", "axis_value", "components", "units")
+    held: dict[str, Any] = {name: np.array(getattr(field, name)) for name in named}
+    with replacing(path) as draft, draft.open("wb") as out:
+        np.savez_compressed(
+            out, quantity=np.array(field.name), nodes=field.nodes, values=field.values, **held
+        )
 
 
 def column_names(field: Field) -> list[str]:

@@ -987,18 +987,20 @@ def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
     form: tuple[object, ...] = ()
     alike: dict[tuple[object, ...], list[tuple[int, Characters]]] = {}
     for at, block in enumerate(blocks):
-        if block.free:
-            ids, table = irregular_records(file, block)
-            columns = [block.components.index(name) for name in names]
-            values[at] = table[_find_rows(file, block, ids, wanted)][:, columns]
-            continue
-        before, form = form, (block.flag, block.record_bytes, block.components)
+        before, form = form, (block.flag, block.record_bytes, block.components, block.free)
+        columns = [block.components.index(name) for name in names]
         head = 4 if block.flag >= 2 else block.spans[0][0]
         found = None
-        if form == before and rows.max() < block.records:
+        if form == before and not block.free and rows.max() < block.records:
             found = _gather(file, block, rows)
         if found is None or not np.array_equal(found[:, :head], heads):
-            rows = _find_rows(file, block, node_ids(file, block), wanted)
+            ids = node_ids(file, block)
+            rows = rows_of(wanted, ids)
+            if (rows < 0).any():
+                _refuse_absent(file.path, block, ids, wanted[int(np.argmin(rows))])
+            if block.free:
+                values[at] = irregular_records(file, block)[1][rows][:, columns]
+                continue
             found = _gather(file, block, rows)
             heads = found[:, :head]
         alike.setdefault(form, []).append((at, found))
@@ -1024,18 +1026,14 @@ def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
     return np.concatenate([characters_of(file, block, row, 1) for row in rows.tolist()])
 
 
-def _find_rows(file: ByteFile, block: FrdBlock, ids: IntArray, nodes: IntArray) -> IntArray:
-    """Row of each of `nodes` among `ids`, of duplicates the first."""
-    rows = rows_of(nodes, ids)
-    if (rows < 0).any():
-        absent, held = nodes[int(np.argmin(rows))], np.unique(ids)
-        near = held[np.argsort(np.abs(held - absent), kind="stable")[:3]]
-        raise ResultError(
-            f"node {absent} has no record in {block}: {held.size} nodes, "
-            f"{held[0]} to {held[-1]}; nearest {', '.join(map(str, np.sort(near)))}",
-            file.path,
-        )
-    return rows
+def _refuse_absent(path: Path, block: FrdBlock, ids: IntArray, absent: int) -> None:
+    held = np.unique(ids)
+    near = held[np.argsort(np.abs(held - absent), kind="stable")[:3]]
+    raise ResultError(
+        f"node {absent} has no record in {block}: {held.size} nodes, "
+        f"{held[0]} to {held[-1]}; nearest {', '.join(map(str, np.sort(near)))}",
+        path,
+    )
 
 
 def _finite(

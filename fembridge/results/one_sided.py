@@ -24,7 +24,7 @@ from fembridge.results.printed import read_point_stress
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import result_file
 from fembridge.results.stress import TENSOR, von_mises_pa
-from fembridge.store import write_text
+from fembridge.tables import write_table
 from fembridge.typing import FloatArray, IntArray
 
 _DEFAULTS = ReadOptions()
@@ -54,15 +54,17 @@ class OneSidedStress:
 
 def write_sides(path: Path, sides: Iterable[OneSidedStress]) -> None:
     """Write a long CSV, one row a time and side; floats come back exactly."""
-    columns = ["time_ms", "node", "material", "von_mises_pa"]
-    rows = [",".join(columns + [f"{name}_pa" for name in TENSOR])]
-    for side in sides:
-        for time_ms, stress_pa, tensor_pa in zip(
-            side.times_ms.tolist(), side.von_mises_pa.tolist(), side.tensor_pa.tolist(), strict=True
-        ):
-            values = ",".join(map(repr, (stress_pa, *tensor_pa)))
-            rows.append(f"{time_ms!r},{side.node},{side.name},{values}")
-    write_text(path, "\n".join(rows) + "\n")
+    stresses = ["von_mises_pa", *(f"{name}_pa" for name in TENSOR)]
+    rows = (
+        (time_ms, side.node, side.name, *stress_pa)
+        for side in sides
+        for time_ms, stress_pa in zip(
+            side.times_ms.tolist(),
+            np.column_stack([side.von_mises_pa, side.tensor_pa]).tolist(),
+            strict=True,
+        )
+    )
+    write_table(path, ("time_ms", "node", "material", *stresses), rows)
 
 
 def one_sided_stress(

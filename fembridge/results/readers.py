@@ -5,10 +5,9 @@ it. Another package adds a row, a `Reader`, under the entry point group
 ``fembridge.readers``; it is asked when none of ours takes the file.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,6 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import RUN_FILE, read_run_folder
-from fembridge.trace import StressTrace
-from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.readers"
 
@@ -67,34 +64,10 @@ class Reader:
         others = [other for other in READERS if other.first_bytes]
         return b"\0" not in start and not any(other.takes(start) for other in others)
 
-    def load(
-        self, path: Path, options: ReadOptions
-    ) -> Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]:
-        """The reading function, for `path` with `options`."""
-        found: Callable[[Path, Sequence[int], ReadOptions], list[StressTrace]]
-        found = self._of(self.target, path, options)
-        return found
-
-    def open(self, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401 - a FieldSource
-        """`path` as a source of whole fields."""
-        if not self.source:
+    def load(self, target: str, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401
+        """What `target`, one of this reader's, is, for `path` with `options`."""
+        if not target:
             raise UsageError(f"{path}: {self.name} gives traces, no whole fields")
-        return self._of(self.source, path, options)(path, options)
-
-    def describe(self, path: Path) -> Table:
-        """What `path` holds, as far as this format can say."""
-        describe = getattr(import_module(self.target.partition(":")[0]), "describe", None)
-        found: Table = {"format": self.name} if describe is None else describe(path)
-        return found
-
-    def named_nodes(self, path: Path) -> Sequence[int]:
-        """Nodes that a file of curves names itself; none of other files."""
-        names = getattr(import_module(self.target.partition(":")[0]), "nodes_in", None)
-        nodes: Sequence[int] = () if names is None else names(path)
-        return nodes
-
-    def _of(self, target: str, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401
-        """What ``module:name`` is; options that only integration points can follow are refused."""
         if not self.points and (options.extrapolate or options.von_mises):
             raise UsageError(
                 f"{path}: {self.name} holds values at nodes; how they are extrapolated "
@@ -102,6 +75,11 @@ class Reader:
             )
         module, _, name = target.partition(":")
         return getattr(import_module(module), name)
+
+    def ask(self, name: str, path: Path, default: Any) -> Any:  # noqa: ANN401 - a Table or nodes
+        """What the module of `target` says of `path` in its function `name`, else `default`."""
+        function = getattr(import_module(self.target.partition(":")[0]), name, None)
+        return default if function is None else function(path)
 
 
 # A binary post file of Marc begins with the length of its first record, 70 words of 4
@@ -130,7 +108,10 @@ def reader_of(path: Path) -> Reader:
     if not start:
         raise ResultError("empty: 0 bytes", path)
     suffix = path.suffix.lower()
-    for reader in chain(READERS, _plugged(path)):
+    for reader in READERS:
+        if suffix == reader.suffix and reader.takes(start):
+            return reader
+    for reader in _plugged(path):
         if suffix == reader.suffix and reader.takes(start):
             return reader
     raise ResultError(_foreign(path, start), path)
@@ -157,19 +138,19 @@ def _foreign(path: Path, start: bytes) -> str:
             "prints of CalculiX, no nodal results: fembridge ingest makes a table of "
             "them, and --point traces of a .dat's integration points"
         )
-    kinds = [f", {kind}" for mark, kind in _KNOWN_STARTS if start.startswith(mark)]
-    for reader in () if kinds else READERS:
-        if reader.first_bytes and reader.takes(start):
+    kind = next((f", {kind}" for mark, kind in _KNOWN_STARTS if start.startswith(mark)), "")
+    marked = [reader for reader in READERS if reader.first_bytes]
+    for reader in () if kind else marked:
+        if reader.takes(start):
             return (
                 f"begins like {reader.name} and is named {path.suffix or 'nothing'}: "
                 f"rename it to {reader.suffix}"
             )
-    starts = {reader.suffix: reader.first_bytes for reader in READERS if reader.first_bytes}
+    firsts = {one.suffix: one.first_bytes for one in marked}
     wanted = "; ".join(
         f"{suffix} begins with {(first if isinstance(first, bytes) else first[0])!r}"
-        for suffix, first in starts.items()
+        for suffix, first in firsts.items()
     )
-    kind = kinds[0] if kinds else ""
     return f"no result file we read: begins with {start[:12]!r}{kind}; {wanted}"
 
 

@@ -43,13 +43,16 @@ class Result:
 
     def describe(self) -> Table:
         """What the file holds."""
-        return self.reader.describe(self.path)
+        reader = self.reader
+        found: Table = reader.ask("describe", self.path, {"format": reader.name})
+        return found
 
     def named_nodes(self) -> Sequence[int]:
         """Nodes that a file of curves names itself; none of other files."""
         if self.trouble is not None:
             raise self.trouble
-        return self.reader.named_nodes(self.path)
+        nodes: Sequence[int] = self.reader.ask("nodes_in", self.path, ())
+        return nodes
 
     def traces(
         self,
@@ -61,7 +64,8 @@ class Result:
     ) -> Traces:
         """Stress traces at the chosen nodes, without a choice at the run's afferents."""
         path, run, options = self.path, self.run, self.options
-        load = self.reader.load(path, options)
+        reader = reader_of(path)
+        load = reader.load(reader.target, path, options)
         if self.trouble is not None:
             raise self.trouble
         if nodes is not None or sets or len(near_mm):
