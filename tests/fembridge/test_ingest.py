@@ -64,12 +64,6 @@ def test_a_run_folder_gives_its_afferents_from_rest(here, run_folder, capsys):
     assert "SA node 25: peak 19600.4 Pa" in out
 
 
-def test_the_folder_itself_and_the_word_afferents_do_the_same(here, run_folder):
-    assert main(["ingest", str(run_folder), "-o", "a.csv"]) == 0
-    assert main(["ingest", str(run_folder), "--afferents", "-o", "b.csv"]) == 0
-    assert (here / "a.csv").read_bytes() == (here / "b.csv").read_bytes()
-
-
 def test_nodes_of_a_foreign_file_have_no_afferent_and_say_their_unit(here, capsys):
     words = ["ingest", str(SAMPLES / "cpe4_ascii.frd"), "--node", "25", "11"]
     assert main([*words, "-o", "out/plain.csv"]) == 0
@@ -182,6 +176,9 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([DAT, "--quantity", "forces", "stresses"], "--quantity takes one name"),
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
         ([ASCII, "--near", "1"], "argument --near: invalid place value: '1'"),
+        ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),
+        ([DAT, "--one-sided", "EALL"], "--one-sided is for the --node"),
+        ([ASCII, "--node", "11", "--derived", "principal"], "--derived is for --vtu"),
         ([DAT, "--point", "7"], "argument --point: invalid point value: '7'"),
     ],
 )
@@ -248,15 +245,10 @@ def test_any_file_is_listed(name, words, here, capsys):
     assert list(here.iterdir()) == []
 
 
-def test_a_run_folder_is_in_mpa_always(here, capsys):
-    folder = here / "run"
-    folder.mkdir()
-    shutil.copy(SAMPLES / "cpe4_bin_f64.frd", folder / "job.frd")
-    places = (AfferentNode("SA", 25, "epidermis", 1.5, 0.75, 0.25),)
-    RunFolder(folder, "calculix", 4, 0.5, 0.0, places, "0").write()
-    assert main(["ingest", "run", "--stress-unit", "kPa"]) == 2
+def test_a_run_folder_is_in_mpa_always(run_folder, capsys):
+    assert main(["ingest", str(run_folder), "--stress-unit", "kPa"]) == 2
     assert "a run folder of fembridge is in MPa, always" in capsys.readouterr().err
-    assert main(["ingest", "run"]) == 0
+    assert main(["ingest", str(run_folder), "--afferents"]) == 0
     assert "stress in the file taken as MPa\n" in capsys.readouterr().out
 
 
@@ -276,28 +268,3 @@ def test_one_sided_stress_has_a_row_a_material_and_none_of_the_mean(capsys):
             assert float(side["xx_pa"]) == pytest.approx(pull_pa, rel=1e-5)
             assert float(side["von_mises_pa"]) == pytest.approx(mises_pa, rel=1e-5)
     assert "sides" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        [ASCII, "--set", "PROBES", "--one-sided", "EALL"],
-        [DAT, "--one-sided", "EALL"],
-        [ASCII, "--node", "11", "--derived", "principal"],
-    ],
-)
-def test_words_that_need_others_are_misuse(words):
-    assert main(["ingest", *words]) == 2
-
-
-def test_vtu_computes_what_was_asked_for(here):
-    import meshio
-
-    words = ["--quantity", "STRESS", "--derived", "principal", "max_shear"]
-    assert main(["ingest", ASCII, "--vtu", "vtu", *words]) == 0
-
-    mesh = meshio.read(here / "vtu" / "cpe4_ascii.0004.vtu")
-    names = " ".join(mesh.point_data)
-    assert "principal" in names
-    assert "max_shear" in names
-    assert "von_mises" not in names

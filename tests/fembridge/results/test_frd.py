@@ -76,14 +76,6 @@ def test_a_file_that_the_other_reader_gave_up_on_is_an_error_here(name):
         frd.read_stress_tensor(SAMPLES / name, [1])
 
 
-def test_iterations_of_one_increment_are_no_history():
-    path = SAMPLES / "cpe4_lastiter_ResultsForLastIterations.frd"
-    with pytest.raises(ResultError, match="DISP of step 1 holds results of another kind"):
-        frd.read_displacement(path, [11], LENIENT)
-    with pytest.raises(ResultError):
-        frd.read_stress_tensor(path, [11], LENIENT)
-
-
 @pytest.mark.parametrize("sta", [True, False])
 def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
     """Seen in the ``.sta`` file, and without one in the missing STRESS."""
@@ -97,14 +89,13 @@ def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
     assert times_ms.tolist() == [0.5]
     assert displacement_mm.shape == (1, 1, 3)
     assert "dropped step 1, increment 2: not converged" in heard
+    assert ("has DISP, FORC and no ERROR, STRESS" in heard[0]) != sta
 
 
-def test_output_every_third_increment_makes_traces_of_its_own_step():
+def test_a_trace_has_one_step_whichever_it_is():
+    """Output at every third increment; at automatic ones."""
     (trace,) = read(SAMPLES / "cpe4_freq3.frd", [11])
     assert (trace.start_ms, trace.dt_ms) == (1.5, 0.5)
-
-
-def test_automatic_increments_are_refused_as_a_trace():
     with pytest.raises(ResultError):
         read(SAMPLES / "cpe4_timepoints.frd", [11])
 
@@ -175,6 +166,29 @@ def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
     assert_array_equal(times_ms, [0.5 * (k + 1) for k in range(len(flags))])
 
 
+@pytest.mark.parametrize(
+    ("of_block", "of_file", "replaced"),
+    [
+        ({"components": ("SZX", "SXX", "SYY", "SZZ", "SXY", "SYZ")}, {}, None),
+        ({}, {"line_end": "\r\n"}, None),
+        ({"number": "{:12.5e}".format}, {}, None),
+        ({}, {}, b"%12d" % 1 + b" " * 21 + b"0"),  # a count of records that is blank
+    ],
+)
+def test_files_of_other_programs_are_read(block, write_frd, of_block, of_file, replaced):
+    names = of_block.get("components") or ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX")
+    row = [float(("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX").index(name) - 2.5) for name in names]
+    path = write_frd(
+        [block("STRESS", k, k * 1e-3, [(1, row)], **of_block) for k in (1, 2)], **of_file
+    )
+    if replaced is not None:
+        content = path.read_bytes()
+        assert content.count(replaced) == 2
+        path.write_bytes(content.replace(replaced, b" " * 33 + b"0"))
+    _, tensor_pa = frd.read_stress_tensor(path, [1], AS_IS)
+    assert tensor_pa[:, 0].tolist() == [[-2.5, -1.5, -0.5, 0.5, 1.5, 2.5]] * 2
+
+
 def test_rows_that_move_between_blocks_are_found_again(block, write_frd):
     tables = [{1: 1.0, 2: 2.0, 3: 3.0}, {3: 30.0, 1: 10.0}, {2: 200.0, 1: 100.0}]
     blocks = [
@@ -193,39 +207,6 @@ def test_a_node_that_leaves_the_output_is_missed_by_name_and_increment(block, wr
     ]
     with pytest.raises(ResultError, match=r"node 2 .* STRESS of step 1, increment 2"):
         frd.read_stress_tensor(write_frd(blocks), [2])
-
-
-def test_components_in_another_order_are_taken_by_name(block, write_frd):
-    names = ("SZX", "SXX", "SYY", "SZZ", "SXY", "SYZ")
-    only = block("STRESS", 1, 1e-3, [(1, [6, 1, 2, 3, 4, 5])], components=names)
-    _, tensor_pa = frd.read_stress_tensor(write_frd([only]), [1], AS_IS)
-    assert tensor_pa[0, 0].tolist() == [1, 2, 3, 4, 5, 6]
-
-
-def test_lines_that_end_as_in_windows_are_read(block, write_frd):
-    blocks = [block("STRESS", k, k * 1e-3, [(1, [k] * 6)]) for k in (1, 2)]
-    path = write_frd(blocks, line_end="\r\n")
-    _, tensor_pa = frd.read_stress_tensor(path, [1], AS_IS)
-    assert tensor_pa[:, 0, 0].tolist() == [1, 2]
-
-
-def test_a_lower_case_exponent_is_read(block, write_frd):
-    only = block("STRESS", 1, 1e-3, [(1, [-1.5] * 6)], 0, number="{:12.5e}".format)
-    _, tensor_pa = frd.read_stress_tensor(write_frd([only]), [1], AS_IS)
-    assert tensor_pa[0, 0].tolist() == [-1.5] * 6
-
-
-def test_stress_is_scaled_by_the_unit_of_the_file(block, write_frd):
-    path = write_frd([block("STRESS", 1, 1e-3, [(1, [2.0] * 6)])])
-    found = {
-        unit: frd.read_stress_tensor(path, [1], ReadOptions(stress_unit=unit))[1]
-        for unit in ("MPa", "kPa", "Pa")
-    }
-    assert {unit: value[0, 0, 0] for unit, value in found.items()} == {
-        "MPa": 2.0e6,
-        "kPa": 2.0e3,
-        "Pa": 2.0,
-    }
 
 
 @settings(deadline=None)
@@ -417,14 +398,6 @@ def test_what_was_whole_before_the_damage_is_read_and_equals_the_file(samples, n
         assert_allclose(tensor_pa[:shared, :, :4], same_pa[:shared, :, :4], rtol=1e-5, atol=1e-9)
 
 
-def test_divergence_shows_without_the_sta_file(samples, tmp_path):
-    path = tmp_path / "job.frd"
-    path.write_bytes((samples / "cpe4_diverged.frd").read_bytes())
-    words = r"increment 2 of step 1 has DISP, FORC and no .*STRESS.*: it did not conv"
-    with pytest.raises(ResultError, match=words):
-        frd.read_stress_tensor(path, [11])
-
-
 @pytest.mark.parametrize("flag", [1, 2, 3])
 def test_a_file_that_grows_while_it_is_read_is_named(block, write_frd, flag):
     path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=flag)])
@@ -578,12 +551,3 @@ def test_a_number_too_large_to_be_a_stress_is_named(block, write_frd):
             block("STRESS", k, k * 1e-3, [(1, [1e200, 0, 0, 0, 0, 0])], flag=3)
             for k in (1, 2)
         ]), [1])  # fmt: skip
-
-
-def test_a_blank_count_of_records_is_read_to_the_end_line(block, write_frd):
-    records = [(n, [float(n)] * 6) for n in (1, 2, 3)]
-    path = write_frd([block("STRESS", k, k * 1e-3, records) for k in (1, 2)])
-    content = path.read_bytes()
-    path.write_bytes(content.replace(b"           3" + b" " * 21 + b"0", b" " * 33 + b"0"))
-    assert path.read_bytes() != content
-    assert len(read(path, [3])[0].stress_pa) == 2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
@@ -48,16 +48,6 @@ def test_every_number_is_the_float_of_its_text(samples, name, quantity):
             assert field.nodes.tolist() == list(block)
         for node, row in zip(field.nodes.tolist(), field.values, strict=True):
             assert row.tolist() == block[node][: row.size]
-
-
-def test_all_storages_of_one_run_agree_within_their_rounding(samples):
-    exact, text, single = (
-        list(read_fields(samples / f"cpe4_{how}.frd")) for how in ("bin_f64", "ascii", "bin_f32")
-    )
-    for known, printed, packed in zip(exact, text, single, strict=True):
-        assert_array_equal(printed.nodes, known.nodes)
-        assert_allclose(printed.values, known.values, rtol=5.1e-6, atol=1e-9)
-        assert_allclose(packed.values, known.values, rtol=6e-8, atol=1e-9)
 
 
 @settings(deadline=None, max_examples=60)
@@ -167,11 +157,6 @@ def test_a_field_is_read_only_and_finds_its_nodes(samples):
         field.component("SXZ")
 
 
-def test_node_numbers_that_repeat_are_kept_once(samples):
-    first, second, *_ = read_fields(samples / "cpe4_ascii.frd")
-    assert np.shares_memory(first.nodes, second.nodes)
-
-
 def test_parts_of_an_increment_are_the_whole(samples):
     path = samples / "cpe4_ascii.frd"
     whole = list(read_fields(path))
@@ -275,18 +260,6 @@ def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_by
     assert mesh.nodes[he20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
     assert mesh.nodes[qu4.rows].tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
     assert qu4.ids.tolist() == [*range(1, 51), *range(127, 175)]
-
-
-def test_all_storages_of_one_run_have_the_same_mesh(samples):
-    text, single, double = (
-        read_mesh(samples / f"cpe4_{how}.frd") for how in ("ascii", "bin_f32", "bin_f64")
-    )
-    for other in (single, double):
-        assert_array_equal(other.nodes, text.nodes)
-        assert_allclose(other.points_mm, text.points_mm, rtol=5.1e-6)
-        assert_array_equal(other.cells[0].rows, text.cells[0].rows)
-        assert_array_equal(other.cells[0].material, text.cells[0].material)
-        assert other.materials == text.materials
 
 
 def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
@@ -431,15 +404,10 @@ def test_an_increment_is_chosen_by_number_or_step_and_number(
     assert field.time_ms == pytest.approx(time_ms)
 
 
-def test_an_increment_of_two_steps_is_misuse(samples):
-    with pytest.raises(UsageError, match="increment 2 is in 2 steps: 1:2, 2:2"):
-        read_field(samples / "cpe4_2step_mixed.frd", "STRESS", "2")
-
-
-@pytest.mark.parametrize("word", ["first", "-1", "1:", "1:2:3", ""])
-def test_a_word_that_chooses_nothing_is_misuse(samples, word):
-    with pytest.raises(UsageError):
-        read_field(samples / "cpe4_ascii.frd", "STRESS", word)
+@pytest.mark.parametrize("word", ["2", "first", "-1", "1:", "1:2:3", ""])
+def test_a_word_that_chooses_no_increment_or_two_is_misuse(samples, word):
+    with pytest.raises(UsageError, match="in 2 steps: 1:2, 2:2" if word == "2" else "last, N"):
+        read_field(samples / "cpe4_2step_mixed.frd", "STRESS", word)
 
 
 def test_an_increment_that_is_absent_is_named_beside_those_there(samples):

@@ -137,11 +137,6 @@ def test_the_shears_leave_in_the_order_of_the_result_file(tmp_path):
     assert tensor_pa.tolist() == [[[1, 2, 3, 4, 6, 5]]]  # xx yy zz xy yz zx
 
 
-def test_a_set_that_is_absent_is_named_beside_those_there(samples):
-    with pytest.raises(ResultError):
-        printed.read_total_force(samples / "cpe4_ascii.dat", "NBOT")
-
-
 def test_every_cut_is_an_error_or_a_true_beginning(samples, tmp_path):
     """Cut at a line end, a section is one record short or wholly absent."""
     path = tmp_path / "cut.dat"

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_allclose, assert_array_equal
@@ -24,64 +24,8 @@ from fembridge.results.stress import (
     von_mises_pa,
 )
 
-STRESS = st.floats(-1e9, 1e9)
-SQUARE_UNDERFLOWS = 1e-150  # Pa
-
-
-def tensor(xx=0.0, yy=0.0, zz=0.0, xy=0.0, yz=0.0, zx=0.0):
-    return np.array([xx, yy, zz, xy, yz, zx])
-
-
-@settings(deadline=None)
-@given(stress=STRESS, axis=st.sampled_from(["xx", "yy", "zz"]))
-def test_uniaxial_stress_is_its_size(stress, axis):
-    assert_allclose(
-        von_mises_pa(tensor(**{axis: stress})), abs(stress), rtol=1e-12, atol=SQUARE_UNDERFLOWS
-    )
-
-
-@settings(deadline=None)
-@given(pressure=STRESS)
-def test_pressure_from_all_sides_is_none(pressure):
-    assert von_mises_pa(tensor(pressure, pressure, pressure)) == 0.0
-
-
-@settings(deadline=None)
-@given(tau=STRESS, plane=st.sampled_from(["xy", "yz", "zx"]))
-def test_pure_shear_is_root_three_times_it(tau, plane):
-    found = von_mises_pa(tensor(**{plane: tau}))
-    assert_allclose(found, np.sqrt(3.0) * abs(tau), rtol=1e-12, atol=SQUARE_UNDERFLOWS)
-
-
 POISSON = st.floats(0.0, 0.499)
 FOUR_TENSORS = hnp.arrays(np.float64, (4, 6), elements=st.floats(-1e5, 1e5))
-
-
-@given(stress=st.floats(-1e6, 1e6), poisson=POISSON, along=st.integers(0, 2))
-def test_energy_stress_of_uniaxial_stress_is_itself(stress, poisson, along):
-    tensor = np.zeros(6)
-    tensor[along] = stress
-    found = energy_stress_pa(tensor, poisson)
-    assert_allclose(found, abs(stress), rtol=1e-12, atol=SQUARE_UNDERFLOWS)
-
-
-@given(shear=st.floats(-1e6, 1e6), poisson=POISSON, plane=st.integers(3, 5))
-def test_pure_shear_is_as_much_as_shear_and_young_s_modulus_have_it(shear, poisson, plane):
-    """W = τ²/2G with G = E/2(1 + ν)."""
-    tensor = np.zeros(6)
-    tensor[plane] = shear
-    expected = abs(shear) * np.sqrt(2.0 * (1.0 + poisson))
-    found = energy_stress_pa(tensor, poisson)
-    assert_allclose(found, expected, rtol=1e-12, atol=SQUARE_UNDERFLOWS)
-
-
-@given(pressure=st.floats(0.0, 1e6), poisson=POISSON)
-def test_pressure_is_felt_as_much_as_the_material_gives(pressure, poisson):
-    """W = p²/2K with K = E/3(1 − 2ν)."""
-    tensor = np.array([-pressure] * 3 + [0.0] * 3)
-    expected = pressure * np.sqrt(3.0 * (1.0 - 2.0 * poisson))
-    found = energy_stress_pa(tensor, poisson)
-    assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
 @given(tensor=FOUR_TENSORS, poisson=POISSON, young_pa=st.floats(1e3, 1e9))

@@ -1,6 +1,5 @@
 """VTU and PVD: read back with meshio, and held against the file they came from."""
 
-import tracemalloc
 from xml.etree import ElementTree
 
 import meshio
@@ -209,21 +208,3 @@ def test_a_place_that_cannot_be_written_is_an_error_of_ours(samples, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
         write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "file" / "out")
-
-
-def test_memory_does_not_grow_with_the_number_of_increments(write_frd, block, tmp_path):
-    nodes = range(1, 3001)
-    rows = [(node, [float(node)] * 6) for node in nodes]
-    elements = [(9, 1, range(k, k + 4)) for k in range(1, 2997)]
-    peaks = []
-    for count in (2, 8):
-        blocks = [block("STRESS", k, k * 1e-3, rows, 3) for k in range(1, count + 1)]
-        path = write_frd(blocks, nodes=nodes, elements=elements, mesh_flag=2)
-        write_vtu_series(path, tmp_path / "warm")
-        tracemalloc.start()
-        try:
-            write_vtu_series(path, tmp_path / f"{count}")
-            peaks.append(tracemalloc.get_traced_memory()[1])
-        finally:
-            tracemalloc.stop()
-    assert peaks[1] < 1.2 * peaks[0]
