@@ -7,10 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.abaqus import abaqus_deck
-from decks.analysis import Contact, Model
+from decks.analysis import Model
 from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of
-from fembridge.errors import FingerError
 
 ELEMENTS = ("CPE4H", "CPE8R")
 
@@ -35,17 +34,6 @@ def test_mesh_and_sections_are_those_of_the_model(read):
         for number, row in zip(layer.number.tolist(), layer.node, strict=True):
             assert elements[number] == tuple(row.tolist())
         assert deck.one("SOLID SECTION", ELSET=layer.name.upper())[1]["MATERIAL"]
-
-
-def test_materials_are_table_1(read):
-    model, deck = read
-    cards = deck.cards
-    for layer in model.layers:
-        at = cards.index(deck.one("MATERIAL", NAME=layer.name.upper()))
-        keyword, _, [[young, poisson]] = cards[at + 1]
-        assert keyword == "ELASTIC"
-        assert float(young) == layer.material.young_mpa
-        assert float(poisson) == layer.material.poisson
 
 
 def test_sets_hold_the_models_nodes(read):
@@ -85,38 +73,6 @@ def test_the_probe_is_moved_by_the_waveform_and_the_rest_is_held(read):
     assert float(end_s) / float(dt_s) == motion.increments
 
 
-def test_contact_is_between_surfaces_of_elements(read):
-    model, deck = read
-    _, _, rows = deck.one("SURFACE", NAME="SKIN_SURFACE")
-    assert [[int(e), int(face[1:])] for e, face in rows] == model.contact_face.tolist()
-    _, _, rows = deck.one("SURFACE", NAME="PROBE_SURFACE")
-    assert [int(e) for e, _ in rows] == model.probe.number.tolist()
-    assert deck.one("FRICTION")[2] == [["0.4"]]
-    assert deck.one("CONTACT PAIR")[2] == [["SKIN_SURFACE", "PROBE_SURFACE"]]
-
-
-def test_stress_is_asked_for_around_each_afferent_in_every_increment(read):
-    model, deck = read
-    fields = deck.all("ELEMENT OUTPUT")
-    prints = deck.all("EL PRINT")
-    around = [f"AROUND_{name.upper()}" for name in model.afferent]
-    assert [card[1]["ELSET"] for card in fields] == around
-    assert [card[1]["ELSET"] for card in prints] == around
-    assert all(card[1]["POSITION"] == "AVERAGED AT NODES" for card in prints)
-    assert all(card[1]["FREQUENCY"] == "1" for card in prints)
-    assert deck.one("OUTPUT")[1] == {"FIELD": "", "FREQUENCY": "1"}
-
-
-def test_without_friction_none_is_written(models, short, parse_deck):
-    model = replace(models["plain"], contact=Contact(friction=0.0))
-    assert not parse_deck(abaqus_deck(model.analysis(short))).all("FRICTION")
-
-
-def test_small_strain_is_said_so(models, short, parse_deck):
-    small = replace(models["plain"].analysis(short), large_strain=False)
-    assert parse_deck(abaqus_deck(small)).one("STEP")[1]["NLGEOM"] == "NO"
-
-
 # ---- Relaxing skin, inertia and a sliding probe
 
 SKIN = mesh_of(QUICK)
@@ -138,32 +94,3 @@ def test_relaxing_skin_is_a_prony_series_of_the_moduli_at_once(parse_deck, short
     at_once = [card for card in deck.all("ELASTIC") if card[1]]
     assert [card[1] for card in at_once] == [{"MODULI": "INSTANTANEOUS"}]
     assert len(deck.all("VISCO")) == 1
-
-
-def test_inertia_is_a_dynamic_step_with_a_density_a_material(parse_deck, short):
-    deck = parse_deck(
-        abaqus_deck(Model(QUICK, SKIN, inertia=True, support="prescribed").analysis(short))
-    )
-
-    assert len(deck.all("DYNAMIC")) == 1
-    assert len(deck.all("DENSITY")) == len(deck.all("MATERIAL"))
-    densities = [float(card[2][0][0]) for card in deck.all("DENSITY")]
-    assert densities[2] == pytest.approx(1.109e-9)  # t/mm3: the dermis
-
-
-def test_a_sliding_probe_follows_a_second_amplitude(parse_deck, short):
-    deck = parse_deck(
-        abaqus_deck(Model(QUICK, SKIN, support="prescribed").analysis(short.sliding(10.0)))
-    )
-
-    names = [card[1]["NAME"] for card in deck.all("AMPLITUDE")]
-    assert names == ["DEPTH", "ASIDE"]
-    numbers = [float(word) for row in deck.all("AMPLITUDE")[1][2] for word in row]
-    assert_allclose(numbers[1::2], 10.0 * np.array(numbers[::2]), atol=1e-9)
-    moved = [card for card in deck.all("BOUNDARY") if card[1] == {"AMPLITUDE": "ASIDE"}]
-    assert [card[2] for card in moved] == [[["PROBE", "1", "1", "1.0"]]]
-
-
-def test_a_probe_that_would_slide_off_the_pad_is_refused(short):
-    with pytest.raises(FingerError, match=r"to 150\.492 mm"):
-        Model(QUICK, SKIN, support="prescribed").analysis(short.sliding(1e5))

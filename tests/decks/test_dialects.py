@@ -2,27 +2,11 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
 
-from decks.dialects import DIALECTS, DeckOptions, dialect_named, dialect_of
+from decks.dialects import DIALECTS, DeckOptions, dialect_named
 from fembridge.errors import DeckError
-
-
-def test_every_dialect_writes_its_own_element_into_its_own_deck(models, short):
-    for dialect in DIALECTS.values():
-        model = replace(models["plain"], element=dialect.element)
-        files = dialect.write(model.analysis(short), DeckOptions())
-        assert next(iter(files)) == dialect.deck
-        assert all(text.isascii() and text.endswith("\n") for text in files.values())
-
-
-def test_the_same_analysis_gives_the_same_bytes_in_every_dialect(models, short):
-    analysis = models["plain"].analysis(short)
-    for dialect in DIALECTS.values():
-        first = dialect.write(analysis, DeckOptions())
-        assert dialect.write(analysis, DeckOptions()) == first
 
 
 @pytest.mark.parametrize(
@@ -38,11 +22,6 @@ def test_the_same_analysis_gives_the_same_bytes_in_every_dialect(models, short):
 )
 def test_an_element_goes_by_our_name_and_by_the_solvers(solver, word, ours):
     assert dialect_named(solver).element_named(word) == ours
-
-
-def test_an_element_that_the_dialect_has_not_is_refused_with_those_it_has():
-    with pytest.raises(DeckError, match=r"marc has no element '82', .* 80 \(CPE4H\)"):
-        dialect_named("marc").element_named("82")
 
 
 @pytest.mark.parametrize(
@@ -63,10 +42,6 @@ def test_an_unknown_option_or_dialect_is_refused():
         DeckOptions(results="hdf")
     with pytest.raises(DeckError, match="no deck dialect 'nastran', expected calculix"):
         dialect_named("nastran")
-
-
-def test_a_solver_of_another_package_has_the_files_of_calculix():
-    assert dialect_of("somebodys").deck == "job.inp"
 
 
 def test_the_table_alone_loads_no_numpy():

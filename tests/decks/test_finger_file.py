@@ -1,14 +1,12 @@
 """Ten lines of TOML make a finger; anything else makes one clear error."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from decks.finger import AfferentSite, Finger
 from decks.finger_file import finger_from, read_finger
-from decks.presets import PAPER, PRESETS, QUICK, mesh_of, stored_mesh
+from decks.presets import PRESETS, QUICK, mesh_of, stored_mesh
 from fembridge.errors import FingerError
 
 TEN_LINES = """\
@@ -109,28 +107,6 @@ def test_a_preset_is_found_by_its_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, "not = a finger", name)  # a file of that name is not in the way
     assert read_finger(name) is PRESETS[name]
-
-
-def test_a_file_may_start_from_the_finer_finger(tmp_path):
-    finger = read_finger(write(tmp_path, 'base = "paper"\n[bone]\ndepth_mm = 8.4'))
-    assert finger.resolution == PAPER.resolution
-
-
-def test_a_finger_without_a_name_is_called_as_its_file(tmp_path):
-    assert read_finger(write(tmp_path, "", "index 2.toml")) == replace(QUICK, name="index 2")
-
-
-def test_a_name_may_be_in_any_script(tmp_path):
-    assert read_finger(write(tmp_path, 'name = "人差し指"')).name == "人差し指"
-
-
-def test_a_file_as_windows_writes_it_is_read(tmp_path):
-    text = b"\xef\xbb\xbf" + TEN_LINES.replace("\n", "\r\n").encode()
-    assert read_finger(write(tmp_path, text)) == finger_from_text(tmp_path, TEN_LINES)
-
-
-def finger_from_text(folder, text):
-    return read_finger(write(folder, text, "other.toml"))
 
 
 @pytest.mark.parametrize("kind", HOSTILE)

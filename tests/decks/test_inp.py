@@ -1,7 +1,5 @@
 """The bytes of a keyword deck: nothing is lost, and blocks and sets are found where they are."""
 
-import re
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -57,21 +55,6 @@ def test_blocks_one_after_another_are_the_deck(data, abaqus):
             assert card.start < option.start < option.stop <= card.head
 
 
-@given(data=decks)
-def test_data_lines_are_those_that_are_neither_keyword_nor_comment_nor_blank(data):
-    """Beside a plain loop over lines, for a deck without heading or continuation."""
-    data = data.replace(b"HEADING", b"NSET").replace(b"=", b"-")
-    cards = blocks_in(Text(data))
-    told = []
-    for number, line in enumerate(data.split(b"\n"), start=1):
-        packed = re.sub(rb"[ \t]", b"", line.partition(b"\r")[0])
-        if packed.strip(b"\0") and not packed.startswith(b"*"):
-            told.append(number)
-    first = cards[0].line if cards else data.count(b"\n") + 2
-    found = [row.line for card in cards for row in card.rows()]
-    assert found == [number for number in told if number > first]
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -97,18 +80,6 @@ def test_a_comma_in_quotes_does_not_part_words():
     assert [(one.name, one.value) for one in card.options] == [("NSET", "a, b"), ("UNSORTED", None)]
 
 
-def test_a_quote_without_its_other_half_is_a_letter():
-    _, card = block_of(b'*STATIC, D"RECT, SOLVER=SPOOLES\n1.\n', "STATIC")
-    assert [one.value for one in card.options] == [None, "SPOOLES"]
-
-
-def test_what_stands_behind_a_carriage_return_is_not_read():
-    text, card = block_of(b"*STATIC, DIRECT\rINC=3\n1., 2.\r, 3.\n\r4\n", "STATIC")
-    assert [one.name for one in card.options] == ["DIRECT"]
-    assert text.data[card.start : card.head] == b"*STATIC, DIRECT"
-    assert [row.words for row in card.rows()] == [("1.", "2.")]
-
-
 def test_a_keyword_line_that_ends_in_a_comma_goes_on_as_its_solver_has_it():
     file = b"*NODE FILE,\nU\n"
     text, card = block_of(file, "NODEFILE")  # ccx takes the next line for data
@@ -127,22 +98,6 @@ def test_a_keyword_line_that_ends_in_a_comma_goes_on_as_its_solver_has_it():
 def test_a_heading_ends_at_a_star_in_the_first_column():
     deck = b"*HEADING\n  *STEP is what I say\n*NODE\n1, 0.\n"
     assert [card.keyword for card in blocks_in(Text(deck))] == ["HEADING", "NODE"]
-
-
-def test_what_is_no_deck_has_no_cards():
-    assert blocks_in(Text(b"")) == []
-    assert blocks_in(Text("*STEP\n".encode("utf-16"))) == []
-
-
-def test_the_title_is_the_keyword_as_people_write_it():
-    _, card = block_of(b" *node \t file,NSET=A\n", "NODEFILE")
-    assert card.title == "*NODE FILE"
-
-
-def test_new_lines_end_as_the_first_line_does():
-    assert Text(b"*A\r\n*B\n").newline == b"\r\n"
-    assert Text(b"*A\n*B\r\n").newline == b"\n"
-    assert Text(b"*A").newline == b"\n"
 
 
 # ---- Sets of nodes

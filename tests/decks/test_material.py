@@ -1,29 +1,11 @@
 """Materials: elasticity, Prony terms, density."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose
 
 from decks.finger_file import finger_from, finger_table
 from decks.material import TABLE_1, Material, PronyTerm
-from decks.presets import PRESETS, QUICK
+from decks.presets import PRESETS
 from fembridge.errors import FingerError
-
-
-@given(young=st.floats(1e-3, 1e4), poisson=st.floats(0, 0.499))
-def test_shear_and_bulk_modulus_are_those_of_young_and_poisson(young, poisson):
-    one = Material(young, poisson)
-    shear, bulk = one.shear_mpa, one.bulk_mpa
-    assert_allclose(9 * bulk * shear / (3 * bulk + shear), young, rtol=1e-12)
-    ratio = (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
-    assert_allclose(ratio, poisson, rtol=1e-9, atol=1e-12)
-
-
-def test_prony_terms_leave_a_share_that_lasts():
-    one = Material(1.0, 0.4, prony=(PronyTerm(0.3, 0.01), PronyTerm(0.2, 1.0)))
-    assert_allclose(one.lasting_share, 0.5)
-    assert TABLE_1["dermis"].lasting_share == 1.0
 
 
 @pytest.mark.parametrize(
@@ -80,9 +62,3 @@ def test_what_a_finger_relaxes_by_is_told_as_toml_has_it():
     told = finger_table(finger)["materials"]["dermis"]
     assert told == {"young_mpa": 0.05, "poisson": 0.48, **dermis}
     assert finger_from({"materials": {"dermis": told}}, "f") == finger
-
-
-def test_materials_alone_make_no_other_mesh():
-    finger = finger_from({"materials": {"dermis": {"prony": [{"g": 0.3, "tau_s": 0.02}]}}}, "quick")
-    assert finger.skin == QUICK.skin
-    assert finger.resolution == QUICK.resolution

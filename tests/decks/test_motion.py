@@ -82,12 +82,6 @@ def test_between_samples_the_probe_is_on_the_cubic_through_four_of_them():
     assert_allclose(1e3 * motion.depth_mm[3:-3], expected_um, rtol=1e-12)
 
 
-def test_a_probe_at_the_surface_needs_no_way_there():
-    motion = motion_of(stimulus(), "viscous", relaxing_s=0.02)
-    [only] = motion.phases
-    assert (only.procedure, motion.ramp) == ("viscous", 0)
-
-
 @pytest.mark.parametrize("procedure", ["static", "viscous"])
 def test_a_slide_begins_with_the_stimulus(procedure):
     slid = stimulus(300.0).sliding(8.0)
@@ -109,14 +103,6 @@ def test_a_slide_that_is_none_is_refused(speed):
 def test_a_way_aside_belongs_to_the_samples_and_begins_at_0(aside):
     with pytest.raises(StimulusError, match="way aside"):
         replace(stimulus(), aside_um=aside)
-
-
-def test_without_a_pre_indentation_the_probe_moves_as_the_stimulus_says():
-    wave = stimulus(samples=501)
-    motion = motion_of(wave)
-    assert_array_equal(motion.depth_mm, wave.displacement_um * 1e-3)
-    assert_array_equal(motion.time_s, np.arange(501) * 0.0005)
-    assert (motion.dt_s, motion.ramp, motion.increments) == (0.0005, 0, 500)
 
 
 def test_a_pre_indentation_is_reached_in_20_equal_steps_before_the_stimulus():

@@ -17,7 +17,6 @@ from decks.stimuli import (
     Diharmonic,
     Noise,
     Sine,
-    catalogue_lines,
     entry_lines,
     resolve,
 )
@@ -56,11 +55,6 @@ def test_the_catalogue_has_the_ids_of_the_tables_made_elsewhere():
     assert sorted(entry.id for entry in CATALOGUE) == sorted(TOUCHSIM_IDS)
 
 
-def test_the_appendix_has_37_sinusoids_20_diharmonics_and_25_noises():
-    assert [len(ids_of(family)) for family in ("sine", "diharm", "noise")] == [37, 20, 25]
-    assert all(entry.in_appendix for entry in CATALOGUE)
-
-
 def test_only_the_two_misprints_leave_the_geometric_series_of_their_frequency():
     for frequency_hz, printed_um in SINE_AMPLITUDES_UM.items():
         steps = len(printed_um) - 1
@@ -72,17 +66,6 @@ def test_only_the_two_misprints_leave_the_geometric_series_of_their_frequency():
     for misprint, series_um in MISPRINTS_UM.items():
         (entry,) = resolve(misprint)
         assert abs(entry.amplitude_um / series_um - 1) > 0.01
-
-
-def test_misprints_are_in_the_catalogue_as_printed():
-    assert set(MISPRINTS_UM) <= {entry.id for entry in CATALOGUE}
-    assert resolve("sine_20_12.5")[0].amplitude_um == 12.5
-
-
-def test_the_list_for_a_reader_tells_the_misprints_once():
-    text = "\n".join(catalogue_lines())
-    assert all(text.count(misprint) == 1 for misprint in MISPRINTS_UM)
-    assert text.isascii()
 
 
 @pytest.mark.parametrize(
@@ -196,11 +179,6 @@ def test_windows_are_those_of_the_paper():
     assert {windows[i] for i in windows if i.startswith(("sine_50", "sine_100", "sine_300"))} == {
         (100, 200)
     }
-
-
-def test_a_slow_sinusoid_of_ones_own_is_counted_in_the_long_window():
-    assert Sine(49, 100).window_ms == (5, 250)
-    assert Sine(50, 100).window_ms == (100, 200)
 
 
 def test_each_noise_has_a_seed_of_its_own_that_its_id_gives():

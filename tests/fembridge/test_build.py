@@ -6,8 +6,6 @@ import hashlib
 import numpy as np
 import pytest
 
-from decks.analysis import Contact
-from decks.dialects import DeckOptions
 from decks.presets import PRESETS, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
@@ -59,42 +57,6 @@ def test_building_again_touches_nothing(tmp_path, model):
     assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
 
 
-@pytest.mark.parametrize(
-    ("change", "same_deck"),
-    [
-        ({"contact": Contact(friction=0.0)}, False),
-        ({"contact": Contact("surface-to-surface")}, False),
-        ({"element": "CPE8R"}, False),
-        ({}, True),
-    ],
-)
-def test_the_deck_changes_with_the_model(tmp_path, model, change, same_deck):
-    stimulus = stimulus_of("sine_300_1.7")
-    plain = build_run_folder(tmp_path / "plain", model, stimulus)
-    other = build_run_folder(tmp_path / "other", dataclasses.replace(model, **change), stimulus)
-    assert (plain.deck_sha256 == other.deck_sha256) is same_deck
-
-
-def test_ascii_or_binary_results_are_a_matter_of_the_deck_alone(tmp_path, model):
-    stimulus = stimulus_of("sine_50_250")
-    build_run_folder(tmp_path / "binary", model, stimulus)
-    build_run_folder(tmp_path / "ascii", model, stimulus, options=DeckOptions("text"))
-
-    binary, text = contents(tmp_path / "binary"), contents(tmp_path / "ascii")
-    assert binary["stimulus.csv"] == text["stimulus.csv"]
-    differing = {
-        (one, other)
-        for one, other in zip(
-            binary["job.inp"].splitlines(), text["job.inp"].splitlines(), strict=True
-        )
-        if one != other
-    }
-    assert differing == {
-        (b"*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE", b"*NODE FILE, NSET=OUTPUT_NODES"),
-        (b"*ELEMENT OUTPUT, NSET=OUTPUT_NODES, DOUBLE", b"*EL FILE, NSET=OUTPUT_NODES"),
-    }
-
-
 def test_the_afferents_are_nodes_of_the_mesh_inside_their_layers(tmp_path, model):
     built = build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
 
@@ -106,14 +68,6 @@ def test_the_afferents_are_nodes_of_the_mesh_inside_their_layers(tmp_path, model
         inside = np.unique(model.mesh.quad[model.mesh.in_layer(place.layer)])
         assert row in inside
         assert place.layer == model.finger.afferents[place.afferent].layer
-
-
-def test_the_apex_is_the_skin_under_the_probe(tmp_path, model):
-    built = build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
-
-    x_mm, y_mm = model.mesh.node_mm[built.apex_node - 1]
-    assert abs(x_mm) < 0.05
-    assert y_mm == pytest.approx(model.mesh.node_mm[:, 1].max(), abs=1e-3)
 
 
 def test_a_preindentation_is_reached_before_the_stimulus_begins(tmp_path, model):
@@ -154,32 +108,6 @@ def test_run_toml_stands_only_where_all_was_written(tmp_path, model, monkeypatch
 
     assert contents(tmp_path / "old") == before
     assert contents(tmp_path / "new") == {}
-
-
-def test_what_the_solver_left_stays_beside_a_new_deck(tmp_path, model):
-    """That its results are another deck's is for readers to find: `check_deck`."""
-    build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
-    (tmp_path / "job.frd").write_bytes(b"results")
-
-    build_run_folder(tmp_path, model, stimulus_of("sine_50_250", preindent_um=9.0))
-
-    assert (tmp_path / "job.frd").read_bytes() == b"results"
-
-
-def test_inputs_tell_what_the_deck_was_made_from(tmp_path, model):
-    contact = Contact("surface-to-surface", stiffness_mpa_per_mm=1000.0)
-    noise = stimulus_of("noise_25_250_10", seed=77)
-
-    build_run_folder(tmp_path, dataclasses.replace(model, contact=contact), noise)
-
-    inputs = read_run_folder(tmp_path).inputs
-    assert inputs["element"] == "CPE4"
-    assert inputs["contact"]["formulation"] == "surface-to-surface"
-    assert inputs["contact"]["stiffness_mpa_per_mm"] == 1000.0
-    assert inputs["stimulus"]["id"] == "noise_25_250_10"
-    assert inputs["stimulus"]["seed"] == 77
-    assert inputs["probe"]["diameter_mm"] == 1.0
-    assert inputs["finger"]["name"] == "quick"
 
 
 def test_a_run_tells_how_much_of_the_section_is_computed_and_why(tmp_path, model):

@@ -59,23 +59,6 @@ def test_a_folder_holds_deck_waveform_and_what_was_changed(here, noise):
     assert old[len(before) - 1].startswith(b"*AMPLITUDE")
 
 
-def test_the_place_of_an_afferent_is_that_of_its_node(here, noise):
-    base = read_base_deck(Path("mine.inp"))
-    run, _ = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
-    recorded = read_run_folder(INP.parent)
-    for place, known in zip(run.afferents, recorded.afferents, strict=True):
-        assert (place.node, place.layer) == (known.node, "")
-        assert place.depth_mm is None
-        assert (place.x_mm, place.y_mm) == pytest.approx((known.x_mm, known.y_mm))
-
-
-def test_a_ramp_to_a_pre_indentation_comes_first(here, noise):
-    pressed = make_stimulus(resolve(["sine_50_250"])[0], preindent_um=75.0)
-    base = read_base_deck(Path("mine.inp"))
-    run, _ = build_own_folder(here / "run", base, pressed, Request())
-    assert (run.increments, run.start_ms, run.before_ms) == (520, 10.0, 0.0)
-
-
 def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
     nodes = [word for name, k in NODES.items() for word in ("--afferent", f"{name}={k}")]
     assert main(words("--base-deck", "mine.inp", *nodes, "--json")) == 0

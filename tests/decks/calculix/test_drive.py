@@ -51,26 +51,6 @@ def test_all_nodes_of_the_probe_go_down_with_the_node_on_the_spring(parse_deck, 
     assert not tied(deck, 1)
 
 
-def test_the_waveform_moves_the_driver_and_nothing_else(parse_deck, short):
-    _, deck = deck_of(parse_deck, short)
-    moved = [card[2] for card in deck.all("BOUNDARY") if card[1]]
-    assert moved == [[["DRIVER", "2", "2", "-1.0"]]]
-    [fixed] = [card[2] for card in deck.all("BOUNDARY") if not card[1]]
-    assert ["PROBE", "1", "1"] in fixed
-    assert ["PROBE", "2", "2"] not in [row[:3] for row in fixed]
-
-
-def test_a_probe_that_slides_hangs_on_two_springs(parse_deck, short):
-    _, deck = deck_of(parse_deck, short.sliding(10.0))
-    springs = list(deck.all("SPRING"))
-    assert [card[2][0] for card in springs] == [["1", "1"], ["2", "2"]]
-    assert set(tied(deck, 1)) == set(tied(deck, 2))
-    assert [card[2] for card in deck.all("BOUNDARY") if card[1]] == [
-        [["DRIVER", "1", "1", "1.0"]],
-        [["DRIVER", "2", "2", "-1.0"]],
-    ]
-
-
 def test_no_number_is_given_twice(parse_deck, short):
     relaxing = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": relaxing})

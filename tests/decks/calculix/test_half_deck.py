@@ -52,48 +52,6 @@ def both(request, parse_deck, short):
     ]
 
 
-def owned_by(deck, name):
-    """Nodes of an element set."""
-    rows = deck.one("ELEMENT", ELSET=name)[2]
-    return {int(word) for row in rows for word in row[1:]}
-
-
-def test_nodes_and_elements_are_those_of_the_whole_right_of_the_axis(both):
-    whole, half = both
-    nodes = whole.nodes()
-    right = {number for number, (x, *_) in nodes.items() if x >= 0}
-    assert half.nodes() == {number: nodes[number] for number in right}
-    for card in whole.all("ELEMENT"):
-        name = card[1]["ELSET"]
-        if name.startswith("DRIVE_") or "_PRONY_" in name:
-            continue
-        kept = [row for row in card[2] if right.issuperset(map(int, row[1:]))]
-        assert half.one("ELEMENT", ELSET=name)[2] == kept
-        assert 2 * len(kept) == len(card[2])
-
-
-def test_sets_of_a_half_name_nodes_that_are_there(both):
-    whole, half = both
-    nodes = set(half.nodes())
-    for card in half.all("NSET"):
-        name = card[1]["NSET"]
-        assert nodes.issuperset(half.set_of(name))
-        if name not in ("AXIS", "AXIS_CONTACT", "SKIN_CONTACT"):
-            there = [number for number in whole.set_of(name) if number in nodes]
-            assert half.set_of(name) == there
-    tied = {int(card[2][1][0]) for card in half.all("EQUATION")}
-    driven = {int(card[2][1][3]) for card in half.all("EQUATION")}
-    assert tied == owned_by(half, "PROBE_BODY")
-    assert tied | driven <= nodes
-
-
-def test_branches_of_relaxing_skin_lie_over_the_half_alone(parse_deck, short):
-    deck = parse_deck(calculix_deck(half_of(short, RELAXING)))
-    layer = deck.one("ELEMENT", ELSET="DERMIS")[2]
-    branch = deck.one("ELEMENT", ELSET="DERMIS_PRONY_1")[2]
-    assert [row[1:] for row in branch] == [row[1:] for row in layer]
-
-
 def test_the_skin_on_the_axis_has_a_contact_pair_of_its_own_half_as_stiff(both):
     whole, half = both
     nodes = half.nodes()
@@ -119,24 +77,6 @@ def test_the_skin_on_the_axis_has_a_contact_pair_of_its_own_half_as_stiff(both):
     if frictions:
         (mu, stick), (same_mu, half_stick) = frictions
         assert (same_mu, half_stick) == (mu, 0.5 * stick)
-
-
-def test_all_nodes_on_the_axis_are_held_aside_in_each_step(both):
-    whole, half = both
-    finger = {int(row[0]) for row in half.one("NODE", NSET="FINGER")[2] if float(row[1]) == 0}
-    assert set(half.set_of("AXIS")) == finger
-    steps = half.all("STEP")
-    fixed = [card[2] for card in half.all("BOUNDARY") if not card[1]]
-    assert len(fixed) == len(steps)
-    assert all(["AXIS", "1", "1"] in rows for rows in fixed)
-    assert not any(["AXIS", "1", "1"] in card[2] for card in whole.all("BOUNDARY"))
-
-
-def test_what_cannot_be_halved_is_written_whole_to_the_byte(short):
-    for options in ({"probe": Probe(x_mm=0.25)}, {"support": "prescribed"}):
-        analysis = half_of(short, **options)
-        whole = replace(analysis, section="whole")
-        assert calculix_deck(analysis) == calculix_deck(whole)
 
 
 def test_decks_of_other_solvers_are_of_the_whole(short):

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 
 from decks.analysis import Model
 from decks.calculix import calculix_deck
-from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of, model_of
 from fembridge.build import build_run_folder
 from fembridge.results import read
@@ -33,25 +32,6 @@ def deck(parse_deck, held):
     )
 
 
-def test_the_ramp_is_in_the_one_dynamic_step(deck):
-    [(_, options, [times])] = deck.all("DYNAMIC")
-    assert options == {"DIRECT": "", "ALPHA": "-0.3"}
-    assert len(deck.all("STEP")) == 1
-    assert_allclose([float(word) for word in times], [0.00025, 0.0215], rtol=1e-12)
-
-
-def test_samples_are_written_and_not_the_increments_between(deck):
-    for keyword in ("NODE OUTPUT", "ELEMENT OUTPUT", "NODE PRINT", "EL PRINT"):
-        assert [card[1]["FREQUENCY"] for card in deck.all(keyword)] == ["2"]
-
-
-def test_every_material_has_its_density(deck):
-    named = zip(deck.all("MATERIAL"), deck.all("DENSITY"), strict=True)
-    density = {one[1]["NAME"]: float(other[2][0][0]) for one, other in named}
-    for layer, material in QUICK.materials.items():
-        assert density[layer.upper()] == pytest.approx(1e-12 * material.density_kg_m3)
-
-
 def test_the_store_touches_nothing_and_outweighs_the_skin(deck):
     numbers = [int(row[0]) for row in deck.one("NODE", NSET="STORE")[2]]
     elements = deck.all("ELEMENT")
@@ -64,17 +44,6 @@ def test_the_store_touches_nothing_and_outweighs_the_skin(deck):
     stored_n_mm = float(force) ** 2 / stiffness / 2
     pressed_n_mm = 0.5 * 0.02 * 0.3  # 0.02 N at 300 um, about linear
     assert stored_n_mm > 1e4 * pressed_n_mm
-
-
-def test_no_number_is_given_twice_with_relaxing_skin_as_well(parse_deck, held):
-    dermis = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
-    finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
-    deck = parse_deck(
-        calculix_deck(Model(finger, SKIN, inertia=True, support="prescribed").analysis(held))
-    )
-    for keyword in ("ELEMENT", "NODE"):
-        numbers = [int(row[0]) for card in deck.all(keyword) for row in card[2]]
-        assert len(numbers) == len(set(numbers))
 
 
 def test_a_run_folder_tells_samples_and_not_increments(tmp_path, held):

@@ -15,7 +15,6 @@ from numpy.testing import assert_allclose
 
 from decks.analysis import ElementSet, Model
 from decks.calculix import branch_lines, branches, calculix_deck, lasting
-from decks.dialects import DIALECTS, DeckOptions
 from decks.keyword_deck import material, real
 from decks.material import Material, PronyTerm
 from decks.presets import QUICK, mesh_of
@@ -118,46 +117,10 @@ def test_a_node_counts_the_branches_of_its_layer(short):
     assert Model(QUICK, SKIN, support="prescribed").analysis(short).branches == {}
 
 
-def test_the_waveform_is_a_viscous_step(parse_deck, short):
-    deck = parse_deck(
-        calculix_deck(Model(finger_with(dermis=TERMS), SKIN, support="prescribed").analysis(short))
-    )
-    assert len(deck.all("VISCO")) == 1
-    assert not deck.all("STATIC")
-
-
-def test_held_skin_gets_a_ramp_and_a_hold_before_the_waveform(short):
-    held_um = 300.0 + short.displacement_um
-    held = replace(short, displacement_um=held_um, preindent_um=300.0)
-    motion = Model(finger_with(dermis=TERMS), SKIN, support="prescribed").analysis(held).motion
-    assert [one.procedure for one in motion.phases] == ["static", "viscous", "viscous"]
-    ramp, hold, waves = motion.phases
-    assert hold.length_s >= 20 * max(term.tau_s for term in TERMS) - 1e-12
-    assert (1 + hold.dt_s / TERMS[0].tau_s) ** -hold.increments < 1e-3
-    assert_allclose(motion.start_s, ramp.length_s + hold.length_s)
-    assert_allclose(np.diff(motion.time_s[motion.ramp :]), waves.dt_s)
-    held_mm = motion.depth_mm[ramp.increments : motion.ramp + 1]
-    assert (held_mm == held_mm[0]).all()
-
-
-def test_a_share_of_next_to_nothing_is_a_branch_as_well():
-    soft = Material(0.024, 0.40, prony=(PronyTerm(0.0005, 0.02),))
-    [(section, _)] = branches([layer_of(soft)], 2, DT_S)
-    assert section.material.shear_mpa < 1e-5
-
-
 def test_a_term_faster_than_a_sample_is_refused(short):
     finger = finger_with(dermis=(PronyTerm(0.4, 0.0002),))
     with pytest.raises(DeckError, match=r"dermis: tau_s is 0.0002, expected the time"):
         calculix_deck(Model(finger, SKIN, support="prescribed").analysis(short))
-
-
-def test_a_marc_deck_of_relaxing_skin_is_refused(short):
-    analysis = Model(
-        finger_with(dermis=TERMS), SKIN, element="CPE4H", support="prescribed"
-    ).analysis(short)
-    with pytest.raises(DeckError, match="writes no relaxing skin for marc"):
-        DIALECTS["marc"].write(analysis, DeckOptions())
 
 
 @pytest.mark.solver

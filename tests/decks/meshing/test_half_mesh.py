@@ -1,17 +1,13 @@
 """Divisions of the outline, and the half that is mirrored into a whole."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from decks.finger import AfferentSite
-from decks.mesher import HalfMesh, columns_of, graded
-from decks.presets import QUICK
-from decks.section import section_of
+from decks.mesher import HalfMesh, graded
 
 
 @pytest.mark.parametrize(("start_mm", "stop_mm"), [(0.1, 0.4), (0.4, 0.1), (0.2, 0.2)])
@@ -22,16 +18,6 @@ def test_graded_steps_fill_the_length_and_grow_from_one_width_to_the_other(start
     assert division.count % 2 == 0
     assert abs(steps[0] / start_mm - 1) < 0.1
     assert abs(steps[-1] / stop_mm - 1) < 0.1
-
-
-def test_patches_follow_each_other_from_the_apex_to_the_back():
-    section = section_of(QUICK)
-    starts_mm, ends_mm, divisions = zip(*columns_of(section, 0.525), strict=True)
-    assert starts_mm == (0.0, *ends_mm[:-1])
-    assert ends_mm[:2] == (0.5, 3.0)
-    assert ends_mm[-2:] == (section.nail_arc_mm, section.end_arc_mm)
-    assert (np.diff(ends_mm) > 0).all()
-    assert [patch.count % 2 for patch in divisions] == [0] * 5
 
 
 def half(x_mm=0.0):
@@ -90,12 +76,3 @@ def test_a_site_on_the_left_is_met_by_the_mirror_image():
     mesh = half().snapped([AfferentSite("epidermis", -0.12, 0.5)]).mirrored()
     assert [-0.12, -0.5] in mesh.node_mm.tolist()
     assert [0.12, -0.5] in mesh.node_mm.tolist()
-
-
-def test_a_half_of_clockwise_quads_becomes_a_sound_whole():
-    turned = replace(half(), quad=half().quad[:, ::-1])
-    mesh = turned.mirrored()
-    assert_array_equal(mesh.node_mm, half().mirrored().node_mm)
-    assert mesh.quad.shape == (8, 4)
-    assert (np.diff(mesh.layer) >= 0).all()
-    assert (np.diff(-mesh.node_mm[:, 1]) >= 0).all()

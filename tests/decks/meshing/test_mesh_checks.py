@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from decks.finger import AfferentSite
-from decks.mesh import Mesh, read_mesh, write_mesh
+from decks.mesh import Mesh, read_mesh
 from decks.presets import stored_mesh
 from fembridge.errors import FingerError
 
@@ -107,21 +107,6 @@ def test_a_layer_of_one_row_has_no_node_inside():
         flat.node_at(AfferentSite("epidermis", 0.0, 0.0))
 
 
-def test_a_mesh_cannot_be_changed_and_keeps_its_own_arrays():
-    with pytest.raises(ValueError, match="read-only"):
-        grid(2).node_mm[0, 0] = 1.0
-    nodes = SQUARE.copy()
-    own = Mesh(nodes, ONE, [1])
-    nodes[0, 0] = 99.0
-    assert own.node_mm[0, 0] == 0.0
-
-
-def test_a_mesh_may_be_stored_under_any_name(tmp_path):
-    write_mesh(tmp_path / "mine.mesh", grid(2))
-    assert_array_equal(read_mesh(tmp_path / "mine.mesh").quad, grid(2).quad)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.mesh"]
-
-
 @pytest.mark.parametrize("kind", ["absent", "empty", "cut", "text", "array", "folder"])
 def test_what_is_no_stored_mesh_is_refused(kind, tmp_path):
     path = tmp_path / "mesh.npz"
@@ -134,13 +119,4 @@ def test_what_is_no_stored_mesh_is_refused(kind, tmp_path):
     elif kind != "absent":
         path.write_bytes({"empty": b"", "cut": whole[:9000], "text": b"mesh"}[kind])
     with pytest.raises(FingerError, match="not a stored mesh"):
-        read_mesh(path)
-
-
-def test_a_flipped_bit_in_a_stored_mesh_is_noticed(tmp_path):
-    whole = bytearray(stored_mesh("quick").read_bytes())
-    whole[5000] ^= 0x10
-    path = tmp_path / "mesh.npz"
-    path.write_bytes(whole)
-    with pytest.raises(FingerError, match=r"mesh\.npz"):
         read_mesh(path)

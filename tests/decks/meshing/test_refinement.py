@@ -48,14 +48,6 @@ def test_an_edge_of_the_fine_part_has_two_nodes_at_its_thirds():
     assert_allclose(np.sort(on_row), [0, 1, *(2 + np.arange(7) / 3), 5, 6], atol=1e-9)
 
 
-def test_at_a_border_the_border_itself_is_cut():
-    fine = refined(grid(4, 3), (2.0, 3.0), 0.1)
-    edge, _, _ = fine.outline()
-    top = fine.node_mm[np.unique(edge)]
-    top = np.sort(top[top[:, 1] == 3.0, 0])
-    assert_allclose(top, [0, 1, 4 / 3, 5 / 3, 2, 7 / 3, 8 / 3, 3, 4], atol=1e-9)
-
-
 @given(
     place=st.tuples(st.floats(0, 8), st.floats(0, 3)),
     radius=st.floats(0.75, 9),
@@ -68,18 +60,6 @@ def test_nothing_hangs_and_no_area_is_lost_wherever_it_is_refined(place, radius,
     assert_allclose(fine.area_mm2().sum(), coarse.area_mm2().sum(), rtol=1e-7)
     assert len(fine.quad) > len(coarse.quad)
     assert_array_equal(fine.node_mm[: len(coarse.node_mm)], coarse.node_mm)
-
-
-def test_a_radius_beyond_the_mesh_makes_nine_of_every_element():
-    fine = refined(grid(5, 3), (0.0, 0.0), 99.0)
-    assert len(fine.quad) == 9 * 15
-    assert_allclose(fine.scaled_jacobian(), 1.0, atol=1e-6)
-
-
-def test_a_dent_in_the_fine_part_is_filled():
-    """Twelve elements touch the middle five nodes, a cross; its dents join them."""
-    fine = refined(grid(8, 8), (4.0, 4.0), 1.0)
-    assert len(fine.quad) == 16 * 9 + 16 * 4 + (64 - 16 - 16)
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -102,20 +82,6 @@ def test_twice_makes_the_elements_at_the_apex_of_a_preset_nine_times_narrower(na
         return np.sort(x_mm[(x_mm > 0) & (y_mm > -0.1)])[0]
 
     assert_allclose(narrowest_mm(fine), narrowest_mm(coarse) / 9, rtol=1e-6)
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_far_from_the_point_a_preset_stays_as_it_was(name):
-    coarse = MESHES[name]
-    fine = refined(coarse, (0.0, 0.0), 0.2)
-
-    def far(mesh):
-        corner_mm = mesh.node_mm[mesh.quad]
-        away = np.linalg.norm(corner_mm, axis=2).min(axis=1) > 1.0
-        return corner_mm[away], mesh.layer[away]
-
-    for found, expected in zip(far(fine), far(coarse), strict=True):
-        assert_array_equal(found, expected)
 
 
 def test_a_point_without_a_node_nearby_is_refused():

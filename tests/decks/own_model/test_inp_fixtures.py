@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.inp import Text, blocks_in
 from decks.motion import Motion
-from decks.own_model.inp import dialect_of, rebase_inp
+from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
@@ -25,18 +24,6 @@ PLACES = ("*STEP", "*STATIC", "*DYNAMIC", "*NODE OUTPUT", "*NODE FILE", "*EL", "
 
 def name_of(path):
     return path.stem if path.stem != "job" else path.parent.name
-
-
-def test_there_are_recorded_decks():
-    assert len(DECKS) > 20
-
-
-@pytest.mark.parametrize("path", DECKS, ids=name_of)
-def test_a_recorded_deck_is_read_whole_and_is_ccxs(path):
-    data = path.read_bytes()
-    blocks = blocks_in(Text(data))
-    assert b"".join(data[one.start : one.pieces[0].stop] for one in blocks) == data
-    assert dialect_of(data) == "calculix"
 
 
 @pytest.mark.parametrize("path", DECKS, ids=name_of)

@@ -73,11 +73,6 @@ def test_ccx_writes_text_where_that_is_asked_for():
     assert steps_of(MODEL, "", afferents=WITH_SETS, results="text") == wanted
 
 
-def test_without_afferents_all_nodes_are_written():
-    everywhere = BINARY.replace(", NSET=FEMBRIDGE_OUTPUT", "")
-    assert steps_of(MODEL, "") == HEAD + everywhere
-
-
 def test_requests_go_and_printed_tables_contact_and_comments_stay():
     requests = (
         "** before\n*NODE FILE, FREQUENCY=5\n** what\nU, RF\n*El File, NSET=ALL\nS\nE\n"
@@ -99,17 +94,6 @@ def test_sets_that_are_there_already_are_used():
     assert steps_of(model, "", afferents=WITH_SETS) == rest + HEAD + BINARY
 
 
-def test_two_afferents_at_one_node_are_written_once():
-    text = steps_of(MODEL, "", afferents={"SA": 3, "RA": 3})
-    assert "*NSET, NSET=FEMBRIDGE_OUTPUT\n3,\n" in text
-
-
-def test_sets_stand_before_the_first_step():
-    first = "*STEP\n*FREQUENCY\n3\n*NODE FILE\nU\n*END STEP\n"
-    text = steps_of(MODEL + first, "", afferents=WITH_SETS)
-    assert text == SETS + first + HEAD + BINARY
-
-
 def test_the_last_increment_of_the_step_before_is_written_too():
     """It is the state at the waveform's start, which ccx writes in no other way."""
     settle = "*STEP\n*STATIC\n0.1, 1.\n"
@@ -118,15 +102,6 @@ def test_the_last_increment_of_the_step_before_is_written_too():
     at_end = BINARY.replace("FREQUENCY=1", "FREQUENCY=100000")
     text = steps_of(MODEL + earlier + before, "", afferents=WITH_SETS)
     assert text == SETS + earlier + settle + at_end + HEAD + BINARY
-
-
-def test_points_in_time_of_the_step_before_stay():
-    print_card = "*NODE PRINT, NSET=ALL, TIME POINTS=T\nU\n"
-    before = f"*STEP\n*STATIC\n0.1, 1.\n{print_card}"
-    text = steps_of(MODEL + before + "*END STEP\n", "")
-    everywhere = BINARY.replace(", NSET=FEMBRIDGE_OUTPUT", "")
-    at_end = everywhere.replace(", FREQUENCY=1", "")
-    assert text == before + at_end + HEAD + everywhere
 
 
 def test_expanded_results_of_the_first_step_are_made_flat_there():
@@ -167,16 +142,6 @@ def test_nodes_and_sets_in_included_files_count():
     assert not [remark for remark in rebased.remarks if "not read" in remark]
 
 
-def test_data_that_input_names_counts_and_is_needed():
-    model = MODEL.replace("*ELEMENT", "*NODE, INPUT=more.txt\n*ELEMENT")
-    deck = f"{model}{HEAD}*END STEP\n".encode()
-    request = Request(afferents={"PC": 9})
-    read = {"more.txt": b"8, 0., 9.\n9, 3., 4."}.get
-    rebased = rebase_inp(deck, MOTION, request, resolver=read)
-    assert rebased.place_mm == {"PC": (3.0, 4.0)}
-    assert rebased.needs == ("more.txt",)
-
-
 # ---- Abaqus: whose decks are its own, what they write, where their nodes are
 
 
@@ -213,12 +178,6 @@ def test_abaqus_writes_displacement_and_the_stress_of_the_elements_around():
     around = "*ELSET, ELSET=FEMBRIDGE_OUTPUT\n1, 2,\n"
     text = steps_of(MODEL, "", afferents=WITH_SETS, dialect="abaqus")
     assert text == SETS + around + HEAD + FIELD
-
-
-def test_without_afferents_abaqus_writes_everything():
-    text = steps_of(MODEL, "*OUTPUT, FIELD, VARIABLE=PRESELECT\n")
-    everywhere = FIELD.replace(", NSET=FEMBRIDGE_OUTPUT", "")
-    assert text == HEAD + everywhere.replace(", ELSET=FEMBRIDGE_OUTPUT", "")
 
 
 def test_field_requests_of_nodes_and_elements_go_and_history_and_contact_stay():
@@ -297,15 +256,3 @@ def test_in_an_assembly_sets_name_their_instance_and_nodes_stand_where_it_puts_t
         "*End Assembly\n"
     )
     assert rebase_inp(rebased.deck, MOTION, request).deck == rebased.deck
-
-
-def test_it_is_told_whose_deck_it_was_taken_for_and_by_what():
-    def first_remark(deck, dialect=None):
-        rebased = rebase_inp(deck.encode(), MOTION, Request(), dialect=dialect)
-        return rebased.remarks[0]
-
-    plain = f"{MODEL}{HEAD}*END STEP\n"
-    assert first_remark(plain) == "read as a deck for CalculiX"
-    assert first_remark(plain, "abaqus") == "read as a deck for Abaqus"
-    parts = f"{PARTS}{HEAD}*END STEP\n"
-    assert first_remark(parts) == "line 1: *PART: read as a deck for Abaqus"

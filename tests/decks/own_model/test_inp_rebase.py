@@ -168,19 +168,6 @@ def test_only_waveform_increments_and_output_change(built):
 
 @settings(settings.get_profile("costly"))
 @given(built=decks())
-def test_rebased_twice_is_rebased_once(built):
-    pieces, motion, request, end = built
-    deck, _ = put_together(pieces, end)
-    assume(not (request.afferents and b"AFFERENT_PC" in deck))
-    for dialect in ("calculix", "abaqus"):
-        if dialect == "abaqus" and request.afferents:
-            continue  # it has no elements
-        once = rebase_inp(deck, motion, request, dialect=dialect).deck
-        assert rebase_inp(once, motion, request, dialect=dialect).deck == once
-
-
-@settings(settings.get_profile("costly"))
-@given(built=decks())
 def test_another_waveform_on_top_is_the_other_waveform_alone(built):
     pieces, motion, request, end = built
     deck, _ = put_together(pieces, end)

@@ -72,10 +72,6 @@ NODES = [  # with the afferent SA at node 3
 ]
 
 
-def test_the_deck_itself_is_taken(rebase):
-    assert b"0.0005000, 0.100000000" in rebase().deck
-
-
 @pytest.mark.parametrize(("old", "new", "begin"), AMPLITUDE + CONDITION + STEP)
 def test_what_cannot_hold_the_waveform_is_refused_with_its_line(old, new, begin, changed, refused):
     refused(changed(old, new), begin)
@@ -129,17 +125,6 @@ def test_options_that_say_what_is_so_anyway_are_taken(option, changed, rebase):
     assert option.encode() in rebase(deck).deck
 
 
-def test_one_of_several_amplitudes_is_taken_by_its_name(changed, rebase):
-    deck = changed("*NODE FILE", "*BOUNDARY, AMPLITUDE=OTHER\n3, 2, 2, -1.\n*NODE FILE")
-    remarks = rebase(deck, amplitude="other").remarks
-    assert any(remark.startswith("line 12: amplitude OTHER") for remark in remarks)
-
-
-def test_an_amplitude_that_fixes_or_heats_is_no_candidate(changed, rebase):
-    deck = changed("*NODE FILE", "*BOUNDARY, AMPLITUDE=OTHER\n3, 1, 2\n3, 11, 11, 20.\n*NODE FILE")
-    assert any("amplitude PRESS" in remark for remark in rebase(deck).remarks)
-
-
 def test_of_two_steps_with_the_amplitude_one_has_to_be_named(deck, step, rebase, refused):
     deck = deck + step.replace("push", "pull")
     refused(deck, ".*step 1 .push., line 14; step 2 .pull., line 24")
@@ -149,11 +134,6 @@ def test_of_two_steps_with_the_amplitude_one_has_to_be_named(deck, step, rebase,
         assert "*STATIC\n0.1, 1.\n" in rebased[: rebased.index("pull")]
         assert "*STATIC, DIRECT\n0.0005000" in rebased[rebased.index("pull") :]
     refused(deck + "*STEP\n*STATIC\n*END STEP\n", "line 34: ", step="3")
-
-
-def test_a_node_that_is_there_twice_in_one_place_is_taken(changed, rebase):
-    deck = changed("*ELEMENT", "*NODE\n3, 1., 1.\n*ELEMENT")
-    assert rebase(deck, afferents={"SA": 3}).place_mm == {"SA": (1.0, 1.0)}
 
 
 def test_expanded_results_from_a_step_before_are_refused_for_a_set_of_nodes(

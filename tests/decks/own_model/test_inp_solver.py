@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -160,12 +159,3 @@ def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock)
     # One output at the end of the first step, and one of the step after, which holds.
     wanted = [0.0, *MOTION.depth_mm[1:], MOTION.depth_mm[-1]]
     assert_allclose(depth_mm, wanted, rtol=0, atol=1e-9)
-
-
-def test_a_motion_of_more_increments_than_the_deck_allowed_ends_well(tmp_path):
-    motion = replace(MOTION, time_s=np.arange(131) * DT_S, depth_mm=np.linspace(0.0, 0.05, 131))
-    deck = "\n".join([*foreign(), ""]).encode("latin-1")
-    request = Request(afferents={"SA": UNDER}, length_mm=1000.0)
-    own = solve(tmp_path / "run", rebase_inp(deck, motion, request).deck)
-    times_ms, _ = read_stress_tensor(own, [UNDER])
-    assert len(times_ms) == 131

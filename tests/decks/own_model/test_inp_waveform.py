@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.motion import Motion, motion_of
+from decks.motion import Motion
 from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
-from decks.stimuli import resolve
-from decks.waveform import make_stimulus
 
 DT_S = 5e-4
 MOTION = Motion(np.arange(5) * DT_S, np.array([0.0, 0.1, -0.2, 0.1, 0.0]), DT_S, 0)
@@ -49,12 +47,6 @@ def test_magnitude_times_amplitude_times_unit_is_the_depth(magnitude, length_mm)
     assert_allclose(value * size * length_mm, MOTION.depth_mm, rtol=2e-12, atol=0)
 
 
-def test_the_place_of_a_node_is_in_mm_whatever_the_unit():
-    deck = "*NODE\n5, 0.001, -0.0025, 0.\n" + deck_of()
-    rebased = rebase(deck, length_mm=1000.0, afferents={"SA": 5})
-    assert rebased.place_mm["SA"] == pytest.approx((1.0, -2.5), rel=1e-14)
-
-
 def test_step_time_starts_with_the_step_whatever_was_before():
     rebased = rebase(deck_of(first=FIRST))
     assert rebased.before_s == 3.5
@@ -74,33 +66,6 @@ def test_total_time_starts_where_the_steps_before_end_and_is_zero_until_then():
     assert value.tolist() == [0.0, *MOTION.depth_mm]
     assert any("begins at 3.5 s of total time" in one for one in rebased.remarks)
     assert rebased.before_s == 3.5
-
-
-def test_opposite_signs_are_two_probes_and_are_told():
-    deck = deck_of().replace("PROBE, 2, 2, -1.", "TOP, 2, 2, -1.\nBOTTOM, 2, 2, 1.")
-    rebased = rebase(deck)
-    assert "line 6: depth moves TOP along -y" in rebased.remarks
-    assert "line 7: depth moves BOTTOM along +y" in rebased.remarks
-
-
-def test_comments_and_blank_lines_in_the_table_stay():
-    deck = deck_of().replace("0., 0., 1., 1.", "** a\n0., 0.\n\n** b\n1., 1.\n** c")
-    rebased = rebase(deck).deck.decode()
-    table = rebased[: rebased.index("*STEP")].splitlines()
-    assert [line for line in table if not line.startswith("0.")] == [
-        "*AMPLITUDE, NAME=A",
-        "** a",
-        "",
-        "** b",
-        "** c",
-    ]
-    assert table[2].startswith("0.0000000, 0.0")
-    assert not table[4].startswith("0.")
-
-
-def test_an_amplitude_without_data_gets_some():
-    rebased = rebase(deck_of().replace("0., 0., 1., 1.\n", ""))
-    assert table_of(rebased)[1].tolist() == MOTION.depth_mm.tolist()
 
 
 @pytest.mark.parametrize(
@@ -143,24 +108,6 @@ def test_abaqus_has_fixed_increments_that_do_not_stop():
     deck = deck.replace(b"*STATIC, DIRECT=NO STOP", b"*VISCO")
     rebased = rebase_inp(deck, MOTION, Request(), dialect="abaqus")
     assert b"\n*VISCO\n0.0005000, 0.0020000\n" in rebased.deck
-
-
-def test_a_stimulus_of_the_catalogue_comes_back_sample_by_sample():
-    (entry,) = resolve("noise_25_250_10")
-    stimulus = make_stimulus(entry, preindent_um=100.0)
-    motion = motion_of(stimulus)
-    rebased = rebase(deck_of(), motion)
-    time_s, value = table_of(rebased)
-    assert_allclose(time_s, motion.time_s, rtol=0, atol=1e-12)
-    assert_allclose(value, motion.depth_mm, rtol=0, atol=1e-15)
-    assert b"INC=520" in rebased.deck
-
-
-def test_steps_after_the_waveforms_are_left_alone_and_told():
-    last = "*STEP\n*STATIC\n0.1, 1.\n*NODE FILE\nU\n*END STEP\n"
-    rebased = rebase(deck_of() + last)
-    assert rebased.deck.decode().endswith(last)
-    assert any("hold its last depth" in remark for remark in rebased.remarks)
 
 
 def test_a_deck_whose_last_line_has_no_end_is_taken():
