@@ -7,7 +7,7 @@
 Columns may stand in any order, and others beside them; blanks around a cell and rows
 without any text do not count. Numbers are written with as many digits as bring them
 back exactly; lines end in LF. Every cell is read as text and converted by column, so
-that an error names the line and what was found there.
+that a `TableError` names the line and what was found there.
 """
 
 import csv
@@ -72,13 +72,7 @@ class Rate:
 
 
 def read_traces(path: Path) -> list[StressTrace]:
-    """Traces of a table, in the order in which their nodes first appear.
-
-    Raises
-    ------
-    TableError
-        Not a table of traces: names the line, what was found, what was expected.
-    """
+    """Traces of a table, in the order in which their nodes first appear."""
     import pandas as pd
 
     table = read_table(path, TRACE_COLUMNS)
@@ -122,13 +116,7 @@ def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:
 
 
 def read_spikes(path: Path) -> list[SpikeTrain]:
-    """Spike trains of a table; each train's spikes come back in rising order.
-
-    Raises
-    ------
-    TableError
-        Not a table of spikes, or a duplicate spike.
-    """
+    """Spike trains of a table; each train's spikes come back in rising order."""
     import pandas as pd
 
     table = read_table(path, SPIKE_COLUMNS)
@@ -159,13 +147,7 @@ def write_spikes(path: Path, trains: Iterable[SpikeTrain]) -> None:
 
 
 def read_rates(path: Path) -> list[Rate]:
-    """Rates of a table in its order, to the last digit.
-
-    Raises
-    ------
-    TableError
-        Not a table of rates, a negative rate, or a duplicate.
-    """
+    """Rates of a table in its order, to the last digit."""
     import pandas as pd
 
     table = read_table(path, RATE_COLUMNS)

@@ -103,11 +103,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         window = tuple(args.window_ms) if args.window_ms else None
         save_figure(raster_figure(trains, span_ms=span_ms, window_ms=window), files[2])
     if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
-        print(
-            f"parameters {chosen.name} were fitted with the probe {chosen.preindent_um:g} um "
-            "deep before time 0; the traces start without stress",
-            file=sys.stderr,
-        )
+        depth = f"the probe {chosen.preindent_um:g} um deep before time 0"
+        start = "the traces start without stress"
+        print(f"parameters {chosen.name} were fitted with {depth}; {start}", file=sys.stderr)
     if args.window_ms is None:
         print("rates over the whole trace; narrow it with --window-ms START END", file=sys.stderr)
     if not args.json:
@@ -136,20 +134,13 @@ def _one_of_each(
 
     chosen: dict[str, StressTrace] = {}
     for trace in traces:
-        classes = [trace.afferent] if trace.afferent else unnamed
+        classes = [trace.afferent] if trace.afferent else dict.fromkeys(unnamed or ())
         if not classes:
-            raise TableError(
-                f"node {trace.node} has no afferent, expected SA, RA or PC; "
-                "name it with --afferent",
-                path,
-            )
-        for name in dict.fromkeys(classes):
+            raise TableError(f"node {trace.node} has no afferent: name it by --afferent", path)
+        for name in classes:
             if name in chosen:
-                raise TableError(
-                    f"nodes {chosen[name].node} and {trace.node} are both {name}, "
-                    "expected one; split the table",
-                    path,
-                )
+                both = f"nodes {chosen[name].node} and {trace.node} are both {name}"
+                raise TableError(f"{both}, expected one; split the table", path)
             chosen[name] = replace(trace, afferent=name)
     return list(chosen.values())
 
@@ -159,9 +150,7 @@ def _window(trace: "StressTrace", asked_ms: list[float] | None) -> tuple[float, 
     from fembridge.errors import UsageError
 
     first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
-    if asked_ms is None:
-        return first, last
-    start, end = asked_ms
+    start, end = asked_ms or (first, last)
     slack = 1e-3 * trace.dt_ms
     # The first sample may be one increment after the start of the stimulus.
     if not (first - trace.dt_ms - slack <= start < end <= last + slack):

@@ -65,11 +65,6 @@ class FitSettings:
 
     `families` of stimuli are fitted; the others are judged only. `cells` is None
     for as many as each model has.
-
-    Raises
-    ------
-    UsageError
-        A number that no fit can be made with.
     """
 
     families: tuple[str, ...] = FAMILIES[:1]
@@ -215,10 +210,8 @@ def fit_afferents(
 
     Raises
     ------
-    UsageError
-        No class, or one without observed rates of the families to fit.
-    ResponseError
-        A stimulus that goes deeper than the response.
+    UsageError, ResponseError
+        No class, or one without observed rates; a stimulus deeper than the response.
     KeyboardInterrupt
         Before the first generation of the first class was whole.
     """
@@ -302,11 +295,6 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
     `name` is what the parameters are called. A front is a row a candidate, the smallest
     total error first: its number from 1, whether it was chosen, its free parameters,
     the RMSE of each group and that of all stimuli.
-
-    Raises
-    ------
-    OutputError
-        `folder` cannot be written.
     """
     import tomli_w
 

@@ -66,13 +66,7 @@ def models_to_fit(
     families: Sequence[str],
     log: Callable[[str], None],
 ) -> dict[str, Model]:
-    """Model of each class of `afferents`; of all, those that have rates and the model.
-
-    Raises
-    ------
-    UsageError
-        No such model, or a class that has no rate or not this model.
-    """
+    """Model of each class of `afferents`; of all, those that have rates and the model."""
     of_drive = MODELS[checked_model(drive)] if drive else DEFAULT_MODELS
     everything = afferents is None or EVERY in afferents
     classes = list(dict.fromkeys(observed.afferents if everything else afferents or ()))
@@ -105,15 +99,8 @@ def fit_problem(
     """What a fit of the class and model of `model` minimises.
 
     Stimuli are those of `families`, in the order of `observed`; each is counted in its own
-    window. `preindent_um` is the depth of the probe before time 0; 0 `cells` are as many
-    as the model has.
-
-    Raises
-    ------
-    UsageError
-        No observed rate of this class and these families.
-    ResponseError
-        No such afferent in `response`, or a stimulus deeper than it reaches.
+    window. 0 `cells` are as many as the model has. A `UsageError` where no rate was
+    observed, a `ResponseError` where `response` lacks the class or is too shallow.
     """
     entries = observed_entries(observed, model.afferent, families)
     if not entries:
@@ -167,25 +154,13 @@ class ResponseSource:
 
 
 def stored_source(finger: str) -> ResponseSource:
-    """The stored response of a reference finger, ``quick`` or ``paper``.
-
-    Raises
-    ------
-    FingerError, ResponseError
-        No such finger; no response is stored for it.
-    """
+    """The stored response of a reference finger, ``quick`` or ``paper``."""
     response = stored_response(read_finger(finger), Probe(), "CPE4")
     return ResponseSource(response, FOLDER / f"{finger}.toml", stored=True)
 
 
 def solved_source(place: Path) -> ResponseSource:
-    """A response that was solved: its file, its folder, or simulate's output.
-
-    Raises
-    ------
-    ResponseError
-        There is none, or it is no whole response map.
-    """
+    """A response that was solved: its file, its folder, or simulate's output."""
     known = (place / MAP_FILE, place / RESPONSE_FOLDER / MAP_FILE)
     path = next(filter(Path.is_file, known), place)
     if path.is_dir():

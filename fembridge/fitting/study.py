@@ -109,11 +109,6 @@ def study_models(
     """Fit and cross-validate every case; `jobs` processes share them.
 
     `on_case` is called with the trials of each.
-
-    Raises
-    ------
-    UsageError
-        No case or no seed, a seed below 0, or `jobs` below 1.
     """
     import pandas as pd
 
@@ -154,9 +149,11 @@ def _trials_of(
         fitted, held_out = trial.fitted, trial.held_out
         rows.append(
             {
-                **dict(
-                    zip(CASE, (case.afferent, case.model, cells, depth_um, len(free)), strict=True)
-                ),
+                "afferent": case.afferent,
+                "drive": case.model,
+                "cells": cells,
+                "preindent_um": depth_um,
+                "free_parameters": len(free),
                 "seed": seed,
                 "fitted_r_squared": fitted.regression.r_squared,
                 "fitted_rmse_ips": fitted.rmse_ips,

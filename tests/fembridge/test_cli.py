@@ -158,12 +158,6 @@ def test_json_is_strict_whatever_the_summary_holds(verb, capsys):
     assert out == {"rate_ips": None, "peak": None, "counts": [1, 2], "files": ["a.csv"], "3": True}
 
 
-def test_without_json_the_summary_is_not_printed(verb, capsys):
-    verb(lambda args: {"count": 1})
-    assert cli.main(["try"]) == 0
-    assert capsys.readouterr().out == ""
-
-
 def test_a_summary_can_say_that_not_all_is_well(verb, capsys):
     verb(lambda args: {"exit_code": 1})
     assert cli.main(["try"]) == 1
@@ -174,11 +168,6 @@ def test_a_summary_can_say_that_not_all_is_well(verb, capsys):
 def test_options_are_not_guessed_from_their_beginnings(capsys):
     assert cli.main(["stimuli", "--exp", "csv", "sine_20_250"]) == 2
     assert cli.main(["--vers"]) == 2
-
-
-def test_it_runs_as_a_module_from_any_folder(tmp_path):
-    done = in_a_process("--version", stdout=subprocess.PIPE, cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (0, f"fembridge {fembridge.__version__}\n")
 
 
 def _in_a_shell(words, **environment):

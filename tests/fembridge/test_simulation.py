@@ -11,8 +11,8 @@ from numpy.testing import assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import OutputError, ParameterError, TraceError
-from fembridge.simulation import Simulation, encode_all
-from fembridge.tables import Rate, SpikeTrain, read_rates, read_spikes
+from fembridge.simulation import encode_all
+from fembridge.tables import read_rates, read_spikes
 from fembridge.trace import StressTrace
 from neural import PUBLISHED, encode
 
@@ -101,14 +101,6 @@ def test_the_record_tells_origin_windows_and_the_noise_s_seed(tmp_path, simulati
     assert noise["window_ms"] == [5.0, 250.0]
 
 
-def test_the_same_simulation_gives_the_same_bytes(tmp_path, simulation):
-    simulation.write(tmp_path / "first")
-    simulation.write(tmp_path / "second")
-    for name in FILES:
-        first, second = (tmp_path / which / name for which in ("first", "second"))
-        assert first.read_bytes() == second.read_bytes()
-
-
 @pytest.mark.parametrize("blocked", FILES)
 def test_a_result_that_cannot_be_written_leaves_the_earlier_one(tmp_path, simulation, blocked):
     """Whichever of the four it is: no file of the new one beside three old ones."""
@@ -166,17 +158,6 @@ def test_a_step_that_the_parameters_were_not_made_for_is_refused():
     traces = [[dataclasses.replace(t, dt_ms=1.0) for t in row] for row in traces_of()]
     with pytest.raises(ParameterError, match="a sample every 1 ms"):
         encode_all(slow, traces, PUBLISHED, {})
-
-
-def test_a_simulation_may_be_put_together_by_hand(tmp_path):
-    by_hand = Simulation(
-        stimuli=STIMULI[:1],
-        traces=(tuple(traces_of()[0]),),
-        trains=(SpikeTrain("sine_20_250", "SA", np.array([14.5])),),
-        mean_rates=(Rate("sine_20_250", "SA", 4.0),),
-    )
-    by_hand.write(tmp_path)
-    assert read_rates(tmp_path / "rates.csv") == [Rate("sine_20_250", "SA", 4.0)]
 
 
 def test_rates_and_spikes_as_tables_are_those_of_the_files(tmp_path, simulation):

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
-from fembridge.commands.stimuli import add_arguments
 from fembridge.exports import FORMATS, write_marc_table, write_wav
 from fembridge.stimulus import Stimulus
 
@@ -202,14 +201,3 @@ def test_misuse_is_2_and_writes_nothing(tmp_path, monkeypatch, capsys, words, to
     assert told in streams.err
     assert streams.out == ""
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_formats_on_the_command_line_are_those_that_can_be_written():
-    class Parser:
-        def add_argument(self, *names, choices=None, **options):
-            if "--export" in names:
-                self.choices = choices
-
-    parser = Parser()
-    add_arguments(parser)
-    assert set(parser.choices) == set(FORMATS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from decks.stimuli import CATALOGUE, resolve
+from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.fitting.fit import JudgedRates
 from fembridge.fitting.problem import fit_problem, group_of
@@ -23,15 +23,6 @@ def test_a_stimulus_is_in_the_group_of_its_frequencies(stimulus, group, level):
     [entry] = resolve(stimulus)
     assert group_of(entry) == group
     assert entry.level_um == level
-
-
-def test_the_catalogue_has_as_many_groups_as_the_appendix_has_sets():
-    count = {"sine": set(), "diharm": set(), "noise": set()}
-    for entry in CATALOGUE:
-        count[entry.family].add(group_of(entry))
-    assert count["sine"] == {"20 Hz", "50 Hz", "100 Hz", "300 Hz"}
-    assert len(count["diharm"]) == 4
-    assert len(count["noise"]) == 5
 
 
 def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response):
