@@ -6,7 +6,7 @@ view shows which node stands for which afferent.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,15 +15,17 @@ from decks.material import Material
 from decks.mesh import Mesh
 from decks.probe import Probe, mesh_probe
 from fembridge.plots.style import (
-    AFFERENT_COLOURS,
     HAIR_PT,
     INK,
     LAYER_COLOURS,
     PAGE_WIDTH_IN,
     PROBE_COLOUR,
-    SMALL_TEXT_PT,
-    TEXT_PT,
+    WHITE,
+    class_style,
+    dots,
+    in_style,
     line_colour,
+    note,
     spread,
 )
 from fembridge.run_folder import AfferentNode
@@ -67,8 +69,6 @@ _BAR_SHARE = 0.26
 _BAR_BELOW_IN, _NAME_STEP_IN, _LEADER_IN = 0.14, 0.32, 0.09
 _BAR_PT, _LEADER_PT, _HALO_PT, _DOT_PT = 1.6, 0.7, 0.6, 5.0
 
-_KILO, _GIGA_PER_MEGA = 1000.0, 1000.0
-
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -82,21 +82,14 @@ class Window:
         """Width over height."""
         return (self.x_mm[1] - self.x_mm[0]) / (self.y_mm[1] - self.y_mm[0])
 
-    @property
-    def bar_mm(self) -> float:
-        """Length of a scale bar: round, at most a quarter or so of the width."""
-        most_mm = _BAR_SHARE * (self.x_mm[1] - self.x_mm[0])
-        return next((bar for bar in _BARS_MM if bar <= most_mm), _BARS_MM[-1])
-
     def meets(self, corner_mm: FloatArray) -> BoolArray:
         """Which shapes ``(N, corner, 2)`` may be seen, by their bounding boxes."""
-        low, high = corner_mm.min(axis=1), corner_mm.max(axis=1)
-        start = np.array([self.x_mm[0], self.y_mm[0]])
-        end = np.array([self.x_mm[1], self.y_mm[1]])
-        seen: BoolArray = ((high >= start) & (low <= end)).all(axis=1)
+        low, high = np.transpose([self.x_mm, self.y_mm])
+        seen: BoolArray = ((corner_mm.max(axis=1) >= low) & (corner_mm.min(axis=1) <= high)).all(1)
         return seen
 
 
+@in_style
 def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
     """The section and the pad close up, with layers, afferents and probe.
 
@@ -120,28 +113,22 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
     )
     left_in = min(whole.aspect * height_in, _MOST_SHARE * room_in)
     right_in = room_in - left_in
-    close = close_window(
-        np.array([(site.x_mm, site.y_mm) for site in sites]), body_mm, right_in / height_in
-    )
+    site_mm = np.array([(site.x_mm, site.y_mm) for site in sites])
+    close = close_window(site_mm, body_mm, right_in / height_in)
     page_in = height_in + _LEGEND_IN + _BARS_IN + _EDGE_IN
     figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
     floor = (_LEGEND_IN + _BARS_IN) / page_in
-    start_in = _EDGE_IN + left_in + _BETWEEN_IN
     section, pad = (
         figure.add_axes((left / PAGE_WIDTH_IN, floor, width / PAGE_WIDTH_IN, height_in / page_in))
-        for left, width in ((_EDGE_IN, left_in), (start_in, right_in))
+        for left, width in ((_EDGE_IN, left_in), (_EDGE_IN + left_in + _BETWEEN_IN, right_in))
     )
     for panel, window in ((section, whole), (pad, close)):
-        _draw_elements(panel, mesh, window)
-        _draw_probe(panel, body_mm)
-        panel.set(xlim=window.x_mm, ylim=window.y_mm, aspect="equal", xticks=[])
-        panel.set(yticks=[])
+        _draw_elements(panel, mesh, window, body_mm)
+        panel.set(xlim=window.x_mm, ylim=window.y_mm, aspect="equal", xticks=[], yticks=[])
+        _draw_bar(figure, panel, window)
     section.set_axis_off()
-    for spine in pad.spines.values():
-        spine.set(linewidth=HAIR_PT, color=INK)
+    pad.spines[:].set_visible(True)
     _join(section, pad, close)
-    _draw_bar(figure, section, whole)
-    _draw_bar(figure, pad, close)
     _name_afferents(pad, sites, close, height_in)
     _draw_legend(figure, finger.materials, probe)
     return figure
@@ -149,12 +136,12 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
 
 def afferent_nodes(finger: Finger, mesh: Mesh) -> list[AfferentNode]:
     """Where the afferents of `finger` sit in `mesh`; nodes count from 1."""
-    places = []
-    for name, site in finger.afferents.items():
-        row = mesh.node_at(site)
-        x_mm, y_mm = mesh.node_mm[row].tolist()
-        places.append(AfferentNode(name, row + 1, site.layer, x_mm, y_mm, -y_mm))
-    return places
+    rows = {name: mesh.node_at(site) for name, site in finger.afferents.items()}
+    places = {name: mesh.node_mm[row].tolist() for name, row in rows.items()}
+    return [
+        AfferentNode(name, rows[name] + 1, finger.afferents[name].layer, x_mm, y_mm, -y_mm)
+        for name, (x_mm, y_mm) in places.items()
+    ]
 
 
 def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
@@ -165,13 +152,13 @@ def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
     """
     placed, _ = mesh_probe(probe, mesh)
     lower_mm = placed.node_mm[placed.lower_node]
-    if probe.shape == "flat":
-        top_mm = lower_mm[:, 1].min() + 0.5 * probe.diameter_mm
-        ends_mm = lower_mm[[-1, 0]] * [1.0, 0.0] + [0.0, top_mm]
-        return np.concatenate([lower_mm, ends_mm])
     radius_mm = 0.5 * probe.diameter_mm
+    bottom_mm = lower_mm[:, 1].min()
+    if probe.shape == "flat":
+        ends_mm = lower_mm[[-1, 0]] * [1.0, 0.0] + [0.0, bottom_mm + radius_mm]
+        return np.concatenate([lower_mm, ends_mm])
     angle = np.linspace(-np.pi / 2, 3 * np.pi / 2, 181)
-    middle_mm = [probe.x_mm, lower_mm[:, 1].min() + radius_mm]
+    middle_mm = [probe.x_mm, bottom_mm + radius_mm]
     outline: FloatArray = middle_mm + radius_mm * np.stack([np.cos(angle), np.sin(angle)], -1)
     return outline
 
@@ -179,47 +166,37 @@ def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
 def boundaries(mesh: Mesh) -> FloatArray:
     """Find where a layer or the section ends: edges ``(B, 2, 2)`` in mm."""
     nodes, element, _ = mesh.edges()
-    key = np.sort(nodes, axis=1)
-    order = np.lexsort((key[:, 1], key[:, 0]))
-    key, layer = key[order], mesh.layer[element[order]]
-    paired: BoolArray = np.zeros(len(key) + 1, dtype=bool)  # with the row before
-    paired[1:-1] = (key[1:] == key[:-1]).all(axis=1)
-    alone = ~paired[:-1] & ~paired[1:]
-    changes = paired[:-1] & (layer != np.roll(layer, 1))
-    ends: FloatArray = mesh.node_mm[key[alone | changes]]
+    edge, which = np.unique(np.sort(nodes, axis=1), axis=0, return_inverse=True)
+    layer = mesh.layer[element]
+    least, most = np.full(len(edge), len(LAYERS)), np.full(len(edge), -1)
+    np.minimum.at(least, which.ravel(), layer)
+    np.maximum.at(most, which.ravel(), layer)
+    alone = np.bincount(which.ravel()) == 1
+    ends: FloatArray = mesh.node_mm[edge[alone | (least != most)]]
     return ends
 
 
-def _draw_elements(panel: "Axes", mesh: Mesh, window: Window) -> None:
+def _draw_elements(panel: "Axes", mesh: Mesh, window: Window, body_mm: FloatArray) -> None:
+    """Fill the elements that the window shows, draw the layers' ends, and the probe."""
     from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.patches import Polygon
 
-    corner = mesh.node_mm[mesh.quad]
-    seen = window.meets(corner)
+    corner_mm, ends_mm = mesh.node_mm[mesh.quad], boundaries(mesh)
+    seen = window.meets(corner_mm)
     fills = np.array([LAYER_COLOURS[name] for name in LAYERS])
     lines = np.array([line_colour(LAYER_COLOURS[name]) for name in LAYERS])
     fine = seen.all() and len(mesh.quad) > _FINE_ELEMENTS
-    panel.add_collection(
-        PolyCollection(
-            list(corner[seen]),
-            facecolors=fills[mesh.layer[seen]].tolist(),
-            edgecolors=lines[mesh.layer[seen]],
-            linewidths=_FINE_MESH_LINE_PT if fine else _MESH_LINE_PT,
-            rasterized=True,
-        ),
-        autolim=False,
+    elements = PolyCollection(
+        list(corner_mm[seen]),
+        facecolors=fills[mesh.layer[seen]].tolist(),
+        edgecolors=lines[mesh.layer[seen]],
+        linewidths=_FINE_MESH_LINE_PT if fine else _MESH_LINE_PT,
+        rasterized=True,
     )
-    ends = boundaries(mesh)
-    panel.add_collection(
-        LineCollection(
-            ends[window.meets(ends)].tolist(), colors=INK, linewidths=_BOUNDARY_PT, capstyle="round"
-        ),
-        autolim=False,
-    )
-
-
-def _draw_probe(panel: "Axes", body_mm: FloatArray) -> None:
-    from matplotlib.patches import Polygon
-
+    ends_mm = ends_mm[window.meets(ends_mm)].tolist()
+    ends = LineCollection(ends_mm, colors=INK, linewidths=_BOUNDARY_PT, capstyle="round")
+    panel.add_collection(elements, autolim=False)
+    panel.add_collection(ends, autolim=False)
     panel.add_patch(Polygon(body_mm, facecolor=PROBE_COLOUR, edgecolor=INK, linewidth=_BOUNDARY_PT))
 
 
@@ -228,43 +205,21 @@ def _join(section: "Axes", pad: "Axes", close: Window) -> None:
     from matplotlib.patches import ConnectionPatch, Rectangle
 
     (left, right), (bottom, top) = close.x_mm, close.y_mm
-    section.add_patch(
-        Rectangle(
-            (left, bottom),
-            right - left,
-            top - bottom,
-            facecolor="none",
-            edgecolor=INK,
-            linewidth=HAIR_PT,
-        )
-    )
+    frame: dict[str, Any] = {"facecolor": "none", "edgecolor": INK, "linewidth": HAIR_PT}
+    section.add_patch(Rectangle((left, bottom), right - left, top - bottom, **frame))
+    dashed: dict[str, Any] = {"color": INK, "linewidth": 0.7 * HAIR_PT, "clip_on": False}
+    dashed |= {"coordsA": "data", "axesA": section, "axesB": pad, "linestyle": (0, (6, 3))}
     for height in (bottom, top):
-        section.add_artist(
-            ConnectionPatch(
-                (right, height),
-                (left, height),
-                coordsA="data",
-                coordsB="data",
-                axesA=section,
-                axesB=pad,
-                color=INK,
-                linewidth=0.7 * HAIR_PT,
-                linestyle=(0, (6, 3)),
-                clip_on=False,
-            )
-        )
+        section.add_artist(ConnectionPatch((right, height), (left, height), **dashed))
 
 
 def whole_window(node_mm: FloatArray, body_mm: FloatArray) -> Window:
     """Window on the whole section ``(N, 2)`` with the probe ``(P, 2)`` on it."""
-    low, high = node_mm.min(axis=0), node_mm.max(axis=0)
+    low, high = node_mm.min(axis=0) - _AROUND_SECTION_MM, node_mm.max(axis=0)
     top_mm = min(body_mm[:, 1].max(), high[1] + _PROBE_IN_SECTION_MM)
-    top_mm = max(top_mm, high[1] + _PROBE_SHOWN_MM)  # the close view lies inside
-    around_mm = _AROUND_SECTION_MM
-    return Window(
-        (float(low[0] - around_mm), float(high[0] + around_mm)),
-        (float(low[1] - around_mm), float(top_mm + around_mm)),
-    )
+    high[1] = max(top_mm, high[1] + _PROBE_SHOWN_MM)  # the close view lies inside
+    (left, bottom), (right, top) = low.tolist(), (high + _AROUND_SECTION_MM).tolist()
+    return Window((left, right), (bottom, top))
 
 
 def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Window:
@@ -277,39 +232,30 @@ def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Win
     lowest = body_mm[:, 1] <= body_mm[:, 1].min() + _LEVEL_MM
     touch_mm = body_mm[lowest].mean(axis=0)
     points = np.concatenate([site_mm, touch_mm[None]])
-    left, low = points.min(axis=0) - _AROUND_SITE_MM
-    right, _ = points.max(axis=0) + _AROUND_SITE_MM
-    top = max(float(touch_mm[1]), 0.0) + _PROBE_SHOWN_MM
-    height = max(top - min(float(low), -_CLOSE_DEPTH_MM), _CLOSE_WIDTH_MM / aspect)
-    width = max(aspect * height, float(right - left))
-    middle = float(touch_mm[0])
+    left, low = (points.min(axis=0) - _AROUND_SITE_MM).tolist()
+    right, _ = (points.max(axis=0) + _AROUND_SITE_MM).tolist()
+    middle, touch = touch_mm.tolist()
+    top = max(touch, 0.0) + _PROBE_SHOWN_MM
+    height = max(top - min(low, -_CLOSE_DEPTH_MM), _CLOSE_WIDTH_MM / aspect)
+    width = max(aspect * height, right - left)
     if max(middle - left, right - middle) > 0.5 * width:
-        middle = 0.5 * float(left + right)
+        middle = 0.5 * (left + right)
     return Window((middle - 0.5 * width, middle + 0.5 * width), (top - width / aspect, top))
 
 
 def _draw_bar(figure: "Figure", panel: "Axes", window: Window) -> None:
-    """Draw a bar of a round length under the panel's left corner."""
+    """Draw a bar of a round length, a quarter or so of the width, under the left corner."""
     from matplotlib.lines import Line2D
 
     slot = panel.get_position(original=True)
-    length_mm = window.bar_mm
-    share = length_mm / (window.x_mm[1] - window.x_mm[0])
+    wide_mm = window.x_mm[1] - window.x_mm[0]
+    length_mm = next((bar for bar in _BARS_MM if bar <= _BAR_SHARE * wide_mm), _BARS_MM[-1])
     height = slot.y0 - _BAR_BELOW_IN / figure.get_figheight()
-    end = slot.x0 + share * slot.width
-    figure.add_artist(
-        Line2D(
-            [slot.x0, end], [height, height], color=INK, linewidth=_BAR_PT, solid_capstyle="butt"
-        )
-    )
-    figure.text(
-        end + 0.05 / PAGE_WIDTH_IN,
-        height,
-        f"{length_mm:g} mm",
-        va="center_baseline",
-        fontsize=SMALL_TEXT_PT,
-        color=INK,
-    )
+    end = slot.x0 + length_mm / wide_mm * slot.width
+    style: dict[str, Any] = {"linewidth": _BAR_PT, "solid_capstyle": "butt"}
+    figure.add_artist(Line2D([slot.x0, end], [height, height], **style))
+    words = f"{length_mm:g} mm"
+    figure.text(end + 0.05 / PAGE_WIDTH_IN, height, words, va="center_baseline")
 
 
 def _name_afferents(
@@ -318,66 +264,26 @@ def _name_afferents(
     """Mark the nodes; write names at the right, from top to bottom as they lie."""
     from matplotlib.patheffects import withStroke
 
-    halo = withStroke(linewidth=_LEADER_PT + 2 * _HALO_PT, foreground="white")
-    bottom, top = window.y_mm
-    step_mm = _NAME_STEP_IN / height_in * (top - bottom)
-    right = window.x_mm[1]
-    gap_mm = _LEADER_IN / height_in * (top - bottom)
+    halo = withStroke(linewidth=_LEADER_PT + 2 * _HALO_PT, foreground=WHITE)
+    (bottom, top), right = window.y_mm, window.x_mm[1]
+    mm_per_in = (top - bottom) / height_in
+    end = right + _LEADER_IN * mm_per_in
     ordered = sorted(sites, key=lambda site: (-site.y_mm, -site.x_mm))
-    heights = spread([site.y_mm for site in ordered], step_mm, bottom, top)
+    heights = spread([site.y_mm for site in ordered], _NAME_STEP_IN * mm_per_in, bottom, top)
     for site, height in zip(ordered, heights, strict=True):
-        colour = AFFERENT_COLOURS.get(site.afferent, INK)
-        panel.plot(
-            [site.x_mm, right, right + gap_mm],
-            [site.y_mm, height, height],
-            color=colour,
-            linewidth=_LEADER_PT,
-            clip_on=False,
-            path_effects=[halo],
-            zorder=4,
-        )
-        panel.plot(
-            site.x_mm,
-            site.y_mm,
-            marker="o",
-            markersize=_DOT_PT,
-            color=colour,
-            markeredgecolor="white",
-            markeredgewidth=_HALO_PT,
-            zorder=5,
-        )
-        name = panel.annotate(
-            site.afferent,
-            (right + gap_mm, height),
-            xytext=(2.5, 0.5),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=TEXT_PT,
-            fontweight="bold",
-            color=colour,
-            annotation_clip=False,
-        )
-        panel.annotate(
-            "" if site.depth_mm is None else f"{site.depth_mm:.2f} mm deep",
-            (1, 0),
-            xycoords=name,
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=SMALL_TEXT_PT,
-            color=INK,
-            annotation_clip=False,
-        )
-        panel.annotate(
-            _words(site.layer),
-            (right + gap_mm, height),
-            xytext=(2.5, -0.5),
-            textcoords="offset points",
-            va="top",
-            fontsize=SMALL_TEXT_PT,
-            color=INK,
-            annotation_clip=False,
-        )
+        style = class_style(site.afferent)
+        colour = style["color"]
+        leader: dict[str, Any] = {"linewidth": _LEADER_PT, "path_effects": [halo], "zorder": 4}
+        way_mm = ([site.x_mm, right, end], [site.y_mm, height, height])
+        panel.plot(*way_mm, color=colour, clip_on=False, **leader)
+        edge: dict[str, Any] = {"markeredgecolor": WHITE, "markeredgewidth": _HALO_PT, "zorder": 5}
+        panel.plot(site.x_mm, site.y_mm, **dots(colour, _DOT_PT, **edge))
+        at = (end, height)
+        name = note(panel, site.afferent, at, (2.5, 0.5), frame="data", va="bottom", **style)
+        if site.depth_mm is not None:
+            deep = f"{site.depth_mm:.2f} mm deep"
+            note(panel, deep, (1, 0), (4, 0), frame=name, va="bottom")
+        note(panel, _words(site.layer), at, (2.5, -0.5), frame="data", va="top")
 
 
 def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Probe) -> None:
@@ -395,12 +301,7 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
     ]
     entries.append((PROBE_COLOUR, f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"))
     columns = -(-len(entries) // 2)  # a legend fills columns; people read rows
-    in_rows = [
-        entries[k]
-        for column in range(columns)
-        for k in (column, column + columns)
-        if k < len(entries)
-    ]
+    in_rows = [entry for column in range(columns) for entry in entries[column::columns]]
     figure.legend(
         handles=[
             Patch(facecolor=fill, edgecolor=INK, linewidth=HAIR_PT, label=text)
@@ -408,9 +309,6 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
         ],
         ncols=columns,
         loc="lower center",
-        frameon=False,
-        fontsize=SMALL_TEXT_PT,
-        labelcolor=INK,
         borderpad=0.0,
         borderaxespad=0.3,
         labelspacing=0.7,
@@ -423,10 +321,8 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
 def modulus_text(young_mpa: float) -> str:
     """Young's modulus in the unit that needs fewest digits."""
     if young_mpa < 1:
-        return f"{young_mpa * _KILO:g} kPa"
-    if young_mpa >= _GIGA_PER_MEGA:
-        return f"{young_mpa / _GIGA_PER_MEGA:g} GPa"
-    return f"{young_mpa:g} MPa"
+        return f"{young_mpa * 1000:g} kPa"
+    return f"{young_mpa / 1000:g} GPa" if young_mpa >= 1000 else f"{young_mpa:g} MPa"
 
 
 def poisson_text(poisson: float) -> str:

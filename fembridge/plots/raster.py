@@ -1,6 +1,7 @@
 """Rasters of spikes: one panel a class, one row a stimulus."""
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,15 +11,15 @@ from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
     HAIR_PT,
-    INK,
     LINE_PT,
-    PAGE_WIDTH_IN,
-    SHADE,
     SMALL_TEXT_PT,
     TEXT_PT,
     TINY_TEXT_PT,
-    make_plain,
+    class_style,
+    in_style,
+    new_figure,
 )
+from fembridge.plots.waveform import shade_outside
 from fembridge.stimulus import Stimulus
 from fembridge.tables import SpikeTrain
 
@@ -38,6 +39,7 @@ _FILL = 0.78
 _DENSE_LINE_PT = 0.65
 
 
+@in_style
 def raster_figure(
     trains: Iterable[SpikeTrain],
     *,
@@ -70,146 +72,87 @@ def raster_figure(
     UsageError
         Nothing to draw, or spikes that have no row.
     """
-    from matplotlib.figure import Figure
-
     trains = list(trains)
     rows = list(stimuli or dict.fromkeys(train.stimulus for train in trains))
     present = {train.afferent for train in trains}
     classes = list(afferents or [name for name in AFFERENT_COLOURS if name in present])
-    _check(trains, rows, classes)
-    span = span_ms or _span(trains, window_ms, waveform)
-    rows_in = _ROW_IN * len(rows)
-    if len(rows) > _TALL_ROWS:
-        rows_in = max(_ROW_IN * _TALL_ROWS, _LEAST_ROW_IN * len(rows))
-    heights_in = [_WAVEFORM_IN, rows_in] if waveform else [rows_in]
-    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + _AROUND_IN), layout="constrained")
-    grid = figure.subplots(
+    if not rows or not classes:
+        raise UsageError("no stimulus or no class to draw; name them if all are silent")
+    if unknown := [name for name in classes if name not in AFFERENT_COLOURS]:
+        raise UsageError(f"afferent {unknown[0]!r}, expected {', '.join(AFFERENT_COLOURS)}")
+    if homeless := [train.stimulus for train in trains if train.stimulus not in rows]:
+        raise UsageError(f"spikes of {homeless[0]}, which has no row")
+    many = len(rows) > _TALL_ROWS
+    rows_in = max(_ROW_IN * min(len(rows), _TALL_ROWS), _LEAST_ROW_IN * len(rows))
+    heights_in = [_WAVEFORM_IN] * (waveform is not None) + [rows_in]
+    figure, grid = new_figure(
+        sum(heights_in) + _AROUND_IN,
         len(heights_in),
         len(classes),
-        squeeze=False,
+        heights=heights_in,
         sharex=True,
         sharey="row",
-        gridspec_kw={"height_ratios": heights_in},
     )
-    for column, afferent in enumerate(classes):
-        panel = grid[-1, column]
+    ends_ms = [*(train.times_ms for train in trains), window_ms or (), (0.0, 1.0)]
+    if waveform:
+        ends_ms.append(waveform.times_ms[[0, -1]])
+    every_ms = np.concatenate(ends_ms if span_ms is None else [span_ms])
+    for afferent, column in zip(classes, grid.T, strict=True):
+        panel = column[-1]
         mine = [train for train in trains if train.afferent == afferent]
-        _draw_spikes(panel, mine, rows, span, AFFERENT_COLOURS[afferent])
-        _draw_ground(panel, rows, span, window_ms)
+        _draw_spikes(panel, mine, rows, _DENSE_LINE_PT if many else LINE_PT)
+        panel.set(xlim=(every_ms.min(), every_ms.max()), ylim=(len(rows) - 0.5, -0.5))
+        panel.set_xlabel("Time (ms)")
+        panel.tick_params(axis="y", length=0.0)
+        if window_ms:
+            shade_outside(panel, window_ms)
+        _part_families(panel, rows, many)
         if waveform:
-            _draw_waveform(grid[0, column], waveform)
-        grid[0, column].set_title(
-            afferent, color=AFFERENT_COLOURS[afferent], fontsize=TEXT_PT + 1, fontweight="bold"
-        )
-    _label_rows(grid[-1, 0], rows, rows_in / len(rows))
+            column[0].plot(waveform.times_ms, waveform.displacement_um, linewidth=HAIR_PT + 0.2)
+            column[0].spines["bottom"].set_visible(False)
+            column[0].tick_params(axis="x", bottom=False)
+        column[0].set_title(afferent, **class_style(afferent, TEXT_PT + 1))
+    size_pt = SMALL_TEXT_PT if rows_in / len(rows) >= _ROW_IN / 2 else TINY_TEXT_PT
+    names = [_short(name) for name in rows]
+    grid[-1, 0].set_yticks(range(len(rows)), names, fontsize=size_pt, parse_math=False)
     if waveform:
         whose = f"{_short(waveform.id)}\n" if len(rows) > 1 else ""
-        grid[0, 0].set_ylabel(
-            f"{whose}depth (µm)",
-            fontsize=SMALL_TEXT_PT,
-            color=INK,
-            rotation=0,
-            ha="right",
-            va="center",
-            parse_math=False,
-        )
+        style = {"rotation": 0, "ha": "right", "va": "center", "parse_math": False}
+        grid[0, 0].set_ylabel(f"{whose}depth (µm)", **style)
     return figure
 
 
-def _check(trains: Sequence[SpikeTrain], rows: Sequence[str], classes: Sequence[str]) -> None:
-    if not rows or not classes:
-        raise UsageError("no stimulus or no class to draw; name them if all are silent")
-    unknown = [name for name in classes if name not in AFFERENT_COLOURS]
-    if unknown:
-        raise UsageError(f"afferent {unknown[0]!r}, expected {', '.join(AFFERENT_COLOURS)}")
-    for train in trains:
-        if train.stimulus not in rows:
-            raise UsageError(f"spikes of {train.stimulus}, which has no row")
-
-
-def _span(
-    trains: Sequence[SpikeTrain], window_ms: tuple[float, float] | None, waveform: Stimulus | None
-) -> tuple[float, float]:
-    times = [train.times_ms for train in trains]
-    if window_ms:
-        times.append(np.array(window_ms))
-    if waveform:
-        times.append(waveform.times_ms[[0, -1]])
-    every_ms = np.concatenate([*times, [0.0, 1.0]])
-    return float(every_ms.min()), float(every_ms.max())
-
-
 def _draw_spikes(
-    panel: "Axes",
-    trains: Sequence[SpikeTrain],
-    rows: Sequence[str],
-    span_ms: tuple[float, float],
-    colour: str,
+    panel: "Axes", trains: Sequence[SpikeTrain], rows: Sequence[str], line_pt: float
 ) -> None:
     """Draw all spikes of a panel; the repeats of a row lie under one another."""
-    repeats: dict[str, list[int]] = {}
+    repeats = {name: sorted({t.repeat for t in trains if t.stimulus == name}) for name in rows}
+    times_ms, tops, bottoms = [np.empty(0)], [np.empty(0)], [np.empty(0)]
     for train in trains:
-        repeats.setdefault(train.stimulus, []).append(train.repeat)
-    start, end = span_ms
-    times_ms, middles, halves = [np.empty(0)], [np.empty(0)], [np.empty(0)]
-    for train in trains:
-        here = sorted(set(repeats[train.stimulus]))
+        here = repeats[train.stimulus]
         lane = _FILL / len(here)
-        top = rows.index(train.stimulus) - _FILL / 2
-        middle = top + (here.index(train.repeat) + 0.5) * lane
+        middle = rows.index(train.stimulus) - _FILL / 2 + (here.index(train.repeat) + 0.5) * lane
         half = lane / 2 if len(here) == 1 else 0.42 * lane
-        shown = train.times_ms[(train.times_ms >= start) & (train.times_ms <= end)]
-        times_ms.append(shown)
-        middles.append(np.full(shown.size, middle))
-        halves.append(np.full(shown.size, half))
-    centres, reach = np.concatenate(middles), np.concatenate(halves)
+        times_ms.append(train.times_ms)
+        tops.append(np.full(train.times_ms.size, middle - half))
+        bottoms.append(np.full(train.times_ms.size, middle + half))
     panel.vlines(
         np.concatenate(times_ms),
-        centres - reach,
-        centres + reach,
-        colors=colour,
-        linewidths=LINE_PT if len(rows) <= _TALL_ROWS else _DENSE_LINE_PT,
+        np.concatenate(tops),
+        np.concatenate(bottoms),
+        colors=AFFERENT_COLOURS[trains[0].afferent] if trains else None,
+        linewidths=line_pt,
         clip_on=False,  # a spike on the last sample is as thick as any
     )
 
 
-def _draw_ground(
-    panel: "Axes",
-    rows: Sequence[str],
-    span_ms: tuple[float, float],
-    window_ms: tuple[float, float] | None,
-) -> None:
-    """Draw what is behind the spikes: axes, window, lines between families."""
-    start, end = span_ms
-    panel.set_xlim(start, end)
-    panel.set_ylim(len(rows) - 0.5, -0.5)
-    if window_ms:
-        for left, right in ((start, window_ms[0]), (window_ms[1], end)):
-            if right > left:
-                panel.axvspan(left, right, facecolor=SHADE, linewidth=0, zorder=-2)
-    families = [name.split("_")[0] for name in rows]
-    series = [name.rpartition("_")[0] for name in rows]
-    for row in range(1, len(rows)):
-        if families[row] != families[row - 1]:
-            panel.axhline(row - 0.5, color=FAINT, linewidth=LINE_PT, zorder=-1)
-        elif series[row] != series[row - 1] and len(rows) > _TALL_ROWS:
-            panel.axhline(row - 0.5, color=FAINT, linewidth=HAIR_PT / 2, zorder=-1)
-    make_plain(panel)
-    panel.tick_params(axis="y", length=0.0)
-    panel.set_xlabel("Time (ms)", fontsize=SMALL_TEXT_PT, color=INK)
-
-
-def _draw_waveform(panel: "Axes", waveform: Stimulus) -> None:
-    panel.plot(waveform.times_ms, waveform.displacement_um, color=INK, linewidth=HAIR_PT + 0.2)
-    make_plain(panel)
-    panel.spines["bottom"].set_visible(False)
-    panel.tick_params(axis="x", bottom=False, labelbottom=False)
-
-
-def _label_rows(panel: "Axes", rows: Sequence[str], row_in: float) -> None:
-    size = SMALL_TEXT_PT if row_in >= _ROW_IN / 2 else TINY_TEXT_PT
-    names = [_short(name) for name in rows]
-    panel.set_yticks(range(len(rows)), names, fontsize=size, parse_math=False)
+def _part_families(panel: "Axes", rows: Sequence[str], many: bool) -> None:
+    """Draw a line between two families of stimuli, and a thin one between many sets."""
+    for row, (above, below) in enumerate(pairwise(rows)):
+        if above.split("_")[0] != below.split("_")[0]:
+            panel.axhline(row + 0.5, color=FAINT, zorder=-1)
+        elif many and above.rpartition("_")[0] != below.rpartition("_")[0]:
+            panel.axhline(row + 0.5, color=FAINT, linewidth=HAIR_PT / 2, zorder=-1)
 
 
 def _short(name: str) -> str:

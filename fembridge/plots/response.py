@@ -5,22 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.plots.style import (
-    AFFERENT_COLOURS,
-    INK,
-    LINE_PT,
-    PAGE_WIDTH_IN,
-    SMALL_TEXT_PT,
-    TEXT_PT,
-    make_plain,
-    spread,
-)
+from fembridge.plots.style import class_style, dots, in_style, new_figure, note, spread
 from fembridge.response.response_map import ResponseMap
 from fembridge.results.stress import von_mises_pa
-from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _HEIGHT_IN = 2.15
@@ -36,39 +25,44 @@ _NAME_SHARE = 0.09
 _DEEP = ("PC",)
 
 
+@in_style
 def response_figure(response: ResponseMap) -> "Figure":
     """Stress at each afferent and the probe's force against depth.
 
     Dots are the solved depths, lines what is interpolated between them. What the
     load–unload run showed is written below.
     """
-    from matplotlib.figure import Figure
-
-    deep = [k for k, place in enumerate(response.places) if place.afferent in _DEEP]
-    shallow = [k for k in range(len(response.places)) if k not in deep]
-    groups = [group for group in (shallow, deep) if group]
-    figure = Figure(figsize=(PAGE_WIDTH_IN, _HEIGHT_IN), layout="constrained")
-    panels = figure.subplots(1, len(groups) + 1, squeeze=False)[0]
-    solved_kpa = von_mises_pa(response.tensor_pa) / _PA_PER_KPA
+    places = {place.afferent: column for column, place in enumerate(response.places)}
+    groups = [[name for name in places if (name in _DEEP) == deep] for deep in (False, True)]
+    groups = [group for group in groups if group]
+    figure, [panels] = new_figure(_HEIGHT_IN, columns=len(groups) + 1)
     depth_um = np.linspace(0.0, response.deepest_um, _POINTS)
+    solved_kpa = von_mises_pa(response.tensor_pa) / _PA_PER_KPA
     curve_kpa = von_mises_pa(response.tensors(depth_um)) / _PA_PER_KPA
     for panel, group in zip(panels, groups, strict=False):
-        for column in group:
-            afferent = response.places[column].afferent
-            colour = AFFERENT_COLOURS.get(afferent, INK)
-            panel.plot(depth_um, curve_kpa[:, column], color=colour, linewidth=LINE_PT)
-            _draw_dots(panel, response.depth_um, solved_kpa[:, column], colour)
-        panel.set_ylabel("Von Mises stress (kPa)", fontsize=SMALL_TEXT_PT, color=INK)
-    _draw_force(panels[-1], response)
-    for panel in panels:
-        panel.set_xlim(0.0, response.deepest_um)
+        ends = sorted(group, key=lambda name: -solved_kpa[-1, places[name]])
+        for name in group:
+            colour, column = class_style(name)["color"], places[name]
+            panel.plot(depth_um, curve_kpa[:, column], color=colour)
+            style = dots(colour, _DOT_PT, clip_on=False)
+            panel.plot(response.depth_um, solved_kpa[:, column], **style)
+        panel.set(xlim=(0.0, response.deepest_um), ylabel="Von Mises stress (kPa)")
         panel.set_ylim(bottom=0.0)
-        panel.set_xlabel("Depth of the probe (µm)", fontsize=SMALL_TEXT_PT, color=INK)
-        make_plain(panel)
-    for panel, group in zip(panels, groups, strict=False):
-        names = [response.places[column].afferent for column in group]
-        _name_lines(panel, names, solved_kpa[-1, group])
-    figure.supxlabel(closure_text(response), fontsize=SMALL_TEXT_PT, color=INK)
+        bottom, top = panel.get_ylim()
+        end_kpa = [solved_kpa[-1, places[name]] for name in ends]
+        heights = spread(end_kpa, _NAME_SHARE * (top - bottom), bottom, top)
+        frame = ("axes fraction", "data")
+        for name, height in zip(ends, heights, strict=True):
+            note(panel, name, (1.0, height), (5, 0), frame=frame, va="center", **class_style(name))
+    force_mn_per_mm = response.force_n_per_mm * _MN_PER_N
+    panels[-1].plot(
+        response.depth_um, force_mn_per_mm, marker="o", markersize=_DOT_PT, clip_on=False
+    )
+    panels[-1].set(xlim=(0.0, response.deepest_um), ylabel="Force on the probe (mN/mm)")
+    panels[-1].set_ylim(bottom=0.0)
+    for panel in panels:
+        panel.set_xlabel("Depth of the probe (µm)")
+    figure.supxlabel(closure_text(response))
     return figure
 
 
@@ -81,43 +75,3 @@ def closure_text(response: ResponseMap) -> str:
         "Unloading came back to the stress of loading within "
         f"{percent:.2g} % at every depth compared."
     )
-
-
-def _draw_force(panel: "Axes", response: ResponseMap) -> None:
-    force_mn_per_mm = response.force_n_per_mm * _MN_PER_N
-    panel.plot(response.depth_um, force_mn_per_mm, color=INK, linewidth=LINE_PT)
-    _draw_dots(panel, response.depth_um, force_mn_per_mm, INK)
-    panel.set_ylabel("Force on the probe (mN/mm)", fontsize=SMALL_TEXT_PT, color=INK)
-
-
-def _draw_dots(panel: "Axes", depth_um: FloatArray, height: FloatArray, colour: str) -> None:
-    panel.plot(
-        depth_um,
-        height,
-        linestyle="none",
-        marker="o",
-        markersize=_DOT_PT,
-        color=colour,
-        markeredgewidth=0.0,
-        clip_on=False,
-    )
-
-
-def _name_lines(panel: "Axes", names: list[str], end_kpa: FloatArray) -> None:
-    """Write each name at its line's end, moved apart where lines end together."""
-    bottom, top = panel.get_ylim()
-    order = np.argsort(-end_kpa, kind="stable")
-    heights = spread(end_kpa[order].tolist(), _NAME_SHARE * (top - bottom), bottom, top)
-    for row, height in zip(order, heights, strict=True):
-        panel.annotate(
-            names[row],
-            (1.0, height),
-            xycoords=("axes fraction", "data"),
-            xytext=(5, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=TEXT_PT,
-            fontweight="bold",
-            color=AFFERENT_COLOURS.get(names[row], INK),
-            annotation_clip=False,
-        )

@@ -7,9 +7,12 @@ all of them. Layers that touch differ in lightness, not in hue alone: they stay 
 print without colour. Their hues are those of histology where they can be.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
+
+import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.store import replacing
@@ -17,8 +20,11 @@ from fembridge.store import replacing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
 
 Share = bool | Literal["row", "col"]
+_Given = ParamSpec("_Given")
+_Drawn = TypeVar("_Drawn")
 
 AFFERENT_COLOURS = {"SA": "#009E73", "RA": "#0072B2", "PC": "#D55E00"}
 INK, FAINT, SHADE, WHITE = "#1A1A1A", "#B8B8B8", "#F1F1F1", "#FFFFFF"
@@ -46,8 +52,29 @@ LINE_PT = 0.9
 PAGE_WIDTH_IN = 7.2
 DPI = 200
 
-# Text stays text where a format allows it, and nothing in a file is random.
-_SETTINGS: dict[Any, Any] = {"svg.hashsalt": "fembridge", "pdf.fonttype": 42, "ps.fonttype": 42}
+_STYLE: dict[Any, Any] = {
+    "font.size": SMALL_TEXT_PT,
+    "text.color": INK,
+    "axes.prop_cycle": f"cycler('color', ['{INK}'])",
+    "axes.edgecolor": INK,
+    "axes.linewidth": HAIR_PT,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.labelcolor": INK,
+    "axes.labelsize": SMALL_TEXT_PT,
+    "axes.titlesize": SMALL_TEXT_PT,
+    "figure.labelsize": SMALL_TEXT_PT,
+    "figure.titlesize": TEXT_PT,
+    "legend.fontsize": SMALL_TEXT_PT,
+    "legend.frameon": False,
+    "lines.color": INK,
+    "lines.linewidth": LINE_PT,
+    "lines.markeredgewidth": 0.0,
+    # Text stays text where a format allows it, and nothing in a file is random.
+    "svg.hashsalt": "fembridge",
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+}
 # The entries of a file's metadata that would hold the time of writing.
 _DATED = {"svg": "Date", "svgz": "Date", "pdf": "CreationDate"}
 # Matplotlib writes it through LaTeX, which may not be there and can stop midway.
@@ -56,6 +83,19 @@ _NEEDS_LATEX = "pgf"
 # A line of the mesh is its element's fill, darkened: no transparency, which some
 # formats do not have.
 _LINE_SHARE = 0.72
+
+
+def in_style(draw: Callable[_Given, _Drawn]) -> Callable[_Given, _Drawn]:
+    """`draw` in the style: it says of its lines and words only where they differ."""
+
+    @wraps(draw)
+    def drawn(*args: _Given.args, **options: _Given.kwargs) -> _Drawn:
+        from matplotlib import rc_context
+
+        with rc_context(_STYLE):
+            return draw(*args, **options)
+
+    return drawn
 
 
 def line_colour(fill: str) -> tuple[float, float, float]:
@@ -100,59 +140,50 @@ def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
     suffix = check_suffix(path)
     FigureCanvasAgg(figure)
     metadata = {_DATED[suffix]: None} if suffix in _DATED else None
-    with rc_context(_SETTINGS), replacing(path) as draft:
+    with rc_context(_STYLE), replacing(path) as draft:
         figure.savefig(draft, format=suffix, dpi=dpi, metadata=metadata)
 
 
 def new_figure(
     height_in: float,
-    rows: int,
-    columns: int,
+    rows: int = 1,
+    columns: int = 1,
     *,
-    margins_in: tuple[float, float, float, float, float, float],
-    heights: Sequence[float] = (),
-    sharex: Share = True,
-    sharey: Share = True,
+    width_in: float = PAGE_WIDTH_IN,
+    margins_in: tuple[float, float, float, float, float, float] | None = None,
+    heights: Sequence[float] | None = None,
+    widths: Sequence[float] | None = None,
+    sharex: Share = False,
+    sharey: Share = False,
 ) -> tuple["Figure", Any]:
-    """Figure of the page's width, and its panels ``(rows, columns)``.
+    """Figure and its panels ``(rows, columns)``, their axes plain.
 
-    `margins_in` are left, right, top, bottom, then between columns and between rows,
-    all in inches: a layout engine takes seconds. `heights` are those of the rows.
+    `margins_in` are left, right, top, bottom, then between columns and between rows, all in
+    inches; None finds them, which takes seconds where panels are many. `heights` and `widths`
+    are the shares of rows and columns.
     """
     from matplotlib.figure import Figure
 
-    left, right, top, bottom, between_columns, between_rows = margins_in
-    panel_in = (PAGE_WIDTH_IN - left - right - (columns - 1) * between_columns) / columns
-    tall_in = (height_in - top - bottom - (rows - 1) * between_rows) / rows
-    figure = Figure(figsize=(PAGE_WIDTH_IN, height_in))
-    spaced: dict[str, Any] = {
-        "left": left / PAGE_WIDTH_IN,
-        "right": 1 - right / PAGE_WIDTH_IN,
-        "top": 1 - top / height_in,
-        "bottom": bottom / height_in,
-        "wspace": between_columns / panel_in,
-        "hspace": between_rows / tall_in,
-    }
-    if heights:
-        spaced["height_ratios"] = heights
-    return figure, figure.subplots(
-        rows, columns, squeeze=False, sharex=sharex, sharey=sharey, gridspec_kw=spaced
+    grid: dict[str, Any] = {"height_ratios": heights, "width_ratios": widths}
+    figure = Figure(figsize=(width_in, height_in), layout=None if margins_in else "constrained")
+    if margins_in:
+        left, right, top, bottom, between_columns, between_rows = margins_in
+        panel_in = (width_in - left - right - (columns - 1) * between_columns) / columns
+        tall_in = (height_in - top - bottom - (rows - 1) * between_rows) / rows
+        grid |= {"left": left / width_in, "right": 1 - right / width_in}
+        grid |= {"top": 1 - top / height_in, "bottom": bottom / height_in}
+        grid |= {"wspace": between_columns / panel_in, "hspace": between_rows / tall_in}
+    panels = figure.subplots(
+        rows, columns, squeeze=False, sharex=sharex, sharey=sharey, gridspec_kw=grid
     )
+    for panel in panels.flat:
+        make_plain(panel)
+    return figure, panels
 
 
 def make_plain(panel: "Axes") -> None:
-    """Leave a panel its left and lower line, thin, with small numbers."""
-    for side, spine in panel.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_linewidth(HAIR_PT)
-        spine.set_color(INK)
+    """Small numbers and marks on both axes; Matplotlib would make them when it saves."""
     panel.tick_params(labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK)
-
-
-def name_axes(panel: "Axes", x: str, y: str, size_pt: float = SMALL_TEXT_PT) -> None:
-    """Label both axes, each with its unit in parentheses."""
-    panel.set_xlabel(x, fontsize=size_pt, color=INK)
-    panel.set_ylabel(y, fontsize=size_pt, color=INK)
 
 
 def log_axis(panel: "Axes", low: float, high: float) -> None:
@@ -168,56 +199,68 @@ def log_axis(panel: "Axes", low: float, high: float) -> None:
     panel.tick_params(axis="x", which="minor", length=1.2, width=0.4, colors=INK)
 
 
-def dots(colour: str, size_pt: float, marker: str = "o") -> dict[str, Any]:
+def dots(colour: str, size_pt: float, **changed: Any) -> dict[str, Any]:  # noqa: ANN401 - style
     """Filled marks without a line between them."""
-    return {
-        "color": colour,
-        "linestyle": "none",
-        "marker": marker,
-        "markersize": size_pt,
-        "markeredgewidth": 0.0,
-    }
+    return {"color": colour, "linestyle": "none", "marker": "o", "markersize": size_pt, **changed}
 
 
 def marks(marker: str, colour: str, size_pt: float, *, filled: bool = False) -> dict[str, Any]:
     """Outlined marks without a line between them, white inside unless `filled`."""
-    return {
-        "linestyle": "none",
-        "marker": marker,
-        "markersize": size_pt,
-        "markerfacecolor": colour if filled else WHITE,
-        "markeredgecolor": colour,
-        "markeredgewidth": 0.9,
-        "zorder": 3,
-        "clip_on": False,
+    face = {"markerfacecolor": colour if filled else WHITE, "markeredgewidth": 0.9}
+    return dots(colour, size_pt, marker=marker, clip_on=False, zorder=3, **face)
+
+
+def note(
+    panel: "Axes",
+    words: str,
+    at: tuple[float, float],
+    by_pt: tuple[float, float],
+    *,
+    frame: Any = "axes fraction",  # noqa: ANN401 - as Matplotlib takes it
+    **text: Any,  # noqa: ANN401 - as Matplotlib takes it
+) -> "Annotation":
+    """Words `by_pt` points away from a place of a panel, also outside of it."""
+    style: dict[str, Any] = {
+        "xycoords": frame,
+        "textcoords": "offset points",
+        "annotation_clip": False,
+        **text,
     }
+    return panel.annotate(words, at, xytext=by_pt, **style)
+
+
+def class_style(afferent: str, size_pt: float = TEXT_PT) -> dict[str, Any]:
+    """Style of the name of a class: bold, in its colour."""
+    colour = AFFERENT_COLOURS.get(afferent, INK)
+    return {"color": colour, "fontsize": size_pt, "fontweight": "bold"}
 
 
 def legend_above(
     figure: "Figure",
-    samples: Sequence[Any],
+    samples: Iterable[Any],
     names: Iterable[str],
     *,
     down_in: float,
-    size_pt: float = SMALL_TEXT_PT,
     pad: float = 0.0,
-    **spacing: float | None,
+    **spacing: float,
 ) -> None:
     """One row of names for all panels, `down_in` below the figure's upper edge.
 
-    A sample that is a tuple shows its lines side by side: a class each.
+    A sample is the style of a line; a list of them is shown side by side: a class each.
     """
     from matplotlib.legend_handler import HandlerTuple
+    from matplotlib.lines import Line2D
 
+    handles: list[Any] = [
+        tuple(Line2D([], [], **one) for one in (each if isinstance(each, list) else [each]))
+        for each in samples
+    ]
     figure.legend(
-        list(samples),
+        handles,
         list(names),
         loc="center",
         bbox_to_anchor=(0.5, 1 - down_in / figure.get_figheight()),
-        ncols=len(samples),
-        frameon=False,
-        fontsize=size_pt,
-        labelcolor=INK,
+        ncols=len(handles),
         handler_map={tuple: HandlerTuple(ndivide=None, pad=pad)},
         **spacing,
     )
@@ -229,23 +272,12 @@ def spread(wanted: Sequence[float], step: float, bottom: float, top: float) -> l
     They stay between `bottom` and `top` where there is room for all; in groups
     that push each other, the middle stays where it was.
     """
-    groups: list[list[float]] = []
+    from scipy.optimize import isotonic_regression
 
-    def middle(group: Sequence[float]) -> float:
-        half = 0.5 * step * (len(group) - 1)
-        mean = sum(group) / len(group)
-        return min(max(mean, bottom + half), top - half)
-
-    for height in wanted:
-        group = [height]
-        while groups:
-            reach = 0.5 * step * (len(groups[-1]) + len(group))
-            if middle(groups[-1]) - middle(group) >= reach:
-                break
-            group = groups.pop() + group
-        groups.append(group)
-    return [
-        middle(group) + step * (0.5 * (len(group) - 1) - k)
-        for group in groups
-        for k in range(len(group))
-    ]
+    below = step * np.arange(len(wanted))
+    placed = isotonic_regression(wanted + below, increasing=False).x
+    # Where there is no room for all, the upper end counts.
+    heights: list[float] = (
+        np.minimum(np.maximum(placed, bottom + below[-1]), top) - below
+    ).tolist()
+    return heights

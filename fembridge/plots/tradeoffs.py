@@ -10,17 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.fitting.fit import Fit, FitRun, JudgedRates
+from fembridge.fitting.fit import Fit, FitRun
 from fembridge.plots.style import (
-    AFFERENT_COLOURS,
     FAINT,
     INK,
     LINE_PT,
-    SMALL_TEXT_PT,
     TEXT_PT,
+    WHITE,
+    class_style,
+    dots,
+    in_style,
+    legend_above,
     log_axis,
     make_plain,
-    name_axes,
+    note,
 )
 from fembridge.typing import FloatArray
 
@@ -32,86 +35,66 @@ if TYPE_CHECKING:
 _LINES_IN, _PAIR_IN, _RATES_IN, _ROW_IN = 2.5, 1.7, 1.15, 1.55
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.95, 0.15, 0.72, 0.46
 _PANEL_GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
-_LEGEND_DOWN_IN = 0.08
+_LEGEND_DOWN_IN = 0.16
 # A group is at least this wide; of more than these, names are written aslant.
 _GROUP_IN, _MOST_LEVEL_NAMES = 0.42, 6
-_RING_PT = 7.0
 _MOST_OPAQUE, _LEAST_OPAQUE = 0.45, 0.10
-_RMSE = "RMSE (impulses/s)"
-_PUBLISHED_NAME = "Table 2 of the paper"
-
 _ROOM, _AMPLITUDE_ROOM = 1.08, 1.4
-DOT_PT = 3.0
+_DOT_PT, _RING_PT = 3.0, 7.0
 
-PUBLISHED_STYLE: dict[str, Any] = {
-    "color": "#777777",
-    "linewidth": LINE_PT,
-    "dashes": (4, 2),
-    "zorder": 3,
-}
-CHOSEN_STYLE: dict[str, Any] = {"color": INK, "linewidth": 2 * LINE_PT, "zorder": 4}
-OBSERVED_STYLE: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": DOT_PT,
-    "markerfacecolor": "white",
-    "markeredgecolor": INK,
-    "markeredgewidth": 0.8,
-    "clip_on": False,
-    "zorder": 5,
+_PUBLISHED: dict[str, Any] = {"color": "#777777", "dashes": (4, 2), "zorder": 3}
+_CHOSEN: dict[str, Any] = {"color": INK, "linewidth": 2 * LINE_PT, "zorder": 4}
+_OBSERVED = dots(INK, _DOT_PT, markerfacecolor=WHITE, markeredgewidth=0.8, clip_on=False, zorder=5)
+_LEVELS = {
+    "sine": "Amplitude (µm)",
+    "diharm": "Amplitude of component 1 (µm)",
+    "noise": "RMS amplitude (µm)",
 }
 
 
+@in_style
 def tradeoffs_figure(run: FitRun) -> "Figure":
     """The fits of `run`, a row a class."""
     from matplotlib.figure import Figure
 
     columns = list(dict.fromkeys(name for fit in run.fits for name in fit.problem.group_names))
     lines_in = max(_LINES_IN, _GROUP_IN * len(columns))
-    rates_in = len(columns) * (_RATES_IN + _RATES_GAP_IN) - _RATES_GAP_IN
-    width_in = _LEFT_IN + lines_in + _PAIR_IN + 2 * _PANEL_GAP_IN + rates_in
-    width_in += _RIGHT_IN
+    wide_in = np.array([lines_in, _PAIR_IN, *[_RATES_IN] * len(columns)])
+    gap_in = [*[_PANEL_GAP_IN] * 2, *[_RATES_GAP_IN] * (len(columns) - 1)]
+    left_in = _LEFT_IN + np.concatenate([[0.0], np.cumsum(wide_in[:-1] + gap_in)])
+    width_in = float(left_in[-1] + wide_in[-1] + _RIGHT_IN)
     rows = len(run.fits)
     height_in = _TOP_IN + _BOTTOM_IN + rows * _ROW_IN + (rows - 1) * _ROW_GAP_IN
     figure = Figure(figsize=(width_in, height_in))
+    titles = ["Error of each candidate", "Strongest trade-off", *columns]
     for row, fit in enumerate(run.fits):
-        bottom_in = _BOTTOM_IN + (rows - 1 - row) * (_ROW_IN + _ROW_GAP_IN)
-
-        def panel(left_in: float, wide_in: float, low_in: float = bottom_in) -> "Axes":
-            made: Axes = figure.add_axes(
-                (left_in / width_in, low_in / height_in, wide_in / width_in, _ROW_IN / height_in)
-            )
-            make_plain(made)
-            return made
-
-        lines = panel(_LEFT_IN, lines_in)
-        _draw_lines(lines, fit)
-        pair_left_in = _LEFT_IN + lines_in + _PANEL_GAP_IN
-        pair = panel(pair_left_in, _PAIR_IN)
-        _draw_pair(pair, fit)
-        rates_left_in = pair_left_in + _PAIR_IN + _PANEL_GAP_IN
-        panels = [
-            panel(rates_left_in + k * (_RATES_IN + _RATES_GAP_IN), _RATES_IN)
-            for k in range(len(columns))
-        ]
-        _draw_rates(panels, columns, fit)
-        if not row:
-            _head(lines, "Error of each candidate")
-            _head(pair, "Strongest trade-off")
-            for each, name in zip(panels, columns, strict=True):
-                _head(each, name)
-        if row == rows - 1:
-            middle_in = rates_left_in + rates_in / 2
-            figure.text(
-                middle_in / width_in,
-                0.06 / height_in,
-                _level_name(fit.fitted),
-                ha="center",
-                va="bottom",
-                fontsize=TEXT_PT,
-                color=INK,
-            )
-    _draw_legend(figure, 1 - _LEGEND_DOWN_IN / height_in)
+        low = (_BOTTOM_IN + (rows - 1 - row) * (_ROW_IN + _ROW_GAP_IN)) / height_in
+        panels = []
+        for left, wide, title in zip(left_in / width_in, wide_in / width_in, titles, strict=True):
+            panels.append(figure.add_axes((left, low, wide, _ROW_IN / height_in)))
+            make_plain(panels[-1])
+            if not row:
+                panels[-1].set_title(title, fontsize=TEXT_PT)
+        _draw_lines(panels[0], fit)
+        _draw_pair(panels[1], fit)
+        _draw_rates(panels[2:], columns, fit)
+    families = {entry.family for entry in run.fits[-1].fitted.entries}
+    figure.text(
+        (left_in[2] / width_in + 1 - _RIGHT_IN / width_in) / 2,
+        0.06 / height_in,
+        _LEVELS[families.pop()] if len(families) == 1 else _LEVELS["sine"],
+        ha="center",
+        va="bottom",
+        fontsize=TEXT_PT,
+    )
+    legend_above(
+        figure,
+        [{"color": FAINT, "linewidth": 2 * LINE_PT}, _CHOSEN, _PUBLISHED, _OBSERVED],
+        ["candidates of the front", "chosen", "Table 2 of the paper", "observed rates"],
+        down_in=_LEGEND_DOWN_IN,
+        handlelength=2.6,
+        fontsize=TEXT_PT,
+    )
     return figure
 
 
@@ -128,34 +111,22 @@ def strongest_tradeoff(errors: FloatArray) -> tuple[int, int]:
 
 def _draw_lines(panel: "Axes", fit: Fit) -> None:
     """Lay a line of errors over the groups for each candidate of the front."""
-    rmse_ips, colour = np.sqrt(fit.front.errors_ips2), _colour(fit)
+    style = class_style(fit.afferent, TEXT_PT + 3)
+    rmse_ips = np.sqrt(fit.front.errors_ips2)
+    published_ips = np.sqrt(fit.problem.group_errors(fit.published.predicted_ips[None])[0])
     along = np.arange(rmse_ips.shape[1])
     opaque = float(np.clip(8.0 / len(rmse_ips), _LEAST_OPAQUE, _MOST_OPAQUE))
-    panel.plot(along, rmse_ips.T, color=colour, linewidth=LINE_PT, alpha=opaque)
-    published_ips = _group_rmse_ips(fit, fit.published)
-    panel.plot(along, published_ips, **PUBLISHED_STYLE)
-    panel.plot(along, rmse_ips[fit.choice.row], marker="o", markersize=DOT_PT, **CHOSEN_STYLE)
+    panel.plot(along, rmse_ips.T, color=style["color"], alpha=opaque)
+    panel.plot(along, published_ips, **_PUBLISHED)
+    panel.plot(along, rmse_ips[fit.choice.row], marker="o", markersize=_DOT_PT + 1, **_CHOSEN)
     panel.set_xticks(along, fit.problem.group_names)
     if len(along) > _MOST_LEVEL_NAMES:
         for name in panel.get_xticklabels():
             name.set(rotation=30, ha="right", rotation_mode="anchor")
     panel.set_xlim(-0.15, len(along) - 0.85)
-    highest_ips = max(float(rmse_ips.max()), float(published_ips.max()), 1.0)
-    panel.set_ylim(0.0, _ROOM * highest_ips)
-    name_axes(panel, "", _RMSE)
-    panel.annotate(
-        fit.afferent,
-        (0.0, 0.5),
-        xycoords="axes fraction",
-        xytext=(-42, 0),
-        textcoords="offset points",
-        ha="right",
-        va="center",
-        fontsize=TEXT_PT + 3,
-        fontweight="bold",
-        color=_colour(fit),
-        annotation_clip=False,
-    )
+    panel.set_ylim(0.0, _ROOM * max(rmse_ips.max(), published_ips.max(), 1.0))
+    panel.set_ylabel("RMSE (impulses/s)")
+    note(panel, fit.afferent, (0.0, 0.5), (-42, 0), ha="right", va="center", **style)
 
 
 def _draw_pair(panel: "Axes", fit: Fit) -> None:
@@ -164,114 +135,37 @@ def _draw_pair(panel: "Axes", fit: Fit) -> None:
     if len(names) < 2:
         panel.set_axis_off()
         return
-    first, second = strongest_tradeoff(errors_ips2)
-    across_ips, up_ips = np.sqrt(errors_ips2[:, [first, second]]).T
-    panel.plot(
-        across_ips,
-        up_ips,
-        linestyle="none",
-        marker="o",
-        markersize=DOT_PT,
-        markeredgewidth=0.0,
-        color=_colour(fit),
-        alpha=0.55,
-        clip_on=False,
-    )
-    row = fit.choice.row
-    panel.plot(
-        across_ips[row],
-        up_ips[row],
-        linestyle="none",
-        marker="o",
-        markersize=_RING_PT,
-        markerfacecolor="none",
-        markeredgecolor=INK,
-        markeredgewidth=1.4,
-        clip_on=False,
-        zorder=4,
-    )
-    panel.annotate(
-        "chosen",
-        (across_ips[row], up_ips[row]),
-        xytext=(7, 7),
-        textcoords="offset points",
-        fontsize=SMALL_TEXT_PT,
-        color=INK,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
-        zorder=5,
-    )
-    panel.set_xlim(0.0, _ROOM * max(float(across_ips.max()), 1.0))
-    panel.set_ylim(0.0, _ROOM * max(float(up_ips.max()), 1.0))
-    name_axes(panel, f"RMSE at {names[first]} (impulses/s)", f"RMSE at {names[second]}")
-
-
-def _draw_legend(figure: "Figure", height: float) -> None:
-    from matplotlib.lines import Line2D
-
-    plain: tuple[list[float], list[float]] = ([], [])
-    figure.legend(
-        handles=[
-            Line2D(*plain, color=FAINT, linewidth=2 * LINE_PT, label="candidates of the front"),
-            Line2D(*plain, **CHOSEN_STYLE, label="chosen"),
-            Line2D(*plain, **PUBLISHED_STYLE, label=_PUBLISHED_NAME),
-            Line2D(*plain, **OBSERVED_STYLE, label="observed rates"),
-        ],
-        loc="upper center",
-        bbox_to_anchor=(0.5, height),
-        ncols=4,
-        frameon=False,
-        fontsize=TEXT_PT,
-        labelcolor=INK,
-        handlelength=2.6,
-        borderaxespad=0.0,
-    )
-
-
-def _group_rmse_ips(fit: Fit, judged: JudgedRates) -> FloatArray:
-    """RMSE of rates in each group of a fit, ``(group,)``."""
-    errors_ips2 = fit.problem.group_errors(judged.predicted_ips[None])
-    rmse_ips: FloatArray = np.sqrt(errors_ips2[0])
-    return rmse_ips
-
-
-def _colour(fit: Fit) -> str:
-    return AFFERENT_COLOURS[fit.afferent]
-
-
-def _head(panel: "Axes", text: str) -> None:
-    panel.set_title(text, fontsize=TEXT_PT, color=INK, pad=6)
+    pair = strongest_tradeoff(errors_ips2)
+    rmse_ips = np.sqrt(errors_ips2[:, pair])
+    colour = class_style(fit.afferent)["color"]
+    panel.plot(*rmse_ips.T, **dots(colour, _DOT_PT, alpha=0.55, clip_on=False))
+    chosen = rmse_ips[fit.choice.row]
+    ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "clip_on": False, "zorder": 4}
+    panel.plot(*chosen, **dots(INK, _RING_PT, **ring))
+    ground = {"facecolor": WHITE, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+    note(panel, "chosen", tuple(chosen), (7, 7), frame="data", bbox=ground, zorder=5)
+    right_ips, top_ips = _ROOM * np.maximum(rmse_ips.max(axis=0), 1.0)
+    panel.set(xlim=(0.0, right_ips), ylim=(0.0, top_ips))
+    first, second = (names[column] for column in pair)
+    panel.set(xlabel=f"RMSE at {first} (impulses/s)", ylabel=f"RMSE at {second}")
 
 
 def _draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
     """Draw observed rates, and predicted ones, against amplitude; one scale a row."""
-    highest_ips = max(
-        1.0, float(fit.fitted.observed_ips.max()), float(fit.fitted.predicted_ips.max())
-    )
-    shown = [name in fit.problem.group_names for name in columns]
-    first = panels[shown.index(True)]
+    fitted, published = fit.fitted, fit.published
+    highest_ips = max(1.0, float(fitted.observed_ips.max()), float(fitted.predicted_ips.max()))
+    first = True
     for panel, name in zip(panels, columns, strict=True):
         if name not in fit.problem.group_names:
             panel.set_axis_off()
             continue
-        for judged, style in ((fit.published, PUBLISHED_STYLE), (fit.fitted, CHOSEN_STYLE)):
-            mine = judged.of_group(name)
-            levels = np.array([entry.level_um for entry in mine.entries])
-            order = levels.argsort(kind="stable")
-            panel.plot(levels[order], mine.predicted_ips[order], **style)
-        panel.plot(levels, mine.observed_ips, **OBSERVED_STYLE)
-        log_axis(panel, levels.min() / _AMPLITUDE_ROOM, levels.max() * _AMPLITUDE_ROOM)
+        level_um = np.array([entry.level_um for entry in fitted.of_group(name).entries])
+        order = level_um.argsort(kind="stable")
+        for judged, style in ((published, _PUBLISHED), (fitted, _CHOSEN)):
+            panel.plot(level_um[order], judged.of_group(name).predicted_ips[order], **style)
+        panel.plot(level_um, fitted.of_group(name).observed_ips, **_OBSERVED)
+        log_axis(panel, level_um.min() / _AMPLITUDE_ROOM, level_um.max() * _AMPLITUDE_ROOM)
         panel.set_ylim(0.0, _ROOM * highest_ips)
-        if panel is not first:
-            panel.tick_params(labelleft=False)
-    first.set_ylabel("Rate (impulses/s)", fontsize=SMALL_TEXT_PT, color=INK)
-
-
-def _level_name(judged: JudgedRates) -> str:
-    """Name the axis of the levels of these stimuli."""
-    families = {entry.family for entry in judged.entries}
-    words = {
-        "sine": "Amplitude (µm)",
-        "diharm": "Amplitude of component 1 (µm)",
-        "noise": "RMS amplitude (µm)",
-    }
-    return words[families.pop()] if len(families) == 1 else "Amplitude (µm)"
+        panel.tick_params(labelleft=first)
+        panel.set_ylabel("Rate (impulses/s)" if first else "")
+        first = False

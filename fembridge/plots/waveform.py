@@ -5,15 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.style import (
-    FAINT,
-    HAIR_PT,
-    INK,
-    PAGE_WIDTH_IN,
-    SHADE,
-    SMALL_TEXT_PT,
-    make_plain,
-)
+from fembridge.plots.style import FAINT, HAIR_PT, PAGE_WIDTH_IN, SHADE, in_style, new_figure
 from fembridge.stimulus import Stimulus
 
 if TYPE_CHECKING:
@@ -22,14 +14,14 @@ if TYPE_CHECKING:
 
 _MOST_COLUMNS = 4
 # Inches. Margins are given, not found: a layout engine takes seconds for all 82.
-_PANEL_IN, _TALL_PANEL_IN, _BETWEEN_IN = 0.5, 1.0, 0.34
+_PANEL_IN, _TALL_PANEL_IN, _BETWEEN_IN, _NUMBERS_IN = 0.5, 1.0, 0.34, 0.58
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.72, 0.12, 0.22, 0.4
-_NUMBERS_IN = 0.58
 _WAVE_PT = 0.6
 # Two numbers on a scale are apart by this share of it, or one is left out.
 _CLEAR_SHARE = 0.22
 
 
+@in_style
 def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     """The probe's depth over time, a panel a stimulus, in reading order.
 
@@ -42,58 +34,46 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     UsageError
         No stimulus.
     """
-    from matplotlib.figure import Figure
-
     if not stimuli:
         raise UsageError("no stimulus to draw")
     columns = min(_MOST_COLUMNS, math.ceil(math.sqrt(len(stimuli))))
     rows = math.ceil(len(stimuli) / columns)
     row_in = _TALL_PANEL_IN if rows == 1 else _PANEL_IN
     page_in = rows * row_in + (rows - 1) * _BETWEEN_IN + _TOP_IN + _BOTTOM_IN
-    room_in = PAGE_WIDTH_IN - _LEFT_IN - _RIGHT_IN
-    figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
-    grid = figure.subplots(
-        rows,
-        columns,
-        squeeze=False,
-        sharex=True,
-        gridspec_kw={
-            "left": _LEFT_IN / PAGE_WIDTH_IN,
-            "right": 1 - _RIGHT_IN / PAGE_WIDTH_IN,
-            "top": 1 - _TOP_IN / page_in,
-            "bottom": _BOTTOM_IN / page_in,
-            "hspace": _BETWEEN_IN / row_in,
-            "wspace": _NUMBERS_IN * columns / (room_in - (columns - 1) * _NUMBERS_IN),
-        },
-    ).ravel()
-    for panel, stimulus in zip(grid, stimuli, strict=False):
+    margins_in = (_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN, _NUMBERS_IN, _BETWEEN_IN)
+    figure, grid = new_figure(page_in, rows, columns, margins_in=margins_in, sharex=True)
+    panels = grid.ravel()
+    for panel, stimulus in zip(panels, stimuli, strict=False):
         draw_waveform(panel, stimulus)
-        panel.set_title(stimulus.id, fontsize=SMALL_TEXT_PT, color=INK, pad=3, parse_math=False)
-    for panel in grid[len(stimuli) :]:
+        panel.set_title(stimulus.id, pad=3, parse_math=False)
+    for panel in panels[len(stimuli) :]:
         panel.set_axis_off()
-    lowest = grid[max(0, len(stimuli) - columns) : len(stimuli)]
-    for panel in lowest:
+    for panel in panels[max(0, len(stimuli) - columns) : len(stimuli)]:
         panel.tick_params(labelbottom=True)
-    figure.supxlabel("Time (ms)", y=0.03 / page_in, va="bottom", fontsize=SMALL_TEXT_PT, color=INK)
-    figure.supylabel("Depth (µm)", x=0.04 / PAGE_WIDTH_IN, fontsize=SMALL_TEXT_PT, color=INK)
+    figure.supxlabel("Time (ms)", y=0.03 / page_in, va="bottom")
+    figure.supylabel("Depth (µm)", x=0.04 / PAGE_WIDTH_IN)
     return figure
 
 
 def draw_waveform(panel: "Axes", stimulus: Stimulus) -> None:
     """Draw one waveform; its scale shows its ends and first touch."""
     times_ms, depth_um = stimulus.times_ms, stimulus.displacement_um
-    panel.plot(times_ms, depth_um, color=INK, linewidth=_WAVE_PT)
+    panel.plot(times_ms, depth_um, linewidth=_WAVE_PT)
     low, high = float(depth_um.min()), float(depth_um.max())
     if low < 0 < high:
         panel.axhline(0.0, color=FAINT, linewidth=HAIR_PT, zorder=-1)
-    start_ms, end_ms = stimulus.window_ms
-    for left, right in ((times_ms[0], start_ms), (end_ms, times_ms[-1])):
+    panel.set_xlim(times_ms[0], times_ms[-1])
+    shade_outside(panel, stimulus.window_ms)
+    ticks = scale_ticks(low, high)
+    panel.set_yticks(ticks, [f"{tick:.10g}".replace("-", "\N{MINUS SIGN}") for tick in ticks])
+
+
+def shade_outside(panel: "Axes", window_ms: tuple[float, float]) -> None:
+    """Give the time of a panel that is not in the window a grey ground."""
+    start_ms, end_ms = panel.get_xlim()
+    for left, right in ((start_ms, window_ms[0]), (window_ms[1], end_ms)):
         if right > left:
             panel.axvspan(left, right, facecolor=SHADE, linewidth=0, zorder=-2)
-    panel.set_xlim(times_ms[0], times_ms[-1])
-    ticks = scale_ticks(low, high)
-    panel.set_yticks(ticks, [_number(tick) for tick in ticks])
-    make_plain(panel)
 
 
 def scale_ticks(low: float, high: float) -> list[float]:
@@ -104,7 +84,3 @@ def scale_ticks(low: float, high: float) -> list[float]:
     room = _CLEAR_SHARE * (high - low)
     middle = [0.0] if low + room <= 0 <= high - room else []
     return [round(low, decimals), *middle, round(high, decimals)]
-
-
-def _number(value: float) -> str:
-    return f"{value:.10g}".replace("-", "\N{MINUS SIGN}")

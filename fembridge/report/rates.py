@@ -62,6 +62,11 @@ class StimulusSet:
         return f"{numbers[0]}{between}{numbers[1]} Hz"
 
     @property
+    def frequency_hz(self) -> float:
+        """Frequency of a set of sinusoids."""
+        return float(self.entries[0].numbers()["frequency_hz"])
+
+    @property
     def stimuli(self) -> tuple[str, ...]:
         """Ids of its stimuli."""
         return tuple(entry.id for entry in self.entries)
@@ -234,7 +239,7 @@ def threshold_table(rates: RateTable) -> "DataFrame":
         if not there.any():
             continue
         amplitude_um, rate_ips = np.array(one.level_um)[there], rate_ips[there]
-        frequency_hz = one.entries[0].numbers()["frequency_hz"]
+        frequency_hz = one.frequency_hz
         plateau = entrainment_plateau(amplitude_um, rate_ips, frequency_hz)
         rows.append(
             {

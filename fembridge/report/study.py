@@ -11,13 +11,11 @@ from fembridge.plots.style import (
     FAINT,
     HAIR_PT,
     INK,
-    LINE_PT,
     MARKERS,
     PAGE_WIDTH_IN,
     SERIES_COLOURS,
     SMALL_TEXT_PT,
-    make_plain,
-    name_axes,
+    new_figure,
 )
 from fembridge.report.runs import Cost
 
@@ -65,23 +63,12 @@ class Finding:
     skipped: str = ""
     cost: Cost = Cost()  # noqa: RUF009 - frozen
 
-    def to_frame(self) -> "DataFrame":
-        """Checks: what, found, bound, unit, side, passed."""
-        from pandas import DataFrame
-
-        return DataFrame(
-            [{**check._asdict(), "passed": check.passed} for check in self.checks],
-            columns=[*Check._fields, "passed"],
-        )
-
 
 def panels(count: int) -> tuple["Figure", list["Axes"]]:
     """Figure of `count` panels side by side."""
-    from matplotlib.figure import Figure
-
     width_in = min(PAGE_WIDTH_IN, _PANEL_IN * count + 0.6)
-    figure = Figure(figsize=(width_in, _HEIGHT_IN), layout="constrained")
-    return figure, list(figure.subplots(1, count, squeeze=False)[0])
+    figure, [row] = new_figure(_HEIGHT_IN, columns=count, width_in=width_in)
+    return figure, list(row)
 
 
 def line(row: int, *, name: str = "", mark: str = "both") -> dict[str, Any]:
@@ -89,17 +76,13 @@ def line(row: int, *, name: str = "", mark: str = "both") -> dict[str, Any]:
 
     A class of afferents has its own colour.
     """
-    style: dict[str, Any] = {
-        "color": AFFERENT_COLOURS.get(name, SERIES_COLOURS[row % len(SERIES_COLOURS)]),
-        "linewidth": LINE_PT,
-    }
+    colour = AFFERENT_COLOURS.get(name, SERIES_COLOURS[row % len(SERIES_COLOURS)])
+    style: dict[str, Any] = {"color": colour, "markersize": _DOT_PT}
     if mark in ("dots", "both"):
-        style |= {"marker": MARKERS[row], "markersize": _DOT_PT, "markeredgewidth": 0.0}
+        style["marker"] = MARKERS[row]
     if mark == "dots":
         style["linestyle"] = "none"
-    if mark == "dashed":
-        style["dashes"] = (4, 2)
-    return style
+    return {**style, "dashes": (4, 2)} if mark == "dashed" else style
 
 
 def exact(*, dashed: bool = False) -> dict[str, Any]:
@@ -112,25 +95,18 @@ def finish(panel: "Axes", x: str, y: str, *, title: str = "", log: str = "") -> 
     """Name axes and series; `log` names the logarithmic axes: "", "x" or "xy"."""
     panel.set_xscale("log" if "x" in log else "linear")
     panel.set_yscale("log" if "y" in log else "linear")
-    make_plain(panel)
-    name_axes(panel, x, y)
-    if title:
-        panel.set_title(title, fontsize=SMALL_TEXT_PT, color=INK)
+    panel.set(xlabel=x, ylabel=y, title=title)
     if log:
         _name_samples(panel)
-    panel.legend(frameon=False, fontsize=SMALL_TEXT_PT - 1, labelcolor=INK, handlelength=1.8)
+    panel.legend(fontsize=SMALL_TEXT_PT - 1, handlelength=1.8)
 
 
 def _name_samples(panel: "Axes") -> None:
     """Name a logarithmic x axis where the samples are: there are few."""
-    from matplotlib.ticker import NullFormatter
-
-    all_x = np.concatenate([np.asarray(each.get_xdata(), float) for each in panel.lines])
-    places = np.unique(all_x).tolist()
+    places = np.unique(np.concatenate([each.get_xdata() for each in panel.lines])).tolist()
     kept, step = places[:1], (places[-1] / places[0]) ** (1 / _MOST_STEPS)
     for place in places[1:]:
         if place >= 0.99 * step * kept[-1]:
             kept.append(place)
-    panel.xaxis.set_minor_formatter(NullFormatter())
     panel.set_xticks(kept, [f"{place:g}" for place in kept])
     panel.minorticks_off()

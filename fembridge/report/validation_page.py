@@ -1,14 +1,14 @@
 """A validation as a folder: the page, its figures, its numbers, what it was made of.
 
-The words of the page are in ``validation.html.j2``; here are the numbers and the sentences
-that depend on them.
+The words of the page are in ``validation.html.j2``; here are the numbers, and the tables
+with their numbers as words.
 """
 
 import importlib.metadata
 import math
 import platform
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,30 +18,20 @@ import numpy as np
 from fembridge import __version__
 from fembridge.plots.deflection import deflection_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
+from fembridge.report import rates, validate
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
-    GOAL_R_SQUARED,
     OBSERVED,
-    PAPER_P_VALUE,
     PAPER_R_SQUARED,
     SINES,
     STIMULI,
     TOUCHSIM,
     Family,
-    beats,
-    meets_paper,
     row_of,
-    times_apart,
 )
-from fembridge.report.validate import (
-    PUBLISHED_NAME,
-    RASTER_STIMULI,
-    REPEATS,
-    Validation,
-    cells_of,
-    repeated_trains,
-)
+from fembridge.report.template import ABSENT, number, rendered
+from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.report.validation_figures import (
     raster_figure,
     rate_figure,
@@ -53,8 +43,8 @@ from fembridge.store import filling, sha256_of, write_text
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
 from fembridge.touchsim import TABLE
 from fembridge.typing import Table
+from neural import threshold
 from neural.parameter_sets import parameters_to_table
-from neural.threshold import CRITERION_IPS, PLATEAU
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -68,10 +58,9 @@ RMSE_SHARE = 0.5
 # A threshold this many times too high or too low is a shortfall.
 THRESHOLD_FACTOR = 2.0
 
-_TEMPLATE = "validation.html.j2"
 _LIBRARIES = ("numpy", "scipy", "matplotlib")
-_ABSENT = "–"
 _LEAST_P = 0.001
+_HEADS = ("R²", "p", "RMSE (ips)", "bias (ips)")
 _STORED = "# TouchSim: its rates are stored, see fembridge/touchsim/README.md"
 # Colours that a page has under a name, one value for light and one for dark. White
 # is the paper and what lies on it: the faces of open marks.
@@ -116,44 +105,36 @@ def write_report(folder: Path, study: Validation, command: str) -> tuple[str, ..
 
 def page_text(study: Validation, command: str, folder: Path) -> str:
     """The page; its figures are written as SVG into `folder`, which exists."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("fembridge.report", "."),
-        undefined=StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"number": _number, "rows": _table_html}
-    figures = {
-        name: _inline_svg(figure, folder / f"{name}.svg") for name, figure in _figures(study)
-    }
-    return environment.get_template(_TEMPLATE).render(
+    finest = study.deflections[-1]
+    half_mm = np.interp(-0.5 * finest.at(0.0), -finest.deflection_mm, finest.distance_mm)
+    beside = _thresholds_beside(study)
+    observed = study.rates.reference() == OBSERVED
+    goals = [_goals(study, *place) for place in product(FAMILIES, AFFERENTS)] if observed else []
+    known = [mark for mark in goals if mark[0] is not None]
+    simulation = study.simulations[study.judged.name]
+    return rendered(
+        "validation.html.j2",
+        {"rows": _table_html},
         study=study,
         command=command,
-        figures=figures,
-        families=[_family_words(study, family) for family in FAMILIES],
-        observed=study.rates.reference() == OBSERVED,
+        figures={
+            name: _inline_svg(figure, folder / f"{name}.svg") for name, figure in _figures(study)
+        },
+        families=[_family(study, family) for family in FAMILIES],
+        observed=observed,
         simulate=lambda stimuli: [command, *_simulations(study, stimuli), _STORED],
         raster_command=_simulations(study, ",".join(RASTER_STIMULI))[0],
-        constants={
-            "paper_r_squared": PAPER_R_SQUARED,
-            "paper_p": PAPER_P_VALUE,
-            "repeats": REPEATS,
-            "criterion_ips": CRITERION_IPS,
-            "plateau": PLATEAU,
-            "factor": THRESHOLD_FACTOR,
-        },
+        constants={**vars(rates), **vars(validate), **vars(threshold), "factor": THRESHOLD_FACTOR},
         summary=_agreement_frame(study, study.rates.reference()),
         touchsim=_agreement_frame(study, TOUCHSIM),
-        goals_met=_goals_met(study),
+        goals_met=[sum(bool(mark[k]) for mark in known) for k in (0, 1)] + [len(known)],
         shortfalls=shortfalls(study),
         sources=_source_frame(study),
-        raster=_raster_words(study),
-        near=_near_thresholds(study),
+        raster_cells=validate.cells_of(simulation),
+        silent=_silent(study),
+        near=[int((beside.apart <= THRESHOLD_FACTOR).sum()), len(beside)],
         tables=_threshold_frames(study),
-        deflection=_deflection_words(study),
+        half_mm=float(half_mm),
         convergence=_convergence_frame(study),
     )
 
@@ -209,7 +190,7 @@ def _inline_svg(figure: "Figure", path: Path) -> "Markup":
 
 def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
     """Every number of a report as long tables, by name."""
-    from pandas import DataFrame
+    from pandas import DataFrame, concat
 
     thresholds = study.thresholds
     keys = ["source", "afferent", "frequency_hz"]
@@ -221,15 +202,17 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         for time_ms in train.times_ms.tolist()
     ]
     profiles = [
-        (mesh.name, mesh.elements, *point)
+        DataFrame({"distance_mm": mesh.distance_mm, "deflection_mm": mesh.deflection_mm}).assign(
+            mesh=mesh.name, elements=mesh.elements
+        )
         for mesh in study.deflections
-        for point in zip(mesh.distance_mm.tolist(), mesh.deflection_mm.tolist(), strict=True)
     ]
     converged = [
         (row.quantity, mesh.name, mesh.elements, value, row.change_percent, row.limit, row.order)
         for row in study.convergence
         for mesh, value in zip(study.deflections, row.values, strict=True)
     ]
+    columns = ["quantity", "mesh", "elements", "value", "last_change_percent", "limit", "order"]
     return {
         "rates": study.rates.frame,
         "agreement": study.agreement,
@@ -237,26 +220,9 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         "thresholds": thresholds[keys + tried],
         "entrainment": thresholds.drop(columns=tried),
         "locking": study.locking,
-        "deflection": DataFrame(
-            profiles, columns=["mesh", "elements", "distance_mm", "deflection_mm"]
-        ),
-        "deflection_convergence": DataFrame(
-            converged,
-            columns=[
-                *("quantity", "mesh", "elements", "value"),
-                *("last_change_percent", "limit", "order"),
-            ],
-        ),
+        "deflection": concat(profiles)[["mesh", "elements", "distance_mm", "deflection_mm"]],
+        "deflection_convergence": DataFrame(converged, columns=columns),
     }
-
-
-def _number(value: float, spec: str) -> str:
-    """A number, or a dash for one that does not exist."""
-    return _ABSENT if math.isnan(value) else format(value, spec).replace("-", "\N{MINUS SIGN}")
-
-
-def _amplitude(value_um: float) -> str:
-    return f"{value_um:#.3g}".removesuffix(".")
 
 
 def _table_html(frame: "DataFrame", look: str = "") -> "Markup":
@@ -285,163 +251,132 @@ def _simulations(study: Validation, stimuli: str) -> list[str]:
     ]
 
 
-def _cell(
-    study: Validation,
-    source: str,
-    family: Family,
-    afferent: str,
-    *,
-    reference: str | None = None,
-    set_: str = EVERY_SET,
-) -> "Series[Any]":
-    """A row of the agreement table; against what the family is compared with by default."""
-    reference = reference or study.rates.reference(family.stimuli)
-    return row_of(study.agreement, reference, source, family.name, set_, afferent)
+def _reference(study: Validation, family: Family) -> str:
+    return study.rates.reference(family.stimuli)
 
 
-def _numbers(cell: "Series[Any]") -> list[str]:
-    """R², p, RMSE and bias of a cell, or that there are none."""
-    if cell["count"] == 0:
-        return ["none", "", "", ""]
-    bias = f"{cell.bias_ips:+.1f}" if round(cell.bias_ips, 1) else "0.0"
-    return [
-        _number(cell.r_squared, ".2f"),
-        "<0.001" if cell.p_value < _LEAST_P else _number(cell.p_value, ".3f"),
-        _number(cell.rmse_ips, ".1f"),
-        bias.replace("-", "\N{MINUS SIGN}"),
-    ]
+def _in_words(agreement: "DataFrame") -> "DataFrame":
+    """R², p, RMSE and bias of each cell, or that there are none."""
+    from pandas import DataFrame
+
+    def p_text(value: float) -> str:
+        return f"<{_LEAST_P:g}" if value < _LEAST_P else number(value, ".3f")
+
+    texts = (
+        agreement.r_squared.map(lambda value: number(value, ".2f")),
+        agreement.p_value.map(p_text),
+        agreement.rmse_ips.map(lambda value: number(value, ".1f")),
+        agreement.bias_ips.map(lambda value: number(value, "+.1f") if round(value, 1) else "0.0"),
+    )
+    words = DataFrame(dict(zip(_HEADS, texts, strict=True)))
+    words[agreement["count"] == 0] = ["none", "", "", ""]
+    return words
 
 
-def _predicting(study: Validation, reference: str) -> list[str]:
-    return [source for source in study.rates.sources if source not in (OBSERVED, reference)]
+def _laid_out(
+    words: "DataFrame | Series[str]", across: str, rows: list[Any], columns: list[Any]
+) -> "DataFrame":
+    """`words`, the level `across` of their index as columns; rows and columns in this order."""
+    wide: Any = words.unstack(across)  # noqa: PD010 - nothing to aggregate
+    if wide.columns.nlevels > 1:
+        wide = wide.swaplevel(axis=1)
+    wide = wide.reindex(index=rows, columns=columns)
+    wide.index.names, wide.columns.names = [None, None], [None] * wide.columns.nlevels
+    laid_out: DataFrame = wide
+    return laid_out
 
 
-_HEADS = ("R²", "p", "RMSE (ips)", "bias (ips)")
+def _titles(study: Validation) -> dict[str, str]:
+    return {source: source_title(source, study.judged.name) for source in study.rates.sources}
 
 
 def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
     """All families against `reference`; where rates were observed, which goals are met."""
-    from pandas import DataFrame, MultiIndex
-
-    sources = _predicting(study, reference)
-    columns = list(product((source_title(s, study.judged.name) for s in sources), _HEADS))
+    sources = [source for source in study.rates.sources if source not in (OBSERVED, reference)]
+    if reference not in study.rates.sources:
+        reference = TOUCHSIM
+    words = _in_words(study.agreement).loc[reference].xs(EVERY_SET, level="set")
+    rows = list(product([family.name for family in FAMILIES], AFFERENTS))
+    frame = _laid_out(words, "source", rows, list(product(sources, _HEADS)))
+    frame = frame.rename(columns=_titles(study), level=0)
     if reference == OBSERVED:
-        paper = f"R² > {PAPER_R_SQUARED:g}, p < {PAPER_P_VALUE:g}"
-        ours = f"R² ≥ {GOAL_R_SQUARED:g}, RMSE below TouchSim"
-        columns += [("Goals of this model", paper), ("Goals of this model", ours)]
-    rows = {}
-    for family, afferent in product(FAMILIES, AFFERENTS):
-        cells = [_cell(study, s, family, afferent, reference=reference) for s in sources]
-        words = [word for cell in cells for word in _numbers(cell)]
-        if reference == OBSERVED:
-            words += [_mark(met) for met in _goals(study, family, afferent)]
-        rows[f"{family.title} ({len(family.stimuli)} stimuli)", afferent] = words
-    frame = DataFrame(list(rows.values()), columns=MultiIndex.from_tuples(columns))
-    return frame.set_axis(MultiIndex.from_tuples(rows), axis=0)
+        paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
+        ours = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
+        marks = [map(_mark, _goals(study, *place)) for place in product(FAMILIES, AFFERENTS)]
+        for goal, column in zip((paper, ours), zip(*marks, strict=True), strict=True):
+            frame["Goals of this model", goal] = column
+    names = {one.name: f"{one.title} ({len(one.stimuli)} stimuli)" for one in FAMILIES}
+    return frame.rename(index=names, level=0)
 
 
 def _goals(study: Validation, family: Family, afferent: str) -> tuple[bool | None, bool | None]:
     """Whether the judged model meets the paper's bar, and ours; None without observed rates."""
     mine, touchsims = (
-        _cell(study, source, family, afferent, reference=OBSERVED)
+        row_of(study.agreement, OBSERVED, source, family.name, EVERY_SET, afferent)
         for source in (study.judged.name, TOUCHSIM)
     )
-    return meets_paper(mine), beats(mine, touchsims)
+    return rates.meets_paper(mine), rates.beats(mine, touchsims)
 
 
 def _mark(met: bool | None) -> str:
     from markupsafe import Markup
 
-    if met is None:
-        return _ABSENT
-    return Markup('<span class="{}">{}</span>').format(
-        *(("met", "met"), ("missed", "not met"))[not met]
-    )
+    words = {True: '<span class="met">met</span>', False: '<span class="missed">not met</span>'}
+    return ABSENT if met is None else Markup(words[met])
 
 
-def _goals_met(study: Validation) -> list[int]:
-    """Cells that meet the paper's bar, that meet ours, and all that have observed rates."""
-    if study.rates.reference() != OBSERVED:
-        return []
-    marks = [_goals(study, family, afferent) for family, afferent in product(FAMILIES, AFFERENTS)]
-    known = [mark for mark in marks if mark[0] is not None]
-    return [sum(bool(mark[k]) for mark in known) for k in (0, 1)] + [len(known)]
-
-
-def _family_words(study: Validation, family: Family) -> dict[str, Any]:
-    """What the page says of one family of stimuli, beside its figures."""
-    judged, reference = study.judged.name, study.rates.reference(family.stimuli)
-    looks = {
-        OBSERVED: "black dots: observed",
-        PUBLISHED_NAME: "thin: the published model",
-        TOUCHSIM: "grey dashes: TouchSim",
-        judged: "thick: this model",
-    }
-    shares, worst = [], []
-    for afferent in AFFERENTS:
-        cell = _cell(study, judged, family, afferent)
-        if cell["count"]:
-            shares.append(f"{afferent} {_number(cell.r_squared, '.2f')}")
-            worst.append(f"{afferent} at {_worst_set(study, family, afferent)}")
+def _family(study: Validation, family: Family) -> dict[str, Any]:
+    """One family of stimuli, what it is compared with, and how that went."""
+    reference = _reference(study, family)
+    sources = [source for source in study.rates.sources if source not in (OBSERVED, reference)]
+    words = _in_words(study.agreement).loc[reference].xs(family.name, level="family")
+    titles = {one.name: one.title for one in family.sets} | {EVERY_SET: "all"}
+    rows, columns = list(product(sources, titles)), list(product(AFFERENTS, _HEADS))
+    frame = _laid_out(words, "afferent", rows, columns).rename(index=_titles(study), level=0)
+    judged = study.judged.name
+    cells = [
+        row_of(study.agreement, reference, judged, family.name, EVERY_SET, afferent)
+        for afferent in AFFERENTS
+    ]
     return {
         "name": family.name,
         "title": family.title,
         "figure": family.figure,
         "table": family.table,
         "observed": reference == OBSERVED,
-        "shown": "; ".join(looks[s] for s in study.rates.known(family.stimuli)),
-        "shares": ", ".join(shares),
-        "worst": "; ".join(worst),
-        "agreement": _family_frame(study, family, reference),
+        "sources": study.rates.known(family.stimuli),
+        "cells": [
+            (cell, _worst_set(study, family, cell.afferent)) for cell in cells if cell["count"]
+        ],
+        "agreement": frame.rename(index=titles, level=1),
     }
-
-
-def _family_frame(study: Validation, family: Family, reference: str) -> "DataFrame":
-    from pandas import DataFrame, MultiIndex
-
-    titles = {one.name: one.title for one in family.sets} | {EVERY_SET: "all"}
-    rows = {
-        (source_title(source, study.judged.name), title): [
-            word
-            for afferent in AFFERENTS
-            for word in _numbers(
-                _cell(study, source, family, afferent, reference=reference, set_=name)
-            )
-        ]
-        for source, (name, title) in product(_predicting(study, reference), titles.items())
-    }
-    columns = MultiIndex.from_product([AFFERENTS, _HEADS])
-    frame = DataFrame(list(rows.values()), columns=columns)
-    return frame.set_axis(MultiIndex.from_tuples(rows), axis=0)
 
 
 def _worst_set(study: Validation, family: Family, afferent: str) -> str:
     """Set with the largest mean error, how far and to which side: in words."""
-    cells = {
-        one.title: _cell(study, study.judged.name, family, afferent, set_=one.name)
-        for one in family.sets
-    }
-    biases_ips = {title: float(cell.bias_ips) for title, cell in cells.items() if cell["count"]}
-    title = max(biases_ips, key=lambda title: abs(biases_ips[title]))
-    side = "high" if biases_ips[title] > 0 else "low"
-    return f"{title}, {abs(biases_ips[title]):.1f} impulses/s too {side} on average"
+    place: Any = (_reference(study, family), study.judged.name, family.name)
+    titles = {one.name: one.title for one in family.sets}
+    biases_ips = study.agreement.loc[place].bias_ips.xs(afferent, level="afferent")
+    biases_ips = biases_ips.reindex(list(titles)).dropna()
+    worst = biases_ips.abs().idxmax()
+    side = "high" if biases_ips[worst] > 0 else "low"
+    return f"{titles[worst]}, {abs(biases_ips[worst]):.1f} impulses/s too {side} on average"
 
 
 def shortfalls(study: Validation) -> tuple[str, ...]:
     """A sentence for each cell and class where the model is not good enough."""
     cells = (_cell_shortfall(study, *place) for place in product(FAMILIES, AFFERENTS))
-    thresholds = (_threshold_shortfall(study, afferent) for afferent in AFFERENTS)
-    return tuple(sentence for sentence in (*cells, *thresholds) if sentence)
+    return (*(sentence for sentence in cells if sentence), *_threshold_shortfalls(study))
 
 
 def _cell_shortfall(study: Validation, family: Family, afferent: str) -> str:
-    reference = study.rates.reference(family.stimuli)
-    cell = _cell(study, study.judged.name, family, afferent)
+    reference, judged = _reference(study, family), study.judged.name
+    cell = row_of(study.agreement, reference, judged, family.name, EVERY_SET, afferent)
     if cell["count"] == 0:
         return ""
     against = "" if reference == OBSERVED else ", against TouchSim"
     name = f"{afferent}, {family.title.lower()}{against}"
-    predicted = study.rates.of(study.judged.name, afferent, family.stimuli)
+    predicted = study.rates.of(judged, afferent, family.stimuli)
     target = study.rates.of(reference, afferent, family.stimuli)
     top_ips, mean_ips = float(np.nanmax(target)), float(np.nanmean(target))
     if not np.nanmax(predicted) > 0 and top_ips > 0:
@@ -451,45 +386,43 @@ def _cell_shortfall(study: Validation, family: Family, afferent: str) -> str:
         return ""
     worst = _worst_set(study, family, afferent).replace(", ", " ", 1)
     return (
-        f"{name}: R² {_number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s where "
+        f"{name}: R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s where "
         f"the mean rate is {mean_ips:.1f}; at {worst}."
     )
 
 
-def _threshold_shortfall(study: Validation, afferent: str) -> str:
-    reference = study.rates.reference(SINES.stimuli)
-    words = [
-        f"{_threshold_words(mine)} µm instead of "
-        f"{_threshold_words(theirs)} µm at {frequency_hz:g} Hz"
-        for frequency_hz, mine, theirs in _threshold_pairs(study, afferent)
-        if times_apart(mine.threshold_um, theirs.threshold_um) > THRESHOLD_FACTOR
-    ]
-    whose = "the observed" if reference == OBSERVED else "TouchSim’s"
-    opening = f"{afferent}, thresholds off by more than {THRESHOLD_FACTOR:g} times from {whose}"
-    return f"{opening}: {', '.join(words)}." if words else ""
+def _threshold_shortfalls(study: Validation) -> Iterator[str]:
+    whose = "the observed" if _reference(study, SINES) == OBSERVED else "TouchSim’s"
+    beside = _thresholds_beside(study)
+    off = beside[beside.apart > THRESHOLD_FACTOR]
+    for afferent, rows in off.groupby(level="afferent", sort=False):
+        words = [
+            f"{row.mine} µm instead of {row.theirs} µm at {row.frequency_hz:g} Hz"
+            for row in rows.reset_index().itertuples()
+        ]
+        opening = f"{afferent}, thresholds off by more than {THRESHOLD_FACTOR:g} times from {whose}"
+        yield f"{opening}: {', '.join(words)}."
 
 
-def _threshold_pairs(study: Validation, afferent: str) -> Iterator[tuple[float, Any, Any]]:
-    """Thresholds of the judged model and of what it is compared with, by frequency."""
-    reference = study.rates.reference(SINES.stimuli)
-    for one in SINES.sets:
-        frequency_hz = one.entries[0].numbers()["frequency_hz"]
-        if (reference, afferent, frequency_hz) in study.thresholds.index:
-            mine, theirs = (
-                row_of(study.thresholds, source, afferent, frequency_hz)
-                for source in (study.judged.name, reference)
-            )
-            yield frequency_hz, mine, theirs
+def _thresholds_beside(study: Validation) -> "DataFrame":
+    """Thresholds of the judged model and of what it is compared with, and their ratio.
+
+    Index: afferent, frequency_hz; only where both are known.
+    """
+    from pandas import DataFrame
+
+    words = study.thresholds.apply(_threshold_words, axis=1)
+    sources = (study.judged.name, _reference(study, SINES))
+    both = DataFrame(
+        {k: words.loc[one] for k, one in zip(("mine", "theirs"), sources, strict=True)}
+    )
+    both = both.dropna()
+    at_um = [study.thresholds.threshold_um.loc[source].loc[both.index] for source in sources]
+    return both.assign(apart=list(map(rates.times_apart, *at_um)))
 
 
-def _near_thresholds(study: Validation) -> list[int]:
-    """How many thresholds are near the reference's, of how many."""
-    apart = [
-        times_apart(mine.threshold_um, theirs.threshold_um)
-        for afferent in AFFERENTS
-        for _, mine, theirs in _threshold_pairs(study, afferent)
-    ]
-    return [sum(ratio <= THRESHOLD_FACTOR for ratio in apart), len(apart)]
+def _amplitude(value_um: float) -> str:
+    return f"{value_um:#.3g}".removesuffix(".")
 
 
 def _amplitude_words(row: Any, amplitude_um: float) -> str:  # noqa: ANN401 - a row
@@ -514,48 +447,23 @@ def _entrainment_words(row: Any) -> str:  # noqa: ANN401 - a row
 
 def _threshold_frames(study: Validation) -> dict[str, "DataFrame"]:
     """Thresholds, entrainment and locking by source, class and frequency."""
-    strongest = {
-        one.entries[-1].id: one.entries[-1].numbers()["frequency_hz"] for one in SINES.sets
-    }
+    strongest = {one.entries[-1].id: one.frequency_hz for one in SINES.sets}
     locked = study.locking[study.locking.stimulus.isin(list(strongest))]
     strengths = locked.set_index(["source", "afferent", "frequency_hz"]).vector_strength
-    words: dict[str, tuple[Iterable[str], Callable[[Any], str]]] = {
-        "thresholds": (
-            study.rates.known(SINES.stimuli),
-            lambda key: _threshold_words(row_of(study.thresholds, *key)),
-        ),
-        "entrainment": (
-            study.rates.known(SINES.stimuli),
-            lambda key: _entrainment_words(row_of(study.thresholds, *key)),
-        ),
-        "locking": (
-            (model.name for model in study.models),
-            lambda key: _number(strengths[key], ".2f"),
-        ),
+    known = study.rates.known(SINES.stimuli)
+    tables = {
+        "thresholds": (study.thresholds.apply(_threshold_words, axis=1), known),
+        "entrainment": (study.thresholds.apply(_entrainment_words, axis=1), known),
+        "locking": (strengths.map(lambda value: number(value, ".2f")), list(study.simulations)),
     }
+    heads = {frequency_hz: f"{frequency_hz:g} Hz" for frequency_hz in strongest.values()}
     return {
-        name: _by_frequency(study, sources, list(strongest.values()), word)
-        for name, (sources, word) in words.items()
+        name: _laid_out(words, "frequency_hz", list(product(sources, AFFERENTS)), list(heads))
+        .fillna(ABSENT)
+        .rename(index=_titles(study), level=0)
+        .rename(columns=heads)
+        for name, (words, sources) in tables.items()
     }
-
-
-def _by_frequency(
-    study: Validation,
-    sources: Iterable[str],
-    frequencies_hz: Sequence[float],
-    word: Callable[[Any], str],
-) -> "DataFrame":
-    from pandas import DataFrame, MultiIndex
-
-    known = set(study.thresholds.index)
-    places = list(product(sources, AFFERENTS))
-    rows = [
-        [word(key) if (key := (*place, hz)) in known else _ABSENT for hz in frequencies_hz]
-        for place in places
-    ]
-    index = [(source_title(source, study.judged.name), afferent) for source, afferent in places]
-    frame = DataFrame(rows, columns=[f"{hz:g} Hz" for hz in frequencies_hz])
-    return frame.set_axis(MultiIndex.from_tuples(index), axis=0)
 
 
 def _source_frame(study: Validation) -> "DataFrame":
@@ -575,7 +483,7 @@ def _source_frame(study: Validation) -> "DataFrame":
         else:
             model = models[source]
             what = model.source if source == PUBLISHED_NAME else f"{source}: {model.source}"
-            cells = str(cells_of(study.simulations[source]))
+            cells = str(validate.cells_of(study.simulations[source]))
             preindent = f"{model.preindent_um:g}"
         known = int((study.rates.frame.source == source).sum())
         rates = f"{known} of {len(STIMULI) * len(AFFERENTS)}"
@@ -584,34 +492,20 @@ def _source_frame(study: Validation) -> "DataFrame":
     return DataFrame(list(rows.values()), columns=heads, index=list(rows))
 
 
-def _raster_words(study: Validation) -> dict[str, Any]:
+def _silent(study: Validation) -> list[str]:
+    """Classes without a spike, each with the depth of a stimulus of the raster."""
     simulation = study.simulations[study.judged.name]
-    trains = repeated_trains(simulation)
     depth_um = {one.id: float(one.displacement_um.max()) for one in simulation.stimuli}
-    silent = [
+    fired = {
+        (train.stimulus, train.afferent)
+        for train in repeated_trains(simulation)
+        if train.times_ms.size
+    }
+    return [
         f"{afferent} at {depth_um[stimulus]:.0f} µm"
         for stimulus, afferent in product(RASTER_STIMULI, AFFERENTS)
-        if not any(
-            train.times_ms.size
-            for train in trains
-            if (train.stimulus, train.afferent) == (stimulus, afferent)
-        )
+        if (stimulus, afferent) not in fired
     ]
-    return {"cells": cells_of(simulation), "silent": silent}
-
-
-def _deflection_words(study: Validation) -> dict[str, Any]:
-    finest = study.deflections[-1]
-    apex_mm = float(finest.at(0.0))
-    half_mm = float(np.interp(-0.5 * apex_mm, -finest.deflection_mm, finest.distance_mm))
-    return {
-        "finest": finest.name,
-        "apex_mm": apex_mm,
-        "at_1_mm": float(finest.at(1.0)),
-        "half_mm": half_mm,
-        "last": [mesh.name for mesh in study.deflections[-2:]],
-        "largest_percent": max((abs(row.change_percent) for row in study.convergence), default=0.0),
-    }
 
 
 def _convergence_frame(study: Validation) -> "DataFrame":
@@ -623,10 +517,10 @@ def _convergence_frame(study: Validation) -> "DataFrame":
         name = row.quantity.replace("deflection_mm", "deflection")
         rows[name if deflection else "force on the probe"] = [
             "mm" if deflection else "N/mm",
-            *(_number(value, ".4f") for value in row.values),  # noqa: PD011 - no frame
-            _number(row.change_percent, ".2f"),
-            _number(row.limit, ".4f"),
-            _number(row.order, ".1f"),
+            *(number(value, ".4f") for value in row.values),  # noqa: PD011 - no frame
+            number(row.change_percent, ".2f"),
+            number(row.limit, ".4f"),
+            number(row.order, ".1f"),
         ]
     meshes = [f"{mesh.name}, {mesh.elements} elements" for mesh in study.deflections]
     heads = ["Unit", *meshes, "last step (%)", "limit", "order"]

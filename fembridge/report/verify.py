@@ -1,24 +1,25 @@
-"""Make the studies: each once, several at a time, what is finished kept, and their page."""
+"""Make the studies, several at a time, and their page; each run of the solver is kept."""
 
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fembridge import __version__
-from fembridge.errors import MissingError, ResponseError, SolverError, UsageError
+from fembridge.errors import MissingError, SolverError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, send
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
-from fembridge.plots.style import save_figure
-from fembridge.report.runs import THREADS, Cost, Runs
-from fembridge.report.study import AT_MOST, Check, Finding
+from fembridge.plots.style import in_style, save_figure
+from fembridge.report.runs import THREADS, Runs
+from fembridge.report.second_solver import skfem_version
+from fembridge.report.study import Finding
 from fembridge.solver.ccx import signals_as_exits
 from fembridge.solver.settings import OnProgress
-from fembridge.store import make_folder, read_sealed, sha256_of, write_sealed, write_text
+from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
@@ -26,10 +27,7 @@ if TYPE_CHECKING:
 
 PAGE_FILE = "verification.md"
 SUMMARY_FILE = "verification.json"
-FORMAT = 2
 
-_TEMPLATE = "verification.md.j2"
-_UNKNOWN = "–"
 # The longer first: a column ends in one of them.
 _UNITS = {
     "_n_per_mm": "N/mm",
@@ -54,16 +52,17 @@ class Study:
     place: str
     left_out: str = ""
 
-    @property
-    def module(self) -> str:
-        """Module of the function."""
-        return f"fembridge.report.{self.place.partition(':')[0]}"
-
-    def make(self, runs: Runs) -> Finding:
-        """Do it."""
-        function = getattr(import_module(self.module), self.place.partition(":")[2])
-        finding: Finding = function(runs)
-        return replace(finding, cost=runs.spent)
+    def make(self, folder: Path, quick: bool, on_progress: OnProgress | None, log: Log) -> Finding:
+        """Do it in `folder`; its figure goes into a file there."""
+        module, _, name = self.place.partition(":")
+        study: Callable[[Runs], Finding] = getattr(
+            import_module(f"fembridge.report.{module}"), name
+        )
+        runs = Runs(folder, quick=quick, on_progress=on_progress, log=log)
+        finding = in_style(study)(runs)
+        if finding.figure is not None:
+            save_figure(finding.figure, folder / "images" / f"verification_{self.name}.png")
+        return replace(finding, figure=None, cost=runs.spent)
 
 
 # In the order of the page.
@@ -133,9 +132,8 @@ def verify(
 ) -> dict[str, Finding]:
     """Make the studies `names`, or all; findings by name, in the order of the page.
 
-    A finding in `folder` is taken if it was made from the same; of a study that was not
-    finished the runs of the solver that are whole are taken. Tables are written as CSV,
-    figures as PNG, as soon as they are made.
+    Runs of the solver in `folder` that are whole are taken, so that what was stopped goes on
+    where it was. Figures are written as PNG as soon as they are made.
 
     Parameters
     ----------
@@ -154,16 +152,24 @@ def verify(
         `folder` cannot be written.
     """
     studies = studies_named(names)
+    versions_here()
     make_folder(folder)
-    places = {study.name: _Place(study, folder, quick, versions_here()) for study in studies}
-    found = {name: place.kept(log) for name, place in places.items()}
-    waiting = [place for name, place in places.items() if found[name] is None]
-    if jobs == 1 or len(waiting) <= 1:
-        for place in waiting:
-            place.make(on_progress, log)
-    else:
-        _make_at_once(waiting, jobs, log)
-    return {name: found[name] or place.read() for name, place in places.items()}
+    if jobs == 1 or len(studies) == 1:
+        return {study.name: study.make(folder, quick, on_progress, log) for study in studies}
+    order = sorted(studies, key=lambda s: _LONGEST.index(s.name) if s.name in _LONGEST else 99)
+    found = {}
+    # The first that fails ends the others, whose runs are kept.
+    with signals_as_exits(), LocalExecutor(min(jobs, len(order)), log) as executor:
+        futures = {executor.submit(one.make, folder, quick, None, send): one.name for one in order}
+        for future in as_completed(futures):
+            try:
+                found[futures[future]] = future.result()
+            except WorkerDiedError as error:
+                raise SolverError(
+                    f"{error}; what is finished is kept: run this again", folder
+                ) from error
+            log(f"{futures[future]}: done, {len(found)} of {len(order)}")
+    return {study.name: found[study.name] for study in studies}
 
 
 def versions_here() -> dict[str, str]:
@@ -174,8 +180,6 @@ def versions_here() -> dict[str, str]:
     MissingError
         There is no solver.
     """
-    from fembridge.report.second_solver import skfem_version
-
     if find_ccx() is None:
         raise MissingError(
             "verify takes a solver, and there is no ccx on the PATH; "
@@ -184,97 +188,6 @@ def versions_here() -> dict[str, str]:
     versions = {"fembridge": __version__, "CalculiX": check_ccx().found.split(",")[0]}
     other = skfem_version()
     return versions if other is None else {**versions, "scikit-fem": other}
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """A study, and where its finding goes."""
-
-    study: Study
-    folder: Path
-    quick: bool
-    versions: Mapping[str, str]
-
-    @property
-    def path(self) -> Path:
-        return self.folder / "findings" / f"{self.study.name}.toml"
-
-    @property
-    def picture(self) -> Path:
-        return self.folder / "images" / f"verification_{self.study.name}.png"
-
-    @property
-    def inputs(self) -> Table:
-        """What a finding depends on: extent, versions, source of the study."""
-        return {
-            "quick": self.quick,
-            "versions": dict(self.versions),
-            "source_sha256": sha256_of(Path(str(import_module(self.study.module).__file__))),
-        }
-
-    def make(self, on_progress: OnProgress | None, log: Log) -> None:
-        """Do the study and write its finding, its figure first."""
-        runs = Runs(self.folder, quick=self.quick, on_progress=on_progress, log=log)
-        finding = self.study.make(runs)
-        if finding.figure is not None:
-            save_figure(finding.figure, self.picture)
-        table = {
-            "skipped": finding.skipped,
-            "checks": [check._asdict() for check in finding.checks],
-            "tables": {
-                name: frame.to_dict("split", index=False) for name, frame in finding.tables.items()
-            },
-            "numbers": dict(finding.numbers),
-            "cost": asdict(finding.cost),
-            "has_figure": finding.figure is not None,
-        }
-        write_sealed(self.path, {"format": FORMAT, "inputs": self.inputs, "finding": table})
-
-    def read(self) -> Finding:
-        """Finding in the folder, its figure left out; a `ResponseError` where damaged."""
-        from pandas import DataFrame
-
-        table = read_sealed(self.path, "finding", FORMAT)["finding"]
-        return Finding(
-            checks=tuple(Check(**check) for check in table["checks"]),
-            tables={name: DataFrame(**split) for name, split in table["tables"].items()},
-            numbers=table["numbers"],
-            skipped=table["skipped"],
-            cost=Cost(**table["cost"]),
-        )
-
-    def kept(self, log: Log) -> Finding | None:
-        """Finding of the same inputs; a damaged one is recomputed, which `log` says."""
-        if not self.path.exists():
-            return None
-        try:
-            table = read_sealed(self.path, "finding", FORMAT)
-            same = table["inputs"] == self.inputs
-            if not same or (table["finding"]["has_figure"] and not self.picture.is_file()):
-                return None
-            finding = self.read()
-        except ResponseError as error:
-            log(f"{self.study.name}: recomputed: {error}")
-            return None
-        log(f"{self.study.name}: finished before")
-        return finding
-
-
-def _make_at_once(places: Sequence[_Place], jobs: int, log: Log) -> None:
-    """Make several; the first that fails ends the others, whose runs are kept."""
-    order = sorted(
-        places, key=lambda p: _LONGEST.index(p.study.name) if p.study.name in _LONGEST else 99
-    )
-    with signals_as_exits(), LocalExecutor(min(jobs, len(order)), log) as executor:
-        futures = {executor.submit(place.make, None, send): place.study.name for place in order}
-        for count, future in enumerate(as_completed(futures), start=1):
-            try:
-                future.result()
-            except WorkerDiedError as error:
-                raise SolverError(
-                    f"{error}; what is finished is kept: run this again", order[0].folder
-                ) from error
-            log(f"{futures[future]}: done, {count} of {len(order)}")
 
 
 def write_report(
@@ -315,8 +228,12 @@ def summary_of(
                 "iterations": finding.cost.iterations,
                 "cpu_s": round(finding.cost.cpu_s, 3),
                 "checks": [
-                    {**check, "found": None if math.isnan(check["found"]) else check["found"]}
-                    for check in finding.to_frame().to_dict("records")
+                    {
+                        **check._asdict(),
+                        "found": None if math.isnan(check.found) else check.found,
+                        "passed": check.passed,
+                    }
+                    for check in finding.checks
                 ],
             }
             for study in STUDIES
@@ -332,43 +249,39 @@ def command_of(name: str, *, quick: bool) -> str:
 
 def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> str:
     """The page as Markdown; the same findings give the same text."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from fembridge.report.template import number, rendered
 
-    environment = Environment(
-        loader=PackageLoader("fembridge.report", "."),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    environment.filters |= {
-        "number": _number,
-        "span": _span,
-        "oneline": lambda words: " ".join(words.split()),
-        "markdown": _markdown,
-        "found": lambda check: (
-            _UNKNOWN if math.isnan(check.found) else f"{check.found:.3g}{_unit(check)}"
-        ),
-        "bound": lambda check: (
-            f"{'≤' if check.side == AT_MOST else '≥'} {check.bound:g}{_unit(check)}"
-        ),
-    }
-    made = [study for study in STUDIES if study.name in findings]
     studies = [
         {
-            "number": number,
+            "number": place,
             "name": study.name,
             "title": study.title,
-            "anchor": _anchor(f"{number} {study.title}"),
+            "anchor": _anchor(f"{place} {study.title}"),
             "command": command_of(study.name, quick=quick),
             "left_out": study.left_out if quick else "",
             "finding": findings[study.name],
         }
-        for number, study in enumerate(made, start=1)
+        for place, study in enumerate((s for s in STUDIES if s.name in findings), start=1)
     ]
+
+    def markdown(frame: "DataFrame", formats: str) -> str:
+        """Table; `formats` has one for the numbers of each column, ``|`` between."""
+        specs = formats.split("|")
+        rows = frame.astype(object).itertuples(index=False, name=None)
+        lines = [[_head(column) for column in frame.columns]] + [
+            [
+                cell if isinstance(cell, str) else number(cell, spec)
+                for cell, spec in zip(row, specs, strict=True)
+            ]
+            for row in rows
+        ]
+        head, *body = (f"| {' | '.join(line)} |" for line in lines)
+        return "\n".join([head, "|" + "---|" * len(specs), *body])
+
     checks = [check for finding in findings.values() for check in finding.checks]
-    return environment.get_template(_TEMPLATE).render(
+    return rendered(
+        "verification.md.j2",
+        {"markdown": markdown},
         studies=studies,
         versions=versions,
         quick=quick,
@@ -379,39 +292,11 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
     )
 
 
-def _markdown(frame: "DataFrame", formats: str) -> str:
-    """Table as Markdown; `formats` has one for the numbers of each column, ``|`` between."""
-    heads = [_head(column) for column in frame.columns]
-    lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
-    for row in frame.astype(object).itertuples(index=False):
-        cells = [_number(cell, spec) for cell, spec in zip(row, formats.split("|"), strict=True)]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 def _head(column: str) -> str:
     """Name of a column with its unit in parentheses."""
-    for ending, unit in _UNITS.items():
-        if column.endswith(ending):
-            return f"{column.removesuffix(ending).replace('_', ' ')} ({unit})"
-    return column.replace("_", " ")
-
-
-def _number(cell: Any, spec: str) -> str:  # noqa: ANN401 - a word or a number
-    if isinstance(cell, str):
-        return cell
-    if math.isnan(cell):
-        return _UNKNOWN
-    return format(cell, spec).replace("-", "\N{MINUS SIGN}", int(cell < 0))
-
-
-def _unit(check: Check) -> str:
-    return f" {check.unit}" if check.unit else ""
-
-
-def _span(values: Sequence[float]) -> str:
-    """Ends of rising `values`: ``5`` or ``5 to 7``."""
-    return " to ".join(f"{value:g}" for value in dict.fromkeys((values[0], values[-1])))
+    unit = next((ending for ending in _UNITS if column.endswith(ending)), "")
+    name = column.removesuffix(unit).replace("_", " ")
+    return f"{name} ({_UNITS[unit]})" if unit else name
 
 
 def _anchor(heading: str) -> str:

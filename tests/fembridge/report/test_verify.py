@@ -77,7 +77,6 @@ def made(monkeypatch, small_finding):
 def test_a_check_is_passed_when_its_bound_is_kept_and_never_without_a_number(found, side, passed):
     check = Check("a", found, 1.0, side=side)
     assert check.passed == passed
-    assert Finding(checks=(check,)).to_frame()["passed"].tolist() == [passed]
 
 
 def test_studies_come_in_the_order_of_the_page_and_have_one_name_each():
@@ -95,40 +94,12 @@ def test_without_a_solver_the_line_that_installs_one_is_given(monkeypatch, tmp_p
         verify(tmp_path, ["patch"])
 
 
-def test_a_finished_study_is_not_made_again_and_comes_back_equal(made, tmp_path, small_finding):
-    verify(tmp_path, ["patch"])
-    log = []
-    found = verify(tmp_path, ["patch"], log=log.append)["patch"]
-    assert len(made) == 1
-    assert log == ["patch: finished before"]
+def test_a_study_says_what_its_runs_cost_and_its_figure_is_a_file(made, tmp_path, small_finding):
+    found = verify(tmp_path, ["patch"], quick=True)["patch"]
+    assert [runs.quick for runs in made] == [True]
     assert found.checks == small_finding.checks
-    assert found.numbers == small_finding.numbers
-    table, expected = found.tables["patch"], small_finding.tables["patch"]
-    assert table.to_csv() == expected.to_csv()
-    assert (table.dtypes == expected.dtypes).all()
-
-
-def test_a_quick_finding_is_not_taken_for_a_whole_one_nor_one_without_its_picture(made, tmp_path):
-    verify(tmp_path, ["patch"], quick=True)
-    verify(tmp_path, ["patch"])
-    (tmp_path / "images" / "verification_patch.png").unlink()
-    verify(tmp_path, ["patch"])
-    assert [runs.quick for runs in made] == [True, False, False]
-
-
-@pytest.mark.parametrize("damage", ["edited", "cut"])
-def test_a_finding_that_was_damaged_is_recomputed_and_logged(made, tmp_path, damage):
-    verify(tmp_path, ["patch"])
-    path = tmp_path / "findings" / "patch.toml"
-    content = path.read_bytes()
-    assert content.count(b"found = 2.0") == 1
-    edited = content.replace(b"found = 2.0", b"found = 4.0")
-    path.write_bytes(edited if damage == "edited" else content[: len(content) // 2])
-    log = []
-    found = verify(tmp_path, ["patch"], log=log.append)["patch"]
-    assert len(made) == 2
-    assert "patch.toml" in log[0]
-    assert found.checks[1].found == 2.0
+    assert found.cost == Cost()  # no run of the solver
+    assert [path.name for path in (tmp_path / "images").iterdir()] == ["verification_patch.png"]
 
 
 def test_the_page_and_its_files_hold_the_checks_and_the_numbers(small_finding, tmp_path):
@@ -198,7 +169,6 @@ def test_the_two_cheapest_studies_keep_their_bounds_and_their_whole_runs(tmp_pat
     assert json.loads((tmp_path / "verification.json").read_text())["studies"] == [one, other]
     assert not list(tmp_path.glob(".*"))
 
-    (tmp_path / "findings" / "patch.toml").unlink()
     runs = tmp_path / "runs" / "patch"
     before = {path: path.stat().st_mtime_ns for path in runs.glob("*/job.frd")}
     assert len(before) == 15
