@@ -9,8 +9,8 @@ goes with 1/K, so a straight line in 1/K through the stiffest ends at rigid cont
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,12 +25,11 @@ from fembridge.report.indent import (
     read_indented,
     through,
 )
-from fembridge.report.runs import Cost, Runs
+from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding, finish, line, panels
 from fembridge.response.acceptance import CLOSURE_PERCENT, judge
 from fembridge.response.solve import LADDER
 from fembridge.stimulus import Stimulus
-from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,26 +60,6 @@ _MODELS_QUICK = (*_MODELS[1:3], *_MODELS[4:5], *_MODELS[7:8])
 _STIFFNESS_BOUND_PERCENT = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Tried:
-    """One contact model; without a result where it did not converge."""
-
-    element: str
-    contact: Contact
-    cost: Cost
-    verdict: str
-    indented: Indented | None = None
-    closure_percent: float = math.nan
-
-    @property
-    def peak_pa(self) -> FloatArray:
-        """Stress ``(afferent,)`` at the deepest point."""
-        if self.indented is None:
-            return np.full(len(AFFERENTS), np.nan)
-        peak: FloatArray = self.indented.stress_pa[self.indented.depth_um.argmax()]
-        return peak
-
-
 def models(runs: Runs) -> Finding:
     """Try each contact model on the way down and back."""
     from pandas import DataFrame
@@ -89,115 +68,90 @@ def models(runs: Runs) -> Finding:
     down_um = np.round(np.linspace(0.0, DEEPEST_UM, steps + 1), 3)
     up_um = down_um[steps - _BACK_EVERY : 0 : -_BACK_EVERY]
     stimulus = through(np.concatenate([down_um, up_um]), "there_and_back")
-    base, tried = model_of(QUICK), []
+    rows, found = [], {}
     for element, contact in _MODELS_QUICK if runs.quick else _MODELS:
         runs.log(f"contact: {element}, {contact}")
-        tried.append(_try(runs, replace(base, element=element, contact=contact), stimulus))
-    default = next(each for each in tried if (each.element, each.contact) == ("CPE4", LADDER[0]))
-    by_node = [each for each in tried if each.contact.formulation == NODE]
-    off = [
-        each.closure_percent
-        for each in tried
-        if each.contact.formulation == SURFACE and each.indented is not None
-    ]
+        model = replace(model_of(QUICK), element=element, contact=contact)
+        row, indented = _try(runs, model, stimulus)
+        rows.append(row)
+        if indented is not None:
+            found[element, contact] = indented
+    table = DataFrame(rows)
+    by_node = table.contact.str.startswith(NODE)
+    default = table[table.model == f"CPE4, {LADDER[0]}"].iloc[0]
+    off_percent = table.closure[~by_node].dropna().tolist()
+    unsolved = table.model[by_node & table.closure.isna()].tolist()
+    numbers: dict[str, Any] = {
+        "depth_um": DEEPEST_UM,
+        "down": steps,
+        "back": steps // _BACK_EVERY - 1,
+        "allowed_percent": CLOSURE_PERCENT,
+        "accepted": int((table.verdict[by_node] == "accepted").sum()),
+        "by_node": int(by_node.sum()),
+        "iterations": int(default.iterations),
+        "surface_percent": [min(off_percent), max(off_percent)] if off_percent else [],
+        "unsolved": unsolved,
+    }
+    rubbing, smooth = (found.get(("CPE4", Contact(NODE, 200.0, friction=f))) for f in (0.4, 0.0))
+    if rubbing is not None and smooth is not None:  # how much friction changes the stress
+        share = smooth.stress_pa[steps] / rubbing.stress_pa[steps]
+        numbers["friction_percent"] = 100 * float(np.abs(share - 1).max())
+    what = f"closure of the default, {LADDER[0]}"
     return Finding(
-        checks=(
-            Check(
-                f"closure of the default, {default.contact}",
-                default.closure_percent,
-                CLOSURE_PERCENT,
-                "%",
-            ),
-        ),
-        tables={
-            "contact": DataFrame(
-                [_row(each) for each in tried],
-                columns=[
-                    *("element", "contact", "stiffness", "friction", "closure"),
-                    *("iterations", "cpu_s", *AFFERENTS, "verdict"),
-                ],
-            )
-        },
-        numbers={
-            "depth_um": DEEPEST_UM,
-            "down": steps,
-            "back": steps // _BACK_EVERY - 1,
-            "allowed_percent": CLOSURE_PERCENT,
-            "accepted": sum(each.verdict == "accepted" for each in by_node),
-            "by_node": len(by_node),
-            "iterations": default.cost.iterations,
-            "surface_percent": [min(off), max(off)] if off else [],
-            "unsolved": [f"{t.element}, {t.contact}" for t in by_node if t.indented is None],
-            **_friction(tried),
-        },
-        figure=_models_figure(tried),
+        checks=(Check(what, float(default.closure), CLOSURE_PERCENT, "%"),),
+        tables={"contact": table.drop(columns="model")},
+        numbers=numbers,
+        figure=_models_figure(found, steps),
     )
 
 
-def _try(runs: Runs, model: Model, stimulus: Stimulus) -> _Tried:
+def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], Indented | None]:
+    """Row of the table; without a result where the model did not converge."""
     contact = model.contact
     name = (
         f"contact/{model.element}_{contact.formulation}_{contact.stiffness_mpa_per_mm:g}"
         f"_{contact.friction:g}_{contact.stick_share:g}"
     )
     attempt = attempt_indent(runs, name, model, stimulus)
+    found, closure_percent, peak_pa = None, math.nan, np.full(len(AFFERENTS), np.nan)
     if attempt.failure is not None:
-        return _Tried(model.element, contact, attempt.cost, attempt.failure.cause.value)
-    found = read_indented(attempt, model, stimulus)
-    judged = judge(found.depth_um, found.stress_pa, found.force_n_per_mm, found.apex_um)
-    verdict = "accepted" if judged.problem is None else "does not come back"
-    return _Tried(
-        model.element, contact, attempt.cost, verdict, found, float(judged.closure_percent)
-    )
-
-
-def _row(each: _Tried) -> tuple[str | int | float, ...]:
-    contact = each.contact
+        verdict = attempt.failure.cause.value
+    else:
+        found = read_indented(attempt, model, stimulus)
+        peak_pa = found.stress_pa[found.depth_um.argmax()]
+        judged = judge(found.depth_um, found.stress_pa, found.force_n_per_mm, found.apex_um)
+        closure_percent = float(judged.closure_percent)
+        verdict = "accepted" if judged.problem is None else "does not come back"
     stick = f", stick {contact.stick_share:g}" if contact.stick_share != _STICK_SHARE else ""
-    return (
-        each.element,
-        contact.formulation + stick,
-        contact.stiffness_mpa_per_mm,
-        contact.friction,
-        each.closure_percent,
-        each.cost.iterations,
-        each.cost.cpu_s,
-        *(each.peak_pa / 1000).tolist(),
-        each.verdict,
-    )
+    return {
+        "model": f"{model.element}, {contact}",
+        "element": model.element,
+        "contact": contact.formulation + stick,
+        "stiffness": contact.stiffness_mpa_per_mm,
+        "friction": contact.friction,
+        "closure": closure_percent,
+        "iterations": attempt.cost.iterations,
+        "cpu_s": attempt.cost.cpu_s,
+        **dict(zip(AFFERENTS, (peak_pa / 1000).tolist(), strict=True)),
+        "verdict": verdict,
+    }, found
 
 
-def _friction(tried: list[_Tried]) -> dict[str, float]:
-    """How much friction changes the stress of the default model, if both were solved."""
-    pair = {
-        each.contact.friction: each.peak_pa
-        for each in tried
-        if (each.element, replace(each.contact, friction=0.4)) == ("CPE4", Contact(NODE, 200.0))
-        and each.indented is not None
-    }
-    if len(pair) < 2:
-        return {}
-    return {"friction_percent": 100 * float(np.abs(pair[0.0] / pair[0.4] - 1).max())}
-
-
-def _models_figure(tried: list[_Tried]) -> "Figure":
+def _models_figure(found: dict[tuple[str, Contact], Indented], steps: int) -> "Figure":
     """SA's stress on the way back against that on the way in, at the same depth."""
     figure, both = panels(2)
     for panel, formulation in zip(both, (NODE, SURFACE), strict=True):
         shown = [
-            (each.contact, each.indented)
-            for each in tried
-            if each.indented is not None
-            and (each.element, each.contact.formulation) == ("CPE4", formulation)
-            and (each.contact.friction, each.contact.stick_share) == (0.4, _STICK_SHARE)
+            (contact.stiffness_mpa_per_mm, each)
+            for (element, contact), each in found.items()
+            if (element, contact) == ("CPE4", Contact(formulation, contact.stiffness_mpa_per_mm))
         ]
-        for row, (contact, found) in enumerate(shown):
-            deepest = int(found.depth_um.argmax())
-            back_um, back_pa = found.depth_um[deepest + 1 :], found.stress_pa[deepest + 1 :, 0]
-            in_um, in_pa = found.depth_um[:deepest], found.stress_pa[:deepest, 0]
-            same = np.abs(back_um[:, None] - in_um).argmin(axis=1)
-            label = f"{contact.stiffness_mpa_per_mm:g} MPa/mm"
-            panel.plot(back_um, 100 * (back_pa / in_pa[same] - 1), label=label, **line(row))
+        for row, (stiffness_mpa_per_mm, each) in enumerate(shown):
+            back_um, back_pa = each.depth_um[steps + 1 :], each.stress_pa[steps + 1 :, 0]
+            same = np.abs(back_um[:, None] - each.depth_um[:steps]).argmin(axis=1)
+            off_percent = 100 * (back_pa / each.stress_pa[same, 0] - 1)
+            label = f"{stiffness_mpa_per_mm:g} MPa/mm"
+            panel.plot(back_um, off_percent, label=label, **line(row))
         y = "SA, unloading / loading − 1 (%)" if formulation == NODE else ""
         finish(panel, "depth (µm)", y, title=formulation)
     return figure
@@ -208,54 +162,35 @@ def stiffness(runs: Runs) -> Finding:
     from pandas import DataFrame
 
     springs = np.array(STIFFNESS_QUICK if runs.quick else STIFFNESS)
-    base = model_of(QUICK)
     found = []
     for one in springs.tolist():
         runs.log(f"penalty: {one:g} MPa/mm")
-        model = replace(base, contact=Contact(stiffness_mpa_per_mm=one))
+        model = replace(model_of(QUICK), contact=Contact(stiffness_mpa_per_mm=one))
         found.append(indent(runs, f"penalty/{one:g}", model))
     stress_pa = np.array([each.last_pa for each in found])
     slope, rigid_pa = np.polyfit(1 / springs[-3:], stress_pa[-3:], 1)
     off_percent = 100 * (stress_pa / rigid_pa - 1)
     default = float(LADDER[0].stiffness_mpa_per_mm)
     at_default = off_percent[springs == default][0]
-    table = DataFrame(
-        [
-            (
-                one,
-                *(pa / 1000).tolist(),
-                *off.tolist(),
-                100 * (1 - float(each.apex_um[-1]) / DEPTH_UM),
-                each.cost.iterations,
-            )
-            for one, pa, off, each in zip(
-                springs.tolist(), stress_pa, off_percent, found, strict=True
-            )
-        ],
-        columns=[
-            *("stiffness", *AFFERENTS, *(f"{n}_percent" for n in AFFERENTS)),
-            *("behind_percent", "iterations"),
-        ],
-        dtype=object,  # the last row is the limit, which is no spring
-    )
-    table.loc[len(table)] = ["limit", *(rigid_pa / 1000).tolist(), 0.0, 0.0, 0.0, 0.0, "–"]
+    # The last row is the limit, which is no spring.
+    table = DataFrame({"stiffness": [*springs, "limit"]}, dtype=object)
+    table[list(AFFERENTS)] = np.vstack([stress_pa, rigid_pa]) / 1000
+    table[[f"{name}_percent" for name in AFFERENTS]] = np.vstack([off_percent, 0 * rigid_pa])
+    behind = [100 * (1 - float(each.apex_um[-1]) / DEPTH_UM) for each in found]
+    table["behind_percent"] = [*behind, 0.0]
+    iterations: list[Any] = [*(each.cost.iterations for each in found), "–"]
+    table["iterations"] = iterations
     figure, [panel] = panels(1)
     for row, name in enumerate(AFFERENTS):
-        panel.plot(
-            1 / springs, off_percent[:, row], label=name, **line(row, name=name, mark="dots")
-        )
+        style = line(row, name=name, mark="dots")
+        panel.plot(1 / springs, off_percent[:, row], label=name, **style)
         softest = 100 * slope[row] / rigid_pa[row] / springs[0]
         panel.plot([0, 1 / springs[0]], [0, softest], **line(row, name=name, mark="dashed"))
     finish(panel, "1 / K (mm/MPa)", "stress / limit − 1 (%)")
+    worst = float(np.abs(at_default).max())
+    what = f"{default:g} MPa/mm: stress furthest from rigid contact"
     return Finding(
-        checks=(
-            Check(
-                f"{default:g} MPa/mm: stress furthest from rigid contact",
-                float(np.abs(at_default).max()),
-                _STIFFNESS_BOUND_PERCENT,
-                "%",
-            ),
-        ),
+        checks=(Check(what, worst, _STIFFNESS_BOUND_PERCENT, "%"),),
         tables={"penalty": table},
         numbers={
             "depth_um": DEPTH_UM,

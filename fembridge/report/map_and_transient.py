@@ -20,14 +20,13 @@ from decks.waveform import make_stimulus
 from fembridge.build import inputs_of
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs
-from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, panels
+from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, off_percent, panels
 from fembridge.response.acceptance import indentation, recorded_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import CONTACT_CAUSES, LADDER
 from fembridge.results import read
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
-from fembridge.typing import FloatArray
 from neural import encode_cells, parameter_set
 from neural.encoder import afferent_drives
 
@@ -56,51 +55,21 @@ _DRAWN = 201  # samples: 100 ms
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """One stimulus on one finger: largest errors in percent of the peak, and spikes.
+    """One stimulus on one finger: a row of the table of errors, its cost, and both traces."""
 
-    `trace_percent` and `drive_percent` are by afferent. `spikes` counts those of the
-    transient, `equal` those that the map has at the same sample, `more` those that
-    the map alone has. `traces` are the map's and the transient's.
-    """
-
-    finger: str
-    stimulus: Stimulus
-    contact: str
-    trace_percent: Mapping[str, float]
-    drive_percent: Mapping[str, float]
-    spikes: int
-    equal: int
-    more: int
+    row: dict[str, Any]
     cost: Cost
     traces: tuple[Sequence[StressTrace], Sequence[StressTrace]]
-
-    @property
-    def solved_ms(self) -> float:
-        """How much of the stimulus was followed."""
-        return (self.stimulus.displacement_um.size - 1) * self.stimulus.dt_ms
-
-
-@dataclass(frozen=True, slots=True)
-class MapCost:
-    """Of one finger's map: the solver's, and Python's for the stress of 82 stimuli."""
-
-    solver: Cost
-    python_s: float
-
-    @property
-    def cpu_s(self) -> float:
-        """Processor time of all of it."""
-        return self.solver.cpu_s + self.python_s
 
 
 def study(runs: Runs) -> Finding:
     """Solve and compare."""
     found: list[Compared] = []
-    maps: dict[str, MapCost] = {}
+    maps: dict[str, tuple[Cost, float]] = {}
     for finger in ("quick",) if runs.quick else ("quick", "paper"):
         model = model_of(PRESETS[finger])
         response, attempt = _mapped(runs, f"{finger}/response", model)
-        maps[finger] = MapCost(attempt.cost, _interpolation_s(response))
+        maps[finger] = attempt.cost, _interpolation_s(response)
         samples = _QUICK_RUN_SAMPLES if runs.quick else _SAMPLES[finger]
         for stimulus in [_shortened(*case, samples) for case in _CASES]:
             runs.log(f"map: {stimulus.id} on {finger}")
@@ -108,12 +77,15 @@ def study(runs: Runs) -> Finding:
     return finding_of(found, maps)
 
 
-def finding_of(found: Sequence[Compared], maps: Mapping[str, MapCost]) -> Finding:
-    """Put the comparisons together."""
-    worst_trace = max(max(each.trace_percent.values()) for each in found)
-    worst_drive = max(max(each.drive_percent.values()) for each in found)
-    equal = sum(each.equal for each in found)
-    either = sum(each.spikes + each.more for each in found)
+def finding_of(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) -> Finding:
+    """Put the comparisons together; a map is its solver's cost and Python's time in s."""
+    from pandas import DataFrame
+
+    errors = DataFrame([each.row for each in found])
+    worst_trace = float(errors.filter(like="_stress").to_numpy().max())
+    worst_drive = float(errors.filter(like="_drive").to_numpy().max())
+    equal = int(errors.equal.sum())
+    either = equal + int(errors.different.sum())
     share = 100 * equal / either if either else math.nan
     costs = _costs(found, maps)
     fewer, less_cpu = float(costs.ratio.min()), float(costs.cpu_ratio.min())
@@ -125,11 +97,10 @@ def finding_of(found: Sequence[Compared], maps: Mapping[str, MapCost]) -> Findin
             Check("82 stimuli: times fewer increments", fewer, FEWER_INCREMENTS, side=AT_LEAST),
             Check("82 stimuli: times less processor time", less_cpu, LESS_CPU, side=AT_LEAST),
         ),
-        tables={"map": _errors(found), "map_cost": costs},
+        tables={"map": errors.drop(columns="equal"), "map_cost": costs},
         numbers={
             "followed_ms": {
-                name: sorted({each.solved_ms for each in found if each.finger == name})
-                for name in maps
+                name: sorted(set(errors.solved_ms[errors.finger == f"`{name}`"])) for name in maps
             },
             "equal": equal,
             "either": either,
@@ -139,53 +110,33 @@ def finding_of(found: Sequence[Compared], maps: Mapping[str, MapCost]) -> Findin
             "fewer": fewer,
             "less_cpu": less_cpu,
             "shown": _SHOWN,
-            "finger": found[0].finger,
+            "finger": errors.finger[0].strip("`"),
         },
         figure=_figure(found),
     )
 
 
-def _errors(found: Sequence[Compared]) -> "DataFrame":
-    from pandas import DataFrame
-
-    rows: list[dict[str, Any]] = [
-        {
-            "finger": f"`{each.finger}`",
-            "stimulus": f"`{each.stimulus.id}`",
-            "held_um": each.stimulus.preindent_um,
-            "solved_ms": each.solved_ms,
-            **{f"{name}_stress": off for name, off in each.trace_percent.items()},
-            **{f"{name}_drive": off for name, off in each.drive_percent.items()},
-            "spikes": each.spikes,
-            "different": each.spikes - each.equal + each.more,
-            "iterations": each.cost.iterations,
-            "cpu_s": each.cost.cpu_s,
-            "contact": each.contact,
-        }
-        for each in found
-    ]
-    return DataFrame(rows)
-
-
-def _costs(found: Sequence[Compared], maps: Mapping[str, MapCost]) -> "DataFrame":
+def _costs(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) -> "DataFrame":
     """What 82 stimuli take by map and by transient, whose increments cost those solved."""
     from pandas import DataFrame
 
     increments = sum(make_stimulus(entry).displacement_um.size - 1 for entry in CATALOGUE)
     rows = []
-    for finger, of_map in maps.items():
-        sampled = sum((each.cost for each in found if each.finger == finger), start=Cost())
+    for finger, (solver, python_s) in maps.items():
+        mine = (each.cost for each in found if each.row["finger"] == f"`{finger}`")
+        sampled = sum(mine, start=Cost())
         an_increment_s = sampled.cpu_s / sampled.increments
+        map_cpu_s = solver.cpu_s + python_s
         rows.append(
             {
                 "finger": f"`{finger}`",
-                "map_increments": of_map.solver.increments,
+                "map_increments": solver.increments,
                 "transient_increments": increments,
-                "ratio": increments / of_map.solver.increments,
-                "map_cpu_s": of_map.cpu_s,
+                "ratio": increments / solver.increments,
+                "map_cpu_s": map_cpu_s,
                 "cpu_s_an_increment": an_increment_s,
                 "transients_cpu_s": an_increment_s * increments,
-                "cpu_ratio": an_increment_s * increments / of_map.cpu_s,
+                "cpu_ratio": an_increment_s * increments / map_cpu_s,
             }
         )
     return DataFrame(rows)
@@ -193,18 +144,14 @@ def _costs(found: Sequence[Compared], maps: Mapping[str, MapCost]) -> "DataFrame
 
 def _figure(found: Sequence[Compared]) -> "Figure":
     """Stress over time of one stimulus, by the map and by the transient."""
-    shown = next(each for each in found if each.stimulus.id == _SHOWN)
+    shown = next(each for each in found if each.row["stimulus"] == f"`{_SHOWN}`")
     figure, all_panels = panels(len(shown.traces[0]))
     for panel, mapped, solved in zip(all_panels, *shown.traces, strict=True):
         times_ms = (mapped.times_ms - mapped.times_ms[0])[:_DRAWN]
-        mapped_kpa, solved_kpa = mapped.stress_pa / 1000, np.asarray(solved.stress_pa) / 1000
-        panel.plot(times_ms, mapped_kpa[:_DRAWN], label="map", **line(0, mark="line"))
-        panel.plot(
-            times_ms[::_EVERY],
-            solved_kpa[:_DRAWN:_EVERY],
-            label="transient",
-            **line(1, mark="dots"),
-        )
+        mapped_kpa, solved_kpa = mapped.stress_pa[:_DRAWN] / 1000, solved.stress_pa[:_DRAWN] / 1000
+        panel.plot(times_ms, mapped_kpa, label="map", **line(0, mark="line"))
+        some = slice(None, None, _EVERY)
+        panel.plot(times_ms[some], solved_kpa[some], label="transient", **line(1, mark="dots"))
         y = "von Mises stress (kPa)" if panel is all_panels[0] else ""
         finish(panel, "time (ms)", y, title=str(mapped.afferent))
     return figure
@@ -260,34 +207,33 @@ def _compared(
     spikes = equal = more = 0
     for mapped, solved in zip(by_map, by_transient, strict=True):
         name = str(mapped.afferent)
-        trace_percent[name] = _off_percent(mapped.stress_pa, solved.stress_pa)
+        trace_percent[f"{name}_stress"] = off_percent(mapped.stress_pa, solved.stress_pa)
         drives, trains = [], []
         for trace in (mapped, solved):
             drive = parameters[name].drive
             drives.append(afferent_drives(name, trace.stress_pa, trace.dt_ms, model=drive))
             trains.append(encode_cells(trace.stress_pa, trace.dt_ms, parameters[name])[0])
-        drive_percent[name] = max(map(_off_percent, *drives))
+        drive_percent[f"{name}_drive"] = max(map(off_percent, *drives))
         for one, other in zip(*trains, strict=True):
+            same = int(np.isin(other, one).sum())
             spikes += other.size
-            equal += int(np.isin(other, one).sum())
-            more += one.size - int(np.isin(one, other).sum())
-    return Compared(
-        finger=model.finger.name,
-        stimulus=stimulus,
-        contact=str(model.contact),
-        trace_percent=trace_percent,
-        drive_percent=drive_percent,
-        spikes=spikes,
-        equal=equal,
-        more=more,
-        cost=attempt.cost,
-        traces=(by_map, by_transient),
-    )
-
-
-def _off_percent(found: FloatArray, expected: FloatArray) -> float:
-    """Largest difference in percent of the largest value."""
-    return 100 * float(np.abs(found - expected).max() / np.abs(expected).max())
+            equal += same
+            more += one.size - same
+    row = {
+        "finger": f"`{model.finger.name}`",
+        "stimulus": f"`{stimulus.id}`",
+        "held_um": stimulus.preindent_um,
+        "solved_ms": (stimulus.displacement_um.size - 1) * stimulus.dt_ms,
+        **trace_percent,
+        **drive_percent,
+        "spikes": spikes,
+        "equal": equal,
+        "different": spikes - equal + more,
+        "iterations": attempt.cost.iterations,
+        "cpu_s": attempt.cost.cpu_s,
+        "contact": str(model.contact),
+    }
+    return Compared(row, attempt.cost, (by_map, by_transient))
 
 
 def _interpolation_s(response: ResponseMap) -> float:

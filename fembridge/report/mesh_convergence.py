@@ -7,7 +7,7 @@ the afferents are. The afferents' nodes are at the same point on all meshes.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +17,10 @@ from decks.finger import Finger, Resolution
 from decks.presets import PAPER, QUICK, model_of
 from decks.refinement import refined as refined_mesh
 from fembridge.errors import FingerError
-from fembridge.report.extrapolation import Extrapolation, extrapolation, power_law_limit
 from fembridge.report.indent import AFFERENTS, DEPTH_UM, Indented, indent
 from fembridge.report.runs import Runs
-from fembridge.report.study import Check, Finding, exact, finish, line, panels
+from fembridge.report.study import Check, Finding, exact, extrapolated, finish, line, panels
+from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,26 +43,6 @@ _SAME_MM = 1.0e-6
 _BOUND_PERCENT = {"quick": 10.0, "paper": 5.0}
 
 
-@dataclass(frozen=True, slots=True)
-class _Limit:
-    """Of one afferent: between the fits of both orders, and how far they differ."""
-
-    low_pa: float
-    high_pa: float
-    last_three: Extrapolation
-
-    @property
-    def middle_pa(self) -> float:
-        return 0.5 * (self.low_pa + self.high_pa)
-
-    @property
-    def spread_percent(self) -> float:
-        return abs(50 * (self.high_pa - self.low_pa) / self.middle_pa)
-
-    def off_percent(self, stress_pa: float) -> float:
-        return 100 * (stress_pa / self.middle_pa - 1)
-
-
 def member(factor: float) -> Finger:
     """Finger of the family: `paper` with elements `factor` times as wide everywhere."""
     if factor == 1.0:
@@ -82,68 +62,45 @@ def member(factor: float) -> Finger:
 
 def study(runs: Runs) -> Finding:
     """Press into each mesh, extrapolate, and judge both presets."""
-    from pandas import DataFrame
-
-    factors = FACTORS_QUICK if runs.quick else FACTORS
-    family = [_pressed(runs, member(factor)) for factor in factors]
-    presets = {"quick": _pressed(runs, QUICK), "paper": _pressed(runs, PAPER)}
-    meshes = sorted([*family, presets["paper"]], key=lambda each: each.elements)
+    family = [_pressed(runs, member(each)) for each in (FACTORS_QUICK if runs.quick else FACTORS)]
+    quick, paper = _pressed(runs, QUICK), _pressed(runs, PAPER)
+    meshes = sorted([*family, paper], key=lambda each: each.elements)
     limits = _limits([] if runs.quick else [m for m in meshes if m.elements > _FITTED_ELEMENTS])
+    for name, each in (("quick", quick), ("paper", paper)):
+        limits[f"{name}_percent"] = _off_percent(each, limits)
     refined = _refined(runs)
-    off = {
-        name: [
-            limit.off_percent(float(pa))
-            for limit, pa in zip(limits.values(), each.last_pa, strict=True)
-        ]
-        for name, each in presets.items()
-    }
-    worst = max(limits, key=lambda name: limits[name].spread_percent)
-    quick = presets["quick"]
-    change = 100 * np.abs(refined[-1].last_pa / quick.last_pa - 1).max()
-    names = ["`quick`", *("`paper`" if m is presets["paper"] else "family" for m in meshes)]
+    change_percent = 100 * np.abs(refined[-1].last_pa / quick.last_pa - 1).max()
+    names = ["`quick`", *("`paper`" if mesh is paper else "family" for mesh in meshes)]
     table = _table([quick, *meshes])
     table.insert(0, "mesh", names)
     contact = _table([quick, *refined]).drop(columns="cpu_s")
     contact.insert(0, "cut_in", [1, 3, 9])
+    worst = str(limits.fits_differ_percent.idxmax())
     return Finding(
         checks=tuple(
             Check(
                 f"`{name}`: stress furthest from the limit",
-                max(map(abs, by_afferent)),
-                _BOUND_PERCENT[name],
+                float(limits[f"{name}_percent"].abs().max()),
+                bound_percent,
                 "%",
             )
-            for name, by_afferent in off.items()
+            for name, bound_percent in _BOUND_PERCENT.items()
         ),
         tables={
             "mesh": table,
-            "mesh_limit": DataFrame(
-                {
-                    "afferent": list(limits),
-                    "limit_kpa": [each.middle_pa / 1000 for each in limits.values()],
-                    "fits_differ_percent": [each.spread_percent for each in limits.values()],
-                    "order": [each.last_three.order for each in limits.values()],
-                    "index_percent": [
-                        each.last_three.uncertainty_percent for each in limits.values()
-                    ],
-                    "quick_percent": off["quick"],
-                    "paper_percent": off["paper"],
-                }
-            ),
+            "mesh_limit": limits.rename_axis("afferent").reset_index(),
             "mesh_contact": contact,
         },
         numbers={
             "depth_um": DEPTH_UM,
             "fitted_elements": _FITTED_ELEMENTS,
-            "off_percent": {
-                name: dict(zip(AFFERENTS, each, strict=True)) for name, each in off.items()
-            },
+            "off_percent": {n: limits[f"{n}_percent"].to_dict() for n in _BOUND_PERCENT},
             "worst": worst,
-            "spread_percent": limits[worst].spread_percent,
+            "spread_percent": float(limits.fits_differ_percent[worst]),
             "touching": [quick.touching, meshes[-1].touching, refined[-1].touching],
-            "refined_percent": float(change),
+            "refined_percent": float(change_percent),
         },
-        figure=_figure(meshes, presets, limits),
+        figure=_figure(meshes, {"quick": quick, "paper": paper}, limits),
     )
 
 
@@ -160,20 +117,31 @@ def _pressed(runs: Runs, finger: Finger) -> Indented:
     return indent(runs, f"mesh/{finger.name}", model)
 
 
-def _limits(fitted: Sequence[Indented]) -> dict[str, _Limit]:
-    """Limits that the `fitted` meshes tend to; with none, those of a whole run."""
+def _limits(fitted: Sequence[Indented]) -> "DataFrame":
+    """Limits that the `fitted` meshes tend to, by afferent; with none, those of a whole run.
+
+    A limit is between the fits of both orders; order and index are of the last three meshes.
+    """
+    from pandas import DataFrame
+
+    columns = ["limit_kpa", "fits_differ_percent", "order", "index_percent"]
     if not fitted:
-        unknown = Extrapolation(math.nan, math.nan, math.nan)
-        known_pa = (1000 * LIMIT_KPA).tolist()
-        return {n: _Limit(pa, pa, unknown) for n, pa in zip(AFFERENTS, known_pa, strict=True)}
+        rows = [(kpa, 0.0, math.nan, math.nan) for kpa in LIMIT_KPA.tolist()]
+        return DataFrame(rows, index=list(AFFERENTS), columns=columns)
     width = np.array([each.elements**-0.5 for each in fitted])
-    stress_pa = np.array([each.last_pa for each in fitted])
-    limits = {}
-    for column, name in enumerate(AFFERENTS):
-        ends_pa = [power_law_limit(width, stress_pa[:, column], p)[0] for p in ORDERS]
-        last_three = extrapolation(width, stress_pa[:, column])
-        limits[name] = _Limit(min(ends_pa), max(ends_pa), last_three)
-    return limits
+    stress_kpa = np.array([each.last_pa for each in fitted]) / 1000
+    first, second = (np.polyfit(width**order, stress_kpa, 1)[1] for order in ORDERS)
+    limit_kpa = 0.5 * (first + second)
+    differ_percent = 100 * np.abs(second - first) / limit_kpa / 2
+    orders, indices = zip(*(extrapolated(width, kpa)[1:] for kpa in stress_kpa.T), strict=True)
+    values = (limit_kpa, differ_percent, orders, indices)
+    return DataFrame(dict(zip(columns, values, strict=True)), index=list(AFFERENTS))
+
+
+def _off_percent(mesh: Indented, limits: "DataFrame") -> FloatArray:
+    """Difference of the stress ``(afferent,)`` from its limit."""
+    off: FloatArray = 100 * (mesh.last_pa / 1000 / limits.limit_kpa.to_numpy() - 1)
+    return off
 
 
 def _refined(runs: Runs) -> list[Indented]:
@@ -190,34 +158,29 @@ def _refined(runs: Runs) -> list[Indented]:
 def _table(meshes: Sequence[Indented]) -> "DataFrame":
     from pandas import DataFrame
 
-    return DataFrame(
-        [
-            (
-                each.elements,
-                *(each.last_pa / 1000).tolist(),
-                1000 * float(each.force_n_per_mm[-1]),
-                each.touching,
-                each.cost.cpu_s,
-            )
-            for each in meshes
-        ],
-        columns=["elements", *AFFERENTS, "force", "touching", "cpu_s"],
-    )
-
-
-def _figure(
-    meshes: list[Indented], presets: dict[str, Indented], limits: dict[str, _Limit]
-) -> "Figure":
-    elements = [each.elements for each in meshes]
-    figure, all_panels = panels(len(limits))
-    for column, (panel, (name, limit)) in enumerate(zip(all_panels, limits.items(), strict=True)):
-        panel.plot(elements[:: len(elements) - 1], [0, 0], label="limit", **exact(dashed=True))
-        off = [limit.off_percent(float(each.last_pa[column])) for each in meshes]
-        panel.plot(elements, off, label=name, **line(1, name=name))
-        for row, (preset, each) in enumerate(presets.items(), start=2):
-            off_percent = limit.off_percent(float(each.last_pa[column]))
-            panel.plot([each.elements], [off_percent], label=preset, **line(row, mark="dots"))
-        finish(
-            panel, "elements", "" if column else "stress above the limit (%)", title=name, log="x"
+    rows = [
+        (
+            each.elements,
+            *(each.last_pa / 1000).tolist(),
+            1000 * float(each.force_n_per_mm[-1]),
+            each.touching,
+            each.cost.cpu_s,
         )
+        for each in meshes
+    ]
+    return DataFrame(rows, columns=["elements", *AFFERENTS, "force", "touching", "cpu_s"])
+
+
+def _figure(meshes: list[Indented], presets: dict[str, Indented], limits: "DataFrame") -> "Figure":
+    elements = [each.elements for each in meshes]
+    off_percent = np.array([_off_percent(each, limits) for each in meshes]).T
+    figure, all_panels = panels(len(limits))
+    for column, (panel, name) in enumerate(zip(all_panels, AFFERENTS, strict=True)):
+        panel.plot(elements[:: len(elements) - 1], [0, 0], label="limit", **exact(dashed=True))
+        panel.plot(elements, off_percent[column], label=name, **line(1, name=name))
+        for row, (preset, each) in enumerate(presets.items(), start=2):
+            off = [_off_percent(each, limits)[column]]
+            panel.plot([each.elements], off, label=preset, **line(row, mark="dots"))
+        y = "" if column else "stress above the limit (%)"
+        finish(panel, "elements", y, title=name, log="x")
     return figure

@@ -17,7 +17,7 @@ from decks.presets import QUICK, mesh_of
 from fembridge.report.indent import down
 from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
 from fembridge.report.runs import Runs
-from fembridge.report.study import Check, Finding
+from fembridge.report.study import Check, Finding, off_percent
 from fembridge.results.frd import read_displacement
 from fembridge.results.printed import read_point_stress
 from fembridge.typing import FloatArray, IntArray
@@ -71,16 +71,12 @@ def _differences_percent(runs: Runs, element: str) -> dict[str, float]:
     _, _, tensor_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
     stress_pa = tensor_pa[0].reshape(len(problem.element), -1, 6).mean(axis=1)
     other_mm, other_mpa = plane_strain(problem)
-    differences = {"displacement": _off_percent(found_mm[0, :, :2], other_mm)}
+    differences = {"displacement": off_percent(found_mm[0, :, :2], other_mm)}
     for number in np.unique(layer).tolist():
         if LAYERS[number] != _FIXED:
             mine, other_pa = stress_pa[layer == number], _PA_PER_MPA * other_mpa[layer == number]
-            differences[LAYERS[number]] = _off_percent(mine, other_pa)
+            differences[LAYERS[number]] = off_percent(mine, other_pa)
     return differences
-
-
-def _off_percent(found: FloatArray, expected: FloatArray) -> float:
-    return 100 * float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
 def _problem(element: str) -> tuple[PlaneProblem, IntArray]:
@@ -159,16 +155,9 @@ def plane_strain(problem: PlaneProblem) -> tuple[FloatArray, FloatArray]:
     solution = solve(*condense(matrix, x=start, D=moved.ravel()))
     strain = np.asarray(sym_grad(basis.interpolate(solution)))  # (2, 2, E, 4)
     pressure, double = given["lame"] * (strain[0, 0] + strain[1, 1]), 2 * given["shear"]
-    zero = np.zeros_like(pressure)
-    stress = np.stack(
-        [
-            pressure + double * strain[0, 0],
-            pressure + double * strain[1, 1],
-            pressure,
-            double * strain[0, 1],
-            zero,
-            zero,
-        ],
-        -1,
-    )
+    stress = np.zeros((*pressure.shape, 6))
+    stress[..., :3] = pressure[..., None]
+    stress[..., 0] += double * strain[0, 0]
+    stress[..., 1] += double * strain[1, 1]
+    stress[..., 3] = double * strain[0, 1]
     return solution[unknown], stress.mean(axis=1)

@@ -1,11 +1,13 @@
 """What a study of the finite-element model finds: checks, tables, numbers, a figure."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fembridge.deflection.profile import richardson
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -18,6 +20,7 @@ from fembridge.plots.style import (
     new_figure,
 )
 from fembridge.report.runs import Cost
+from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 AT_MOST, AT_LEAST = "at most", "at least"
+SAFETY = 1.25
 
 _HEIGHT_IN, _PANEL_IN = 2.6, 3.4
 _DOT_PT = 3.2
@@ -62,6 +66,24 @@ class Finding:
     figure: "Figure | None" = None
     skipped: str = ""
     cost: Cost = Cost()  # noqa: RUF009 - frozen
+
+
+def extrapolated(width: FloatArray, value: FloatArray) -> tuple[float, float, float]:
+    """Limit and order of the last three of `value` ``(K,)`` at falling element widths.
+
+    Third what the finest is worth in percent: Roache's grid convergence index (J. Fluids Eng.
+    116:405, 1994), 1.25 times its estimated error. Where the values do not close in from one
+    side, limit and order are NaN and that is their spread.
+    """
+    last = value[-3:]
+    limit, order = richardson(width[-3:], last)
+    off = last.max() - last.min() if math.isnan(limit) else SAFETY * abs(limit - last[-1])
+    return limit, order, 100 * float(off / abs(last[-1]))
+
+
+def off_percent(found: FloatArray, expected: FloatArray) -> float:
+    """Largest difference in percent of the largest value."""
+    return 100 * float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
 def panels(count: int) -> tuple["Figure", list["Axes"]]:

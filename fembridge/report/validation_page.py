@@ -354,11 +354,12 @@ def _family(study: Validation, family: Family) -> dict[str, Any]:
 
 def _worst_set(study: Validation, family: Family, afferent: str) -> str:
     """Set with the largest mean error, how far and to which side: in words."""
-    place: Any = (_reference(study, family), study.judged.name, family.name)
+    place = (_reference(study, family), study.judged.name, family.name, afferent)
     titles = {one.name: one.title for one in family.sets}
-    biases_ips = study.agreement.loc[place].bias_ips.xs(afferent, level="afferent")
+    levels = ["reference", "source", "family", "afferent"]
+    biases_ips = study.agreement.xs(place, level=levels).bias_ips
     biases_ips = biases_ips.reindex(list(titles)).dropna()
-    worst = biases_ips.abs().idxmax()
+    worst = str(biases_ips.abs().idxmax())
     side = "high" if biases_ips[worst] > 0 else "low"
     return f"{titles[worst]}, {abs(biases_ips[worst]):.1f} impulses/s too {side} on average"
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from decks.material import Material
-from fembridge.report.extrapolation import extrapolation, power_law_limit
 from fembridge.report.hertz import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, pressed
 from fembridge.report.incompressibility import (
     INNER_MM,
@@ -19,6 +18,7 @@ from fembridge.report.incompressibility import (
     ring_stress_mpa,
 )
 from fembridge.report.plane import NEO_HOOKEAN, uniform_stress_mpa
+from fembridge.report.study import extrapolated
 
 WIDTH = np.array([0.8, 0.4, 0.2, 0.1])
 forces = st.floats(1e-3, 1e3)
@@ -137,33 +137,12 @@ def test_the_mesh_of_the_ring_has_its_sides_on_the_circles_and_cuts(kind):
 @given(order=st.floats(0.5, 4), factor=st.floats(0.01, 5), limit=st.floats(1, 20))
 def test_a_power_law_is_found_and_its_index_is_a_quarter_more_than_the_error(order, factor, limit):
     value = limit + factor * WIDTH**order
-    found = extrapolation(WIDTH, value)
-    assert_allclose(found.order, order, rtol=1e-4)
-    assert_allclose(found.limit, limit, rtol=1e-6)
-    expected = 1.25 * 100 * (value[-1] - limit) / value[-1]
-    assert_allclose(found.uncertainty_percent, expected, rtol=1e-3)
+    found = extrapolated(WIDTH, value)
+    assert_allclose(found[:2], [limit, order], rtol=1e-4)
+    assert_allclose(found[2], 1.25 * 100 * (value[-1] - limit) / value[-1], rtol=1e-3)
 
 
 def test_a_series_that_scatters_has_no_limit_and_its_spread_for_an_uncertainty():
-    found = extrapolation(WIDTH, np.array([9.0, 10.0, 12.0, 11.0]))
-    assert math.isnan(found.limit)
-    assert_allclose(found.uncertainty_percent, 100 * (12 - 10) / 11)
-
-
-@given(order=st.floats(0.5, 3), factor=st.floats(-5, 5), limit=st.floats(1, 20))
-def test_the_fit_gives_the_limit_of_a_power_law_without_an_error(order, factor, limit):
-    found, error = power_law_limit(WIDTH, limit + factor * WIDTH**order, order)
-    assert_allclose(found, limit, rtol=1e-9)
-    assert error < 1e-9
-
-
-def test_the_error_of_the_fit_covers_the_scatter_of_its_values():
-    """Of many series with known scatter two thirds of the limits lie within it."""
-    rng = np.random.default_rng(3)
-    width = np.linspace(0.1, 1, 12)
-    inside = []
-    for _ in range(400):
-        value = 5 + 2 * width + 0.1 * rng.standard_normal(12)
-        found, error = power_law_limit(width, value, 1.0)
-        inside.append(abs(found - 5) < error)
-    assert 0.58 < np.mean(inside) < 0.74
+    limit, order, spread_percent = extrapolated(WIDTH, np.array([9.0, 10.0, 12.0, 11.0]))
+    assert math.isnan(limit) and math.isnan(order)
+    assert_allclose(spread_percent, 100 * (12 - 10) / 11)
