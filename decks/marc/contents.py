@@ -399,7 +399,7 @@ def read_marc_deck(
         return deck
     # Mentat says how many elements there are, others how much room is.
     found, said = deck.element_count, deck.sizes[0]
-    places = ", ".join(each.head.place for each in connectivity)
+    places = ", ".join(each.head.place for each in connectivity) or "without `connectivity`"
     deck.find("sizing", Section.PARAMETER)[0].head.check(
         found == said or (found < said and deck.mentat is None),
         f"`sizing` has {said} elements, but the deck holds {found} ({places})",

@@ -94,27 +94,13 @@ DOCUMENTED = frozenset({3, 6, 7, 11, 21, 27, 32, 54, 57, 114, 117, 118, 125, 127
 
 @lru_cache(maxsize=256)
 def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArray:
-    """Weights ``(node, point)`` from what a file stores to an element's nodes.
+    """Weights ``(node, point)`` from what a file stores to an element's nodes; rows sum to 1.
 
-    Parameters
-    ----------
-    number
-        Marc's number of the element type.
-    nodes
-        How many nodes the element has in the file, pressure nodes among them. The
-        rows returned are those with values: the first ones.
-    stored
-        How many points the file has for each element: that of the element type in
-        it that has most. Further points of a smaller type are not looked at. A
-        single one where the type has more is the element's mean (inferred: the deck
-        then has no ``all points``).
-    method
-        One of `METHODS`.
-
-    Returns
-    -------
-    ndarray
-        Read-only; each row sums to 1.
+    `number` is Marc's of the element type, `nodes` counts the element's in the file, pressure
+    nodes among them: rows are those with values, the first ones. `stored` is how many points
+    the file has for each element: that of the type in it that has most; further ones of a
+    smaller type are not looked at. A single one where the type has more is the element's
+    mean (inferred: the deck then has no ``all points``). `method` is one of `METHODS`.
 
     Raises
     ------
@@ -131,35 +117,28 @@ def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArra
                 f"element type {number}: where its integration points lie is not "
                 "known here; average of them is what can be had"
             )
-        weights = np.full((nodes, stored), 1.0 / stored)
-    else:
-        if nodes < about.nodes:
-            raise ValueError(f"element type {number} with {nodes} nodes, expected {about.nodes}")
-        if 1 < stored < about.points:
-            raise ValueError(
-                f"element type {number} has {about.points} integration points, the "
-                f"file stores {stored}: which they are is not known"
-            )
-        used = min(stored, about.points)
-        weights = np.zeros((about.nodes, stored))
-        weights[:, :used] = shape_weights(about, used, method)
-    weights.flags.writeable = False
-    return weights
-
-
-def shape_weights(about: ElementType, points: int, method: str) -> FloatArray:
-    """Weights ``(node, point)`` from `points` points to the nodes of `about`."""
-    to = node_places(about)
-    if method == "average" or points == 1:
-        return np.full((len(to), points), 1.0 / points)
-    here = point_places(about.family, points)
-    if method == "linear":
-        weights: FloatArray = _terms(about.family, to) @ np.linalg.pinv(_terms(about.family, here))
+        return np.full((nodes, stored), 1.0 / stored)
+    if nodes < about.nodes:
+        raise ValueError(f"element type {number} with {nodes} nodes, expected {about.nodes}")
+    if 1 < stored < about.points:
+        raise ValueError(
+            f"element type {number} has {about.points} integration points, the "
+            f"file stores {stored}: which they are is not known"
+        )
+    used = min(stored, about.points)
+    weights = np.zeros((about.nodes, stored))
+    if method == "average" or used == 1:
+        weights[:, :used] = 1.0 / used
         return weights
-    away = np.linalg.norm(to[:, None, :] - here[None, :, :], axis=2)
-    nearest = away <= away.min(axis=1, keepdims=True) + _SAME
-    shares: FloatArray = nearest / nearest.sum(axis=1, keepdims=True)
-    return shares
+    to, here = node_places(about), point_places(about.family, used)
+    if method == "linear":
+        terms = np.linalg.pinv(_terms(about.family, here))
+        weights[:, :used] = _terms(about.family, to) @ terms
+    else:
+        away = np.linalg.norm(to[:, None, :] - here[None, :, :], axis=2)
+        nearest = away <= away.min(axis=1, keepdims=True) + _SAME
+        weights[:, :used] = nearest / nearest.sum(axis=1, keepdims=True)
+    return weights
 
 
 def node_places(about: ElementType) -> FloatArray:
@@ -194,18 +173,11 @@ def point_places(family: str, points: int) -> FloatArray:
 def brick_weights(shape: str, points: int, corner: int) -> FloatArray:
     """Weights ``(points,)`` from the points of a brick to a node of "quad8", "hex20", ...
 
-    CalculiX makes a brick of a plane element too: its points are equal through the thickness
-    but for rounding, and their mean is taken. `corner` counts nodes as a ``.frd`` has them.
-
-    Raises
-    ------
-    ValueError
-        The shape, or the number of its points, is not known here.
-
-    Notes
-    -----
     The polynomial through the points, product of one a direction: constant of one point,
-    linear of two, quadratic of three. Exact for a stress that varies so.
+    linear of two, quadratic of three. CalculiX makes a brick of a plane element too: its
+    points are equal through the thickness but for rounding, and their mean is taken.
+    `corner` counts nodes as a ``.frd`` has them. A shape, or a number of its points, that is
+    not known here is a ValueError.
     """
     if shape not in ("quad4", "quad8", "hex8", "hex20") or points not in _POINTS_A_SIDE:
         raise ValueError(f"{shape} with {points} integration points is not extrapolated")

@@ -28,7 +28,7 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import Field, Frame, Key
 from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints, Plan, plan
-from fembridge.results.marc_post import NodalQuantity, PostCode, PostFile, PostIncrement, PostMesh
+from fembridge.results.marc_post import PostCode, PostFile, PostIncrement, PostMesh
 from fembridge.results.mentat import read_sts
 from fembridge.results.one_sided import OneSidedStress
 from fembridge.results.read_options import ReadOptions, in_pa
@@ -77,19 +77,20 @@ _AXES = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z")}
 
 
 @dataclass(frozen=True, slots=True)
-class ElementQuantity:
-    """A quantity at integration points: which `columns` of a point's values it is.
+class Quantity:
+    """A quantity at integration points: which `columns` of a point's values it is; or at nodes.
 
-    `codes` are Marc's; `unit` holds for all components: "Pa", or "" where the value is
-    left as the file has it. `layer` is that of a shell, 0 elsewhere.
+    `codes` are Marc's; `unit` holds for all components, "" where it is not known and the
+    value is left as the file has it. `layer` is that of a shell, 0 elsewhere. At nodes there
+    are no `columns`.
     """
 
     name: str
     components: tuple[str, ...]
     codes: tuple[int, ...]
-    columns: tuple[int, ...]
     unit: str
-    layer: int
+    columns: tuple[int, ...] = ()
+    layer: int = 0
 
     @property
     def is_tensor(self) -> bool:
@@ -102,7 +103,7 @@ class ElementQuantity:
         return f"{self.name} ({codes})"
 
 
-def element_quantities(codes: Sequence[PostCode]) -> tuple[ElementQuantity, ...]:
+def element_quantities(codes: Sequence[PostCode]) -> tuple[Quantity, ...]:
     """What `codes` amount to, in the order of the file; no column twice."""
     column_of = {(code.code, code.layer): k for k, code in enumerate(codes)}
     layered = len({code.layer for code in codes}) > 1
@@ -124,11 +125,11 @@ def element_quantities(codes: Sequence[PostCode]) -> tuple[ElementQuantity, ...]
         taken.update(columns)
         name += f" layer {code.layer}" if layered else ""
         held = tuple(codes[k].code for k in columns)
-        found.append(ElementQuantity(name, components, held, columns, unit, code.layer))
+        found.append(Quantity(name, components, held, unit, columns, code.layer))
     return tuple(found)
 
 
-def stress_tensor(codes: Sequence[PostCode], path: Path) -> ElementQuantity:
+def stress_tensor(codes: Sequence[PostCode], path: Path) -> Quantity:
     """The stress tensor that traces are made of.
 
     Raises
@@ -141,10 +142,8 @@ def stress_tensor(codes: Sequence[PostCode], path: Path) -> ElementQuantity:
         same = [one for one in found if one.codes[0] == code and one.is_tensor]
         if len(same) > 1:
             layers = ", ".join(str(one.layer) for one in same)
-            raise ResultError(
-                f"code {code} is stored for layers {layers}: a shell has no one stress at a node",
-                path,
-            )
+            words = f"code {code} is stored for layers {layers}: a shell has no one stress at a"
+            raise ResultError(f"{words} node", path)
         if same:
             return same[0]
     words = ", ".join(map(str, found)) or "no element values"
@@ -153,7 +152,7 @@ def stress_tensor(codes: Sequence[PostCode], path: Path) -> ElementQuantity:
     raise ResultError(f"no stress tensor (post code 311 or 341) in it, it holds {words}", path)
 
 
-def equivalent_stress(codes: Sequence[PostCode]) -> ElementQuantity | None:
+def equivalent_stress(codes: Sequence[PostCode]) -> Quantity | None:
     """The von Mises stress that Marc stored at the points; None without one."""
     for code in EQUIVALENT_CODES:
         same = [one for one in element_quantities(codes) if one.codes == (code,)]
@@ -162,11 +161,18 @@ def equivalent_stress(codes: Sequence[PostCode]) -> ElementQuantity | None:
     return None
 
 
-def nodal_components(quantity: NodalQuantity) -> tuple[str, ...]:
-    """Names of the components of a nodal quantity: ``DX``, ``DY`` of Displacement."""
-    numbered = tuple(str(k + 1) for k in range(quantity.components))
-    axes = _AXES.get(quantity.components, numbered)
-    return tuple(_initials(quantity.name) + axis for axis in axes)
+def quantities_of(one: PostIncrement, codes: Sequence[PostCode]) -> dict[str, Quantity]:
+    """Quantities of an increment by name, ``DX``, ``DY`` of Displacement; not complex ones."""
+    found = {}
+    for held in one.nodal:
+        if not held.is_complex:
+            numbered = tuple(str(k + 1) for k in range(held.components))
+            parts = (_initials(held.name) + a for a in _AXES.get(held.components, numbered))
+            unit = _NODAL_UNITS.get(held.code, AS_IS)
+            found[held.name] = Quantity(held.name, tuple(parts), (held.code,), unit)
+    for quantity in element_quantities(codes) if one.has_element_values else ():
+        found.setdefault(quantity.name, quantity)
+    return found
 
 
 def _initials(name: str) -> str:
@@ -308,25 +314,19 @@ def describe(path: Path) -> Table:
 
 
 def _quantities(post: PostFile, mesh: PostMesh) -> list[Table]:
-    found: dict[str, tuple[tuple[str, ...], str, list[PostIncrement]]] = {}
-    stored = element_quantities(post.codes)
+    found: dict[str, tuple[Quantity, list[PostIncrement]]] = {}
     for one in post.increments:
-        for quantity in one.nodal:
-            found.setdefault(quantity.name, (nodal_components(quantity), "nodes", []))[2].append(
-                one
-            )
-        for held in stored if one.has_element_values else ():
-            parts = held.components
-            found.setdefault(held.name, (parts, "integration points", []))[2].append(one)
+        for name, quantity in quantities_of(one, post.codes).items():
+            found.setdefault(name, (quantity, []))[1].append(one)
     ids = mesh.node_ids
     tables: list[Table] = []
-    for name, (parts, where, increments) in found.items():
+    for name, (quantity, increments) in found.items():
         timed = [one.time_s * MS_PER_S for one in increments if not one.harmonic]
         others = [one.frequency for one in increments if one.harmonic]
         tables.append(
             {
                 "name": name,
-                "components": list(parts),
+                "components": list(quantity.components),
                 "increments": len(timed),
                 "first_ms": timed[0] if timed else None,
                 "last_ms": timed[-1] if timed else None,
@@ -335,7 +335,7 @@ def _quantities(post: PostFile, mesh: PostMesh) -> list[Table]:
                 "first_value": others[0] if others else None,
                 "last_value": others[-1] if others else None,
                 "steps": sorted({one.sub_increment for one in increments}),
-                "at": where,
+                "at": "integration points" if quantity.columns else "nodes",
                 "nodes": int(ids.size),
                 "lowest_node": int(ids.min()) if ids.size else None,
                 "highest_node": int(ids.max()) if ids.size else None,
@@ -462,8 +462,6 @@ def _unrounded_ms(times_ms: FloatArray, post: PostFile) -> FloatArray:
 
 # --- Whole fields
 
-_Quantity = NodalQuantity | ElementQuantity
-
 
 class MarcSource:
     """An open post file, see `fembridge.results.fields.FieldSource`."""
@@ -502,21 +500,20 @@ class MarcSource:
             if _key(each) == key and name in self._quantities(each)
         )
         found = self._quantities(one)[name]
-        if isinstance(found, NodalQuantity):
+        if not found.columns:
             rows = np.flatnonzero(~self._points.pressure_nodes())
             nodes, values = self._post.mesh.node_ids[rows], self._values(one, found)[rows]
         else:
             self._note_mesh()
             nodes, values = self._one_value_a_node(self._values(one, found))
-        components, unit = _components_and_unit(found)
         bad = np.argwhere(~np.isfinite(values))
         if bad.size:
             raise ResultError(
                 f"{name} of increment {one.increment}, node {nodes[bad[0][0]]}: "
-                f"{components[bad[0][1]]} is {values[tuple(bad[0])]}",
+                f"{found.components[bad[0][1]]} is {values[tuple(bad[0])]}",
                 self.path,
             )
-        return _field(name, one, components, unit, nodes, values)
+        return _field(found, one, nodes, values)
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Yield nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
@@ -554,14 +551,13 @@ class MarcSource:
             values, tensors = {}, {}
             for name, quantity in found.items():
                 values[name] = self._values(one, quantity)
-                if isinstance(quantity, NodalQuantity):
+                if not quantity.columns:
                     values[name] = values[name][points.rows]
                 elif quantity.is_tensor:
                     tensors[quantity.codes[0]] = quantity
             best = next((tensors[code] for code in STRESS_CODES if code in tensors), None)
             if best is not None:
-                stress_pa = values[best.name]
-                field = _field("STRESS", one, best.components, PA, points.nodes, stress_pa)
+                field = _field(best, one, points.nodes, values[best.name])
                 with np.errstate(over="ignore", invalid="ignore"):
                     values |= {name: derived_of(name, {"STRESS": field}) for name in derived}
             flat = {
@@ -570,15 +566,15 @@ class MarcSource:
             }
             yield Frame(one.time_s * MS_PER_S, scene, flat)
 
-    def _values(self, one: PostIncrement, quantity: _Quantity) -> FloatArray:
+    def _values(self, one: PostIncrement, quantity: Quantity) -> FloatArray:
         """A quantity at all nodes, or of element values at all points of the mesh."""
-        if isinstance(quantity, NodalQuantity):
+        if not quantity.columns:
             values = self._post.nodal_values(one.row, quantity.name)
         else:
             every = np.arange(self._post.mesh.element_ids.size)
             stored = self._post.element_values(one.row, every)[:, :, quantity.columns]
             values = self._points.averaged(stored, self._options.method)
-        if _components_and_unit(quantity)[1] != PA or not np.isfinite(values).all():
+        if quantity.unit != PA or not np.isfinite(values).all():
             return values
         return in_pa(values, self._options, self.path)
 
@@ -601,15 +597,8 @@ class MarcSource:
         elements = np.bincount(place, share, rows.size)
         return node_ids[rows], total / elements[:, None]
 
-    def _quantities(self, one: PostIncrement) -> dict[str, _Quantity]:
-        """Quantities of an increment by name."""
-        found: dict[str, _Quantity] = {
-            quantity.name: quantity for quantity in one.nodal if not quantity.is_complex
-        }
-        if one.has_element_values:
-            for quantity in element_quantities(self._post.codes):
-                found.setdefault(quantity.name, quantity)
-        return found
+    def _quantities(self, one: PostIncrement) -> dict[str, Quantity]:
+        return quantities_of(one, self._post.codes)
 
     def _name(self, word: str) -> str:
         """Name of the quantity that `word` stands for."""
@@ -638,22 +627,10 @@ class MarcSource:
             self._options.note(UNKNOWN_LAYERS)
 
 
-def _components_and_unit(quantity: _Quantity) -> tuple[tuple[str, ...], str]:
-    if isinstance(quantity, NodalQuantity):
-        return nodal_components(quantity), _NODAL_UNITS.get(quantity.code, AS_IS)
-    return quantity.components, quantity.unit
-
-
-def _field(
-    name: str,
-    one: PostIncrement,
-    components: tuple[str, ...],
-    unit: str,
-    nodes: IntArray,
-    values: FloatArray,
-) -> Field:
-    units = (unit,) * len(components)
-    return Field(name, *_key(one), one.time_s * MS_PER_S, components, units, nodes, values)
+def _field(quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray) -> Field:
+    units = (quantity.unit,) * len(quantity.components)
+    time_ms = one.time_s * MS_PER_S
+    return Field(quantity.name, *_key(one), time_ms, quantity.components, units, nodes, values)
 
 
 def _key(one: PostIncrement) -> Key:

@@ -153,13 +153,6 @@ def test_a_linear_field_comes_back_at_every_node(traces):
         assert (found[node].start_ms, found[node].dt_ms) == (0.0, 0.5)
 
 
-def test_a_border_of_sets_is_told(export):
-    ran = export("--nodes", 20, 70)
-    assert "node 20: its elements are in different sets, left | right" in ran.stderr
-    assert "node 70" not in ran.stderr
-    assert export("--nodes", 20, "--within", "left").stderr == ""
-
-
 def test_von_mises_of_the_mean_tensor_differs_from_the_mean_of_von_mises(traces):
     """The left element is in shear +1, the right in -1: their mean is no stress."""
     opposed = model()

@@ -258,13 +258,3 @@ def test_friction_is_bilinear_coulombs_by_the_interaction(make_model, read_deck,
         second = [1, 1, 0, 0] if probe == "meshed" else [2, 0, 0, 0]
         assert [deck.integers(row) for row in touch[1:3]] == [[1, 1, 0, 0], second]
         assert deck.reals(touch[5])[:4] == [0.0, 0.0, friction, 0.0]
-
-
-def test_the_only_pair_is_finger_and_probe_by_that_interaction(built):
-    _, _, deck = built
-    rows = deck.one("con table").rows
-    assert rows[0] == "         1         1         0contact_pairs"
-    assert deck.integers(rows[1]) == [1, 2, 1, 0, 0]
-    for option in deck.all("contact table"):
-        assert [deck.integers(row) for row in option.rows] == [[0, 4], [1]]
-    assert len(deck.all("contact table")) == 2

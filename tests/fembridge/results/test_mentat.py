@@ -18,7 +18,6 @@ from fembridge.errors import ResultError
 from fembridge.results.mentat import (
     StsRow,
     is_over_time,
-    nodes_in,
     read,
     read_plot_tables,
     read_sts,
@@ -84,14 +83,6 @@ def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_f
     assert "taken as time in s and von Mises stress; above them: 'History" in heard[0]
     with pytest.raises(ResultError, match="name one node for each of the 1, 0 were named"):
         read(path, ())
-
-
-def test_a_node_in_the_text_above_two_columns_is_theirs(text):
-    path = text(NINE_LINES.replace("location\n12", "location\nNode 12"))
-    assert nodes_in(path) == (12,)
-    assert read(path, ())[0].node == 12
-    both = NINE_LINES.replace("location\n12", "Node 12\nNode 13")
-    assert nodes_in(text(both)) == ()
 
 
 def test_a_path_plot_is_a_table_and_no_trace(text, tmp_path):

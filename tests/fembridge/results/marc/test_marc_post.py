@@ -464,7 +464,7 @@ def test_every_byte_of_a_run_is_read_and_agrees_with_its_status_file(
             assert_allclose(moved.max(), maximum, rtol=RTOL)
 
 
-CUT_STEP, CHANGES = (1, 4000) if os.environ.get("CI") == "true" else (37, 120)
+CUT_STEP = 1 if os.environ.get("CI") == "true" else 37
 STORAGES = [
     {"binary": True},
     {"binary": True, "big_endian": True, "real_bytes": 8},
@@ -530,37 +530,6 @@ def check_beginning(post, increments):
         values = post.nodal_values(row, "Displacement")
         assert_array_equal(values, expected.nodal[0].values)
         assert_array_equal(post.element_values(row, np.array([0])), expected.element)
-
-
-@pytest.mark.parametrize("how", STORAGES)
-def test_changed_bytes_are_read_as_they_are_or_refused_in_words(how, write_post, small_run):
-    model, increments = small_run(3)
-    path = write_post(writer.Storage(**how), model, increments)
-    whole, rng = path.read_bytes(), np.random.default_rng(7)
-    read = refused = 0
-    for _ in range(CHANGES):
-        changed = bytearray(whole)
-        for at in rng.integers(0, len(whole), rng.integers(1, 4)):
-            kind = rng.integers(4)
-            if kind == 0:
-                changed[at] = rng.integers(256)
-            elif kind == 1:
-                changed[at] ^= 1 << rng.integers(8)
-            elif kind == 2:
-                changed[at : at + rng.integers(1, 9)] = b""
-            else:
-                changed[at : at + 4] = struct.pack("<i", 2**31 - 1)
-        path.unlink()
-        path.write_bytes(changed)
-        try:
-            with PostFile(path) as post:
-                read_all(post)
-            read += 1
-        except ResultError as error:
-            assert str(path) in str(error)
-            refused += 1
-    assert read > CHANGES // 8
-    assert refused > CHANGES // 20
 
 
 def read_all(post):
