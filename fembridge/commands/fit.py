@@ -11,12 +11,7 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import (
-    add_options,
-    add_output_option,
-    add_stored_finger_option,
-    words_of,
-)
+from fembridge.commands.options import STORED_FINGER, add_options, add_output_option, words_of
 
 if TYPE_CHECKING:
     from fembridge.fitting.fit import Fit
@@ -78,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     depth = f"depth of the probe before time 0 {default}"
     add("--preindent-um", type=float, metavar="DEPTH", help=depth)
     stress = parser.add_mutually_exclusive_group()
-    add_stored_finger_option(stress, default=None)
+    add_options(stress, ("finger",), **STORED_FINGER, default=None)
     stress.add_argument(
         "--response",
         metavar="DIR|FILE.toml",

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if output is not None:
         write_text(output, script)
         if not args.json:
-            print(f"{output}: run it with Mentat's Python; --help tells how")
+            print(f"{output}: run it with Mentat's Python; --help says how")
         return {"output": str(output)}
     if not args.json:
         print(script, end="")

@@ -11,6 +11,12 @@ STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s")
 FINGER = ("finger", "probe_shape", "probe_diameter_mm", "probe_fillet_mm", "probe_x_mm")
 SOLVING = ("whole_section", "inertia")
 LIMITS = ("threads", "jobs", "time_limit")
+STORED_FINGER: dict[str, Any] = {
+    "choices": ("quick", "paper"),
+    "metavar": None,
+    "help": "whose stored response gives the stress (default: quick)",
+}
+"""What ``--finger`` is where nothing is solved."""
 
 _OPTIONS: dict[str, dict[str, Any]] = {
     "stimulus": {
@@ -99,18 +105,6 @@ def add_options(
     """Add the shared options `names`; `changed` differs from what they share."""
     for name in names:
         parser.add_argument(option(name), **{**_OPTIONS[name], **changed})
-
-
-def add_stored_finger_option(
-    parser: argparse._ActionsContainer, default: str | None = "quick"
-) -> None:
-    """Whose stored response."""
-    parser.add_argument(
-        "--finger",
-        choices=("quick", "paper"),
-        default=default,
-        help="whose stored response gives the stress (default: quick)",
-    )
 
 
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:

@@ -12,7 +12,7 @@ import sys
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_options, add_output_option, add_stored_finger_option
+from fembridge.commands.options import STORED_FINGER, add_options, add_output_option
 
 if TYPE_CHECKING:
     import pandas
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tried = "candidates that each search tries (default: %(default)d)"
     add("--evaluations", **numbers, default=10_000, help=tried)
     add("--jobs", **numbers, default=1, help="processes (default: 1)")
-    add_stored_finger_option(parser)
+    add_options(parser, ("finger",), **STORED_FINGER)
     add_output_option(parser, default="study")
 
 

@@ -59,22 +59,7 @@ def test_an_error_with_a_place_survives_a_pickle(error, line):
     assert str(again) == f"runs/job.frd{':12' if line else ''}: cut short"
 
 
-def test_an_error_has_a_place_or_has_none():
-    assert {error.__name__ for error in PLACED} == {
-        "TableError",
-        "ResultError",
-        "SolverError",
-        "OutputError",
-        "LockedError",
-    }
-
-
 def test_misuse_is_2_and_all_else_is_1():
     codes = {error: error.exit_code for error in PUBLIC}
     assert {error for error, code in codes.items() if code == 2} == {UsageError, StimulusError}
     assert set(codes.values()) == {1, 2}
-
-
-@pytest.mark.parametrize("error", PUBLIC, ids=lambda error: error.__name__)
-def test_every_error_says_what_it_is_for(error):
-    assert error.__doc__.strip()

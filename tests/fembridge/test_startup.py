@@ -85,12 +85,6 @@ def test_it_refuses_a_stranger_that_was_imported_before(tmp_path):
     assert "neural.py is in the way" in done.stderr
 
 
-def test_a_stranger_behind_the_packages_is_in_nobodys_way(tmp_path):
-    (tmp_path / "neural.py").write_text("")
-    code = f"import sys; sys.path.append({str(tmp_path)!r}); import fembridge"
-    assert python(code, cwd=tmp_path).returncode == 0
-
-
 def test_a_half_installed_package_says_what_is_missing(tmp_path):
     (tmp_path / "fembridge").mkdir()
     source = Path(fembridge.__file__).read_text(encoding="utf-8")

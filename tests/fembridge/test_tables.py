@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fembridge.errors import OutputError, TableError, TraceError
+from fembridge.errors import TableError, TraceError
 from fembridge.tables import (
     Rate,
     SpikeTrain,
@@ -206,21 +206,3 @@ def test_a_row_that_is_no_rate_is_named(table, rows, line, found):
 def test_a_train_that_cannot_be_is_refused(times_ms):
     with pytest.raises(TraceError):
         SpikeTrain("s", "SA", np.array(times_ms))
-
-
-def test_a_table_that_cannot_be_written_leaves_the_old_one(tmp_path):
-    path = tmp_path / "rates.csv"
-    write_rates(path, [Rate("s", "SA", 1.0)])
-    before = path.read_bytes()
-
-    def broken():
-        yield Rate("s", "SA", 2.0)
-        raise RuntimeError("half way")
-
-    with pytest.raises(RuntimeError):
-        write_rates(path, broken())
-    with pytest.raises(OutputError):
-        write_rates(path / "below_a_file.csv", [])
-
-    assert path.read_bytes() == before
-    assert [each.name for each in tmp_path.iterdir()] == ["rates.csv"]
