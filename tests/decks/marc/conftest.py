@@ -18,11 +18,10 @@ SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
 
 @dataclass
 class Option:
-    """A keyword line, the data lines after it, the comments before it."""
+    """A keyword line and the data lines after it."""
 
     line: str
     rows: list = field(default_factory=list)
-    comments: list = field(default_factory=list)
 
     @property
     def keyword(self):
@@ -38,8 +37,6 @@ class Option:
         return [len(row.rstrip()) for row in self.rows]
 
 
-# Names stand alone on a line of these options, where they look like keywords.
-NAMING = ("loadcase", "fixed disp", "geometry", "point load", "dist loads")
 KEYWORDS = {
     "title", "extended", "sizing", "alloc", "elements", "version", "table", "processor",
     "large stra", "follow for", "all points", "no echo", "end", "solver", "optimize",
@@ -52,15 +49,12 @@ KEYWORDS = {
 
 
 def cut(text):
-    """Cut a deck into options; every line is one of a keyword, of data or a comment."""
-    options, comments = [], []
+    """The options of a deck, without its comments."""
+    options = []
     for line in text.splitlines():
-        if line.startswith("$"):
-            comments.append(line)
-        elif line[:20].strip() in KEYWORDS:
-            options.append(Option(line, comments=comments))
-            comments = []
-        else:
+        if line[:20].strip() in KEYWORDS:
+            options.append(Option(line))
+        elif not line.startswith("$"):
             options[-1].rows.append(line)
     return options
 
@@ -119,15 +113,6 @@ class Deck:
         found = {int(row[:10]): self.reals(row[10:]) for row in rows}
         assert len(found) == len(rows)
         return found
-
-    def members(self, kind, name):
-        """Numbers of the set `name`."""
-        words = f"{kind:<20}{'set':<20}{name}"
-        *most, last = self.one("define", words).rows
-        assert all(len(row) == 13 * 12 + 4 and row.endswith("   c") for row in most)
-        assert len(last) <= 13 * 12
-        flat = "".join([row[:-4] for row in most] + [last])
-        return [int(flat[k : k + 12]) for k in range(0, len(flat), 12)]
 
 
 SHORT = Stimulus("short", np.array([0.0, 1.5, -2.25, 100.0]), 0.5, (0.0, 1.5))
@@ -194,7 +179,6 @@ class MarcText:
     drive: str = "body"  # or "disp"
     factor: float = -1.0
     stepping: str = "auto load"
-    step_name: str = "press"
     post: tuple = (301,)
     post_head: dict = field(default_factory=dict)
     end: str = "\n"
@@ -307,9 +291,9 @@ class MarcText:
         for code in self.post:
             yield self.ints(code, 0)
 
-    def case(self, name=None, increments=10, most=99999, stepping=None):
+    def case(self, name="press", increments=10, most=99999, stepping=None):
         stepping = stepping or self.stepping
-        yield self.head("loadcase", name or self.step_name)
+        yield self.head("loadcase", name)
         active = ["held", "indent"] if self.drive == "disp" else ["held"]
         yield self.ints(len(active))
         yield from active
@@ -326,7 +310,7 @@ class MarcText:
             adaptive = self.reals(0.01, 1.0, 0.1, 10.0, 0.001, 0.5)
             yield adaptive + self.ints(99999, 5, 1, 0)
             yield self.ints(0, 10, 0, 0)
-        elif stepping != "none":
+        else:
             yield stepping
             yield self.reals(0.1, 1.0)
         yield "continue"

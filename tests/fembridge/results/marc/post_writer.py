@@ -6,7 +6,7 @@ alone. `Storage.kept` is what is left of a number once it is stored.
 
 import math
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -181,11 +181,8 @@ class Increment:
     element: object = None
     nodal: tuple = ()
     variables: tuple = ()
-    recycles: int = 1
-    cut_backs: int = 0
     new_model: Model | None = None
     loads: tuple = ()
-    energies: tuple = field(default_factory=lambda: tuple(range(2, 24)))
 
 
 def post_bytes(storage, model, increments, title="job1", ended=True):
@@ -266,14 +263,13 @@ def write_increment(sink, model, increment):
     words[0] = 1 if increment.new_model else 0
     words[1:4] = increment.number, increment.sub, 2
     words[3] = 2 if increment.element is None else 102
-    words[7], words[9] = increment.recycles, increment.cut_backs
     sink.word("****")
     block(sink, 51600, "Loadcase Title", lambda: sink.text(" " * 10 + increment.title, 70))
     block(sink, 51701, "Integer Verification Data", lambda: sink.mixed(words, ()))
 
     def reals():
         sink.mixed((24,), ())
-        sink.flow([increment.time_s, 0.0, *increment.energies])
+        sink.flow([increment.time_s, 0.0, *range(2, 24)])
 
     def element():
         for row in np.asarray(increment.element).reshape(-1, len(model.codes)):
