@@ -136,6 +136,14 @@ def make_folder(folder: Path) -> Path:
     return folder
 
 
+def remove_file(path: Path) -> None:
+    """Remove the file `path`, if there is one, to make room for a new one."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be replaced: {error.strerror}", path) from error
+
+
 def _check_replaceable(target: Path, path: Path) -> None:
     """Refuse what a rename would destroy: as root even ``/dev/null`` can go."""
     if target.is_dir():

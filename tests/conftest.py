@@ -6,6 +6,8 @@ test. A person's run tries a part of them and is done in a minute or two.
 
 import os
 import signal
+import time
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -14,6 +16,7 @@ from fembridge.errors import MissingError
 from fembridge.machine import find_ccx
 
 CI = os.environ.get("CI") == "true"
+PATIENCE_S = 300.0
 settings.register_profile("fembridge", deadline=None, max_examples=100 if CI else 25)
 settings.register_profile("costly", deadline=None, max_examples=120 if CI else 10)
 settings.load_profile("fembridge")
@@ -65,3 +68,30 @@ def _no_power_cut():
         if not CI:
             patch.setattr(os, "fsync", lambda handle: None)
         yield
+
+
+@pytest.fixture
+def wait_until():
+    """Wait for what another process does, however busy the machine is."""
+
+    def wait(holds):
+        until_s = time.monotonic() + PATIENCE_S
+        while not holds():
+            assert time.monotonic() < until_s, "it did not happen"
+            time.sleep(0.01)
+
+    return wait
+
+
+@pytest.fixture
+def is_alive():
+    """Whether a process is at work; a zombie waits for its parent only."""
+
+    def alive(pid):
+        try:
+            stat = Path(f"/proc/{pid}/stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            return False
+        return stat.rpartition(")")[2].split()[0] not in "ZX"
+
+    return alive

@@ -19,13 +19,14 @@ from decks.probe import Probe
 from decks.refinement import refined
 from fembridge.build import build_analysis_folder, inputs_of
 from fembridge.deflection.profile import PROFILE_FILE, Deflection, write_profile
-from fembridge.errors import OutputError, ResponseError, UsageError
+from fembridge.errors import ResponseError, UsageError
 from fembridge.response.acceptance import check_times, force_on_probe
 from fembridge.results.frd import read_displacement
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import finished_outcome, solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
+from fembridge.store import remove_file
 from fembridge.typing import FloatArray, IntArray, Table
 
 # Ishizuka et al., 3.1.
@@ -167,18 +168,12 @@ def solve_deflection(folder: Path, press: Press, settings: SolverSettings = DEFA
     SolverError
         The run did not reach its depth.
     ResponseError
-        It did, but the probe did not push the skin down: see `measured_deflection`.
-    OutputError
-        `folder` cannot be written.
+        It did, but the probe did not push the skin down: see `why_not`.
     """
     stimulus = press.stimulus()
     run = build_analysis_folder(folder, press.analysis(), stimulus, press.inputs())
     if finished_outcome(run) is None:
-        try:  # of a run that is not there any more
-            (folder / PROFILE_FILE).unlink(missing_ok=True)
-        except OSError as error:
-            problem = f"cannot be replaced: {error.strerror}"
-            raise OutputError(problem, folder / PROFILE_FILE) from error
+        remove_file(folder / PROFILE_FILE)  # of a run that is not there any more
     outcome, found = solve_once(run, settings, lambda run: measured_deflection(run, press))
     if found is None:
         raise outcome.to_error()
@@ -228,12 +223,8 @@ def measured_deflection(run: RunFolder, press: Press) -> Deflection:
 def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str | None:
     """Why a run is not one in which the probe pushed the skin; None if it is.
 
-    Parameters
-    ----------
-    depth_mm, apex_mm
-        How far the probe went down, and the skin's point under it.
-    force_n_per_mm
-        Force of the skin on the probe ``(K,)``, from first touch to `depth_mm`.
+    `apex_mm` is how far the skin's point under it went down; `force_n_per_mm` ``(K,)``
+    is that of the skin on the probe, from first touch to `depth_mm`.
     """
     last = float(force_n_per_mm[-1])
     least, most = (share * depth_mm for share in FOLLOWED)

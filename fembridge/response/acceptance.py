@@ -122,14 +122,9 @@ def judge(
 ) -> Acceptance:
     """Judge a run that loads to its deepest sample and comes back.
 
-    Parameters
-    ----------
-    depth_um
-        Probe depth ``(T,)``, the rest state first.
-    stress_pa
-        Von Mises stress ``(T, afferent)``.
-    force_n_per_mm, apex_um
-        Force of the skin on the probe, and how far the skin's apex moved in.
+    `depth_um` ``(T,)`` is the probe's, the rest state first; `stress_pa` ``(T, afferent)``
+    is von Mises stress; then the force of the skin on the probe, and how far the skin's
+    apex moved in, ``(T,)``.
     """
     deepest = int(depth_um.argmax())
     deepest_um, moved_um = float(depth_um[deepest]), float(apex_um[deepest])
@@ -172,10 +167,7 @@ def recorded_response(folder: Path) -> ResponseMap:
 def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray) -> ResponseMap:
     """Read the results of an indentation and accept it, or say why not.
 
-    Parameters
-    ----------
-    times_ms, depth_um
-        Its waveform, ``(T,)`` each, the rest state first.
+    `times_ms` and `depth_um` ``(T,)`` are its waveform, the rest state first.
 
     Raises
     ------

@@ -91,14 +91,9 @@ class ResponseMap:
         """Stress that drives each afferent while the probe follows `stimulus`.
 
         The tensor's components are interpolated (PCHIP: no overshoot between two
-        depths), then von Mises stress is taken, so that it fits the tensor.
-
-        Parameters
-        ----------
-        models
-            Drives or parameters by class. Where the `quantity` of a drive is
-            ``energy``, its afferent reads the uniaxial stress of equal strain energy;
-            all others read von Mises stress.
+        depths), then von Mises stress is taken, so that it fits the tensor. Where the
+        `quantity` of a drive in `models`, by class, is ``energy``, its afferent reads the
+        uniaxial stress of equal strain energy.
 
         Raises
         ------

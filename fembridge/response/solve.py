@@ -119,10 +119,7 @@ def solve_response(
     FrictionSlipError
         One is not accepted for the friction alone: no map holds for it.
     ResponseError
-        None was accepted; the message lists each with its reason. Or stress
-        depends on time: no map holds for such a model.
-    OutputError
-        `folder` cannot be written.
+        None was accepted: each with its reason. Or stress depends on time.
     """
     if (reason := why_no_map(model, ())) is not None:
         raise ResponseError(f"{folder}: no response map: {reason}")

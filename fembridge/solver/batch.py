@@ -44,22 +44,11 @@ def load_solver(name: str) -> Solver:
 def run_folders(
     folders: Iterable[Path | RunFolder], settings: SolverSettings = DEFAULTS, *, force: bool = False
 ) -> list[Outcome]:
-    """Run each of `folders` with the solver that its ``run.toml`` names.
+    """Outcomes, one a folder, in the order given; a duplicate is run once.
 
-    Parameters
-    ----------
-    folders
-        Run folders, or what their ``run.toml`` holds; a duplicate is run once.
-    settings
-        ``settings.jobs`` are run at the same time.
-    force
-        Run also where whole results of the same deck are.
-
-    Returns
-    -------
-    list of Outcome
-        One a folder, in the order given. All that is wrong with one folder is
-        the failure in its outcome; nothing of it is raised.
+    Each is run with the solver that its ``run.toml`` names, ``settings.jobs`` at the
+    same time; with `force` also where whole results of the same deck are. All that is
+    wrong with one folder is the failure in its outcome; nothing of it is raised.
     """
     halt = threading.Event()
 

@@ -41,7 +41,7 @@ from fembridge.solver.settings import (
     SolverSettings,
 )
 from fembridge.solver.verdict import Cause, Failure, Outcome, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, sha256_of, write_text
+from fembridge.store import folder_lock, make_folder, remove_file, sha256_of, write_text
 from fembridge.typing import Table
 
 GRACE_S = 3.0
@@ -79,11 +79,6 @@ def run_ccx(
     A run that is not accepted is an outcome, not an exception; what the solver left of
     it is in ``failed/``, and results of an earlier run are untouched. When another
     thread sets `halt`, the solver is stopped and the outcome is ``INTERRUPTED``.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be written.
     """
     failure = Failure(Cause.BAD_FOLDER, f"no {run.deck.name}", "build the deck again")
     if run.deck.is_file():
@@ -379,19 +374,13 @@ def _publish(run: RunFolder, work: Path) -> None:
 
     Empty files are left out: a ``.dat`` that nobody asked for, say.
     """
-    record = run.folder / SOLVER_FILE
-    try:
-        record.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be replaced: {error.strerror}", record) from error
+    remove_file(run.folder / SOLVER_FILE)
     found = (path for path in work.iterdir() if path.is_file())
     new = [p for p in found if p.stat().st_size and p.name != f"{JOB}.inp"]
     new.sort(key=lambda path: path.suffix == ".frd")
-    names = {path.name for path in new}
     try:
-        for suffix in OLD_RESULTS:
-            if f"{JOB}{suffix}" not in names:
-                (run.folder / f"{JOB}{suffix}").unlink(missing_ok=True)
+        for name in sorted({f"{JOB}{suffix}" for suffix in OLD_RESULTS} - {p.name for p in new}):
+            (run.folder / name).unlink(missing_ok=True)
         for path in new:
             path.replace(run.folder / path.name)
     except OSError as error:

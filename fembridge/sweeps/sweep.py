@@ -25,13 +25,13 @@ import numpy as np
 from decks.probe import Probe
 from decks.waveform import make_stimulus
 from fembridge import __version__
-from fembridge.errors import FembridgeError, MissingError, OutputError, UsageError
+from fembridge.errors import FembridgeError, MissingError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
 from fembridge.progress import Bars, clock, words_of
 from fembridge.response.acceptance import depth_for
 from fembridge.solver.ccx import signals_as_exits
 from fembridge.solver.settings import Progress, SolverSettings
-from fembridge.store import make_folder, write_text
+from fembridge.store import make_folder, remove_file, write_text
 from fembridge.sweeps.fingers import Variant, place
 from fembridge.sweeps.study import Asked, Study, read_study
 from fembridge.sweeps.work import (
@@ -111,32 +111,9 @@ def run_sweep(
 ) -> Sweep:
     """Do what is not done of `study` in `folder`; write the table of all of it.
 
-    Parameters
-    ----------
-    jobs
-        Processes on this machine; a cluster has its own.
-    executor, scheduler
-        ``local``, or ``dask`` with the address of a scheduler, ``tcp://…``; without
-        an address a cluster of `jobs` processes is made here. All workers see
-        `folder` under the same path.
-    threads
-        Of each solver; by default the cores are shared, and 1 on a cluster.
-    shows
-        Show on stderr how far it is.
-
-    Returns
-    -------
-    Sweep
-        Items that failed are in it; nothing of a single item is raised.
-
-    Raises
-    ------
-    UsageError
-        The study is not to be understood, or the numbers are.
-    MissingError
-        No solver, and the study does not say ``stored``; or no dask.
-    OutputError
-        `folder` cannot be written.
+    Arguments and errors are those of `fembridge.sweep`; all workers of a cluster see
+    `folder` under the same path. Items that failed are in the result: nothing of a
+    single item is raised.
     """
     if jobs < 1:
         raise UsageError(f"jobs is {jobs}, expected 1 or more")
@@ -247,11 +224,7 @@ def _run(
     plan = plan_of(study, solver)
     left = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
     before = len(plan.items) - len(left)
-    try:  # the old table may be of another study, and it is not whole now
-        (folder / RESULTS_FILE).unlink(missing_ok=True)
-    except OSError as error:
-        where = folder / RESULTS_FILE
-        raise OutputError(f"cannot be replaced: {error.strerror}", where) from error
+    remove_file(folder / RESULTS_FILE)  # it may be of another study, and is not whole now
     write_text(folder / STUDY_FILE, _provenance(study, solver, plan) + study.text)
     causes: dict[str, str] = {}
     if left:

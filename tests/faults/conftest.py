@@ -45,7 +45,6 @@ def _of_the_solver_tests():
 
 _solver = _of_the_solver_tests()
 fake_ccx, make_run, pid_of = _solver.fake_ccx, _solver.make_run, _solver.pid_of
-wait_until, is_alive = _solver.wait_until, _solver.is_alive
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,9 @@ from fembridge.machine import (
     PACKAGES,
     SOLVER_INSTALL_LINE,
     check_ccx,
-    check_encoding,
     check_folder,
     check_gmsh,
     check_package,
-    check_threads,
     find_ccx,
 )
 
@@ -161,20 +159,6 @@ def test_gmsh_without_its_system_libraries_names_the_library_and_the_line(tmp_pa
     assert SOLVER_INSTALL_LINE in check.remedy
 
 
-def test_gmsh_that_is_not_installed_is_a_line_for_pip(tmp_path, monkeypatch):
-    text = "raise ModuleNotFoundError(\"No module named 'gmsh'\")\n"
-    (tmp_path / "gmsh.py").write_text(text)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    assert check_gmsh().remedy.endswith("-m pip install gmsh")
-
-
-def test_threads_are_counted_and_openmp_is_quoted(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    assert "OMP_NUM_THREADS is 3" in check_threads().found
-    monkeypatch.delenv("OMP_NUM_THREADS")
-    assert "OMP_NUM_THREADS is not set" in check_threads().found
-
-
 def test_a_folder_is_tried_and_left_as_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "ROOM_GIB", 0.0)
     assert check_folder(tmp_path).state == "ok"
@@ -184,11 +168,3 @@ def test_a_folder_is_tried_and_left_as_it_was(tmp_path, monkeypatch):
     gone = check_folder(tmp_path / "gone")
     assert gone.state == "note"
     assert "No such file" in gone.found
-
-
-def test_a_locale_without_utf8_is_a_note(monkeypatch):
-    monkeypatch.setenv("LC_ALL", "de_DE")
-    monkeypatch.setattr(machine.sys, "getfilesystemencoding", lambda: "iso8859-1")
-    check = check_encoding()
-    assert check.state == "note"
-    assert "LC_ALL=de_DE" in check.found

@@ -32,18 +32,6 @@ def test_a_run_that_comes_back_exactly_is_accepted_with_a_closure_of_0():
     assert found.closure_percent == 0.0
 
 
-def test_a_memory_of_17_percent_is_refused_in_so_many_words():
-    """The trap that was measured: 5636 Pa going in, 4646 Pa coming back."""
-    stress_pa = stress_at(DEPTH_UM)
-    stress_pa[DEEPEST + 1 :] *= 0.83
-
-    found = run(stress_pa=stress_pa)
-
-    assert found.closure_percent == pytest.approx(17.0)
-    assert found.hysteresis
-    assert "17 %" in found.problem
-
-
 @given(
     percent=st.floats(-50, 50),
     row=st.integers(DEEPEST + 1, DEPTH_UM.size - 1),

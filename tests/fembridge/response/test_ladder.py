@@ -184,12 +184,3 @@ def test_inertia_and_a_slide_are_told(model, sine):
     assert why_no_map(replace(model, inertia=True), [sine]).startswith("inertia")
     slid = why_no_map(model, [sine, sine.sliding(5.0)])
     assert slid.startswith("sine_20_250_slide_5: the probe slides")
-
-
-def test_the_contact_is_judged_on_the_model_that_does_not_know_of_time(model):
-    slow = replace(relaxing(model, "dermis"), inertia=True)
-    assert slow.depends_on_time
-    still = slow.at_once()
-    assert not still.depends_on_time
-    assert still.finger == model.finger
-    assert still.mesh is slow.mesh

@@ -120,16 +120,6 @@ def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
         assert expected.max() > 100.0
 
 
-def test_each_class_reads_its_own():
-    mixed = {"SA": ENERGY["SA"], "RA": PUBLISHED["RA"]}
-    energy = RESPONSE.traces(STIMULUS, ENERGY)
-    plain = RESPONSE.traces(STIMULUS)
-    found = RESPONSE.traces(STIMULUS, mixed)
-    for one, other in zip(found, (energy[0], plain[1], plain[2]), strict=True):
-        assert_array_equal(one.stress_pa, other.stress_pa)
-    assert not np.array_equal(energy[0].stress_pa, plain[0].stress_pa)
-
-
 @pytest.mark.parametrize(
     "origin", [{}, {"finger": "quick"}, {"finger": {"materials": {"epidermis": {}}}}]
 )

@@ -1,17 +1,13 @@
 """A run folder, and a solver that plays the part which the folder's deck names."""
 
-import os
 import shutil
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from fembridge.run_folder import RunFolder
 from fembridge.store import sha256_of
-
-PATIENCE_S = 120.0
 
 
 @pytest.fixture
@@ -38,33 +34,6 @@ def make_run(tmp_path):
         return folder
 
     return make
-
-
-@pytest.fixture
-def wait_until():
-    def wait(holds):
-        until_s = time.monotonic() + PATIENCE_S
-        while not holds():
-            assert time.monotonic() < until_s, "it did not happen"
-            time.sleep(0.01)
-
-    return wait
-
-
-@pytest.fixture
-def is_alive():
-    def alive(pid):
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return False
-        stat = Path(f"/proc/{pid}/stat")
-        try:  # a zombie waits for its parent only
-            return stat.read_text().rpartition(")")[2].split()[0] != "Z"
-        except (FileNotFoundError, ProcessLookupError):
-            return False
-
-    return alive
 
 
 @pytest.fixture

@@ -82,28 +82,10 @@ def loud():
     normal()
 
 
-def bad_deck():
-    begin()
-    say(" *ERROR reading *BOUNDARY: node set NOPE\n        has not yet been defined.")
-    say(" *ERROR reading *BOUNDARY. Card image:\n        NOPE,1,1\n")
-    say(" *ERROR in calinput: at least one fatal\n         error message\n")
-    return 201
-
-
-def no_file():
-    begin()
-    say(" *ERROR in readinput: cannot open file nope.inp")
-
-
 def dropped():
     normal()
     say(" *WARNING in calinput. Card image cannot be inter    preted:")
     say(" *WARNING reading the input file. Card image:\n          *ELOUTPUT\n")
-
-
-def harmless():
-    normal()
-    say(" *WARNING reading *STATIC:\n          the minimum increment is small\n")
 
 
 def diverged():
@@ -123,39 +105,6 @@ def silent_divergence():
     finish()
 
 
-def exhausted():
-    begin()
-    increments(2)
-    say(" *ERROR in nonlingeo: max. # of increments reached\n")
-    return 201
-
-
-def odd_error():
-    begin()
-    increments(2)
-    say(" *ERROR in somewhere: the moon is full\n")
-    return 201
-
-
-def not_linked():
-    begin()
-    say(" *ERROR in nonlingeo: the PARDISO library is not linked\n")
-    return 201
-
-
-def inverted():
-    begin()
-    for _ in range(200):
-        say(" *ERROR in e_c3d: nonpositive jacobian\n        determinant in element 7\n")
-    return 201
-
-
-def starved():
-    begin()
-    say(" *ERROR in u_calloc: error allocating memory\n")
-    return 16
-
-
 def cut():
     begin()
     increments()
@@ -164,11 +113,13 @@ def cut():
     say(" Job finished")
 
 
-def no_room():
-    begin()
-    increments(2)
-    say("Fortran runtime error: No space left on device\n" + "#0  0x7f in ???\n" * 9)
-    return 2
+def nothing():
+    say("nothing to do")
+
+
+def harmless():
+    normal()
+    say(" *WARNING reading *STATIC:\n          the minimum increment is small\n")
 
 
 def short():
@@ -186,10 +137,6 @@ def no_output():
 def no_frd():
     normal()
     Path(f"{JOB}.frd").unlink()
-
-
-def nothing():
-    say("nothing to do")
 
 
 def odd_exit():
@@ -247,8 +194,41 @@ def environment():
     say(f"override {os.environ.get('NUMBER_OF_CPUS')}")
 
 
+SAID = {
+    "bad_deck": (
+        0,
+        " *ERROR reading *BOUNDARY: node set NOPE\n        has not yet been defined.\n"
+        " *ERROR reading *BOUNDARY. Card image:\n        NOPE,1,1\n\n"
+        " *ERROR in calinput: at least one fatal\n         error message\n",
+        201,
+    ),
+    "no_file": (0, " *ERROR in readinput: cannot open file nope.inp", 0),
+    "exhausted": (2, " *ERROR in nonlingeo: max. # of increments reached\n", 201),
+    "odd_error": (2, " *ERROR in somewhere: the moon is full\n", 201),
+    "not_linked": (0, " *ERROR in nonlingeo: the PARDISO library is not linked\n", 201),
+    "inverted": (
+        0,
+        200 * " *ERROR in e_c3d: nonpositive jacobian\n        determinant in element 7\n\n",
+        201,
+    ),
+    "starved": (0, " *ERROR in u_calloc: error allocating memory\n", 16),
+    "no_room": (
+        2,
+        "Fortran runtime error: No space left on device\n" + 9 * "#0  0x7f in ???\n",
+        2,
+    ),
+}
+"""Increments that are made, last words and exit code."""
+
+
 def main():
     play = Path(f"{JOB}.inp").read_text().split()[2]
+    if play in SAID:
+        count, words, code = SAID[play]
+        begin()
+        increments(count)
+        say(words)
+        sys.exit(code)
     sys.exit(globals()[play]() or 0)
 
 

@@ -75,13 +75,6 @@ def test_a_run_that_is_not_good_has_one_cause(fake_ccx, make_run, play):
     assert words in (folder / "failed" / "cause.txt").read_text()
 
 
-def test_a_refused_card_is_told_with_its_line_in_the_deck(fake_ccx, make_run):
-    assert solve(make_run("bad_deck")).failure.deck_line == 3
-    outcome = solve(make_run("dropped"))
-    assert outcome.failure.deck_line == 4
-    assert "(job.inp:4)" in str(outcome.failure)
-
-
 def test_a_failed_run_leaves_earlier_results_as_they_were(fake_ccx, make_run):
     folder = make_run("normal")
     solve(folder)
@@ -138,20 +131,6 @@ def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, pla
     assert told[-1].increment == outcome.increments
 
 
-def test_an_error_in_who_is_told_stops_the_solver(fake_ccx, make_run, is_alive):
-    folder = make_run("hang")
-
-    def fail(progress):
-        if (folder / "solving" / "job.pid").exists():
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        solve(folder, on_progress=fail)
-
-    assert "interrupted" in (folder / "failed" / "cause.txt").read_text()
-    assert not is_alive(int((folder / "failed" / "job.pid").read_text()))
-
-
 def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypatch):
     monkeypatch.setenv("NUMBER_OF_CPUS", "7")
     folder = make_run("environment")
@@ -165,15 +144,6 @@ def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypa
     log = (folder / "solver.log").read_text()
     assert "threads None" in log
     assert "override 7" in log
-
-
-def test_a_deck_that_was_changed_after_it_was_built_is_run_and_told(fake_ccx, make_run):
-    folder = make_run("normal")
-    assert solve(folder).as_built
-    with (folder / "job.inp").open("a") as deck:
-        deck.write("** changed\n")
-
-    assert not solve(folder).as_built
 
 
 def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatch, tmp_path):

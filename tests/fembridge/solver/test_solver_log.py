@@ -42,13 +42,6 @@ def test_the_card_goes_with_the_message_before_it(read):
     assert error.text == "reading *BOUNDARY: node set NOPE has not been defined."
 
 
-def test_two_cards_are_two_messages(read):
-    warning = " *WARNING in calinput. Card image cannot be inter    preted:\n"
-    image = " *WARNING reading the input file. Card image:\n          {}\n\n"
-    log = read((warning + image.format("*ELOUTPUT") + warning + image.format("S")) * 2)
-    assert [message.card for message in log.dropped] == ["*ELOUTPUT", "S"]
-
-
 @pytest.mark.parametrize(
     "warning",
     [
@@ -72,13 +65,6 @@ def test_the_summary_of_errors_is_kept_only_when_it_is_alone(read):
     summary = " *ERROR in calinput: at least one fatal\n    error message\n\n"
     assert len(read(summary).errors) == 1
     assert [str(e) for e in read(" *ERROR in x: y\n\n" + summary).errors] == ["in x: y"]
-
-
-def test_a_card_is_found_whatever_its_blanks_and_case(tmp_path):
-    deck = tmp_path / "job.inp"
-    deck.write_text("*Node Output, nset=All\nU\n*EL OUTPUT\nS\n*EL FILE\nS\n")
-    assert find_card(deck, "*ELOUTPUT") == 3
-    assert find_card(deck, "*NODEOUTPUT,NSET=ALL") == 1
 
 
 def test_a_card_that_stands_twice_has_no_line(tmp_path):

@@ -7,7 +7,6 @@ it does with a deck is told by environment variables, which workers inherit.
 import os
 import subprocess
 import sys
-import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from fembridge.sweeps import sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
 RECORDED = ROOT / "fixtures" / "response_quick"
-PATIENCE_S = 300.0
 
 SOLVER = """
 import os, shutil, sys, time
@@ -141,29 +139,6 @@ def start_sweep():
             process.kill()
         if not process.stderr.closed:
             print(process.communicate()[1])
-
-
-@pytest.fixture
-def wait_until():
-    def wait(holds):
-        until_s = time.monotonic() + PATIENCE_S
-        while not holds():
-            assert time.monotonic() < until_s, "it did not happen"
-            time.sleep(0.02)
-
-    return wait
-
-
-@pytest.fixture
-def is_alive():
-    def alive(pid):
-        try:
-            stat = Path(f"/proc/{pid}/stat").read_text()
-        except (FileNotFoundError, ProcessLookupError):
-            return False
-        return stat.rpartition(")")[2].split()[0] not in "ZX"
-
-    return alive
 
 
 class Here(Executor):

@@ -32,20 +32,6 @@ def finished(sweep):
     return code, out, err
 
 
-def test_each_response_is_solved_once_and_every_item_reads_it(dermis_study, tmp_path, ledger):
-    path = dermis_study(3, "preindent_um = [0, 75]")
-    sweep = run_sweep(path, tmp_path / "out", jobs=2)
-
-    assert not sweep.causes
-    assert (len(sweep.plan.items), sweep.rows) == (6, 18)
-    assert sorted(solved(ledger).values()) == [1, 1, 1]
-    assert {row["status"] for row in table_of(tmp_path / "out")} == {"done"}
-
-    more = dermis_study(4, 'preindent_um = [0, 75]\nparameters = "published"')
-    run_sweep(more, tmp_path / "out", jobs=1)
-    assert sorted(solved(ledger).values()) == [1, 1, 1, 1]
-
-
 def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
     dermis_study, tmp_path, command, capsys, monkeypatch, ledger
 ):
@@ -188,10 +174,3 @@ def test_a_response_that_was_edited_by_hand_is_read_again_from_the_solver(
     assert (out / "results.csv").read_bytes() == table
     assert (stored[0] / "response.toml").read_text() == content
     assert len(begun(ledger)) == 2  # what the solver wrote was whole
-
-
-def test_a_folder_in_which_nothing_can_be_made_is_one_line(dermis_study, tmp_path, command, capsys):
-    (tmp_path / "out").write_text("a file")
-    assert command(dermis_study(1), "-o", tmp_path / "out") == 1
-    [line] = capsys.readouterr().err.splitlines()
-    assert "a file stands where a folder is wanted" in line

@@ -15,7 +15,6 @@ from fembridge.sensitivity import (
     OUTPUT,
     SweptFingers,
     effects_markdown,
-    group_of,
     in_order,
     is_one_at_a_time,
     rank_regressions,
@@ -131,12 +130,6 @@ def test_fewer_than_two_fingers_are_refused(results, rows, found):
 def test_a_table_that_is_not_one_is_refused(results, rows, found):
     with pytest.raises(TableError, match=found):
         read_swept(results(*rows))
-
-
-def test_a_stimulus_belongs_to_its_frequency_or_its_family():
-    stimuli = ("sine_20_250", "sine_300_50", "diharm_10_50_125", "noise_25_250_0.25")
-    assert [group_of(each) for each in stimuli] == ["sine_20", "sine_300", "diharm", "noise"]
-    assert group_of("my_own") == "my_own"
 
 
 RATE, STRESS = ("SA", "rate_ips", "all"), ("SA", "peak_stress_pa", "all")

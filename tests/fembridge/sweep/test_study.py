@@ -252,18 +252,6 @@ def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(t
     assert all(each.finger.afferents == QUICK.afferents for each in fixed)
 
 
-def test_grids_and_rows_can_follow_and_tell_distances_too(tmp_path):
-    name = "afferents.SA.to_boundary_mm"
-    [thick] = study_with(tmp_path, grid={"skin.epidermis_mm": 0.45}, sites="follow").variants
-    one, other = study_with(tmp_path, rows=[{name: 0.05}, {"contact.friction": 0.0}]).variants
-
-    assert thick.finger.afferents["SA"].depth_mm == pytest.approx(0.6375)
-    assert one.finger.afferents["SA"].depth_mm == pytest.approx(0.65)
-    assert (one.value(name), other.value(name)) == (0.05, 0.1125)
-    assert (one.contact, other.contact) == ({}, {"friction": 0.0})
-    assert one.value("contact.friction") is None
-
-
 def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
     study = study_with(
         tmp_path,
@@ -355,14 +343,6 @@ def test_each_slice_of_each_range_has_one_finger(samples, parameters, not_optimi
     )
 
 
-def test_drawn_parameters_hardly_go_together():
-    """Fifty fingers by chance would have pairs that correlate by 0.3."""
-    shares = drawn_shares(14, 50, seed=1)
-
-    together = np.corrcoef(shares.T) - np.eye(14)
-    assert abs(together).max() < 0.2
-
-
 @pytest.mark.parametrize(
     ("asked", "low", "high", "logarithmic"),
     [
@@ -408,27 +388,6 @@ def test_the_presets_afferents_keep_to_the_boundaries_they_are_described_by():
     fall_mm = arc_mm**2 / 2 / radius_mm
     assert ra.distance_mm == pytest.approx(tip_mm + fall_mm - 0.52, abs=2e-4)
     assert anchor_of(QUICK, "PC") == Anchor(upper=True, distance_mm=0.25)
-
-
-def test_on_the_axis_the_distance_is_that_of_the_flat_layers():
-    """Under the middle of a ridge the epidermis reaches half a papilla deeper."""
-    finger = replace(
-        QUICK,
-        skin=Skin(stratum_corneum_mm=0.3, epidermis_mm=0.45, dermis_mm=0.9),
-        papillae=Papillae(0.08),
-    )
-    kept = {name: anchor_of(QUICK, name) for name in QUICK.afferents}
-    moved = anchored(finger, kept)
-
-    sites = moved.afferents
-    assert sites["SA"].depth_mm == pytest.approx(0.75 + 0.04 - 0.1125)
-    assert sites["PC"].depth_mm == pytest.approx(1.65 + 0.25)
-    assert sites["RA"].depth_mm - QUICK.afferents["RA"].depth_mm == pytest.approx(
-        (0.75 - 0.04) - (0.65 - 0.05), abs=1e-4
-    )
-    assert {n: (s.layer, s.x_mm) for n, s in sites.items()} == {
-        n: (s.layer, s.x_mm) for n, s in QUICK.afferents.items()
-    }
 
 
 @given(

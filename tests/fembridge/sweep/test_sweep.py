@@ -150,17 +150,6 @@ def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(here, tmp_path, monk
     assert not trace.exists()
 
 
-def test_the_study_stands_beside_its_results_and_is_the_same_study(here, tmp_path, study_file):
-    text = 'stimuli = ["sine_20_250"]\nfingers = ["quick", "paper"]\nstored = true\n'
-    sweep = run_sweep(study_file(text), tmp_path / "out")
-
-    copy = (tmp_path / "out/study.toml").read_text()
-    assert copy.endswith(text)
-    assert copy.startswith("# sweep of the study 'study', 2 points, 2 items\n# fembri")
-    again = run_sweep(tmp_path / "out/study.toml", tmp_path / "out")
-    assert (again.before, again.rows) == (2, sweep.rows)
-
-
 def test_an_old_table_does_not_outlive_the_start_of_a_sweep(here, tmp_path, monkeypatch):
     made = study("sine_20_250")
     sweep = run_sweep(made, tmp_path)
@@ -220,6 +209,7 @@ def short(entry, preindent_um=0.0, seed=None):
     return Stimulus(entry.id, wave_um, 0.5, (0.0, 4.0), origin={"family": "short"})
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")

@@ -86,14 +86,6 @@ def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
     assert len(solves[1]) > len(solves[0])
 
 
-def test_the_same_finger_under_two_names_is_done_once_and_told_twice(tmp_path):
-    base = PRESETS["quick"]
-    twins = (Variant("quick", base), Variant("mine", replace(base)))
-    plan = plan_of(study(variants=twins), CCX)
-    assert len(plan.items) == 1
-    assert plan.rows["finger"].tolist() == ["quick"] * 3 + ["mine"] * 3
-
-
 def test_what_a_variant_does_not_change_has_the_value_of_its_base():
     table = {
         "stimuli": ["sine_20_250"],
@@ -224,17 +216,6 @@ def test_every_number_of_the_cells_changes_the_address():
         for name in numbers_of(one):
             other = {**fitted, afferent: changed(one, name)}
             assert item(parameters=other).key != item().key, name
-
-
-def test_the_version_of_the_program_changes_every_address(monkeypatch):
-    before = item().key
-    monkeypatch.setattr(module, "__version__", "99")
-    assert item().key != before
-
-
-def test_names_that_people_give_change_no_address():
-    assert item(label="x", parameters_name="y").key == item().key
-    assert response(label="x").key == response().key
 
 
 def test_of_a_finger_that_relaxes_each_waveform_is_solved():
