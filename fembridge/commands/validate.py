@@ -107,18 +107,17 @@ def _rows(study: "Validation") -> list[dict[str, Any]]:
 
 
 def _print_rows(study: "Validation", rows: list[dict[str, Any]]) -> None:
-    reference = study.rates.reference()
+    """Print a row a family, a column a class: R² and RMSE of the judged model."""
     against = "observed rates" if study.observed is not None else "TouchSim, a model"
     print(f"{study.judged.name} against {against}: R² (RMSE in impulses/s)")
     print(f"{'':<8}{'SA':>16}{'RA':>16}{'PC':>16}")
-    mine = [r for r in rows if (r["reference"], r["source"]) == (reference, study.judged.name)]
-    for family in dict.fromkeys(row["family"] for row in mine):
-        cells = [_cell(row) for row in mine if row["family"] == family]
-        print(f"{family:<8}{''.join(f'{cell:>16}' for cell in cells)}")
-
-
-def _cell(row: dict[str, Any]) -> str:
-    if not row["count"]:
-        return "no rates"
-    share = row["r_squared"]
-    return f"{'-' if share != share else f'{share:.2f}'} ({row['rmse_ips']:.1f})"
+    lines: dict[str, str] = {}
+    for row in rows:
+        if (row["reference"], row["source"]) == (study.rates.reference(), study.judged.name):
+            cell = "no rates"
+            if row["count"]:
+                share = f"{row['r_squared']:.2f}".replace("nan", "-")
+                cell = f"{share} ({row['rmse_ips']:.1f})"
+            line = lines.setdefault(row["family"], f"{row['family']:<8}")
+            lines[row["family"]] = f"{line}{cell:>16}"
+    print(*lines.values(), sep="\n")

@@ -45,14 +45,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.errors import UsageError
     from fembridge.progress import SolverBars
-    from fembridge.report.verify import (
-        PAGE_FILE,
-        STUDIES,
-        summary_of,
-        verify,
-        versions_here,
-        write_report,
-    )
+    from fembridge.report.verify import PAGE_FILE, summary_of, verify, versions_here, write_report
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
@@ -69,19 +62,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     versions = versions_here()
     write_report(folder, findings, versions, quick=args.quick)
     summary = summary_of(findings, versions, quick=args.quick)
-    failed = [
-        (n, check) for n, found in findings.items() for check in found.checks if not check.passed
-    ]
     if not args.json:
-        for study in STUDIES:
-            if finding := findings.get(study.name):
-                passed = sum(check.passed for check in finding.checks)
-                state = finding.skipped or f"{passed} of {len(finding.checks)} checks"
-                print(f"{study.name:<16}{state}")
-        for name, check in failed:
-            print(
-                f"fails: {name}: {check.what}: {check.found:.3g} {check.unit}, "
-                f"expected {check.side} {check.bound:g}"
-            )
+        for study in summary["studies"]:
+            passed = sum(check["passed"] for check in study["checks"])
+            state = study["skipped"] or f"{passed} of {len(study['checks'])} checks"
+            print(f"{study['name']:<16}{state}")
+        for name, finding in findings.items():
+            for check in finding.checks:
+                if not check.passed:
+                    found = f"{check.found:.3g} {check.unit}"
+                    print(
+                        f"fails: {name}: {check.what}: {found}, "
+                        f"expected {check.side} {check.bound:g}"
+                    )
         print(f"{PAGE_FILE}: {folder}")
-    return {"output": str(folder), **summary, "exit_code": int(bool(failed))}
+    return {"output": str(folder), **summary, "exit_code": int(not summary["passed"])}

@@ -130,34 +130,6 @@ class Pressed:
     pressure_mpa: FloatArray
     von_mises_mpa: FloatArray
 
-    @property
-    def half_width_mm(self) -> float:
-        """Of the half ellipse with the same second moment."""
-        moment = (self.pressure_mpa * self.x_mm**2).sum() / self.pressure_mpa.sum()
-        return float(2 * np.sqrt(moment))
-
-    @property
-    def peak_mpa(self) -> float:
-        """End of the line of squared pressure over squared distance."""
-        inner = np.abs(self.x_mm) < _INNER_SHARE * self.form.half_width_mm
-        fitted = np.polyfit(self.x_mm[inner] ** 2, self.pressure_mpa[inner] ** 2, 1)
-        return float(np.sqrt(fitted[1]))
-
-    @property
-    def axis_share(self) -> FloatArray:
-        """Von Mises stress on the axis over that of the closed form."""
-        share: FloatArray = self.von_mises_mpa / self.form.von_mises_mpa(np.array(AXIS_MM))
-        return share
-
-    def errors_percent(self) -> tuple[float, float, float]:
-        """Of half width, peak, and von Mises stress where it is furthest off."""
-        off = self.axis_share - 1
-        return (
-            100 * (self.half_width_mm / self.form.half_width_mm - 1),
-            100 * (self.peak_mpa / self.form.peak_mpa - 1),
-            100 * float(off[np.abs(off).argmax()]),
-        )
-
 
 def study(runs: Runs) -> Finding:
     """Press at three sizes of elements."""
@@ -165,10 +137,11 @@ def study(runs: Runs) -> Finding:
 
     meshes = [_pressed(runs, count) for count in HALVINGS]
     finest = meshes[-1]
-    width = np.array([mesh.width_mm for mesh in meshes])
-    errors = np.array([mesh.errors_percent() for mesh in meshes])
-    share = np.array([mesh.axis_share for mesh in meshes])
-    force = np.array([mesh.form.force_n_per_mm for mesh in meshes])
+    share = np.array([_axis_share(mesh) for mesh in meshes])
+    table = DataFrame([_row(mesh) for mesh in meshes])
+    width, force = table.element_mm.to_numpy(), table.force_n_per_mm.to_numpy()
+    columns = ["half_width_percent", "peak_percent", "von_mises_percent"]
+    errors = table[columns].to_numpy()
     series = {
         _FORCE: force / force[-1],
         "half width": 1 + errors[:, 0] / 100,
@@ -178,7 +151,8 @@ def study(runs: Runs) -> Finding:
             for depth in (0.16, 0.32, 0.64)
         },
     }
-    orders = {what: extrapolated(width, value) for what, value in series.items()}
+    orders = [(what, *extrapolated(width, value)) for what, value in series.items()]
+    force_order = orders[0][2]
     quantities = ("half width", "peak pressure", "von Mises stress on the axis")
     return Finding(
         checks=(
@@ -186,25 +160,13 @@ def study(runs: Runs) -> Finding:
                 Check(f"{what}, finest mesh: error", abs(float(off)), BOUND_PERCENT, "%")
                 for what, off in zip(quantities, errors[-1], strict=True)
             ),
-            Check(f"observed order of the {_FORCE}", orders[_FORCE][1], LEAST_ORDER, side=AT_LEAST),
+            Check(f"observed order of the {_FORCE}", force_order, LEAST_ORDER, side=AT_LEAST),
         ),
         tables={
-            "hertz": DataFrame(
-                {
-                    "element_mm": width,
-                    "elements": [mesh.elements for mesh in meshes],
-                    "force_n_per_mm": force,
-                    "half_width_mm": [mesh.half_width_mm for mesh in meshes],
-                    "half_width_percent": errors[:, 0],
-                    "peak_mpa": [mesh.peak_mpa for mesh in meshes],
-                    "peak_percent": errors[:, 1],
-                    "von_mises_percent": errors[:, 2],
-                }
-            ),
+            "hertz": table,
             "hertz_order": DataFrame(
-                [(what, order, limit, index) for what, (limit, order, index) in orders.items()],
-                columns=["quantity", "order", "limit_of_ratio", "index_percent"],
-            ),
+                orders, columns=["quantity", "limit_of_ratio", "order", "index_percent"]
+            )[["quantity", "order", "limit_of_ratio", "index_percent"]],
         },
         numbers={
             "radius_mm": RADIUS_MM,
@@ -213,10 +175,39 @@ def study(runs: Runs) -> Finding:
             "element_mm": finest.width_mm,
             "across": 2 * finest.form.half_width_mm / finest.width_mm,
             "errors_percent": errors[-1].tolist(),
-            "force_order": orders[_FORCE][1],
+            "force_order": force_order,
         },
         figure=_figure(meshes, errors, width),
     )
+
+
+def _row(mesh: Pressed) -> dict[str, float]:
+    """What one mesh gives, and how far it is off; of the axis where it is furthest.
+
+    Half the width is that of the half ellipse with the same second moment, the peak the end
+    of the line of squared pressure over squared distance.
+    """
+    x_mm, pressure_mpa, form = mesh.x_mm, mesh.pressure_mpa, mesh.form
+    half_width_mm = float(2 * np.sqrt((pressure_mpa * x_mm**2).sum() / pressure_mpa.sum()))
+    inner = np.abs(x_mm) < _INNER_SHARE * form.half_width_mm
+    peak_mpa = float(np.sqrt(np.polyfit(x_mm[inner] ** 2, pressure_mpa[inner] ** 2, 1)[1]))
+    off = _axis_share(mesh) - 1
+    return {
+        "element_mm": mesh.width_mm,
+        "elements": mesh.elements,
+        "force_n_per_mm": form.force_n_per_mm,
+        "half_width_mm": half_width_mm,
+        "half_width_percent": 100 * (half_width_mm / form.half_width_mm - 1),
+        "peak_mpa": peak_mpa,
+        "peak_percent": 100 * (peak_mpa / form.peak_mpa - 1),
+        "von_mises_percent": 100 * float(off[np.abs(off).argmax()]),
+    }
+
+
+def _axis_share(mesh: Pressed) -> FloatArray:
+    """Von Mises stress on the axis over that of the closed form."""
+    share: FloatArray = mesh.von_mises_mpa / mesh.form.von_mises_mpa(np.array(AXIS_MM))
+    return share
 
 
 def _pressed(runs: Runs, halvings: int) -> Pressed:
@@ -257,20 +248,13 @@ def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> "Fi
     across = np.linspace(-1.3, 1.3, 261)
     depth_mm = np.linspace(0.0, EVEN_MM, 161)
     figure, (pressure, stress, convergence) = panels(3)
-    pressure.plot(
-        across,
-        form.pressure_mpa(across * form.half_width_mm) / form.peak_mpa,
-        label="closed form",
-        **exact(),
-    )
-    stress.plot(
-        depth_mm / form.half_width_mm,
-        form.von_mises_mpa(depth_mm) / form.peak_mpa,
-        label="closed form",
-        **exact(),
-    )
+    half_mm, peak_mpa = form.half_width_mm, form.peak_mpa
+    closed = {"label": "closed form", **exact()}
+    pressure.plot(across, form.pressure_mpa(across * half_mm) / peak_mpa, **closed)
+    stress.plot(depth_mm / half_mm, form.von_mises_mpa(depth_mm) / peak_mpa, **closed)
+    across_mm = 1.3 * half_mm
     for row, mesh in enumerate((meshes[0], meshes[-1]), start=1):
-        near = np.abs(mesh.x_mm) < 1.3 * form.half_width_mm
+        near = np.abs(mesh.x_mm) < across_mm
         style = {"label": f"elements of {mesh.width_mm:g} mm", **line(row, mark="dots")}
         half_mm, peak_mpa = mesh.form.half_width_mm, mesh.form.peak_mpa
         pressure.plot(mesh.x_mm[near] / half_mm, mesh.pressure_mpa[near] / peak_mpa, **style)

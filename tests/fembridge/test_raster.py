@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fembridge.errors import OutputError, UsageError
+from fembridge.errors import UsageError
 from fembridge.plots.raster import raster_figure
 from fembridge.plots.style import AFFERENT_COLOURS, save_figure
 from fembridge.stimulus import Stimulus
@@ -144,14 +144,6 @@ def test_a_png_has_200_dots_an_inch(tmp_path):
     assert int.from_bytes(header[16:20], "big") == 1440  # 7.2 in
 
 
-@pytest.mark.parametrize("name", ["raster.xyz", "raster"])
-def test_a_suffix_that_is_no_picture_is_refused_before_anything_is_written(tmp_path, name):
-    with pytest.raises(UsageError, match=r"cannot draw .*expected one of .*png"):
-        save_figure(raster_figure([train()]), tmp_path / name)
-
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_nothing_to_draw_is_refused():
     with pytest.raises(UsageError, match="no stimulus or no class to draw"):
         raster_figure([])
@@ -159,13 +151,6 @@ def test_nothing_to_draw_is_refused():
         raster_figure([train()], afferents=["SA2"])
     with pytest.raises(UsageError, match="sine_20_250, which has no row"):
         raster_figure([train()], stimuli=["noise_25_250_10"])
-
-
-def test_a_place_that_cannot_be_written_is_named(tmp_path):
-    (tmp_path / "file").write_text("", encoding="utf-8")
-
-    with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
-        save_figure(raster_figure([train()]), tmp_path / "file" / "raster.png")
 
 
 def test_drawing_leaves_pyplot_and_its_global_state_alone(tmp_path):

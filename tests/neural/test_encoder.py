@@ -12,7 +12,7 @@ from fembridge.errors import ParameterError, TraceError
 from neural.encoder import encode, encode_afferents, encode_cells
 from neural.models import MODELS
 from neural.parameter_sets import parameter_set
-from neural.parameters import PUBLISHED, AfferentParameters, RisingRaParameters, quantiles
+from neural.parameters import PUBLISHED, AfferentParameters, quantiles
 from neural.rates import mean_rate_ips
 
 DT_MS = 0.5
@@ -183,23 +183,6 @@ def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):
         for condition in range(4):
             np.testing.assert_array_equal(runs[condition][k], alone[condition])
     assert sum(times_ms.size for run in runs for times_ms in run) > 6 * cells
-
-
-def test_needs_are_worked_by_hand_for_two_cells():
-    """q of two halves is ∓0.6745; with spread ln(2)/0.6745 the needs are 1/2 and 2.
-
-    A rise of 5 steps in steps of a thirty-second, next to no leak, no pause: the
-    first cell sees 10 steps, 16 rows pass its gap once 16/16 is exceeded: each 17th
-    row, 9 times in 160; the other sees 2.5 steps: rows 65 and 130.
-    """
-    spread = math.log(2.0) / quantiles(2)[1]
-    ra = RisingRaParameters(tau_ms=1e12, step_pa=4096.0, refractory_ms=0.0, cells=2, spread=spread)
-    rise = np.concatenate([np.zeros(4), 128.0 * np.arange(1, 162)])
-
-    [[keen, dull]] = encode_cells(rise, DT_MS, ra)
-
-    assert (keen / DT_MS).tolist() == [4.0 + 17 * k for k in range(1, 10)]
-    assert (dull / DT_MS).tolist() == [4.0 + 65, 4.0 + 130]
 
 
 def test_a_mean_rate_is_impulses_a_second_and_cell():

@@ -112,15 +112,6 @@ def test_objectives_are_those_of_a_plain_loop(seed):
     np.testing.assert_array_equal(problem.group_errors(rates_ips), errors)
 
 
-def test_a_candidate_that_is_right_has_no_error():
-    values = np.array([[1e3, 4e3]])
-    problem = problem_of(cells=1)
-    right = problem_of(cells=1, observed_ips=problem.rates_ips(values)[0])
-
-    assert right.observed_ips.sum() > 0
-    assert right.errors_ips2(values).tolist() == [[0.0, 0.0, 0.0]]
-
-
 @ALL
 @pytest.mark.parametrize("cells", [1, 3])
 def test_single_precision_differs_by_a_few_spikes_at_most(row, cells):
@@ -148,20 +139,6 @@ def test_a_part_is_the_problem_of_its_stimuli(flags):
     assert part.observed_ips.tolist() == OBSERVED_IPS[kept].tolist()
     assert (part.cells, part.dt_ms, part.model) == (3, DT_MS, whole.model)
     np.testing.assert_array_equal(part.rates_ips(values), whole.rates_ips(values)[:, kept])
-
-
-@ALL
-def test_parameters_hold_what_was_searched_and_where_it_holds(row):
-    short = tuple((start / 2, end / 2) for start, end in WINDOWS_MS)
-    problem = problem_of(row, cells=4, dt_ms=0.25, windows_ms=short)
-    values = random_values(problem, 7, candidates=1)[0]
-
-    parameters = problem.parameters(values)
-
-    assert type(parameters) is row.parameters
-    assert (parameters.drive, parameters.cells, parameters.dt_ms) == (row.name, 4, 0.25)
-    searched = [getattr(parameters, one.field) for one in problem.free]
-    assert searched == values.tolist()
 
 
 def test_the_last_sample_acts_after_the_trace():

@@ -89,14 +89,6 @@ def test_constant_current_fires_with_the_period_of_the_recurrence(tau_ms, curren
     assert rows == list(range(math.ceil(period) - 1, 500, math.ceil(period)))
 
 
-def test_a_refractory_period_lengthens_every_interval_but_the_first():
-    """τ = 20 ms, I' = 1.5 mV/ms: v_k = 30 (1 − 0.975^k) exceeds 10 at k = 17.
-
-    ln(2/3) / ln(0.975) = 16.02. Two refractory rows make the period 19 rows.
-    """
-    assert fired_rows(np.full(100, 1.5), 20.0, refractory_ms=1.0) == [16, 35, 54, 73, 92]
-
-
 def test_a_potential_at_the_threshold_is_not_above_it():
     """dt = τ forgets all but the last row, so v = dt I' = 10 mV exactly."""
     at, above = np.full((6, 1), 20.0), np.full((6, 1), np.nextafter(20.0, 21.0))
@@ -106,31 +98,6 @@ def test_a_potential_at_the_threshold_is_not_above_it():
     for current, spikes in ((at, 0), (above, 6)):
         counts = candidate_counts([current], LINEAR, 0.5, dt_ms=DT_MS, gap_mv=GAP_MV)
         assert counts.tolist() == [[spikes]]
-
-
-def test_current_in_the_refractory_period_leaves_no_charge():
-    current = np.zeros(50)
-    current[0] = 21.0  # fires at once: 10.5 mV
-    current[1:3] = 1e6  # two refractory rows
-    current[3] = 19.0  # 9.5 mV: not enough by itself
-
-    assert fired_rows(current, 1e9, refractory_ms=1.0) == [0]
-    assert fired_rows(current, 1e9, refractory_ms=0.5) == [0, 2]
-
-
-def test_a_negative_current_at_rest_leaves_no_debt_where_it_is_clamped():
-    """−6 mV, then 7.5 and 7.5: 1.5 and 9 mV with the debt, 7.5 and 15 without."""
-    current = [-12.0, 15.0, 15.0]
-
-    assert fired_rows(current, 1e12) == []
-    assert fired_rows(current, 1e12, clamped=True) == [2]
-
-
-def test_a_threshold_that_never_comes_back_lengthens_every_interval_by_a_jump():
-    """2 mV a row and a jump of 4: over 10, 14, 18, ... after 6, 8, 10, ... rows."""
-    rows = fired_rows(np.full(84, 4.0), 1e15, jump_mv=4.0)
-
-    assert rows == (np.cumsum([6, 8, 10, 12, 14, 16, 18]) - 1).tolist()
 
 
 @pytest.mark.parametrize("recovery_ms", [20.0, 60.0])

@@ -12,7 +12,6 @@ from fembridge.errors import ParameterError
 from neural.encoder import encode
 from neural.models import MODELS, Coefficients, model_named, model_of
 from neural.parameters import (
-    AFFERENTS,
     PUBLISHED,
     RateRaParameters,
     RisingRaParameters,
@@ -166,18 +165,6 @@ def test_one_sided_fires_as_published_on_what_grows_and_not_on_what_shrinks(affe
     assert spike_samples(-grows, one_sided) == []
 
 
-@pytest.mark.parametrize("afferent", AFFERENTS)
-@pytest.mark.parametrize("name", ["energy", "adaptive"])
-def test_models_of_the_same_equation_fire_alike(afferent, name):
-    """They differ in what they read, or in a jump that is 0 until it is fitted."""
-    stress = np.random.default_rng(4).uniform(0, 2e4, 300)
-    published = replace(PUBLISHED[afferent], alpha_mv_per_ms=20.0)
-    own = replace(published, drive=name)
-
-    assert len(spike_samples(stress, published)) > 5
-    assert spike_samples(stress, own) == spike_samples(stress, published)
-
-
 @pytest.mark.parametrize("row", ROWS, ids=NAMES)
 def test_a_still_finger_is_silent(row):
     """No stress at all; and a stress that is held, for all but SA."""
@@ -231,15 +218,3 @@ def test_a_filter_that_grows_with_a_power_of_the_stress_shrinks_by_it(need, degr
     cell = median.for_need(need).current([stress**degree])
 
     np.testing.assert_allclose(cell, median.current([(stress / need) ** degree]), rtol=1e-12)
-
-
-def test_needs_of_candidates_are_taken_one_by_one():
-    need = np.array([0.5, 1.0, 4.0])
-    halves = Coefficients([1.0, 2.0, 3.0], halves=([8.0, 8.0, 8.0],)).for_need(need)
-    weights = Coefficients([1.0, 2.0, 3.0], weights=(5.0,)).for_need(need)
-
-    assert halves.halves is not None
-    np.testing.assert_array_equal(halves.halves[0], [4.0, 8.0, 32.0])
-    assert halves.alpha_mv_per_ms == [1.0, 2.0, 3.0]
-    np.testing.assert_array_equal(weights.alpha_mv_per_ms, [2.0, 2.0, 0.75])
-    np.testing.assert_array_equal(weights.gains()[0], [10.0, 10.0, 3.75])

@@ -13,14 +13,6 @@ def test_the_start_of_a_window_is_excluded_and_its_end_included():
     assert spikes_inside([5.0, 5.5, 100.0, 250.0, 250.5], (5.0, 250.0)) == 3
 
 
-def test_windows_side_by_side_share_no_spike():
-    times_ms = 0.1 * np.arange(1, 2001)
-
-    halves = [spikes_inside(times_ms, window) for window in ((0, 100.3), (100.3, 200))]
-
-    assert halves == [1003, 997]
-
-
 def test_a_rate_is_impulses_a_second():
     assert rate_ips([10.0, 20.0, 30.0], (0.0, 100.0)) == 30.0
     assert rate_ips(np.arange(1, 50) * 5.0, (5.0, 250.0)) == pytest.approx(48 / 0.245)
@@ -42,11 +34,6 @@ def test_rows_of_a_window_are_the_spikes_inside_it(start_row, length, dt_ms, sta
 
     assert chosen.size == spikes_inside(every_spike_ms, window_ms)
     assert all(spikes_inside([time], window_ms) for time in chosen)
-
-
-def test_the_window_of_the_paper_is_rows_10_to_499():
-    """5 to 250 ms: the step of row 10 ends at 5.5 ms, that of row 499 at 250 ms."""
-    assert window_rows((5.0, 250.0), 0.5) == slice(10, 500)
 
 
 @pytest.mark.parametrize("window_ms", [(5.0, 5.0), (9.0, 5.0), (0.0, np.nan)])

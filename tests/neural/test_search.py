@@ -85,19 +85,6 @@ def test_no_row_of_a_front_is_worse_than_another(cells):
     assert_undominated(search_front(problem_of(cells=cells), seed=5, **SMALL))
 
 
-def test_a_candidate_stands_once(monkeypatch):
-    """Parameters rounded to powers of two: many candidates are the same."""
-
-    def rounded(unit, free):
-        return 2.0 ** np.ceil(np.log2(from_unit(unit, free)))
-
-    monkeypatch.setattr("neural.search.from_unit", rounded)
-    found = search_front(PROBLEM, seed=3, **SMALL)
-
-    rows = [tuple(row) for row in found.values.tolist()]
-    assert len(set(rows)) == len(rows) > 1
-
-
 def test_a_front_is_sorted_by_the_error_of_all_stimuli(front):
     """Every group has two stimuli, so the total is the mean of both objectives."""
     totals = total_rmse_ips(PROBLEM, front.errors_ips2)
@@ -248,14 +235,6 @@ def front_of(problem, *candidates):
     )
 
 
-def test_the_candidates_fire_what_is_said_of_them():
-    rates_ips = choice_problem([0.0] * 4).rates_ips(np.array([EVERY, OTHER, THIRD]))
-
-    np.testing.assert_allclose(
-        rates_ips, [[30, 90, 20, 60], [10, 40, 10, 30], [10, 30, 0, 20]], rtol=1e-12
-    )
-
-
 @pytest.mark.parametrize(
     ("observed_ips", "row"), [((30, 80, 20, 60), 0), ((10, 45, 10, 30), 1), ((10, 30, 5, 20), 2)]
 )
@@ -386,16 +365,6 @@ def test_predictions_are_those_of_searches_done_apart(rule):
         np.testing.assert_array_equal(
             trial.held_out_ips[inside], problem.rates_ips(without)[0, inside]
         )
-
-
-def test_two_groups_leave_one_objective_each():
-    problem = grouped_problem(groups=("a", "b", "a", "b", "b"))
-    heard = []
-
-    trial = trial_of(problem, evaluations=200, on_fit=heard.append)
-
-    assert heard == ["all groups", "without a", "without b"]
-    assert np.isfinite(trial.held_out_ips).all()
 
 
 def test_a_single_group_leaves_nothing_to_fit_on():

@@ -87,15 +87,6 @@ def test_for_little_strain_both_laws_are_hookes(parts, material, law):
     assert_allclose(large, small, atol=1e-5 * scale)
 
 
-def test_stretching_along_one_axis_is_the_oedometers_modulus():
-    material = Material(2.0, 0.25)
-    stress = uniform_stress_mpa(
-        np.array([[1e-3, 0], [0, 0]]), material, "linear", large_strain=False
-    )
-    assert_allclose(stress[0], 1e-3 * 2.0 * 0.75 / (1.25 * 0.5))
-    assert_allclose(stress[1:3], 0.25 / 0.75 * stress[0])
-
-
 @given(material=materials)
 def test_the_ring_is_in_equilibrium_and_free_outside(material):
     """``d sigma_rr / dr + (sigma_rr - sigma_tt) / r = 0``."""

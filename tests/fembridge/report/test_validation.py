@@ -15,14 +15,13 @@ import fembridge
 from decks.presets import QUICK
 from decks.stimuli import CATALOGUE
 from fembridge.cli import main
-from fembridge.errors import ParameterError, UsageError
+from fembridge.errors import UsageError
 from fembridge.observed import read_observed
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
     OBSERVED,
     SINES,
-    STIMULI,
     TOUCHSIM,
     agreement_table,
     beats,
@@ -334,12 +333,3 @@ def test_a_file_cannot_take_the_name_of_another_source(tmp_path, name):
     path.write_text("[SA]\ntau_ms = 30.0\n", encoding="utf-8")
     with pytest.raises(UsageError, match=name):
         judged_models(str(path))
-
-
-def test_a_model_that_is_not_there_is_named():
-    with pytest.raises(ParameterError, match="nobody"):
-        judged_models("nobody")
-
-
-def test_all_stimuli_are_the_papers():
-    assert len(STIMULI) == 82

@@ -13,14 +13,12 @@ from numpy.testing import assert_allclose
 from pandas import DataFrame
 
 from decks.material import Material
-from decks.presets import PAPER
 from fembridge.commands import verify as command
 from fembridge.errors import MissingError, UsageError
 from fembridge.report import contact, laws, patch
 from fembridge.report import verify as module
 from fembridge.report.indent import Indented, read_touching
 from fembridge.report.map_and_transient import Compared, finding_of
-from fembridge.report.mesh_convergence import member
 from fembridge.report.plane import PlaneProblem, neo_hookean
 from fembridge.report.runs import Cost, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding
@@ -218,16 +216,6 @@ def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_
     assert_allclose(found.tables["laws"].force_percent, [1, 2, 4, 6, 8])
     page = module.page_text({"laws": found}, VERSIONS, quick=True)
     assert "SA from 300 µm on; RA from 150 µm on; PC from 100 µm on." in " ".join(page.split())
-
-
-def test_a_member_of_the_family_is_as_much_coarser_as_its_factor_says():
-    assert member(1.0) == PAPER
-    twice, paper = member(2.0).resolution, PAPER.resolution
-    for name in ("contact_mm", "ridge_mm", "far_mm"):
-        assert_allclose(getattr(twice, name), 2 * getattr(paper, name))
-    for name in ("stratum_corneum_rows", "epidermis_rows", "dermis_rows"):
-        assert 2 * getattr(twice, name) == getattr(paper, name)
-    assert member(2.0).afferents == PAPER.afferents
 
 
 def test_the_last_number_of_springs_in_a_log_counts(tmp_path):
