@@ -11,9 +11,8 @@ from decks.dialects import DIALECTS, DeckOptions
 if TYPE_CHECKING:
     from decks.analysis import Analysis, Contact, Model
     from decks.finger import Finger
-    from decks.finger_file import read_finger
     from decks.own_model.inp import rebase_inp
-    from decks.presets import PRESETS, mesh_of
+    from decks.presets import PRESETS, mesh_of, read_finger
     from decks.probe import Probe
     from decks.stimuli import CATALOGUE, resolve
     from decks.waveform import make_stimulus
@@ -45,7 +44,7 @@ _MODULES = {
     "Probe": "probe",
     "make_stimulus": "waveform",
     "mesh_of": "presets",
-    "read_finger": "finger_file",
+    "read_finger": "presets",
     "rebase_inp": "own_model.inp",
     "resolve": "stimuli",
 }

@@ -22,7 +22,7 @@ from decks.finger import LAYERS, AfferentSite, Finger
 from decks.mesh import DIGITS, MIN_SCALED_JACOBIAN, Mesh, scaled_jacobian
 from decks.section import Section, section_of
 from fembridge.errors import FingerError, MissingError
-from fembridge.typing import BoolArray, FloatArray, IntArray
+from fembridge.typing import FloatArray, IntArray
 
 # More than a solver can take in a day, and than gmsh makes in minutes.
 MOST_ELEMENTS = 200_000
@@ -320,45 +320,29 @@ class HalfMesh:
         wanted[0] *= wanted[0] >= _ON_AXIS_MM
         there = (self.node_mm[taken] == wanted).all(axis=1)
         inner = np.setdiff1d(inner, taken)
-        like = inner[self._on_axis(inner) == (wanted[0] < _ON_AXIS_MM)]
+        on_axis = np.abs(self.node_mm[inner, 0]) < _ON_AXIS_MM
+        like = inner[on_axis == (wanted[0] < _ON_AXIS_MM)]
         if there.any() or not like.size:
             return self, None
         row = int(like[np.linalg.norm(self.node_mm[like] - wanted, axis=1).argmin()])
         way_mm = wanted - self.node_mm[row]
-        alone = self.node_mm.copy()
-        around = self._spread(inner, row, way_mm)
-        near = np.linalg.norm(way_mm) <= _ALONE_SHARE * self._shortest_edge_mm(row)
-        for node_mm in (alone, around) if near else (around,):
-            node_mm[row] = wanted
-            if self._bears(node_mm):
-                return HalfMesh(node_mm, self.quad, self.layer), row
-        return self, None
-
-    def _spread(self, inner: IntArray, row: int, way_mm: FloatArray) -> FloatArray:
-        """Move `row` by `way_mm` and what is around it by less; give all nodes."""
         reach_mm = max(_REACH_WAYS * float(np.linalg.norm(way_mm)), _ON_AXIS_MM)
         away_mm = np.linalg.norm(self.node_mm[inner] - self.node_mm[row], axis=1)
         share = np.clip(1 - away_mm / reach_mm, 0.0, None)
-        node_mm = self.node_mm.copy()
-        on_axis = self._on_axis(inner)
-        node_mm[inner] = np.round(node_mm[inner] + share[:, None] * way_mm, DIGITS)
-        node_mm[inner[on_axis], 0] = self.node_mm[inner[on_axis], 0]
-        return node_mm
-
-    def _on_axis(self, rows: IntArray) -> BoolArray:
-        on_axis: BoolArray = np.abs(self.node_mm[rows, 0]) < _ON_AXIS_MM
-        return on_axis
-
-    def _bears(self, node_mm: FloatArray) -> bool:
-        """Whether the elements are sound with the nodes at `node_mm`."""
-        worst = scaled_jacobian(node_mm, self._counter_clockwise())
-        return bool(worst.min() >= MIN_SCALED_JACOBIAN)
-
-    def _shortest_edge_mm(self, row: int) -> float:
-        around = self.quad[(self.quad == row).any(axis=1)]
-        edges = np.stack([around, np.roll(around, -1, axis=1)], -1).reshape(-1, 2)
+        alone, around = self.node_mm.copy(), self.node_mm.copy()
+        around[inner] = np.round(around[inner] + share[:, None] * way_mm, DIGITS)
+        around[inner[on_axis], 0] = self.node_mm[inner[on_axis], 0]
+        quads = self.quad[(self.quad == row).any(axis=1)]
+        edges = np.stack([quads, np.roll(quads, -1, axis=1)], -1).reshape(-1, 2)
         start, end = self.node_mm[edges[(edges == row).any(axis=1)]].swapaxes(0, 1)
-        return float(np.linalg.norm(start - end, axis=1).min())
+        shortest_mm = np.linalg.norm(start - end, axis=1).min()
+        near = np.linalg.norm(way_mm) <= _ALONE_SHARE * shortest_mm
+        for node_mm in (alone, around) if near else (around,):
+            node_mm[row] = wanted
+            worst = scaled_jacobian(node_mm, self._counter_clockwise())
+            if worst.min() >= MIN_SCALED_JACOBIAN:
+                return HalfMesh(node_mm, self.quad, self.layer), row
+        return self, None
 
     def _counter_clockwise(self) -> IntArray:
         corner = self.node_mm[self.quad]

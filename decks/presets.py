@@ -1,15 +1,32 @@
-"""The reference fingers, `quick` and `paper`, and their stored meshes.
+"""The fingers to choose from: `quick` and `paper` with their stored meshes, and files.
 
-``python -m decks.presets`` meshes them again with gmsh and rewrites the stored
-files; with the same gmsh the bytes do not change.
+``python -m decks.presets`` meshes the presets again with gmsh and rewrites the stored
+files; with the same gmsh the bytes do not change. Ten lines of TOML make another finger:
+a preset, and what is different about this one::
+
+    base = "quick"
+
+    [skin]
+    epidermis_mm = 0.5
+
+    [materials.dermis]
+    young_mpa = 0.08
+
+    [afferents.SA]
+    depth_mm = 0.70
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from decks.analysis import Model
-from decks.finger import Finger, Resolution
-from decks.mesh import Mesh, read_mesh
+from decks.finger import LAYERS, SITES, Finger, Resolution
+from decks.material import TABLE_1
+from decks.mesh import Mesh, read_mesh, write_mesh
+from fembridge.errors import FingerError
+from fembridge.store import changed, near_hint, read_toml
 
 QUICK = Finger("quick")
 
@@ -30,6 +47,7 @@ PAPER = Finger(
 PRESETS = {finger.name: finger for finger in (QUICK, PAPER)}
 
 _MESHES = Path(__file__).parent / "meshes"
+_NAME_LENGTH = 60
 
 
 def mesh_of(finger: Finger) -> Mesh:
@@ -58,15 +76,75 @@ def stored_mesh(name: str) -> Path:
     return _MESHES / f"{name}.npz"
 
 
-def _store() -> None:
-    from decks.mesh import write_mesh
-    from decks.mesher import mesh_finger
+def read_finger(preset_or_path: str) -> Finger:
+    """A preset by its name, or the finger that a TOML file describes.
 
-    for name, finger in PRESETS.items():
-        mesh = mesh_finger(finger)
-        write_mesh(stored_mesh(name), mesh)
-        print(f"{stored_mesh(name).name}: {len(mesh.quad)} elements")
+    Raises
+    ------
+    FingerError
+        No such preset or file, not TOML, an unknown key (near ones are named),
+        or a value that cannot be.
+    """
+    if preset_or_path in PRESETS:
+        return PRESETS[preset_or_path]
+    path = Path(preset_or_path)
+    try:
+        there = path.is_file()
+    except OSError:  # a name that is too long
+        there = False
+    if not there:
+        raise FingerError(
+            f"finger {preset_or_path!r}: neither a preset ({', '.join(PRESETS)}) nor a file"
+        )
+    table = read_toml(path, FingerError)
+    try:
+        return finger_from(table, name=path.stem)
+    except FingerError as error:
+        raise FingerError(f"{path}: {error}") from error
+
+
+def finger_from(table: Mapping[str, Any], name: str) -> Finger:
+    """The finger of a TOML table; `name` is used where the table has none."""
+    base = table.get("base", "quick")
+    if not isinstance(base, str) or base not in PRESETS:
+        raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
+    for part, names in (("materials", LAYERS), ("afferents", SITES)):
+        there = table.get(part)
+        for key in there if isinstance(there, Mapping) else ():
+            if key not in names:
+                raise FingerError(
+                    f"{part}: unknown key {key!r}, expected {', '.join(names)}"
+                    + near_hint(str(key), names)
+                )
+    own = {key: value for key, value in table.items() if key != "base"}
+    finger = changed(replace(PRESETS[base], name=name), own, FingerError)
+    # The name is in decks and reports, and becomes a file's.
+    printable = 0 < len(finger.name) <= _NAME_LENGTH and finger.name.isprintable()
+    if not printable or finger.name.startswith((".", " ")) or set(finger.name) & set("/\\"):
+        raise FingerError(
+            f"name must be 1 to {_NAME_LENGTH} printable characters, none of them "
+            f"a slash, the first no dot or space, got {finger.name!r}"
+        )
+    return finger
+
+
+def finger_table(finger: Finger) -> dict[str, Any]:
+    """`finger` as TOML has it, sizes and materials in full.
+
+    Prony terms and densities are there where they differ from a preset's: what was
+    stored before there were any stays what it is.
+    """
+    table = asdict(finger)
+    for layer, material in table["materials"].items():
+        material["prony"] = list(material["prony"])
+        for key, usual in (("prony", []), ("density_kg_m3", TABLE_1[layer].density_kg_m3)):
+            if material[key] == usual:
+                del material[key]
+    return table
 
 
 if __name__ == "__main__":
-    _store()
+    from decks.mesher import mesh_finger
+
+    for preset in PRESETS.values():
+        write_mesh(stored_mesh(preset.name), mesh_finger(preset))

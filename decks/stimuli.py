@@ -101,7 +101,20 @@ class _Entry:
 
     def __post_init__(self) -> None:
         for name, number in self.numbers().items():
-            self._check(name, number)
+            what = f"{name} of a {self.family}"
+            if not (isfinite(number) and number > 0):
+                raise StimulusError(f"{what} must be > 0 and finite, got {number:g}")
+            millionths = min(number, _MOST) * 10**DECIMALS
+            if abs(millionths - round(millionths)) > 1e-3:
+                raise StimulusError(f"{what} must have at most {DECIMALS} decimals, got {number!r}")
+            if name.endswith("_hz") and not number < NYQUIST_HZ:
+                raise StimulusError(
+                    f"{what} must be below {NYQUIST_HZ:g}, half the "
+                    f"sampling rate at {DT_MS:g} ms, got {number:g}"
+                )
+            if name.endswith("_um") and number > MAX_AMPLITUDE_UM:
+                raise StimulusError(f"{what} must be at most {MAX_AMPLITUDE_UM:g}, got {number:g}")
+            object.__setattr__(self, name, round(float(number), DECIMALS))
 
     def numbers(self) -> dict[str, float]:
         """Every number of the stimulus by its name, in the order of the id."""
@@ -131,22 +144,6 @@ class _Entry:
     def in_appendix(self) -> bool:
         """Whether the paper lists this stimulus."""
         return self in CATALOGUE
-
-    def _check(self, name: str, number: float) -> None:
-        what = f"{name} of a {self.family}"
-        if not (isfinite(number) and number > 0):
-            raise StimulusError(f"{what} must be > 0 and finite, got {number:g}")
-        millionths = min(number, _MOST) * 10**DECIMALS
-        if abs(millionths - round(millionths)) > 1e-3:
-            raise StimulusError(f"{what} must have at most {DECIMALS} decimals, got {number!r}")
-        object.__setattr__(self, name, round(float(number), DECIMALS))
-        if name.endswith("_hz") and not number < NYQUIST_HZ:
-            raise StimulusError(
-                f"{what} must be below {NYQUIST_HZ:g}, half the "
-                f"sampling rate at {DT_MS:g} ms, got {number:g}"
-            )
-        if name.endswith("_um") and number > MAX_AMPLITUDE_UM:
-            raise StimulusError(f"{what} must be at most {MAX_AMPLITUDE_UM:g}, got {number:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,16 +202,10 @@ class Noise(_Entry):
 
     def __post_init__(self) -> None:
         _Entry.__post_init__(self)
-        if not self.low_hz < self.high_hz:
-            raise StimulusError(
-                f"low_hz of a noise must be below its high_hz, "
-                f"got {self.low_hz:g} and {self.high_hz:g}"
-            )
         if self.low_hz < MIN_BAND_HZ or self.high_hz - self.low_hz < MIN_BAND_HZ:
             raise StimulusError(
-                f"the band of a noise must start at {MIN_BAND_HZ:g} Hz or above "
-                f"and be {MIN_BAND_HZ:g} Hz wide or more, "
-                f"got {self.low_hz:g} to {self.high_hz:g} Hz"
+                f"the band of a noise must begin at {MIN_BAND_HZ:g} Hz or above and end at least "
+                f"{MIN_BAND_HZ:g} Hz higher, got {self.low_hz:g} to {self.high_hz:g} Hz"
             )
 
     @property
@@ -297,24 +288,17 @@ def _named(name: str) -> tuple[Entry, ...]:
     mine = [entry for entry in CATALOGUE if isinstance(entry, kind)]
     known = {entry: tuple(entry.numbers().values()) for entry in mine}
     level = tuple(entry for entry, row in known.items() if row[: len(numbers)] == numbers)
-    if not level:
-        _refuse_incomplete(name, kind, numbers, list(known.values()))
+    if not level:  # name the numbers that there are at the place where this one is not
+        place, rows = 0, list(known.values())
+        while any(row[: place + 1] == numbers[: place + 1] for row in rows):
+            place += 1
+        there = dict.fromkeys(row[place] for row in rows if row[:place] == numbers[:place])
+        choices = ", ".join(_id(family, (*numbers[:place], number)) for number in there)
+        raise StimulusError(
+            f"no stimulus {name!r} in the catalogue, which has {choices}; "
+            f"one of your own needs all its numbers: {kind.example}"
+        )
     return level
-
-
-def _refuse_incomplete(
-    name: str, kind: type[Entry], numbers: tuple[float, ...], known: Sequence[tuple[float, ...]]
-) -> NoReturn:
-    """Name the numbers that the appendix has at the place where it has not this one."""
-    place = 0
-    while any(row[: place + 1] == numbers[: place + 1] for row in known):
-        place += 1
-    there = dict.fromkeys(row[place] for row in known if row[:place] == numbers[:place])
-    choices = ", ".join(_id(kind.family, (*numbers[:place], number)) for number in there)
-    raise StimulusError(
-        f"no stimulus {name!r} in the catalogue, which has {choices}; "
-        f"one of your own needs all its numbers: {kind.example}"
-    )
 
 
 def _refuse(name: str) -> NoReturn:

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from decks.analysis import Contact, Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
-from decks.finger_file import read_finger
-from decks.presets import mesh_of
+from decks.presets import mesh_of, read_finger
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus

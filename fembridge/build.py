@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from decks.analysis import Analysis, Model
 from decks.dialects import DeckOptions, dialect_named
-from decks.finger_file import finger_table
 from decks.motion import motion_of
+from decks.presets import finger_table
 from fembridge.errors import DeckError
 from fembridge.exports import write_csv
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder

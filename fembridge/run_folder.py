@@ -12,7 +12,7 @@ After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
 import csv
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -117,13 +117,7 @@ class RunFolder:
         """Write ``run.toml``."""
         import tomli_w
 
-        time = {
-            "increments": self.increments,
-            "dt_ms": self.dt_ms,
-            "start_ms": self.start_ms,
-            "before_ms": self.before_ms,
-            "solver_increments": self.solver_increments,
-        }
+        time = {one.name: getattr(self, one.name) for one in fields(_Time)}
         table: Table = {
             "format": FORMAT,
             "solver": self.solver,

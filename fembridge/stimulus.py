@@ -50,7 +50,14 @@ class Stimulus:
         depth.flags.writeable = False
         object.__setattr__(self, "displacement_um", depth)
         if self.aside_um is not None:
-            object.__setattr__(self, "aside_um", self._checked_aside(depth.shape))
+            aside = np.array(self.aside_um, dtype=np.float64)
+            if aside.shape != depth.shape or not np.isfinite(aside).all() or aside[0] != 0:
+                raise StimulusError(
+                    f"{self.id}: the way aside must be {depth.shape} finite numbers from 0 on, "
+                    f"got {aside.shape}"
+                )
+            aside.flags.writeable = False
+            object.__setattr__(self, "aside_um", aside)
         object.__setattr__(self, "origin", dict(self.origin))
 
     def __repr__(self) -> str:
@@ -59,16 +66,6 @@ class Stimulus:
             f"Stimulus({self.id!r}, {samples.size} samples every {self.dt_ms:g} ms, "
             f"{samples.min():g} to {samples.max():g} um)"
         )
-
-    def _checked_aside(self, shape: tuple[int, ...]) -> FloatArray:
-        aside = np.array(self.aside_um, dtype=np.float64)
-        if aside.shape != shape or not np.isfinite(aside).all() or aside[0] != 0:
-            raise StimulusError(
-                f"{self.id}: the way aside must be {shape} finite numbers from 0 on, "
-                f"got {aside.shape}"
-            )
-        aside.flags.writeable = False
-        return aside
 
     def sliding(self, speed_mm_per_s: float) -> "Stimulus":
         """The same stimulus while the probe also slides along x from time 0 on.

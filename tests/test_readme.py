@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from decks.finger_file import finger_from
+from decks.presets import finger_from
 from fembridge.cli import VERBS
 
 ROOT = Path(__file__).parents[1]

@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
-    from decks.finger_file import read_finger
+    from decks.presets import read_finger
     from fembridge.deflection.press import DEPTH_MM, FINGERS, press_of, solve_deflection
     from fembridge.deflection.profile import stored_deflections
     from fembridge.progress import SolverBars

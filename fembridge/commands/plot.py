@@ -173,8 +173,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _mesh(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
-    from decks.finger_file import read_finger
-    from decks.presets import mesh_of
+    from decks.presets import mesh_of, read_finger
     from fembridge.commands.options import probe_from
     from fembridge.plots.mesh import afferent_nodes, mesh_figure
 
@@ -197,7 +196,7 @@ def _mesh(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 
 
 def _response(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
-    from decks.finger_file import read_finger
+    from decks.presets import read_finger
     from decks.probe import Probe
     from fembridge.errors import UsageError
     from fembridge.plots.response import response_figure

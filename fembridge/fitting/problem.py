@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.finger_file import read_finger
+from decks.presets import read_finger
 from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Sine, number_text, resolve
 from decks.waveform import make_stimulus

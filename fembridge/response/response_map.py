@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from decks.finger import Finger
-from decks.finger_file import finger_table
+from decks.presets import finger_table
 from decks.probe import Probe
 from fembridge.errors import ResponseError
 from fembridge.results.stress import TENSOR, energy_stress_pa, von_mises_pa

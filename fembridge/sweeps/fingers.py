@@ -32,8 +32,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from decks.finger import AfferentSite, Finger
-from decks.finger_file import finger_from, read_finger
-from decks.presets import PRESETS
+from decks.presets import PRESETS, finger_from, read_finger
 from decks.section import DepthOfArc, Section, section_of
 from fembridge.errors import FembridgeError, FingerError, UsageError
 from fembridge.response.solve import LADDER

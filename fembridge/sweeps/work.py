@@ -26,9 +26,8 @@ from typing import TYPE_CHECKING
 
 from decks.analysis import Contact, Model
 from decks.finger import Finger
-from decks.finger_file import finger_table
 from decks.mesh import Mesh, read_mesh, write_mesh
-from decks.presets import mesh_of
+from decks.presets import finger_table, mesh_of
 from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decks.finger import AfferentSite, Finger
-from decks.finger_file import finger_from, read_finger
-from decks.presets import PRESETS, QUICK, mesh_of, stored_mesh
+from decks.presets import PRESETS, QUICK, finger_from, mesh_of, read_finger, stored_mesh
 from fembridge.errors import FingerError
 
 TEN_LINES = """\
@@ -96,7 +95,7 @@ def test_ten_lines_make_another_finger(tmp_path):
 def test_the_example_in_the_description_is_a_finger(tmp_path):
     import textwrap
 
-    import decks.finger_file as module
+    import decks.presets as module
 
     example = textwrap.dedent(module.__doc__.split("::", 1)[1])
     assert read_finger(write(tmp_path, example)).afferents["SA"].depth_mm == 0.70

@@ -2,9 +2,8 @@
 
 import pytest
 
-from decks.finger_file import finger_from, finger_table
 from decks.material import TABLE_1, Material, PronyTerm
-from decks.presets import PRESETS
+from decks.presets import PRESETS, finger_from, finger_table
 from fembridge.errors import FingerError
 
 

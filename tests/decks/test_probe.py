@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.finger_file import finger_from
 from decks.mesh import scaled_jacobian
-from decks.presets import PRESETS, mesh_of
+from decks.presets import PRESETS, finger_from, mesh_of
 from decks.probe import SHAPES, Probe, mesh_probe
 from fembridge.errors import FingerError
 

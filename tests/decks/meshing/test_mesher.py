@@ -12,10 +12,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from decks.finger import LAYERS, Resolution
-from decks.finger_file import finger_from
 from decks.mesh import write_mesh
 from decks.mesher import mesh_finger
-from decks.presets import PRESETS, QUICK, mesh_of, stored_mesh
+from decks.presets import PRESETS, QUICK, finger_from, mesh_of, stored_mesh
 from fembridge.errors import FingerError, MissingError
 
 try:
