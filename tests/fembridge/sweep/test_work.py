@@ -97,9 +97,9 @@ def test_what_a_variant_does_not_change_has_the_value_of_its_base():
 
 def test_what_is_asked_of_the_contact_is_put_into_every_rung():
     ladder = ladder_of({"friction": 0.2})
-    assert {rung.friction for rung in ladder} == {0.2}
+    assert {contact.friction for contact in ladder} == {0.2}
     assert ladder[0] == Contact(friction=0.2)
-    assert len(ladder) == len(LADDER) - 1  # the rung without friction is the first
+    assert len(ladder) == len(LADDER) - 1  # the one without friction is the first
     assert ladder_of({}) == LADDER
     whole = Contact("surface-to-surface", 500.0, 0.1, 0.05)
     asked = {name.name: getattr(whole, name.name) for name in fields(Contact)}
