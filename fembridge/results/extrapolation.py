@@ -20,7 +20,6 @@ the others of `ELEMENT_TYPES` it is inferred from their kin.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -92,7 +91,6 @@ DOCUMENTED = frozenset({3, 6, 7, 11, 21, 27, 32, 54, 57, 114, 117, 118, 125, 127
                         136})  # fmt: skip
 
 
-@lru_cache(maxsize=256)
 def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArray:
     """Weights ``(node, point)`` from what a file stores to an element's nodes; rows sum to 1.
 

@@ -270,7 +270,6 @@ class MeshPoints:
             The points of an element type are not known.
         """
         total = np.zeros((self._keys.size, values.shape[2]))
-        count = np.zeros(self._keys.size)
         every = np.arange(self.mesh.element_ids.size)
         for number, rows, nodes, weights in _corners(
             self.mesh, every, values.shape[1], method, self.path
@@ -281,11 +280,10 @@ class MeshPoints:
             carried = np.einsum("np,kpc->knc", weights[:, used], values[rows][:, used])
             at = np.searchsorted(self._keys, self._keys_of(rows, nodes)).ravel()
             once = 1.0 / _times(nodes)
-            count += np.bincount(at, once.ravel(), count.size)
             for column in range(values.shape[2]):
                 share = (carried[:, :, column] * once).ravel()
-                total[:, column] += np.bincount(at, share, count.size)
-        return total / count[:, None]
+                total[:, column] += np.bincount(at, share, len(total))
+        return total / self.elements_at()[:, None]
 
     def elements_at(self) -> FloatArray:
         """How many elements of its layer each point has, ``(P,)``."""
