@@ -4,8 +4,8 @@ Patch test, a second solver, Hertz contact, incompressibility, mesh, contact mod
 contact stiffness, material laws, response map against transients. Written are a page
 (verification.md) with figures, tables as CSV and verification.json. It takes ccx and
 most of an hour; --quick makes all studies, smaller, in under five minutes on two
-cores. Finished studies and runs are kept: a verify that was stopped goes on where it
-was. Exits with 1 when a check fails its bound.
+cores. Finished runs are kept: a verify that was stopped goes on where it was. Exits
+with 1 when a check fails its bound.
 """
 
 import argparse

@@ -149,18 +149,12 @@ def _exact_pa(corner_mm: FloatArray, points: int, material: Material) -> FloatAr
     radius_mm = np.linalg.norm(at_mm, axis=-1)
     radial, tangential, axial = np.moveaxis(ring_stress_mpa(radius_mm, material), -1, 0)
     cos, sin = np.moveaxis(at_mm / radius_mm[..., None], -1, 0)
-    zero = np.zeros_like(axial)
-    return _PA_PER_MPA * np.stack(
-        [
-            radial * cos**2 + tangential * sin**2,
-            radial * sin**2 + tangential * cos**2,
-            axial,
-            (radial - tangential) * cos * sin,
-            zero,
-            zero,
-        ],
-        -1,
-    )
+    stress = np.zeros((*axial.shape, 6))
+    stress[..., 0] = radial * cos**2 + tangential * sin**2
+    stress[..., 1] = radial * sin**2 + tangential * cos**2
+    stress[..., 2] = axial
+    stress[..., 3] = (radial - tangential) * cos * sin
+    return _PA_PER_MPA * stress
 
 
 def _finger(runs: Runs) -> "DataFrame":
@@ -243,10 +237,6 @@ def _ring_elements(number: IntArray, quadratic: bool) -> IntArray:
     low, high = number[:-1:step, :-1:step], number[step::step, :-1:step]
     corners = [low, high, number[step::step, step::step], number[:-1:step, step::step]]
     if quadratic:
-        corners += [
-            number[1::2, :-1:2],
-            number[2::2, 1::2],
-            number[1::2, 2::2],
-            number[:-1:2, 1::2],
-        ]
+        corners += [number[1::2, :-1:2], number[2::2, 1::2], number[1::2, 2::2]]
+        corners.append(number[:-1:2, 1::2])
     return np.stack([each.ravel() for each in corners], -1)

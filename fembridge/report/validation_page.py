@@ -8,7 +8,7 @@ import importlib.metadata
 import math
 import platform
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -558,11 +558,7 @@ def _record(study: Validation, command: str, folder: Path) -> Table:
         "deflection": {
             mesh.name: {
                 "elements": mesh.elements,
-                **{
-                    name: mesh.origin[name]
-                    for name in wanted
-                    if isinstance(mesh.origin, Mapping) and name in mesh.origin
-                },
+                **{name: mesh.origin[name] for name in wanted if name in (mesh.origin or ())},
             }
             for mesh in study.deflections
         },
