@@ -37,7 +37,7 @@ class Field:
     quantity names none (values then are the file's). A mode of a frequency or
     buckling analysis has no time: its `time_ms` is NaN, `increment` the number of
     the mode, `axis_value` its frequency or factor, and `axis` says which.
-    A field that comes in parts begins at record `first_row`. Arrays are read-only.
+    Arrays are read-only.
     """
 
     name: str
@@ -50,7 +50,6 @@ class Field:
     values: FloatArray
     axis: str = "total time"
     axis_value: float = float("nan")
-    first_row: int = 0
 
     def __post_init__(self) -> None:
         nodes, values = self.nodes.view(), self.values.view()

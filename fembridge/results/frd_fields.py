@@ -4,8 +4,7 @@
 ...     print(field.time_ms, field.component("SXX").max())
 
 In memory are the increment that is read and, as long as the caller keeps it, the one
-before, whatever the size of the file; with `nodes_at_once` a part of one. Times are the
-solver's, over all steps.
+before, whatever the size of the file. Times are the solver's, over all steps.
 
 CalculiX names no units, its quantities do: decks speak mm, N and s, stress is in what
 the reader's options say. What leaves here is Pa for stresses and for energy densities
@@ -19,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import ResultError, UsageError
+from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import Field, Frame, Key, Scene, SceneCells, rows_of, spread
 from fembridge.results.frd import (
@@ -81,7 +80,6 @@ def read_fields(
     partial: bool = False,
     stress_unit: str = "MPa",
     log: Callable[[str], None] | None = None,
-    nodes_at_once: int | None = None,
 ) -> Iterator[Field]:
     """One quantity, an increment at a time, in file order.
 
@@ -99,9 +97,6 @@ def read_fields(
         out.
     stress_unit
         Unit of the file: "MPa" (N and mm), "kPa" or "Pa".
-    nodes_at_once
-        Give an increment in fields of so many records at most. With `partial` one
-        that turns out not to be finite has then been given as far as it is.
 
     Raises
     ------
@@ -116,8 +111,6 @@ def read_fields(
     >>> field.time_ms, field.components, field.units
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
-    if nodes_at_once is not None and nodes_at_once < 1:
-        raise UsageError(f"nodes_at_once is {nodes_at_once}, expected 1 or more")
     path = result_file(path)
     options = ReadOptions(partial=partial, stress_unit=stress_unit, log=log)
     with ByteFile(path) as file:
@@ -125,11 +118,11 @@ def read_fields(
         wanted = having(index, outputs_of(index, options), (quantity,), options)
         size = file.size
     blocks = [output[quantity] for output in wanted]
-    return _fields(path, size, blocks, options, nodes_at_once)
+    return _fields(path, size, blocks, options)
 
 
 def _fields(
-    path: Path, size: int, blocks: Sequence[FrdBlock], options: ReadOptions, at_once: int | None
+    path: Path, size: int, blocks: Sequence[FrdBlock], options: ReadOptions
 ) -> Iterator[Field]:
     with ByteFile(path) as file:
         if file.size != size:
@@ -138,14 +131,13 @@ def _fields(
         nodes = np.empty(0, dtype=np.int64)
         for block in blocks:
             try:
-                for part in _parts(file, block, options, at_once or max(1, block.records), nodes):
-                    nodes = part.nodes
-                    yield part
-                    del part  # kept by the caller alone
+                field = _field(file, block, options, nodes)
             except NotFiniteError as error:
-                if not options.partial:
-                    raise
-                _note_dropped(block, error, options)
+                _drop(block, error, options)
+                continue
+            nodes = field.nodes
+            yield field
+            del field  # kept by the caller alone
         check_unchanged(file, options)
 
 
@@ -170,8 +162,7 @@ def _mesh(index: FrdIndex) -> Scene:
         raise ResultError(f"no whole block of {kind}{words and ': '}{words}", file.path)
     if not index.nodes.records:
         raise ResultError("node block: no nodes", file.path)
-    block = _node_block(file, index.nodes)
-    nodes, points_mm = next(_tables(file, block, (1.0,) * 3, block.records))
+    nodes, points_mm = _table(file, _node_block(file, index.nodes))
     if np.unique(nodes).size != nodes.size:
         raise ResultError("node block: a node is duplicate", file.path)
     parts: dict[int, list[tuple[IntArray, IntArray, IntArray]]] = {}
@@ -222,7 +213,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
     def field(self, quantity: str, key: Key) -> Field:
         """`quantity` at one of its `keys`."""
         block = [one for one in self._index.named(quantity) if one.key == key][-1]
-        return next(_parts(self._file, block, self._options, max(1, block.records)))
+        return _field(self._file, block, self._options)
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
@@ -234,9 +225,8 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         if index.nodes is None or not index.nodes.records:
             raise ResultError("no node block, so no coordinates", self.path)
         held_by = np.unique(node_ids(file, blocks[0]))
-        block = _node_block(file, index.nodes)
-        for nodes, at_mm in _tables(file, block, (1.0,) * 3, block.records):
-            yield nodes, at_mm, np.isin(nodes, held_by)
+        nodes, at_mm = _table(file, _node_block(file, index.nodes))
+        yield nodes, at_mm, np.isin(nodes, held_by)
 
     def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Increments one by one; the file is looked through at once."""
@@ -262,13 +252,11 @@ class FrdSource(AbstractContextManager["FrdSource"]):
             try:
                 for name, block in output.items():
                     if block.records:
-                        fields[name] = next(_parts(self._file, block, self._options, block.records))
+                        fields[name] = _field(self._file, block, self._options)
                     else:
                         self._options.note(f"left out: {block} has 0 records")
             except NotFiniteError as error:
-                if not self._options.partial:
-                    raise
-                _note_dropped(block, error, self._options)
+                _drop(block, error, self._options)
                 continue
             if fields:
                 first = next(iter(output.values()))
@@ -301,49 +289,42 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         return points
 
 
-def _note_dropped(block: FrdBlock, error: NotFiniteError, options: ReadOptions) -> None:
+def _drop(block: FrdBlock, error: NotFiniteError, options: ReadOptions) -> None:
+    if not options.partial:
+        raise error
     options.note(f"dropped step {block.step}, increment {block.increment}: {error.problem}")
 
 
-def _parts(
-    file: ByteFile,
-    block: FrdBlock,
-    options: ReadOptions,
-    most_rows: int,
-    known: IntArray | None = None,
-) -> Iterator[Field]:
-    """`block` in fields of `most_rows` records at most; nodes that are `known` are kept once."""
+def _field(
+    file: ByteFile, block: FrdBlock, options: ReadOptions, known: IntArray | None = None
+) -> Field:
+    """The whole of `block`; nodes that are `known` are kept once."""
     if block.records == 0:
         raise no_records(block, file.path)
     units = tuple(_unit(block.name, component) for component in block.components)
     scales = [PA_PER_UNIT[options.stress_unit] if unit == _PA else 1.0 for unit in units]
-    first_row = 0
-    for nodes, values in _tables(file, block, scales, most_rows):
-        yield Field(
-            name=block.name,
-            step=block.step,
-            increment=block.increment,
-            time_ms=float("nan") if block.modal else block.time_ms,
-            components=block.components,
-            units=units,
-            nodes=nodes if known is None or not np.array_equal(nodes, known) else known,
-            values=values,
-            axis=block.axis,
-            axis_value=block.value,
-            first_row=first_row,
-        )
-        first_row += len(nodes)
-        del nodes, values
+    nodes, values = _table(file, block, scales)
+    return Field(
+        name=block.name,
+        step=block.step,
+        increment=block.increment,
+        time_ms=float("nan") if block.modal else block.time_ms,
+        components=block.components,
+        units=units,
+        nodes=nodes if known is None or not np.array_equal(nodes, known) else known,
+        values=values,
+        axis=block.axis,
+        axis_value=block.value,
+    )
 
 
-def _tables(
-    file: ByteFile, block: FrdBlock, scales: Sequence[float], most_rows: int
-) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Nodes ``(rows,)`` and values ``(rows, component)``, in file order.
+def _table(
+    file: ByteFile, block: FrdBlock, scales: Sequence[float] = (1.0,)
+) -> tuple[IntArray, FloatArray]:
+    """Nodes ``(record,)`` and values ``(record, component)``, times `scales`, in file order.
 
-    Each part but the last has `most_rows` records. `scales` are the factors by which the
-    numbers of each component are multiplied. Text is taken some hundred kilobytes at a
-    time: what is in memory beside the arrays does not grow with the block.
+    Text is taken some hundred kilobytes at a time: what is in memory beside the arrays
+    does not grow with the block.
 
     Raises
     ------
@@ -353,33 +334,27 @@ def _tables(
         A number is NaN or infinite.
     """
     if block.free:
-        every, table = irregular_records(file, block)
-    step = max(1, _TEXT_BYTES // block.record_bytes)
-    for first in range(0, block.records, most_rows):
-        rows = min(most_rows, block.records - first)
-        if block.free:
-            nodes, values = every[first : first + rows], table[first : first + rows]
-        else:
-            nodes = np.empty(rows, dtype=np.int64)
-            values = np.empty((rows, len(block.components)), dtype=np.float64)
-            for at in range(0, rows, step):
-                some = slice(at, min(at + step, rows))
-                characters = characters_of(file, block, first + at, some.stop - at)
-                nodes[some] = record_ids(file.path, [block], characters, first + at)
-                values[some] = record_values(file.path, [block], characters)
-        with np.errstate(over="ignore"):  # a number that overflows is not finite
-            if set(scales) != {1.0}:
-                values *= scales if len(set(scales)) > 1 else scales[0]
-        if not np.isfinite(values).all():
-            row, column = np.argwhere(~np.isfinite(values))[0].tolist()
-            when = f"{block.axis} {block.value:g}" if block.modal else f"{block.time_ms:g} ms"
-            raise NotFiniteError(
-                f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
-                f"{values[row, column]}",
-                file.path,
-            )
-        yield nodes, values
-        del nodes, values
+        nodes, values = irregular_records(file, block)
+    else:
+        nodes = np.empty(block.records, dtype=np.int64)
+        values = np.empty((block.records, len(block.components)), dtype=np.float64)
+        step = max(1, _TEXT_BYTES // block.record_bytes)
+        for at in range(0, block.records, step):
+            characters = characters_of(file, block, at, step)
+            nodes[at : at + step] = record_ids(file.path, [block], characters, at)
+            values[at : at + step] = record_values(file.path, [block], characters)
+    with np.errstate(over="ignore"):  # a number that overflows is not finite
+        if set(scales) != {1.0}:
+            values *= scales if len(set(scales)) > 1 else scales[0]
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0].tolist()
+        when = f"{block.axis} {block.value:g}" if block.modal else f"{block.time_ms:g} ms"
+        raise NotFiniteError(
+            f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
+            f"{values[row, column]}",
+            file.path,
+        )
+    return nodes, values
 
 
 def _node_block(file: ByteFile, nodes: MeshBlock) -> FrdBlock:

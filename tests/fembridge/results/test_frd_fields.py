@@ -105,11 +105,8 @@ def test_exponents_of_three_digits_are_read(
         block("SDV", k, k * 1e-3, records, components=names, number=three_digits) for k in (1, 2)
     ]
     path = write_frd(blocks, line_end=line_end)
-    for at_once in (None, 10):
-        fields = list(read_fields(path, "SDV", nodes_at_once=at_once))
-        found = np.concatenate([f.values for f in fields if f.increment == 2])
-        expected = [[float(f"{x:.5E}") for x in row] for _, row in records]
-        assert found.tolist() == expected
+    expected = [[float(f"{x:.5E}") for x in row] for _, row in records]
+    assert [field.values.tolist() for field in read_fields(path, "SDV")] == [expected] * 2
 
 
 def test_units_are_said_and_applied(samples):
@@ -157,18 +154,6 @@ def test_a_field_is_read_only_and_finds_its_nodes(samples):
         field.component("SXZ")
 
 
-def test_parts_of_an_increment_are_the_whole(samples):
-    path = samples / "cpe4_ascii.frd"
-    whole = list(read_fields(path))
-    parts = list(read_fields(path, nodes_at_once=20))
-    assert [(p.increment, p.first_row, p.nodes.size) for p in parts[:3]] == [
-        (1, 0, 20), (1, 20, 20), (1, 40, 7),
-    ]  # fmt: skip
-    for field in whole:
-        mine = [p.values for p in parts if p.increment == field.increment]
-        assert_array_equal(np.concatenate(mine), field.values)
-
-
 @pytest.mark.parametrize("flag", [0, 1, 2, 3])
 def test_a_block_larger_than_a_chunk_is_read_whole(write_frd, block, flag, monkeypatch):
     monkeypatch.setattr("fembridge.results.frd_fields._TEXT_BYTES", 500)
@@ -196,8 +181,6 @@ def test_no_more_than_two_increments_and_one_piece_of_text_are_in_memory(
     assert len(alive) == 3
     del field
     assert all(one() is None for one in alive)
-    for part in read_fields(path, nodes_at_once=1000):
-        assert part.values.base.nbytes == 1000 * 6 * 8
     assert max(taken) < 400_000
 
 
