@@ -26,9 +26,12 @@ CalculiX has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -63,7 +66,7 @@ _STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
 _MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
 _REALS = {2: "<f4", 3: "<f8"}  # by flag
-_FORM = bytes.maketrans(b"0123456789e-", b"0000000000E+")  # of a usual field
+_LEAST_POWER, _HEAD_BITS = -104, 33  # of E-99 behind five decimals
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _MESH_BYTES = 1 << 17  # of printed elements at a time
@@ -815,20 +818,38 @@ def _floats(fields: Characters) -> FloatArray:
         A field is no number: its row, its column, and what it is.
     """
     text = fields.tobytes()
-    texts = np.frombuffer(text, dtype=f"S{_FIELD}")
-    form = np.frombuffer(text.translate(_FORM), dtype=f"S{_FIELD}")
-    usual = (form == b" 0.00000E+00") | (form == b"+0.00000E+00")
-    if usual.all():
-        values: FloatArray = texts.astype(np.float64)
-        return values.reshape(fields.shape[:2])
-    values = np.empty(texts.shape)
-    values[usual] = texts[usual].astype(np.float64)
+    columns = np.ascontiguousarray(fields.reshape(-1, _FIELD).T)
+    sign, turn = columns[0], columns[9]
+    digits = columns[[1, 3, 4, 5, 6, 7, 10, 11]] - ord("0")  # wraps below 0
+    usual = (digits < 10).all(axis=0) & (columns[2] == ord(".")) & (columns[8] | 32 == ord("e"))
+    usual &= (sign == ord(" ")) | (sign == ord("+")) | (sign == ord("-"))
+    usual &= (turn == ord("+")) | (turn == ord("-"))
+    whole = digits[0].astype(np.float64)
+    for digit in digits[1:6]:
+        whole = 10.0 * whole + digit
+    power = (10 * digits[6] + digits[7]).astype(np.int64)
+    power = np.where(turn == ord("-"), -power, power) - 5
+    # Six digits times the head of a power are exact; its tail leaves one rounding.
+    head, tail = _powers_of_ten()
+    place = np.where(usual, power, 0) - _LEAST_POWER
+    values: FloatArray = whole * head[place] + whole * tail[place]
+    values[sign == ord("-")] *= -1.0
     for row in np.flatnonzero(~usual).tolist():
         try:
             values[row] = _number(text[row * _FIELD : (row + 1) * _FIELD])
         except ValueError as error:
             raise ValueError(*divmod(row, fields.shape[1]), str(error)) from error
     return values.reshape(fields.shape[:2])
+
+
+@cache
+def _powers_of_ten() -> tuple[FloatArray, FloatArray]:
+    """Powers from `_LEAST_POWER` to 94 as sums of a head of few bits and a tail."""
+    powers = [Fraction(10) ** k for k in range(_LEAST_POWER, 95)]
+    parts = [math.frexp(float(power)) for power in powers]
+    heads = [math.ldexp(math.floor(math.ldexp(x, _HEAD_BITS)), e - _HEAD_BITS) for x, e in parts]
+    tails = [float(power - Fraction(head)) for power, head in zip(powers, heads, strict=True)]
+    return np.array(heads), np.array(tails)
 
 
 class ElementRows(NamedTuple):
