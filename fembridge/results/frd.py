@@ -42,7 +42,7 @@ from fembridge.errors import ResultError
 from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
 from fembridge.results.fields import Key, rows_of
 from fembridge.results.printed import StaRow, read_sta
-from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.read_options import NotFiniteError, ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
@@ -74,10 +74,6 @@ _DEFAULTS = ReadOptions()
 
 Output = dict[str, "FrdBlock"]  # blocks of one increment, by quantity
 Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
-
-
-class NotFiniteError(ResultError):
-    """A NaN or an infinite value, which a partial reading may leave out."""
 
 
 @dataclass(slots=True)
@@ -189,6 +185,7 @@ class FrdIndex:
         self.damage: list[FrdDamageError] = []
         self.remarks: list[str] = []
         self._key: Key | None = None  # of the block that has to follow
+        self._count: int | None = None  # of the block before: CalculiX counts them all
         self._mode: int | None = None
         # Text, name, components and line end of -4 and -5 lines, by the -4 line: every
         # increment repeats them.
@@ -287,6 +284,7 @@ class FrdIndex:
                 step, increment = int(iterations[1]), int(iterations[2])
             else:
                 step, increment = _counts(line, (48, 60), (36, 48))
+                self._follow(line[10:36].strip(), step, increment)
             self._key = step, increment
             if line[24:27] == b"STP" and not self.remarks:
                 self.remarks.append(
@@ -298,6 +296,16 @@ class FrdIndex:
         elif line.startswith(b"    1UMAT") and line[9:14].strip().isdigit():
             self.materials.setdefault(int(line[9:14]), line[14:].decode("latin-1").strip())
         return after
+
+    def _follow(self, number: bytes, step: int, increment: int) -> None:
+        """Remark, once, that a block does not have the `number` after the last one's."""
+        before, self._count = self._count, int(number) if number.isdigit() else None
+        if None in (before, self._count) or self._count == before + 1:  # type: ignore[operator]
+            return
+        words = "blocks are missing, duplicate or not in order: number "
+        if not any(remark.startswith(words) for remark in self.remarks):
+            words += f"{self._count}, of step {step}, increment {increment}, comes after {before}"
+            self.remarks.append(words)
 
     def _mesh(self, line: bytes, at: int, after: int) -> int:
         """Note a node or element block and find its end."""
@@ -635,24 +643,34 @@ def having(
     Raises
     ------
     ResultError
-        No output has one of them; or one has some and not all, and
-        `options.partial` is not set.
+        No output has one of them; or one has some and not all, or one of a step in which
+        others have stress or displacement has it not, and `options.partial` is not set.
     """
     path, held = index.file.path, dict.fromkeys(name for output in outputs for name in output)
+    keys = [next((block.key for block in output.values()), (0, 0)) for output in outputs]
+    steps = {key[0] for key, out in zip(keys, outputs, strict=True) if any(n in out for n in names)}
+    others = set[int]()
     for name in names:
         if name not in held:
             raise ResultError(f"no {name} in it, it holds {', '.join(held) or 'nothing'}", path)
     found = []
-    for output in outputs:
+    for (step, increment), output in zip(keys, outputs, strict=True):
         absent = [name for name in names if name not in output]
         if not absent:
             found.append({name: output[name] for name in names})
-        elif len(absent) < len(names):
-            step, increment = next(iter(output.values())).key
+        elif len(absent) < len(names) or (
+            step in steps and not COMPONENTS.keys().isdisjoint(names)
+        ):
+            # CalculiX writes them at every output of a step, or at none.
             words = f"step {step}, increment {increment} has no {absent[0]}"
             if not options.partial:
                 raise ResultError(words, path)
             options.note(f"dropped: {words}")
+        elif output:
+            others.add(step)
+    if others:
+        left = ", ".join(map(str, sorted(others)))
+        options.note(f"left out: outputs without {' and '.join(names)} in step {left}")
     if not found:
         raise ResultError(f"no increment has all of {', '.join(names)}", path)
     return found

@@ -27,7 +27,6 @@ from fembridge.results.frd import (
     FrdBlock,
     FrdIndex,
     MeshBlock,
-    NotFiniteError,
     Output,
     characters_of,
     check_unchanged,
@@ -40,7 +39,7 @@ from fembridge.results.frd import (
     record_ids,
     record_values,
 )
-from fembridge.results.read_options import PA_PER_UNIT, ReadOptions
+from fembridge.results.read_options import PA_PER_UNIT, NotFiniteError, ReadOptions
 from fembridge.results.readers import result_file
 from fembridge.results.stress import DERIVED, derived_of
 from fembridge.typing import BoolArray, FloatArray, IntArray

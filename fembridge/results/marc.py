@@ -31,7 +31,7 @@ from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints, Plan, plan
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement, PostMesh
 from fembridge.results.mentat import read_sts
 from fembridge.results.one_sided import OneSidedStress
-from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.read_options import NotFiniteError, ReadOptions, in_pa
 from fembridge.results.stress import DERIVED, TENSOR, derived_of, von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
@@ -431,10 +431,14 @@ def _with_element_values(post: PostFile, options: ReadOptions) -> list[PostIncre
         ([one for one in post.increments if one.harmonic], "of frequency, not of time"),
     ):
         if left:
-            shown = ", ".join(str(one.increment) for one in left[:5])
-            more = ", ..." if len(left) > 5 else ""
-            options.note(f"left out: increments {what}, {shown}{more}")
+            options.note(f"left out: increments {what}, {_some(left)}")
     return [one for one in post.increments if one.has_element_values and not one.harmonic]
+
+
+def _some(increments: Sequence[PostIncrement]) -> str:
+    """Numbers of the first few `increments`."""
+    shown = ", ".join(str(one.increment) for one in increments[:5])
+    return f"{shown}, ..." if len(increments) > 5 else shown
 
 
 def _unrounded_ms(times_ms: FloatArray, post: PostFile) -> FloatArray:
@@ -485,7 +489,9 @@ class MarcSource:
         """Sub-increment and increment of each output of `quantity`."""
         self._check_whole()
         name = self._name(quantity)
-        return [_key(one) for one in self._post.increments if name in self._quantities(one)]
+        held = [name in self._quantities(one) for one in self._post.increments]
+        self._note_without(name, held)
+        return [_key(one) for one, has in zip(self._post.increments, held, strict=True) if has]
 
     def field(self, quantity: str, key: Key) -> Field:
         """Read `quantity` at one of its `keys`.
@@ -506,13 +512,7 @@ class MarcSource:
         else:
             self._note_mesh()
             nodes, values = self._one_value_a_node(self._values(one, found))
-        bad = np.argwhere(~np.isfinite(values))
-        if bad.size:
-            raise ResultError(
-                f"{name} of increment {one.increment}, node {nodes[bad[0][0]]}: "
-                f"{found.components[bad[0][1]]} is {values[tuple(bad[0])]}",
-                self.path,
-            )
+        self._check_finite(found, one, nodes, values)
         return _field(found, one, nodes, values)
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
@@ -535,6 +535,9 @@ class MarcSource:
             if (takes := DERIVED[name][0]) != ("STRESS",):
                 words = f"{name} takes {' and '.join(takes)}: of a Marc file it is post code 48"
                 raise UsageError(words)
+        every = [self._quantities(one) for one in self._post.increments]
+        for name in names or dict.fromkeys(name for held in every for name in held):
+            self._note_without(name, [name in held for held in every])
         return self._frames(names, derived)
 
     def _frames(self, names: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
@@ -549,12 +552,19 @@ class MarcSource:
                 scene = points.scene()
                 self._note_mesh()
             values, tensors = {}, {}
-            for name, quantity in found.items():
-                values[name] = self._values(one, quantity)
-                if not quantity.columns:
-                    values[name] = values[name][points.rows]
-                elif quantity.is_tensor:
-                    tensors[quantity.codes[0]] = quantity
+            try:
+                for name, quantity in found.items():
+                    values[name] = self._values(one, quantity)
+                    if not quantity.columns:
+                        values[name] = values[name][points.rows]
+                    elif quantity.is_tensor:
+                        tensors[quantity.codes[0]] = quantity
+                    self._check_finite(quantity, one, points.nodes, values[name])
+            except NotFiniteError as error:
+                if not self._options.partial:
+                    raise
+                self._options.note(f"dropped increment {one.increment}: {error.problem}")
+                continue
             best = next((tensors[code] for code in STRESS_CODES if code in tensors), None)
             if best is not None:
                 field = _field(best, one, points.nodes, values[best.name])
@@ -577,6 +587,23 @@ class MarcSource:
         if quantity.unit != PA or not np.isfinite(values).all():
             return values
         return in_pa(values, self._options, self.path)
+
+    def _check_finite(
+        self, quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray
+    ) -> None:
+        if not np.isfinite(values).all():
+            row, column = np.argwhere(~np.isfinite(values))[0].tolist()
+            raise NotFiniteError(
+                f"{quantity.name} of increment {one.increment}, node {nodes[row]}: "
+                f"{quantity.components[column]} is {values[row, column]}",
+                self.path,
+            )
+
+    def _note_without(self, name: str, held: Sequence[bool]) -> None:
+        """Say which increments have no `name`, where some have and some have not."""
+        without = [one for one, has in zip(self._post.increments, held, strict=True) if not has]
+        if without:
+            self._options.note(f"no {name} in increments {_some(without)}")
 
     def _one_value_a_node(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
         points, node_ids = self._points, self._post.mesh.node_ids

@@ -15,10 +15,11 @@ sequential records of Fortran, with one character of a text in each word of four
 a ``.t19`` a record begins on a new line and has six numbers a line, I13 or E13.6; negative
 numbers touch what is before them.
 
-A block that is not known, or not built as known, is skipped up to its ``=end=``, with a
-remark. An increment counts when its ``----`` is there; at the first place that is cut or
-damaged, or where a new mesh comes (remeshing, which is not read), the walk ends, and what
-was whole before is what the file has.
+A block that is not known is skipped up to its ``=end=``, with a remark; so are values that
+are damaged or not built as known, but then the file is not whole. An increment counts when
+its ``----`` is there; at the first place that is cut or damaged elsewhere, or where a new
+mesh comes (remeshing, which is not read), the walk ends, and what was whole before is what
+the file has.
 
 Source: real files of post revisions 12 and 14, of Marc 2020 to 2023.1; names of the
 verification integers are Marc's. Reals of eight bytes and big-endian files are documented,
@@ -181,7 +182,8 @@ class PostFile:
 
     `kind` is "t16" or "t19", `byte_order` "little" or "big" ("little" for text),
     `precision` "single" or "double". `points` is NSTRES, integration points an element.
-    `problem` says where the file is cut or damaged; None when it is whole.
+    `problem` says where the file is cut or damaged, or which values of it are left out;
+    None when it is whole.
 
     Raises
     ------
@@ -197,6 +199,8 @@ class PostFile:
         self._model = _Model()
         self._template: _Template | None = None
         self._of, self._where = "of the model", "at the beginning"
+        self._numbers: dict[str, str] = {}  # of blocks, by their names
+        self._lost: list[str] = []  # what is left out of the values
         self._file = ByteFile(path)
         try:
             self._records = _records_of(self._file)
@@ -299,6 +303,10 @@ class PostFile:
                 self.problem = f"no {FILE_END} at the end: the run is going on, or was stopped"
         except PostDamageError as damage:
             self.problem = self._located(damage)
+        if self._lost:
+            more = f"; and {len(self._lost) - 1} more" if len(self._lost) > 1 else ""
+            words = f"{self._lost[0]}{more}"
+            self.problem = words if self.problem is None else f"{words}; {self.problem}"
 
     def _increment(self) -> None:
         records = self._records
@@ -343,6 +351,10 @@ class PostFile:
                 raise PostDamageError("a new mesh (remeshing), which is not read", records.at)
             records.skip_word()
             unknown = f"block {word[len(BEGIN) :]} is not known: skipped"
+            name = word.partition("(")[2]
+            if name and self._numbers.setdefault(name, number) != number:
+                was = f"the number of ({name} was {self._numbers[name]} before"
+                raise PostDamageError(f"{word[len(BEGIN) :]}: {was}", records.at)
             if base in readers:
                 self._read(base, readers[base], target)
             elif base not in _SKIPPED and unknown not in self.remarks:
@@ -351,14 +363,15 @@ class PostFile:
             records.skip_word()
 
     def _read(self, base: int, read: "_ReadBlock", target: "_Model | _Layout") -> None:
-        """Read a block; one that can be left out and is not built as known, with a remark."""
+        """Read a block; one that can be left out and is not built as known is, and said."""
         records = self._records
         start, kept = records.at, len(records.free)
         also = "" if target is self._model else ", also in increments built alike"
+        said = self._lost if base in _VALUES else self.remarks
         try:
             read(records, target)
             if records.word() != END:
-                self.remarks.append(f"{self._where}: more than is known, left out{also}")
+                said.append(f"{self._where}: more than is known, left out{also}")
         except PostDamageError as damage:
             if base not in _LEFT_OUT:
                 raise
@@ -368,7 +381,7 @@ class PostFile:
                 records.skip_block()
             except PostDamageError:
                 raise damage from None
-            self.remarks.append(f"{self._located(damage)}: left out{also}")
+            said.append(f"{self._located(damage)}: left out{also}")
         if isinstance(target, _Layout) and base == _INTEGERS and target.integers is not None:
             self._of = f"of increment {target.integers.values(self._file)[0, 1]}"
 
@@ -1022,7 +1035,8 @@ def _nodal(records: _Records, layout: _Layout) -> None:
 _INCREMENT: dict[int, _ReadBlock] = {
     _INTEGERS: _integers, 518: _reals, 523: _element_values, 524: _nodal,
 }  # fmt: skip
-_LEFT_OUT = (_SETS, 523, 524)  # blocks that a file can be read without
+_VALUES = (523, 524)
+_LEFT_OUT = (_SETS, *_VALUES)  # blocks that a file can be read without
 
 
 # --- Increments that look like one before, found without walking through them

@@ -525,6 +525,7 @@ DAT_COLUMNS = (
     "time_ms", "mode", "quantity", "set", "node", "element", "point", "face",
     "component", "value", "unit",
 )  # fmt: skip
+_STA_ROUNDING = 3e-6  # of a time that is printed with six digits
 _VARYING = ("contact", "relative contact")  # as many records as springs are active
 _PA, _DECK = "Pa", "deck"
 _UNITS = {
@@ -562,6 +563,10 @@ def print_rows(path: Path, options: ReadOptions, quantity: str | None = None) ->
         yield from _dat_rows(path, options, quantity)
         return
     kind, rows, problem = _progress_of(path)
+    if words := _out_of_order(rows):
+        if not options.partial:
+            raise ResultError(f"{words}; --partial (partial=True) takes all rows", path)
+        options.note(words)
     if problem is not None:
         options.note(problem)
     yield tuple(column.name for column in fields(kind))
@@ -626,32 +631,110 @@ def _progress_of(path: Path) -> tuple[type, Sequence[Any], str | None]:
     return CvgRow, read_cvg(path), problem
 
 
+def _out_of_order(rows: Sequence[Any]) -> str:
+    """Which row does not follow the one before it; "" where all do.
+
+    Increments, attempts at one and iterations of one are counted from 1 without a gap, and
+    times of a ``.sta`` add up; a ``.sts`` counts its increments over all load cases.
+    """
+    for number, (before, row) in enumerate(pairwise([None, *rows]), start=1):
+        if hasattr(row, "load_case"):
+            if before is None or None in (before.increment, row.increment):
+                continue
+            follows = row.increment == before.increment + 1
+        else:
+            names = ["step", "increment", "attempt", "iteration"][: 3 + hasattr(row, "iteration")]
+            at = [getattr(row, name) for name in names]
+            was = at if before is None else [getattr(before, name) for name in names]
+            if None in (*at, *was):  # a count that outgrew its column
+                continue
+            ways = [was[:k] + [was[k] + 1] + [1] * (len(was) - k - 1) for k in range(len(was))]
+            if before is None:
+                ways = [[at[0], *[1] * (len(at) - 1)]]
+            elif isinstance(row, StaRow):
+                ways = [ways[2]] if before.failed else ways[:2]
+            follows = at in ways and (before is None or _adds_up(before, row))
+        if not follows:
+            last = "nothing" if before is None else f"increment {before.increment}"
+            return (
+                f"row {number}, of increment {row.increment}, cannot follow {last}: rows are "
+                "missing, duplicate or not in order"
+            )
+    return ""
+
+
+def _adds_up(before: StaRow | CvgRow, row: StaRow | CvgRow) -> bool:
+    """Whether the total time of an attempt is that before it and its increment."""
+    if not (isinstance(before, StaRow) and isinstance(row, StaRow)):
+        return True
+    expected_ms = before.total_time_ms + (0.0 if row.failed else row.increment_time_ms)
+    return abs(row.total_time_ms - expected_ms) <= _STA_ROUNDING * max(
+        row.total_time_ms, expected_ms
+    )
+
+
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
-    counts: dict[tuple[str, str], int] = {}
-    before: DatSection | None = None
+    """Rows of all sections; one that differs from the first of its kind is cut or damaged.
+
+    Which springs of a contact are active changes; what else is printed does not, but for
+    other requests of another step: a time with other sections than the one before is noted.
+    """
+    firsts: dict[tuple[str, str], DatSection] = {}
+    lasts: dict[tuple[str, str], DatSection] = {}
+    groups: list[tuple[float, list[tuple[str, str]]]] = []
+    noted = False
     for section in dat_sections(path, lambda name, _: quantity in (None, name), options):
-        if before is not None:
-            yield from _section_rows(before, path, options)
-            counts[before.quantity, before.set_name] = len(before.values)
-        before = section
-    if before is None:
-        return
-    usual = counts.get((before.quantity, before.set_name), len(before.values))
-    if len(before.values) < usual and not before.quantity.startswith(_VARYING):
-        words = f"{before} is cut: {len(before.values)} of {usual} records"
-        if not options.partial:
-            raise ResultError(words, path)
-        options.note(f"dropped: {words}")
-        return
-    yield from _section_rows(before, path, options)
+        key = section.quantity, section.set_name
+        varies = section.quantity.startswith(_VARYING)
+        first = section if varies else firsts.setdefault(key, section)
+        words = _damage(section, first, lasts.get(key))
+        lasts[key] = section
+        if words:
+            if not options.partial:
+                raise ResultError(words, path)
+            options.note(f"dropped the section: {words}")
+            continue
+        if not varies and section.over_time:
+            if not groups or groups[-1][0] != section.time_ms:
+                noted = noted or _note_other_sections(groups, options)
+                groups = [*groups[-1:], (section.time_ms, [])]
+            groups[-1][1].append(key)
+        yield from _section_rows(section, path, options)
+    if not noted:
+        _note_other_sections(groups, options)
+
+
+def _damage(section: DatSection, first: DatSection, before: DatSection | None) -> str:
+    """What is wrong with a section after the `first` of its kind and the one `before`; or ""."""
+    if words := section.not_finite():
+        return words
+    count, usual = len(section.labels), len(first.labels)
+    if count != usual:
+        return f"{section} is {'cut' if count < usual else 'damaged'}: {count} of {usual} records"
+    if not np.array_equal(section.labels, first.labels):
+        return f"{section} has not the {section.label_names[0]}s of {first.time_ms:g} ms"
+    if before is None or not (section.over_time and before.over_time):
+        return ""
+    if section.time_ms < before.time_ms:
+        return f"{section} comes after {before.time_ms:g} ms"
+    same = section.time_ms == before.time_ms and np.array_equal(section.values, before.values)
+    return f"{section} is duplicate" if same and count else ""
+
+
+def _note_other_sections(
+    groups: Sequence[tuple[float, Sequence[tuple[str, str]]]], options: ReadOptions
+) -> bool:
+    """Note, and say, that the last two times have not the same sections."""
+    if len(groups) < 2 or groups[0][1] == groups[1][1]:
+        return False
+    (first_ms, was), (time_ms, now) = groups
+    lost = [f"{quantity} for {_of(of)}" for quantity, of in was if (quantity, of) not in now]
+    words = f"no {lost[0]}" if lost else "more sections"
+    options.note(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
+    return True
 
 
 def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:
-    if problem := section.not_finite():
-        if not options.partial:
-            raise ResultError(problem, path)
-        options.note(f"dropped the section: {problem}")
-        return
     unit = _UNITS.get(section.quantity, _DECK)
     if unit not in _OF_ANY_DECK and options.stress_unit != "MPa":
         unit = _DECK

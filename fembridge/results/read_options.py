@@ -16,6 +16,10 @@ METHODS = ("linear", "translate", "average")  # see `fembridge.results.extrapola
 VON_MISES = ("tensor", "scalar")
 
 
+class NotFiniteError(ResultError):
+    """A NaN or an infinite value, which a partial reading may leave out."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
     """How strictly to read, in which unit, and where remarks go.

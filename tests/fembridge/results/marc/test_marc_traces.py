@@ -415,6 +415,20 @@ def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
     assert any("increment" in words for words in said)
 
 
+def test_a_trace_is_not_one_sample_short_without_a_word(write, increments):
+    """Stress of the last increment is damaged, and the file ends as it should."""
+    path = write(increments)
+    content = bytearray(path.read_bytes())
+    name = b"".join(b"%c   " % letter for letter in b"=beg=52300")
+    at = content.rindex(name) + 284
+    content[at : at + 4] = (5).to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(ResultError, match=r"block 52300 of increment 3 .*--partial"):
+        read(path, [1])
+    (trace,) = read(path, [1], partial=True)
+    assert trace.stress_pa.size == 3
+
+
 def test_increments_without_element_values_are_left_out_and_told(write, increments):
     first = replace(increments[0], element=None)
     path = write((first, *increments[1:]))
