@@ -37,6 +37,7 @@ VERBS = {
     "verify": "hold the finite-element model against closed forms, with bounds",
     "deflect": "how far the skin goes down around a thin probe",
     "plot": "draw the mesh, a response, a raster",
+    "cache": "list or clear what was solved before",
     "doctor": "list what is installed and what is missing",
 }
 
