@@ -296,7 +296,7 @@ class Model:
     With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe, one
     of `PROBE_SUPPORTS`: see `decks.calculix` for what a spring does. Of a section that is
     a mirror image of itself half is enough for a probe on a spring; `section` "whole"
-    asks for all of it.
+    asks for all of it. `law`, one of `LAWS`, is that of skin and tissue.
     """
 
     finger: Finger
@@ -307,6 +307,7 @@ class Model:
     inertia: bool = False
     support: str = "spring"
     section: str = "half"
+    law: str = "linear"
 
     @property
     def depends_on_time(self) -> bool:
@@ -319,9 +320,7 @@ class Model:
             return self
         return replace(self, finger=self.finger.at_once(), inertia=False)
 
-    def analysis(
-        self, stimulus: Stimulus, *, law: str = "linear", watched: IntArray | None = None
-    ) -> Analysis:
+    def analysis(self, stimulus: Stimulus, *, watched: IntArray | None = None) -> Analysis:
         """Put `stimulus` on this model; the nodes of rows `watched` are written too.
 
         Raises
@@ -363,7 +362,7 @@ class Model:
                 f"{len(mesh.node_mm)} corner nodes",
                 f"probe: {probe.shape}, {probe.diameter_mm:g} mm",
             ),
-            law=law,
+            law=self.law,
             watched_row=np.array([] if watched is None else watched, dtype=np.int64),
             inertia=self.inertia,
             support="prescribed" if self.inertia else self.support,

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from decks.analysis import Contact, Model
+from decks.analysis import LAWS, Contact, Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.presets import mesh_of, read_finger
@@ -59,10 +59,13 @@ def simulate(
     element: str = "CPE4",
     inertia: bool = False,
     whole_section: bool = False,
+    law: str = "linear",
     output: PathLike | None = None,
     threads: int | None = None,
     jobs: int = 1,
     time_limit_s: float | None = None,
+    cache: bool = True,
+    yes: bool = True,
     log: Callable[[str], None] = lambda line: None,
     on_progress: OnProgress | None = None,
 ) -> "Simulation":
@@ -83,6 +86,13 @@ def simulate(
         Depth of the probe before time 0. None: as in the fit of the parameters.
     finger
         ``quick``, ``paper``, a TOML file or a `Finger`.
+    law
+        Of skin and tissue under large strain: ``linear``, as in the paper, or
+        ``neo-hookean``, the same at rest and stiffer when strongly compressed.
+    cache
+        Take what was solved before on this machine.
+    yes
+        Solve transients also where that takes more than ten minutes.
     output
         Where the solver's runs are kept. None: in a temporary folder.
 
@@ -112,10 +122,14 @@ def simulate(
     chosen = _parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     settings = SolverSettings(
-        threads=threads, jobs=jobs, time_limit_s=time_limit_s, on_progress=on_progress
+        threads=threads,
+        jobs=jobs,
+        time_limit_s=time_limit_s,
+        on_progress=on_progress,
+        cache=cache,
     )
     stimuli = stimuli_of(stimulus, depth_um, seed, slide_mm_per_s)
-    model = _model(finger, probe, Contact(), element, inertia, whole_section)
+    model = _model(finger, probe, Contact(), element, inertia, whole_section, law)
     with ExitStack() as stack:
         if output is None:
             output = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
@@ -128,6 +142,7 @@ def simulate(
             parameters=chosen.parameters,
             parameters_name=chosen.name,
             settings=settings,
+            yes=yes,
             log=log,
         )
     fitted_um = f"{chosen.preindent_um:g} um deep before time 0"
@@ -154,6 +169,7 @@ def build_deck(
     element: str | None = None,
     inertia: bool = False,
     whole_section: bool = False,
+    law: str = "linear",
     contact: str | None = None,
     stiffness_mpa_per_mm: float | None = None,
     friction: float | None = None,
@@ -222,7 +238,7 @@ def build_deck(
         element = dialect.element_named(element or dialect.element)
     except DeckError as error:
         raise UsageError(str(error)) from error
-    model = _model(finger, probe, of_contact, element, inertia, whole_section)
+    model = _model(finger, probe, of_contact, element, inertia, whole_section, law)
     options = DeckOptions(results, probe_body)
     return [
         build_run_folder(Path(output) / one.id, model, one, solver=solver, options=options)
@@ -239,12 +255,14 @@ def run(
     stall_limit_s: float | None = STALL_LIMIT_S,
     iteration_limit: int | None = ITERATION_LIMIT,
     force: bool = False,
+    cache: bool = True,
     on_progress: OnProgress | None = None,
 ) -> "list[Outcome]":
     """Run the solver in run folders, or in what `build_deck` gave.
 
     Accepted results are beside their deck. A folder whose results are whole and of its
-    deck is skipped, unless `force`. An outcome's ``failure`` is None, or the cause why
+    deck is skipped, unless `force`; with `cache` results that this machine solved before
+    are taken from its cache. An outcome's ``failure`` is None, or the cause why
     it is not accepted.
 
     Raises
@@ -262,7 +280,7 @@ def run(
     from fembridge.solver.batch import run_folders
 
     settings = SolverSettings(
-        threads, jobs, time_limit_s, stall_limit_s, iteration_limit, on_progress
+        threads, jobs, time_limit_s, stall_limit_s, iteration_limit, on_progress, cache
     )
     listed = [folders] if isinstance(folders, str | Path | RunFolder) else folders
     runs = [one if isinstance(one, RunFolder) else Path(one) for one in listed]
@@ -356,11 +374,21 @@ def _model(
     element: str,
     inertia: bool,
     whole_section: bool,
+    law: str,
 ) -> Model:
     chosen = read_finger(finger) if isinstance(finger, str) else finger
-    section = "whole" if whole_section else "half"
-    mesh = mesh_of(chosen)
-    return Model(chosen, mesh, probe or Probe(), contact, element, inertia, section=section)
+    if law not in LAWS:
+        raise UsageError(f"law {law!r}, expected {' or '.join(LAWS)}")
+    return Model(
+        chosen,
+        mesh_of(chosen),
+        probe or Probe(),
+        contact,
+        element,
+        inertia,
+        section="whole" if whole_section else "half",
+        law=law,
+    )
 
 
 def sweep(

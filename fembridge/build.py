@@ -114,6 +114,7 @@ def inputs_of(model: Model, stimulus: Stimulus) -> Table:
         "contact": asdict(model.contact),
         "finger": finger_table(model.finger),
         **({"inertia": True} if model.inertia else {}),
+        **({"law": model.law} if model.law != "linear" else {}),
     }
 
 

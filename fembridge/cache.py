@@ -31,10 +31,11 @@ _KEY_LETTERS = 32
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry: `what` it is, its `bytes` on the disk, and when it was last used."""
+    """One entry: `what` it is, its `record` and `bytes` on the disk, and its last use."""
 
     folder: Path
     what: str
+    record: dict[str, Any]
     bytes: int
     used_s: float
     """Seconds since 1970."""
@@ -126,8 +127,9 @@ def entries() -> list[Entry]:
         path = folder / ENTRY_FILE
         with suppress(OSError, ResponseError):  # another process is at work on it
             size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-            what = str(read_sealed(path, "cache entry", FORMAT).get("what", ""))
-            found.append(Entry(folder, what, size, path.stat().st_mtime))
+            table = read_sealed(path, "cache entry", FORMAT)
+            used_s = path.stat().st_mtime
+            found.append(Entry(folder, table["what"], table["record"], size, used_s))
     return sorted(found, key=lambda entry: entry.used_s, reverse=True)
 
 

@@ -28,7 +28,7 @@ from fembridge.response.solve import (
     accept_contact,
     why_no_map,
 )
-from fembridge.response.transients import RESPONSE_FOLDER, solve_transients
+from fembridge.response.transients import RESPONSE_FOLDER, check_cost, solve_transients
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, replacing, write_text
@@ -140,11 +140,12 @@ def simulate(
     ladder: Sequence[Contact] = LADDER,
     response: ResponseMap | None = None,
     settings: SolverSettings = DEFAULTS,
+    yes: bool = True,
     log: Log = lambda line: None,
 ) -> Simulation:
     """Compute stress and spikes; what a solver makes is kept below `folder`.
 
-    As `fembridge.simulate`, and: `parameters_name` is what the record calls the
+    As `fembridge.simulate`, and `parameters_name` is what the record calls the
     `parameters`; `ladder` are the contact models to try, in this order; `response` is
     what was accepted for `model` with its contact before, taken and not solved.
     """
@@ -171,13 +172,18 @@ def simulate(
         origin = {"source": "stored response"}
     else:
         place = folder / RESPONSE_FOLDER
+        if method == "transient":
+            check_cost(stimuli, model, settings, log, yes=yes)
         try:
             model, response = accept_contact(
                 model, place, deepest.deepest_um, settings, log, ladder
             )
         except FrictionSlipError as slip:
             reason = "; ".join(why for why in (reason, str(slip)) if why)
+            announced = method == "transient"
             method = _possible(method, reason, parameters, log)
+            if not announced:
+                check_cost(stimuli, model, settings, log, yes=yes)
             model = replace(model, contact=slip.contact)
             closure_percent = slip.closure_percent
     if response is None or method == "transient":
@@ -301,7 +307,9 @@ def _possible(method: str, reason: str | None, parameters: Parameters, log: Log)
 
 def _stored(model: Model, deepest: Stimulus, asked_for: bool, log: Log) -> ResponseMap:
     try:
-        response = stored_response(model.finger, model.probe, model.element)
+        response = stored_response(
+            model.finger, model.probe, model.element, depth_um=deepest.deepest_um, law=model.law
+        )
         if deepest.deepest_um > response.deepest_um:
             raise ResponseError(
                 f"{deepest.id} goes {deepest.deepest_um:.9g} um deep, the stored "

@@ -62,6 +62,14 @@ def _ctrl_c_reaches_children():
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _no_cache():
+    """What another test or a person solved before is no answer here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FEMBRIDGE_CACHE", "off")
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _no_power_cut():
     """A person's run does not wait until the disk has what was written."""
     with pytest.MonkeyPatch.context() as patch:

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--depth-mm", type=float, metavar="D", help="how deep, where it is solved (default: 1)"
     )
-    add_options(parser, ("threads", "time_limit"))
+    add_options(parser, ("threads", "time_limit", "no_cache"))
     add_output_option(parser, default="deflection")
 
 
@@ -105,7 +105,10 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
     finger = FINGERS.get(args.finger or "quick") or read_finger(args.finger)
     with SolverBars() as bars:
         settings = SolverSettings(
-            threads=args.threads, time_limit_s=args.time_limit, on_progress=bars
+            threads=args.threads,
+            time_limit_s=args.time_limit,
+            on_progress=bars,
+            cache=not args.no_cache,
         )
         solved = solve_deflection(output / "run", press_of(finger, depth_mm), settings)
     for stored in stored_deflections():

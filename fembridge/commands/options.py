@@ -9,8 +9,8 @@ if TYPE_CHECKING:
 
 STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s")
 FINGER = ("finger", "probe_shape", "probe_diameter_mm", "probe_fillet_mm", "probe_x_mm")
-SOLVING = ("whole_section", "inertia")
-LIMITS = ("threads", "jobs", "time_limit")
+SOLVING = ("whole_section", "inertia", "law")
+LIMITS = ("threads", "jobs", "time_limit", "no_cache")
 STORED_FINGER: dict[str, Any] = {
     "choices": ("quick", "paper"),
     "metavar": None,
@@ -68,6 +68,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "action": "store_true",
         "help": "the skin's mass counts while the probe follows its waveform",
     },
+    "law": {
+        "choices": ("linear", "neo-hookean"),
+        "default": "linear",
+        "help": "of skin and tissue under large strain; the same at rest (default: linear)",
+    },
     "observed": {
         "required": True,
         "metavar": "RATES.csv",
@@ -93,6 +98,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "type": float,
         "metavar": "S",
         "help": "stop a run after so many seconds (default: never)",
+    },
+    "no_cache": {
+        "action": "store_true",
+        "help": "solve also what was solved before on this machine",
     },
 }
 

@@ -42,6 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         outcomes = api.run(
             **words_of(args, "folders", "threads", "jobs", "force", "iteration_limit"),
             time_limit_s=args.time_limit,
+            cache=not (args.no_cache or args.force),
             stall_limit_s=args.stall_limit,
             on_progress=bars,
         )

@@ -51,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="interpolate in one indentation, or solve each waveform (default: auto, "
         "the map where stress depends on depth alone)",
     )
+    yes = "solve transients also where that takes more than ten minutes"
+    add("--yes", action="store_true", help=yes)
     stored = "take the stored response even where ccx is installed"
     add("--stored", action="store_true", help=stored)
     no_plot = "draw no raster; an earlier one in DIR is removed"
@@ -73,13 +75,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         lines.append(line)
         print(line, file=sys.stderr)
 
-    names = ("finger", "element", "method", "stored", "parameters", "threads", "jobs")
+    names = ("finger", "element", "method", "stored", "parameters", "threads", "jobs", "yes")
     with SolverBars() as bars:
         simulation = simulate(
             **words_of(args, *STIMULUS, *SOLVING, *names),
             probe=probe_from(args),
             output=output,
             time_limit_s=args.time_limit,
+            cache=not args.no_cache,
             log=log,
             on_progress=bars,
         )

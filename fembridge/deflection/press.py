@@ -116,12 +116,12 @@ class Press:
     def analysis(self) -> Analysis:
         """The deck's content; the pad's whole surface is watched."""
         return replace(self.model(), support="prescribed").analysis(
-            self.stimulus(), law=self.law, watched=surface_of(self.mesh)
+            self.stimulus(), watched=surface_of(self.mesh)
         )
 
     def model(self) -> Model:
         """The finger under the probe."""
-        return Model(self.finger, self.mesh, PROBE, CONTACT)
+        return Model(self.finger, self.mesh, PROBE, CONTACT, law=self.law)
 
     def inputs(self) -> Table:
         """What the run is made from."""

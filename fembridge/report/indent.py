@@ -81,7 +81,7 @@ def attempt_indent(
     runs: Runs, name: str, model: Model, stimulus: Stimulus, *, law: str = "linear"
 ) -> Attempt:
     """Solve one indentation; a failure is in the attempt."""
-    analysis = replace(model, support="prescribed").analysis(stimulus, law=law)
+    analysis = replace(model, support="prescribed", law=law).analysis(stimulus)
     inputs = {"law": law, **inputs_of(model, stimulus)}
     return runs.attempt(name, analysis, stimulus, inputs)
 

@@ -119,7 +119,10 @@ class Runs:
         if outcome is None or cpu_s is None:
             before_s = _children_s()
             settings = SolverSettings(
-                threads=THREADS, time_limit_s=TIME_LIMIT_S, on_progress=self._on_progress
+                threads=THREADS,
+                time_limit_s=TIME_LIMIT_S,
+                on_progress=self._on_progress,
+                cache=False,
             )
             outcome = run_ccx(run, settings)
             cpu_s = _children_s() - before_s

@@ -7,14 +7,12 @@ between the skin's nodes: the run ends well, the skin untouched.
 """
 
 import math
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from decks.dialects import JOB
-from decks.stimuli import MAX_AMPLITUDE_UM
 from fembridge.errors import ResponseError, ResultError, StimulusError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.frd import read_stress_and_displacement
@@ -31,13 +29,14 @@ DEFAULT_DEPTH_UM = 400.0
 """Deep enough for every stimulus of the catalogue: 250 um and the noise's peaks."""
 STEPS = 30
 """Steps grow with depth: a small vibration sees as many of them as a large one."""
+DEEP_UM = 1000.0
+"""Of all deeper stimuli: one indentation answers them too."""
+REACH_UM = 2000.0
+"""Nothing deeper was ever solved: the reference fingers reach 1500 um."""
 _PROBE_SET = "PROBE"
 
 _GROWTH = 1.7
 _UNLOAD_EVERY = 3
-# Node-to-surface contact takes any step down; up from deeper than the default, ccx
-# 2.20 lost all contact for a whole increment in steps of 28 um, never in 16 um.
-_DEEP_UNLOAD_STEP_UM = 12.0
 _DT_MS = 0.5
 _DIGITS = 3
 # Shallower, the first steps would round to the same depth.
@@ -81,25 +80,19 @@ class Acceptance(NamedTuple):
     hysteresis: bool = False
 
 
-def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
-    """Load to `depth_um` in 30 steps, unload over every third of their depths.
+def indentation(depth_um: float = DEFAULT_DEPTH_UM, steps: int = STEPS) -> Stimulus:
+    """Load to `depth_um` in `steps`, unload over every third of their depths.
 
-    Time has no meaning here; a step is one increment of the solver. Deeper than
-    the default, the way back is divided into small steps.
+    Time has no meaning here; a step is one increment of the solver.
     """
-    if not _LEAST_UM <= depth_um <= MAX_AMPLITUDE_UM:
+    if not _LEAST_UM <= depth_um <= REACH_UM:
         raise StimulusError(
-            f"indentation: depth_um is {depth_um:g}, expected {_LEAST_UM:g} to {MAX_AMPLITUDE_UM:g}"
+            f"{depth_um:g} um deep, expected {_LEAST_UM:g} to {REACH_UM:g} um: no deeper "
+            "indentation was ever solved; take a smaller amplitude or pre-indentation"
         )
-    share = np.arange(STEPS + 1) / STEPS
+    share = np.arange(steps + 1) / steps
     load_um = np.round(depth_um * share**_GROWTH, _DIGITS)
-    unload_um = load_um[STEPS - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
-    if depth_um > DEFAULT_DEPTH_UM:
-        parts = []
-        for start_um, end_um in pairwise([float(load_um[-1]), *unload_um.tolist()]):
-            steps = int(np.ceil((start_um - end_um) / _DEEP_UNLOAD_STEP_UM))
-            parts.append(np.round(np.linspace(start_um, end_um, steps + 1)[1:], _DIGITS))
-        unload_um = np.concatenate(parts)
+    unload_um = load_um[steps - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
     samples_um = np.concatenate([load_um, unload_um])
     return Stimulus(
         id=f"indentation_{depth_um:g}",
@@ -112,9 +105,8 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM) -> Stimulus:
 
 def depth_for(needed_um: float) -> float:
     """Depth of the indentation that answers stimuli down to `needed_um`."""
-    if needed_um <= DEFAULT_DEPTH_UM:
-        return DEFAULT_DEPTH_UM
-    return float(np.ceil(needed_um / 100.0) * 100.0)
+    depths_um = (DEFAULT_DEPTH_UM, DEEP_UM, float(np.ceil(needed_um / 100.0) * 100.0))
+    return next(depth_um for depth_um in depths_um if needed_um <= depth_um)
 
 
 def judge(

@@ -35,6 +35,7 @@ FOLDER = Path(__file__).parent / "maps"
 ENERGY = "energy"
 IN_PLANE = 4
 """Components of a tensor that plane strain has: xx, yy, zz, xy."""
+_DEEP = "_deep"
 _PLACE = ("node", "layer", "x_mm", "y_mm", "depth_mm")
 
 Models: TypeAlias = Mapping[str, Model] | Mapping[str, AfferentParameters]
@@ -196,8 +197,13 @@ def read_map(path: Path) -> ResponseMap:
         raise ResponseError(f"{path}: not a response map: {error}") from error
 
 
-def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
-    """The stored response of exactly this finger, probe and element.
+def stored_response(
+    finger: Finger, probe: Probe, element: str, *, depth_um: float = 0.0, law: str = "linear"
+) -> ResponseMap:
+    """The stored response of exactly this finger, probe, element and law.
+
+    Two are stored of each reference finger, ``NAME.toml`` and ``NAME_deep.toml``; the
+    one that reaches `depth_um` is given, else the deeper.
 
     Raises
     ------
@@ -206,12 +212,20 @@ def stored_response(finger: Finger, probe: Probe, element: str) -> ResponseMap:
     """
     path = FOLDER / f"{finger.name}.toml"
     if not path.is_file():
-        names = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+        stems = (file.stem for file in FOLDER.glob("*.toml"))
+        names = ", ".join(sorted(stem for stem in stems if not stem.endswith(_DEEP)))
         raise ResponseError(f"no response is stored for finger {finger.name!r}, only for {names}")
     response = read_map(path)
-    made_of = {"finger": finger_table(finger), "probe": asdict(probe), "element": element}
+    if depth_um > response.deepest_um:
+        response = read_map(path.with_stem(finger.name + _DEEP))
+    made_of = {
+        "finger": finger_table(finger),
+        "probe": asdict(probe),
+        "element": element,
+        "law": law,
+    }
     for part, wanted in made_of.items():
-        stored = response.origin.get(part)
+        stored = response.origin.get(part, "linear" if part == "law" else None)
         if stored != wanted:
             raise ResponseError(
                 f"no response is stored for this {part}: the one of finger "

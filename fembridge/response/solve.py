@@ -1,11 +1,17 @@
 """Solve the indentation: the first contact model that is to be trusted.
 
-The ladder is tried from the top. Node-to-surface with friction came back to its
-loading curve in every run to 400 um and takes two iterations an increment; what
-follows is for meshes and depths on which it does not converge, in the order of
-what it changes: softer stick springs, then no friction (0.3 % of stress at most),
-softer springs (2 %), and last surface-to-surface contact, which is path-dependent. A
-contact model that runs but does not come back is not taken: see `acceptance`.
+To 400 um each of the probe's nodes is prescribed, so all that was measured of contacts
+was measured; deeper it hangs on a stiff spring (see `decks.calculix`): prescribed, ccx
+loses all contact on the way back. With a spring the linear law reaches 1.5 mm, and at
+every depth to 400 um the stress is that of the prescribed probe within 0.01 %.
+
+The ladder is tried from the top; its first contact also on a spring and in smaller
+steps. Node-to-surface with friction came back to its loading curve in every run to 400 um
+and takes two iterations an increment; what follows is for meshes on which it does not
+converge, in the order of what it changes: softer stick springs, then no friction (0.3 %
+of stress at most), softer springs (2 %), and last surface-to-surface contact, which is
+path-dependent. A contact model that runs but does not come back is not taken: see
+`acceptance`.
 
 A map is one indentation, read at the depth of each sample, so time and place must not
 matter: no layer relaxes, no mass is accelerated, the probe does not slide. That is
@@ -17,13 +23,16 @@ without friction, it is not the contact that is path-dependent but the skin that
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from decks.analysis import Contact, Model
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
 from fembridge.response.acceptance import (
     CLOSURE_PERCENT,
+    DEEP_UM,
     DEFAULT_DEPTH_UM,
+    STEPS,
     HysteresisError,
     depth_for,
     indentation,
@@ -32,10 +41,11 @@ from fembridge.response.acceptance import (
 from fembridge.response.response_map import MAP_FILE, ResponseMap, write_map
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
+from fembridge.solver.forecast import in_words, increment_s
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.solver.verdict import Cause, Outcome
 from fembridge.stimulus import Stimulus
-from fembridge.store import make_folder
+from fembridge.store import make_folder, write_text
 
 LADDER = (
     Contact("node-to-surface", stiffness_mpa_per_mm=200.0),
@@ -52,6 +62,8 @@ CONTACT_CAUSES = frozenset(
     {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN}
 )
 
+ATTEMPTS_FILE = "contacts.txt"
+
 Log = Callable[[str], None]
 """Called with each line about what goes on."""
 
@@ -67,6 +79,19 @@ class FrictionSlipError(HysteresisError):
         super().__init__(problem, closure_percent)
         self.args = (problem, closure_percent, contact)  # these rebuild it after pickling
         self.contact = contact
+
+
+class Attempt(NamedTuple):
+    """One way to solve the indentation."""
+
+    contact: Contact
+    support: str
+    steps: int = STEPS
+
+    def __str__(self) -> str:
+        steps = "" if self.steps == STEPS else f", {self.steps} steps"
+        spring = ", probe on a spring" if self.support == "spring" else ""
+        return f"{self.contact}{spring}{steps}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,8 +134,9 @@ def solve_response(
 ) -> Solved:
     """Solve the response of `model` in `folder`, one run folder a contact model.
 
-    One that was solved there before, with the same deck, is read again as long as its
-    files are whole. The accepted map is written as ``response.toml``.
+    One that was solved before, with the same deck, there or as the cache has it, is read
+    again as long as its files are whole. The accepted map is written as
+    ``response.toml``.
 
     Raises
     ------
@@ -123,47 +149,70 @@ def solve_response(
     """
     if (reason := why_no_map(model, ())) is not None:
         raise ResponseError(f"{folder}: no response map: {reason}")
-    stimulus = indentation(depth_um)
 
-    def measured(run: RunFolder) -> ResponseMap | ResponseError:
-        try:
-            return measured_response(run, stimulus.times_ms, stimulus.displacement_um)
-        except ResponseError as error:
-            return error
+    def solved(name: str, attempt: Attempt) -> tuple[Outcome, ResponseMap | ResponseError]:
+        """The response that was accepted, or why the attempt is left."""
+        stimulus = indentation(depth_um, attempt.steps)
 
-    def solved(name: str, contact: Contact) -> tuple[Outcome, ResponseMap | ResponseError]:
-        """The response that was accepted, or why the contact model is left."""
-        # Each node prescribed: so all that was measured of contacts was measured.
-        prescribed = replace(model, support="prescribed", contact=contact)
-        run = build_run_folder(folder / name, prescribed, stimulus)
+        def measured(run: RunFolder) -> ResponseMap | ResponseError:
+            try:
+                return measured_response(run, stimulus.times_ms, stimulus.displacement_um)
+            except ResponseError as error:
+                return error
+
+        moved = replace(model, support=attempt.support, contact=attempt.contact)
+        run = build_run_folder(folder / name, moved, stimulus)
         outcome, found = solve_once(run, settings, measured)
         if outcome.failure is not None and outcome.failure.cause not in CONTACT_CAUSES:
             raise outcome.to_error()
         return outcome, found or ResponseError(str(outcome.failure))
 
+    attempts = attempts_for(depth_um, ladder)
+    increments = indentation(depth_um).displacement_um.size - 1
+    half = attempts[0].support == "spring" and model.section == "half"
+    elements = len(model.mesh.quad) * (0.5 if half else 1.0)
+    about = in_words(increments * increment_s(elements))
+    log(f"indentation to {depth_um:g} um: {increments} increments, about {about}")
     make_folder(folder)
     left: list[str] = []
-    for number, contact in enumerate(ladder, start=1):
-        outcome, found = solved(f"contact_{number}", contact)
+    for number, attempt in enumerate(attempts, start=1):
+        if left:
+            log(f"contact model {number} of {len(attempts)}: {attempt}")
+        outcome, found = solved(f"contact_{number}", attempt)
         if isinstance(found, ResponseMap):
             write_map(folder / MAP_FILE, found)
-            return Solved(found, contact, outcome)
-        if isinstance(found, HysteresisError) and contact.friction > 0:
-            _, smooth = solved(f"frictionless_{number}", replace(contact, friction=0.0))
+            return Solved(found, attempt.contact, outcome)
+        if isinstance(found, HysteresisError) and attempt.contact.friction > 0:
+            without = replace(attempt.contact, friction=0.0)
+            _, smooth = solved(f"frictionless_{number}", attempt._replace(contact=without))
             if isinstance(smooth, ResponseMap):
                 raise FrictionSlipError(
-                    f"skin slips under the probe: with {contact}, unloading differs from "
-                    f"loading by {found.closure_percent:.3g} % at the same depth, without "
+                    f"skin slips under the probe: with {attempt.contact}, unloading differs "
+                    f"from loading by {found.closure_percent:.3g} % at the same depth, without "
                     f"friction by {smooth.closure_percent:.2g} %, expected at most "
                     f"{CLOSURE_PERCENT} %: stress depends on the probe's way, not on depth "
                     "alone",
                     found.closure_percent,
-                    contact,
+                    attempt.contact,
                 )
         problem = str(found).removeprefix(f"{folder / f'contact_{number}'}: ")
-        left.append(f"{contact}: {problem}")
+        left.append(f"{attempt}: {problem}")
         log(f"left {left[-1]}")
-    raise ResponseError(f"{folder}: no contact model was accepted: {'; '.join(left)}")
+    write_text(folder / ATTEMPTS_FILE, "\n".join(left) + "\n")
+    raise ResponseError(
+        f"{folder}: none of {len(left)} contact models was accepted to {depth_um:g} um, each "
+        f"with its reason in {ATTEMPTS_FILE}; take a smaller amplitude, or --law neo-hookean"
+    )
+
+
+def attempts_for(depth_um: float, ladder: Sequence[Contact]) -> list[Attempt]:
+    """What is tried in turn; no contact model is a cure for more than `DEEP_UM`."""
+    support = "prescribed" if depth_um <= DEFAULT_DEPTH_UM else "spring"
+    first, *others = (Attempt(contact, support) for contact in ladder)
+    spring = Attempt(first.contact, "spring")
+    firsts = [first] if support == "spring" else [first, spring]
+    firsts.append(spring._replace(steps=2 * STEPS))
+    return firsts if depth_um > DEEP_UM else [*firsts, *others]
 
 
 def accept_contact(
@@ -189,6 +238,7 @@ def accept_contact(
     )
     outcome = solved.outcome
     how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
+    how = "taken from the cache" if outcome.cached else how
     log(
         f"response of finger {model.finger.name!r} {how}: "
         f"{outcome.increments} increments, contact {solved.contact}, unloading within "

@@ -5,12 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from decks.analysis import Contact, Model
+from decks.motion import SUBSTEPS
 from fembridge.build import build_run_folder
-from fembridge.errors import ResponseError
+from fembridge.errors import ResponseError, UsageError
 from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, accept_contact
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
 from fembridge.solver.batch import run_folders
+from fembridge.solver.forecast import in_words, increment_s
 from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
@@ -18,6 +20,37 @@ from fembridge.typing import Table
 
 RESPONSE_FOLDER = "response"
 RUNS_FOLDER = "runs"
+LONG_S = 600.0
+"""What takes longer is only begun when somebody says so."""
+
+
+def check_cost(
+    stimuli: Sequence[Stimulus],
+    model: Model,
+    settings: SolverSettings,
+    log: Log,
+    *,
+    yes: bool,
+) -> None:
+    """Log how long the transients of `stimuli` take; refuse what is long without `yes`.
+
+    Raises
+    ------
+    UsageError
+        More than `LONG_S`, and neither `yes` nor a time limit.
+    """
+    share = 0.5 if model.section == "half" and not model.inertia else 1.0
+    samples = sum(stimulus.displacement_um.size for stimulus in stimuli)
+    increments = samples * (SUBSTEPS if model.inertia else 1)
+    all_s = increments * increment_s(share * len(model.mesh.quad)) / settings.jobs
+    count = f"{len(stimuli)} transient{'s' if len(stimuli) > 1 else ''}"
+    line = f"{count} of {increments} increments in all: about {in_words(all_s)}"
+    if all_s > LONG_S and not yes and settings.time_limit_s is None:
+        raise UsageError(
+            f"{line}: say --yes, or --time-limit S for each; cheaper are fewer stimuli, --jobs, "
+            "--finger quick, or --method map where stress depends on depth alone"
+        )
+    log(line)
 
 
 def solve_transients(

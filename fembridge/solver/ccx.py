@@ -14,6 +14,7 @@ became of later ones, and where the record's checksums agree it is of this deck.
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -28,6 +29,7 @@ from types import FrameType
 from typing import TypeVar
 
 from decks.dialects import JOB
+from fembridge import cache
 from fembridge.errors import LockedError, MissingError, OutputError, ResultError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.results.printed import CvgRow, StaRow, read_cvg, read_sta
@@ -67,6 +69,11 @@ FIXED_NAMES = ("spooles.out", "ResultsForLastIterations.frd")
 OLD_RESULTS = (".frd", ".dat", ".sta", ".cvg", ".12d", ".cel")
 """What belongs to one run: none of it may stay beside the results of another."""
 RECORD_FORMAT = 1
+REFERS = re.compile(r"(?im)^\s*\*(?:INCLUDE|RESTART|SUBMODEL)|^\s*\*.*,\s*(?:INPUT|FILE)\s*=")
+"""Cards of a deck that read another file."""
+
+_NAMED = (("finger", "name"), ("stimulus", "id"))
+"""What of a run's inputs names it to a person."""
 
 _Read = TypeVar("_Read")
 
@@ -296,6 +303,9 @@ def _run(
     except OSError as error:
         raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
     deck_sha256 = sha256_of(work / f"{JOB}.inp")
+    key = _cache_key(program, work / f"{JOB}.inp", deck_sha256) if settings.cache else None
+    if key is not None and (known := _from_cache(key, run, work)) is not None:
+        return known
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
@@ -324,12 +334,58 @@ def _run(
         threads=settings.threads,
         as_built=deck_sha256 == run.deck_sha256,
     )
-    if failure is not None:
-        _keep_evidence(run, work, failure)
-    else:
+    if failure is None:
         _publish(run, work)
         _write_record(run, outcome, deck_sha256)
+    if key is not None:
+        _into_cache(key, run, work, outcome)
+    if failure is not None:
+        _keep_evidence(run, work, failure)
     return outcome
+
+
+def _cache_key(program: Path, deck: Path, deck_sha256: str) -> str | None:
+    """Key of a run by what it is made from; None where files beside the deck count too."""
+    if REFERS.search(deck.read_text(encoding="ascii", errors="replace")):
+        return None
+    return cache.key_of({"deck": deck_sha256, "solver": sha256_of(program)})
+
+
+def _from_cache(key: str, run: RunFolder, work: Path) -> Outcome | None:
+    """The outcome of a run that was solved before, its files where they belong."""
+    record = cache.take(key, work)
+    if record is None:
+        return None
+    if "cause" in record:
+        failure = Failure(Cause[record["cause"]], record["found"])
+        _keep_evidence(run, work, failure)
+        return Outcome(run.folder, failure, cached=True, version=record["version"])
+    import tomli_w
+
+    _publish(run, work)
+    del record["deck_bytes"]
+    write_text(run.folder / SOLVER_FILE, tomli_w.dumps(record))
+    found = finished_outcome(run)
+    return None if found is None else replace(found, cached=True)
+
+
+def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
+    """Keep a whole run, or that the solver itself gave it up; no limit of a user's."""
+    failure = outcome.failure
+    made_from = ((run.inputs.get(part) or {}).get(key) for part, key in _NAMED)
+    what = ", ".join(str(name) for name in made_from if name) or run.folder.name
+    if failure is None:
+        record = tomllib.loads((run.folder / SOLVER_FILE).read_text(encoding="utf-8"))
+        files = [run.folder / f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")]
+        files.append(run.folder / LOG_FILE)
+    elif failure.cause in (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN):
+        cause = {"cause": failure.cause.name, "found": failure.found}
+        record = {**cause, "version": outcome.version or ""}
+        files, what = [work / LOG_FILE], f"{what}: {failure.cause.value}"
+    else:
+        return
+    record["deck_bytes"] = run.deck.stat().st_size
+    cache.keep(key, what, record, [file for file in files if file.is_file()])
 
 
 def _watch(

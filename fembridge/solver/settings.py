@@ -60,7 +60,8 @@ class SolverSettings:
     `threads` None leaves the solver's threads to the environment. A run ends after
     `time_limit_s` in all, `stall_limit_s` without a file that grows, or when one
     attempt at an increment takes more than `iteration_limit` iterations; None is never.
-    `on_progress` is called at the latest every second, and when a run ends.
+    `on_progress` is called at the latest every second, and when a run ends. Without
+    `cache` a deck is solved that was solved before on this machine.
     """
 
     threads: int | None = None
@@ -69,6 +70,7 @@ class SolverSettings:
     stall_limit_s: float | None = STALL_LIMIT_S
     iteration_limit: int | None = ITERATION_LIMIT
     on_progress: OnProgress | None = None
+    cache: bool = True
 
     def __post_init__(self) -> None:
         for name in ("threads", "jobs", "time_limit_s", "stall_limit_s", "iteration_limit"):

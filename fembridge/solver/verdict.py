@@ -149,13 +149,14 @@ class Outcome:
 
     `exit_code` is negative for a signal and None when nothing was started.
     `increments` counts those that converged, `iterations` all that were made.
-    `skipped`: results of the same deck were there already. `as_built`: the deck is
-    the one that ``run.toml`` names.
+    `skipped`: results of the same deck were there already, or, `cached`, in the cache.
+    `as_built`: the deck is the one that ``run.toml`` names.
     """
 
     folder: Path
     failure: Failure | None = None
     skipped: bool = False
+    cached: bool = False
     version: str | None = None
     exit_code: int | None = None
     wall_s: float = 0.0
@@ -173,6 +174,8 @@ class Outcome:
         if self.failure is not None:
             return f"{self.folder}: {self.failure}"
         cost = f"{self.increments} increments, {self.iterations} iterations"
+        if self.cached:
+            return f"{self.folder}: solved before, results from the cache, {cost}"
         if self.skipped:
             return f"{self.folder}: has the results of this deck, {cost}"
         return f"{self.folder}: {cost}, {self.wall_s:.1f} s"
@@ -189,6 +192,7 @@ class Outcome:
             "folder": str(self.folder),
             "ok": self.accepted,
             "skipped": self.skipped,
+            "cached": self.cached,
             "cause": failure and failure.cause.name.lower(),
             "problem": failure and str(failure),
             "deck_line": failure and failure.deck_line,

@@ -190,7 +190,7 @@ def test_a_contact_face_lies_between_two_contact_nodes(model):
 
 
 def test_only_soft_layers_take_another_law(short):
-    model = Model(QUICK, SKIN, support="prescribed").analysis(short, law="neo-hookean")
+    model = Model(QUICK, SKIN, support="prescribed", law="neo-hookean").analysis(short)
     assert {layer.name for layer in model.layers if layer.law == "linear"} == {"bone", "nail"}
     assert model.probe.law == "linear"
 

@@ -23,6 +23,7 @@ from fembridge.response import solve
 from fembridge.response import transients as transients_module
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.response.solve import LADDER, FrictionSlipError, Solved
+from fembridge.response.transients import check_cost
 from fembridge.run_folder import read_run_folder
 from fembridge.simulation import simulate
 from fembridge.solver import ccx as ccx_module
@@ -173,7 +174,7 @@ def test_the_indentation_goes_as_deep_as_the_deepest_stimulus(tmp_path, model, c
     stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=210.0)
     with pytest.raises(ResponseError, match="460 um"):
         simulate(stimuli, model, tmp_path)  # the play's map is shallower than asked
-    assert ccx[0][2] == 500.0
+    assert ccx[0][2] == 1000.0
 
 
 def test_results_that_are_there_answer_without_another_solve(tmp_path, model, monkeypatch, lines):
@@ -192,8 +193,8 @@ def test_results_that_are_there_answer_without_another_solve(tmp_path, model, mo
     monkeypatch.setattr(ccx_module, "run_ccx", None)
     simulate(ONE, model, tmp_path, log=lines.append)
 
-    assert "solved in 10 s: 39 increments" in lines[0]
-    assert "read again: 39 increments" in lines[1]
+    assert "solved in 10 s: 39 increments" in lines[1]
+    assert "read again: 39 increments" in lines[3]
 
 
 def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
@@ -210,7 +211,7 @@ def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
     [
         ({"probe": Probe(diameter_mm=2.0)}, {}, "stored for this probe"),
         ({"element": "CPE8R"}, {}, "stored for this element"),
-        ({}, {"preindent_um": 200.0}, "sine_20_250 goes 450 um deep.* 400 um"),
+        ({}, {"preindent_um": 900.0}, "sine_20_250 goes 1150 um deep.* 1000 um"),
         ({}, {"method": "transient"}, "--method transient"),
     ],
 )
@@ -368,3 +369,14 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     if asked is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", asked)
     assert SolverSettings(threads=threads).shared_by(runs).threads == expected
+
+
+def test_long_transients_take_a_word_before_anything_is_solved(tmp_path, model, ccx, lines):
+    all_of_them = stimuli_of("all")
+    with pytest.raises(UsageError, match=r"82 transients of .* --yes") as caught:
+        simulate(all_of_them, model, tmp_path, method="transient", yes=False)
+    assert len(str(caught.value)) < 300
+    assert ccx == []
+    limited = SolverSettings(time_limit_s=5.0)
+    check_cost(all_of_them, model, limited, lines.append, yes=False)
+    assert lines[0].startswith("82 transients of ")

@@ -247,7 +247,7 @@ SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        (["--preindent-um", "500"], "sine_20_250 goes 750 um deep, the stored response"),
+        (["--preindent-um", "900"], "sine_20_250 goes 1150 um deep, the stored response"),
         (["--method", "transient"], "--method transient: that takes a solver"),
         (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
         (["--finger", "named.toml"], "young_mpa 0.05, asked for is 0.08"),
@@ -306,7 +306,7 @@ def test_an_output_that_is_a_file_is_told_and_stays(here, capsys, output):
 @pytest.mark.parametrize(
     "words",
     [
-        ["--stimulus", "sine_20_250", "--preindent-um", "500"],
+        ["--stimulus", "sine_20_250", "--preindent-um", "900"],
         ["--stimulus", "sine_20_250", "--method", "transient"],
         ["--stimulus", "sine_20_250", "--parameters", "absent.toml"],
         ["--stimulus", "nois"],

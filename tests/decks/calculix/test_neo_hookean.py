@@ -18,7 +18,7 @@ def law_deck(parse_deck, short):
     """Give the deck of a law, as text and parsed."""
 
     def build(law):
-        text = calculix_deck(Model(QUICK, SKIN, support="prescribed").analysis(short, law=law))
+        text = calculix_deck(Model(QUICK, SKIN, support="prescribed", law=law).analysis(short))
         return text, parse_deck(text)
 
     return build

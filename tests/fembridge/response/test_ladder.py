@@ -10,16 +10,20 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, SolverError
 from fembridge.response import solve
+from fembridge.response.acceptance import DEFAULT_DEPTH_UM
 from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
 from fembridge.response.solve import (
     LADDER,
     FrictionSlipError,
     HysteresisError,
+    attempts_for,
     solve_response,
     why_no_map,
 )
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.verdict import Cause
+
+ATTEMPTS = attempts_for(DEFAULT_DEPTH_UM, LADDER)
 
 
 def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
@@ -29,7 +33,7 @@ def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
 
     assert player.numbers == [1]
     assert solved.contact == LADDER[0]
-    assert told == []
+    assert [line.split(":")[0] for line in told] == ["indentation to 400 um"]
     assert not solved.outcome.skipped
     shipped = read_map(FOLDER / "quick.toml")
     np.testing.assert_array_equal(solved.response.tensor_pa, shipped.tensor_pa)
@@ -43,10 +47,10 @@ def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, play
     solved = solve_response(tmp_path, model, log=told.append)
 
     assert player.numbers == [1, 2]
-    assert told[0].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
-    assert solved.contact == LADDER[1]
-    inputs = solved.response.origin["contact"]
-    assert inputs["stiffness_mpa_per_mm"] == LADDER[1].stiffness_mpa_per_mm
+    assert told[1].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
+    assert told[2] == f"contact model 2 of {len(ATTEMPTS)}: {LADDER[0]}, probe on a spring"
+    assert solved.contact == LADDER[0]
+    assert solved.response.origin["drive"] == "spring"
 
 
 def test_a_contact_that_does_not_come_back_is_left_and_told(
@@ -58,7 +62,7 @@ def test_a_contact_that_does_not_come_back_is_left_and_told(
     solve_response(tmp_path, model, log=told.append)
 
     assert player.numbers == [1, 2]
-    assert told == [f"left {LADDER[0]}: unloading differs from loading by 17 %"]
+    assert told[1] == f"left {LADDER[0]}: unloading differs from loading by 17 %"
 
 
 @pytest.mark.parametrize("cause", [Cause.NO_SOLVER, Cause.DISK_FULL, Cause.INTERRUPTED])
@@ -79,20 +83,27 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
     tmp_path, model, player, path_dependent
 ):
     player.plays = {1: Cause.DIVERGED, 3: Cause.STALLED}
-    path_dependent.update({2, *range(4, len(LADDER) + 1)})
+    path_dependent.update({2, *range(4, len(ATTEMPTS) + 1)})
     told = []
 
     with pytest.raises(ResponseError) as caught:
         solve_response(tmp_path, model, log=told.append)
 
-    assert player.numbers == list(range(1, len(LADDER) + 1))
-    reasons = [line.removeprefix("left ") for line in told]
-    assert str(caught.value).endswith("; ".join(reasons))
-    assert [reason.split(": ")[0] for reason in reasons] == [str(c) for c in LADDER]
+    assert player.numbers == list(range(1, len(ATTEMPTS) + 1))
+    reasons = [line.removeprefix("left ") for line in told if line.startswith("left ")]
+    assert (tmp_path / solve.ATTEMPTS_FILE).read_text().splitlines() == reasons
+    assert [reason.split(": ")[0] for reason in reasons] == [str(each) for each in ATTEMPTS]
     assert f"{Cause.DIVERGED.value}: increment 3" in reasons[0]
     assert reasons[1].endswith("17 %")
     assert f"{Cause.STALLED.value}: increment 3" in reasons[2]
+    assert solve.ATTEMPTS_FILE in str(caught.value)
+    assert len(str(caught.value)) - len(str(tmp_path)) < 250
     assert not (tmp_path / MAP_FILE).exists()
+
+
+def test_deeper_than_the_default_the_probe_hangs_on_a_spring():
+    assert [each.support for each in attempts_for(1000.0, LADDER)] == ["spring"] * 7
+    assert {each.contact for each in attempts_for(1500.0, LADDER)} == {LADDER[0]}
 
 
 def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
@@ -104,7 +115,7 @@ def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
     again = solve_response(tmp_path, model)
 
     assert player.numbers == [1, 2]
-    assert again.contact == LADDER[1]
+    assert again.contact == LADDER[0]
 
 
 @pytest.mark.parametrize("name", ["job.dat", "job.frd"])
@@ -134,7 +145,7 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     with pytest.raises(FrictionSlipError) as slip:
         solve_response(tmp_path, model)
 
-    assert (slip.value.contact, slip.value.closure_percent) == (LADDER[1], 1.5)
+    assert (slip.value.contact, slip.value.closure_percent) == (LADDER[0], 1.5)
     for words in ("skin slips", "friction 0.4", "by 1.5 %", "the probe's way"):
         assert words in str(slip.value)
     assert player.numbers == [1, 2]
@@ -148,11 +159,14 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
 def test_a_contact_without_friction_has_no_frictionless_twin(
     tmp_path, model, player, path_dependent
 ):
-    path_dependent.update({1, 2, 3})
+    smooth = [not attempt.contact.friction for attempt in ATTEMPTS].index(True) + 1
+    path_dependent.update(range(1, smooth + 1))
 
     solve_response(tmp_path, model)
 
-    assert [folder.name for folder in player.smooth] == ["frictionless_1", "frictionless_2"]
+    assert [folder.name for folder in player.smooth] == [
+        f"frictionless_{number}" for number in range(1, smooth)
+    ]
 
 
 @pytest.fixture(scope="module")
