@@ -41,6 +41,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ED][+-]?\d+)?", re.IGNORECASE)
 # Keywords whose data may be in a file that INPUT= names.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET")
 _DEEPEST = 9  # ccx 2.20 includes no deeper
+_MOST_FILES = 1000  # one file may be included by many lines
 _MOST_DIGITS = 10
 # Runs of consecutive numbers over all sets: sets of sets of sets grow without bound.
 _MOST_RUNS = 1_000_000
@@ -308,6 +309,8 @@ class _Reader:
             self.blocks[-1].pieces.append(piece)
 
     def _open(self, name: str, where: str, wanted: bool) -> Text | None:
+        if len(self.inclusions) >= _MOST_FILES:
+            raise DeckError(f"{where}: more than {_MOST_FILES} files are included")
         data = self._resolver(name) if wanted and self._resolver is not None else None
         self.inclusions.append(Inclusion(name, where, data is not None or not wanted))
         return None if data is None else Text(data, name)

@@ -15,7 +15,7 @@ from fembridge.errors import DeckError
 from fembridge.exports import write_csv
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, replacing
+from fembridge.store import MAX_DECK_BYTES, filling, read_bytes, replacing
 from fembridge.trace import MS_PER_S
 from fembridge.typing import Table
 
@@ -150,10 +150,7 @@ def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
     known = _SOLVERS.get(path.suffix.lower())
     if known is None:
         raise DeckError(f"{path}: expected a deck: a .inp of CalculiX or Abaqus, or a .dat of Marc")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DeckError(f"{path}: cannot be read: {error.strerror}") from error
+    data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     if solver is None:
         solver = known[0] if len(known) == 1 else dialect_in(data)
     elif solver not in known:
@@ -207,7 +204,7 @@ def build_own_folder(
             )
         if not source.is_file():
             raise DeckError(f"{base.path}: includes {name}, which is not there")
-        files[name] = source.read_bytes()
+        files[name] = read_bytes(source, MAX_DECK_BYTES, DeckError)
     before_ms = rebased.before_s * MS_PER_S
     run = RunFolder(
         folder=folder,

@@ -86,6 +86,9 @@ def _run(words: list[str]) -> int:
     except FembridgeError as error:
         print("fembridge:", " ".join(str(error).splitlines()), file=sys.stderr)
         return error.exit_code
+    except MemoryError:
+        print("fembridge: the memory is too small for this file or request", file=sys.stderr)
+        return 1
     if args.json:
         import json
 

@@ -6,6 +6,7 @@ in a draft folder and take their places only when all are whole; of two processe
 do so in one folder, one waits for the other.
 """
 
+import codecs
 import difflib
 import errno
 import fcntl
@@ -13,6 +14,7 @@ import filecmp
 import hashlib
 import json
 import os
+import re
 import shutil
 import tempfile
 import tomllib
@@ -236,21 +238,50 @@ def _same(new: Path, old: Path) -> bool:
     return old.is_file() and filecmp.cmp(new, old, shallow=False)
 
 
-MAX_TOML_BYTES = 1_000_000
+MAX_DECK_BYTES = 1 << 29
+MAX_TOML_BYTES, MAX_TOML_KEYS, MAX_TOML_DEPTH = 1_000_000, 10_000, 8
+_KEY_PART = rb"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
+# A parser's memory grows with the square of the parts of a key.
+_DEEP_KEY = re.compile(rb"(?<![\w-])(?:%s){%d}" % (_KEY_PART, MAX_TOML_DEPTH))
+_TABLE_HEAD = re.compile(rb"^[ \t]*\[", re.MULTILINE)
 
 
-def read_toml(path: Path, error: MakeError, max_bytes: int = MAX_TOML_BYTES) -> Table:
-    """Table of the TOML file `path`, of at most `max_bytes`."""
+def read_bytes(path: Path, max_bytes: int, error: MakeError) -> bytes:
+    """The content of a file, or of a pipe, of at most `max_bytes`."""
     try:
         with path.open("rb") as file:
             content = file.read(max_bytes + 1)
-        if len(content) > max_bytes:
-            raise error(f"{path}: more than {max_bytes} bytes")
-        return tomllib.loads(content.decode("utf-8-sig"))  # some editors begin with a mark
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror}") from problem
+    if len(content) > max_bytes:
+        raise error(f"{path}: more than {max_bytes} bytes")
+    return content
+
+
+def read_toml(
+    path: Path,
+    error: MakeError,
+    max_bytes: int = MAX_TOML_BYTES,
+    max_keys: int = MAX_TOML_KEYS,
+) -> Table:
+    """Table of the TOML file `path`, of at most `max_bytes` and about `max_keys`.
+
+    A key has at most `MAX_TOML_DEPTH` parts: a few kilobytes of dots would fill the memory.
+    """
+    content = read_bytes(path, max_bytes, error)
+    return _table_in(content.removeprefix(codecs.BOM_UTF8), path, "TOML", error, max_keys)
+
+
+def _table_in(content: bytes, path: Path, what: str, error: MakeError, max_keys: int) -> Table:
+    if deep := _DEEP_KEY.search(content):
+        line = content.count(b"\n", 0, deep.start()) + 1
+        raise error(f"{path}:{line}: a key of more than {MAX_TOML_DEPTH} parts")
+    if content.count(b"=") + sum(1 for _ in _TABLE_HEAD.finditer(content)) > max_keys:
+        raise error(f"{path}: more than {max_keys} keys")
+    try:
+        return tomllib.loads(content.decode())
     except (ValueError, RecursionError) as problem:  # no TOML, no UTF-8, nested too deep
-        raise error(f"{path}: not readable as TOML: {problem}") from problem
+        raise error(f"{path}: not readable as {what}: {problem}") from problem
 
 
 def structure(table: object, kind: type[_Value], error: MakeError) -> _Value:
@@ -415,13 +446,8 @@ def write_sealed(path: Path, table: Table) -> None:
 
 def read_sealed(path: Path, what: str, expected: object) -> Table:
     """Read what `write_sealed` wrote: a `what`, of the ``format`` `expected`."""
-    try:
-        content = path.read_bytes()
-        table = tomllib.loads(content.decode())
-    except OSError as error:
-        raise ResponseError(f"{path}: not readable: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, nested deep
-        raise ResponseError(f"{path}: not readable as a {what}: {error}") from error
+    content = read_bytes(path, MAX_TOML_BYTES, ResponseError)
+    table = _table_in(content, path, f"a {what}", ResponseError, MAX_TOML_KEYS)
     if table.get("format") != expected:
         raise ResponseError(f"{path}: format {table.get('format')!r}, expected {expected}")
     stated, _, sealed = content.partition(b"\n")

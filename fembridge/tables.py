@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import TableError, TraceError
-from fembridge.store import write_text
+from fembridge.store import read_bytes, write_text
 from fembridge.trace import StressTrace, mean_step
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
@@ -37,6 +37,7 @@ TRACE_COLUMNS = ("time_ms", "afferent", "node", "von_mises_pa")
 SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
+MAX_TABLE_BYTES = 1 << 28
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
 _IN_QUOTES = re.compile(r"EOF inside string starting at row (\d+)")
@@ -302,13 +303,14 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
 
 
 def _decoded(path: Path) -> str:
+    def error_of(words: str) -> TableError:
+        return TableError(words.removeprefix(f"{path}: "), path)
+
+    content = read_bytes(path, MAX_TABLE_BYTES, error_of)
+    if b"\0" in content:
+        raise TableError("a binary file, expected a CSV table in UTF-8", path)
     try:
-        content = path.read_bytes()
-        if b"\0" in content:
-            raise TableError("a binary file, expected a CSV table in UTF-8", path)
         return content.decode("utf-8-sig")
-    except OSError as error:
-        raise TableError(f"cannot read: {error.strerror}", path) from error
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         found = f"byte 0x{content[error.start]:02x}"

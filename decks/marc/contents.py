@@ -32,6 +32,7 @@ from decks.marc.grammar import (
     read_options,
 )
 from fembridge.errors import DeckError
+from fembridge.store import MAX_DECK_BYTES, read_bytes
 from fembridge.typing import FloatArray, IntArray, Table
 
 # Nodes of an element by type, those of pressure included: the types of the decks
@@ -412,8 +413,8 @@ def beside(path: Path) -> Resolver:
 
     def resolve(name: str) -> bytes | None:
         try:
-            return (path.parent / name).read_bytes()
-        except (OSError, ValueError):
+            return read_bytes(path.parent / name, MAX_DECK_BYTES, DeckError)
+        except (DeckError, ValueError):
             return None
 
     return resolve
@@ -429,10 +430,7 @@ def describe_marc_deck(path: Path) -> Table:
     DeckError
         No Marc deck, cut short, or not readable as a file.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DeckError(f"{path}: {error.strerror or error}") from error
+    data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     deck = read_marc_deck(data, path, beside(path))
     remarks = list(deck.remarks)
 

@@ -639,7 +639,7 @@ Resolver = Callable[[str], bytes | None]
 
 _INCLUDE = re.compile(r"include(?:\s*,\s*|\s+)(?P<name>\S.*)", re.IGNORECASE)
 _CASE_STARTS = re.compile(r"\$\.*start of loadcase\b", re.IGNORECASE)  # Mentat's comment
-_DEEPEST = 16  # files included by one another
+_DEEPEST, _MOST_FILES = 16, 1000  # files included by one another, and in all
 _LOOK = 4096  # bytes in which a deck's first keyword stands
 _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 
@@ -742,6 +742,8 @@ class _Reader:
 
     def _include(self, line: Line, written: str, opened: Sequence[str]) -> None:
         name = written.strip().strip(",").strip().strip("\"'")
+        if len(self.includes) >= _MOST_FILES:
+            raise line.refuse(f"more than {_MOST_FILES} files are included")
         inner = None if self.resolver is None else self.resolver(name)
         self.includes.append(Include(name, line, inner is not None))
         if inner is None:

@@ -15,10 +15,10 @@ import numpy as np
 from fembridge.errors import DeckError, ResultError, UsageError
 from fembridge.results.fields import open_source
 from fembridge.results.read_options import ReadOptions
+from fembridge.store import MAX_DECK_BYTES, read_bytes
 
 _POST = (".t16", ".t19")
 _MOST_NODES = 2_000_000
-_MOST_BYTES = 1 << 29  # of a deck, which is read at once
 
 
 def choose_nodes(
@@ -136,11 +136,9 @@ def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
 
 def _bytes(deck: Path) -> bytes:
     try:
-        if (size := deck.stat().st_size) > _MOST_BYTES:
-            raise ResultError(f"{size} bytes, expected a deck of at most {_MOST_BYTES}", deck)
-        return deck.read_bytes()
-    except OSError as error:
-        raise ResultError(f"cannot be read: {error.strerror}", deck) from error
+        return read_bytes(deck, MAX_DECK_BYTES, DeckError)
+    except DeckError as error:
+        raise ResultError(str(error).removeprefix(f"{deck}: "), deck) from error
 
 
 def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[tuple[int, str]]:

@@ -5,18 +5,17 @@ solver's clock starts before (a ramp to a pre-indentation takes place there), an
 result file has no sample of the start itself.
 """
 
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import ResultError, UsageError
+from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import Reader, reader_of, result_file
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
-from fembridge.store import sha256_of
+from fembridge.store import read_toml, sha256_of
 from fembridge.trace import STEP_TOLERANCE, StressTrace, Traces
 from fembridge.typing import Table
 
@@ -257,9 +256,9 @@ def _check_deck(run: RunFolder, path: Path) -> None:
     that someone's own ccx left have none, and are taken as they are.
     """
     try:
-        record = tomllib.loads((run.folder / SOLVER_FILE).read_text("utf-8"))
+        record = read_toml(run.folder / SOLVER_FILE, FembridgeError)
         solved, now = record["deck_sha256"], sha256_of(run.deck)
-    except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
+    except (FembridgeError, OSError, KeyError):  # also: no TOML
         return
     if path.resolve() == run.results.resolve() and solved != now:
         raise ResultError(

@@ -21,7 +21,6 @@ import subprocess
 import sys
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from typing import TypeVar
 
 from decks.dialects import JOB
 from fembridge import cache
-from fembridge.errors import LockedError, MissingError, OutputError, ResultError
+from fembridge.errors import FembridgeError, LockedError, MissingError, OutputError, ResultError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.results.printed import CvgRow, StaRow, read_cvg, read_sta
 from fembridge.run_folder import SOLVER_FILE, RunFolder
@@ -43,7 +42,7 @@ from fembridge.solver.settings import (
     SolverSettings,
 )
 from fembridge.solver.verdict import Cause, Failure, Outcome, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, remove_file, sha256_of, write_text
+from fembridge.store import folder_lock, make_folder, read_toml, remove_file, sha256_of, write_text
 from fembridge.typing import Table
 
 GRACE_S = 3.0
@@ -121,7 +120,7 @@ def solve_once(
 def finished_outcome(run: RunFolder) -> Outcome | None:
     """The outcome on record, if the results are whole and of the deck there; else None."""
     try:
-        table = tomllib.loads((run.folder / SOLVER_FILE).read_text(encoding="utf-8"))
+        table = read_toml(run.folder / SOLVER_FILE, FembridgeError)
         digests = _digests(run)
         # Records of earlier versions have no digest of what was printed.
         recorded = {"printed_sha256": digests.get("printed_sha256")} | table
@@ -140,7 +139,7 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
             threads=table.get("threads"),
             as_built=digests["deck_sha256"] == run.deck_sha256,
         )
-    except (OSError, KeyError, TypeError, ValueError):  # also: no TOML, no UTF-8
+    except (FembridgeError, OSError, KeyError, TypeError, ValueError):  # also: no TOML
         return None
 
 
@@ -375,7 +374,7 @@ def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
     made_from = ((run.inputs.get(part) or {}).get(key) for part, key in _NAMED)
     what = ", ".join(str(name) for name in made_from if name) or run.folder.name
     if failure is None:
-        record = tomllib.loads((run.folder / SOLVER_FILE).read_text(encoding="utf-8"))
+        record = read_toml(run.folder / SOLVER_FILE, FembridgeError)
         files = [run.folder / f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")]
         files.append(run.folder / LOG_FILE)
     elif failure.cause in (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN):

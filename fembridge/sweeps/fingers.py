@@ -22,7 +22,6 @@ boundary of its layer that it is nearest to (`Anchor`).
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -36,6 +35,7 @@ from decks.presets import PRESETS, finger_from, read_finger
 from decks.section import DepthOfArc, Section, section_of
 from fembridge.errors import FembridgeError, FingerError, UsageError
 from fembridge.response.solve import LADDER
+from fembridge.store import read_toml
 from fembridge.sweeps.design import (
     LATIN_HYPERCUBE,
     ONE_AT_A_TIME,
@@ -251,7 +251,7 @@ def _variants(
         check_below(entry.base)
         path = folder / entry.base
         read_finger(str(path))  # names the file in what is wrong with it
-        label, start = path.stem, tomllib.loads(path.read_text("utf-8-sig"))
+        label, start = path.stem, read_toml(path, FingerError)
     finger = finger_from(start, label)
     asked = {match[1] for row in changes for match in map(_TO_BOUNDARY.fullmatch, row) if match}
     if follows:

@@ -51,7 +51,7 @@ from neural.parameter_sets import SET_NAMES
 Asked = Mapping[str, Value]
 """What is asked of a contact model, by the names of `decks.analysis.Contact`."""
 
-_MAX_BYTES = 10_000_000
+_MAX_BYTES, _MAX_KEYS = 10_000_000, 200_000
 _MAX_NAME = 60
 # A flat probe's edges, where the study says nothing: as in the other verbs.
 _FILLET_SHARE = 0.25
@@ -171,7 +171,7 @@ def read_study(path: Path) -> Study:
         cannot be, or more points than a study may have: one line that names the
         file and the key.
     """
-    table = read_toml(path, UsageError, _MAX_BYTES)
+    table = read_toml(path, UsageError, _MAX_BYTES, _MAX_KEYS)
     with place(str(path)):
         return study_from(table, path.parent, path.stem, path.read_text("utf-8-sig"))
 

@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import threading
+import tracemalloc
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,13 +19,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fembridge.errors import LockedError, OutputError, UsageError
+from fembridge.errors import FembridgeError, LockedError, OutputError, UsageError
 from fembridge.store import (
     canonical_text,
     changed,
     digest,
     filling,
     folder_lock,
+    read_sealed,
     read_toml,
     replacing,
     structure,
@@ -330,3 +332,52 @@ def test_a_text_that_can_be_worked_out_by_hand():
     text = '{"a":{"w":null,"x":true},"b":[1.0,0.0,0.5]}'
     assert canonical_text(table) == text
     assert digest(table) == hashlib.sha256(text.encode()).hexdigest()
+
+
+BOMBS = {
+    "dotted": b"ok = 1\n" + b".".join([b"a"] * 30_000) + b" = 1\n",
+    "quoted": b'ok = 1\n"a". "b" .' + b'"a". ' * 9_000 + b"b = 1\n",
+    "head": b"ok = 1\n[" + b".".join([b"a"] * 30_000) + b"]\n",
+    "inline": b"ok = 1\nx = {" + b".".join([b"a"] * 30_000) + b" = 1}\n",
+    "keys": b"".join(b"k%d = 1\n" % k for k in range(20_000)),
+    "tables": b"".join(b"[k%d]\n" % k for k in range(20_000)),
+    "inner": b"x = [" + b"{a=1}," * 20_000 + b"]",
+    "arrays": b"x = " + b"[" * 100_000,
+    "bytes": b"#" * 1_000_001,
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+@pytest.mark.parametrize("reader", ["read_toml", "read_sealed"])
+def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_path, bomb, reader):
+    path = tmp_path / "run.toml"
+    path.write_bytes(BOMBS[bomb])
+    tracemalloc.start()
+    try:
+        with pytest.raises(FembridgeError, match=r"run\.toml") as refused:
+            if reader == "read_toml":
+                read_toml(path, FembridgeError)
+            else:
+                read_sealed(path, "map", 1)
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+    if bomb in ("dotted", "quoted", "head", "inline"):
+        assert f"{path}:2: " in str(refused.value)
+
+
+def test_the_largest_toml_that_is_read_takes_little_memory(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_bytes(b"".join(b"k%d.a.b.c.d.e.f.g = 1\n" % k for k in range(10_000)))
+    tracemalloc.start()
+    try:
+        assert len(read_toml(path, FembridgeError)) == 10_000
+        assert tracemalloc.get_traced_memory()[1] < 120e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_dots_in_words_and_numbers_are_no_deep_key(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text('a.b.c.d.e.f.g.h = "x.1.2.3 a/b.c/d"\nn = [1.5, 2.5]\n')
+    assert read_toml(path, FembridgeError)["n"] == [1.5, 2.5]
