@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from fembridge.errors import DeckError
+from fembridge.errors import DeckError, UsageError
 
 if TYPE_CHECKING:
     from decks.analysis import Analysis
@@ -103,7 +103,7 @@ class Dialect:
         for what, known in (("results", self.result_kinds), ("probe", self.probes)):
             word = chosen[what] = getattr(options, what) or known[0]
             if word not in known:
-                raise DeckError(
+                raise UsageError(
                     f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
                 )
         module, _, function = self.target.partition(":")

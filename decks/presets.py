@@ -25,7 +25,7 @@ from decks.analysis import Model
 from decks.finger import LAYERS, SITES, Finger, Resolution
 from decks.material import TABLE_1
 from decks.mesh import Mesh, read_mesh, write_mesh
-from fembridge.errors import FingerError
+from fembridge.errors import FingerError, UsageError
 from fembridge.store import changed, near_hint, read_toml
 
 QUICK = Finger("quick")
@@ -81,9 +81,10 @@ def read_finger(preset_or_path: str) -> Finger:
 
     Raises
     ------
+    UsageError
+        No such preset or file.
     FingerError
-        No such preset or file, not TOML, an unknown key (near ones are named),
-        or a value that cannot be.
+        Not TOML, an unknown key (near ones are named), or a value that cannot be.
     """
     if preset_or_path in PRESETS:
         return PRESETS[preset_or_path]
@@ -93,7 +94,7 @@ def read_finger(preset_or_path: str) -> Finger:
     except OSError:  # a name that is too long
         there = False
     if not there:
-        raise FingerError(
+        raise UsageError(
             f"finger {preset_or_path!r}: neither a preset ({', '.join(PRESETS)}) nor a file"
         )
     table = read_toml(path, FingerError)

@@ -5,22 +5,26 @@ two functions: ``add_arguments(parser)`` and ``run(args) -> summary``. Only the
 verb that was asked for is imported, so ``fembridge --help`` costs next to nothing.
 
 A summary is a dict; ``--json`` prints it as strict JSON, where a number that is
-not finite becomes null. Its ``exit_code``, if it has one, is the exit code: for
-a verb that did its work and found that not all is well.
+not finite becomes null, with its ``exit_code``. A verb that did its work and found
+that not all is well says so by an ``exit_code`` of its own. An error is a line on
+stderr, and with ``--json`` also ``{"error": {"kind", "message"}, "exit_code"}``.
 """
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
-from errno import ENOSPC
+from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from io import TextIOWrapper
+from pathlib import Path
 from types import ModuleType
-from typing import TextIO
+from typing import Any, NoReturn, TextIO
 
 from fembridge import __version__
-from fembridge.errors import FembridgeError
+from fembridge.errors import FembridgeError, UsageError
+from fembridge.terminal import PlainStream, error_line
 
 VERBS = {
     "stimuli": "list the stimuli of the catalogue, or export one",
@@ -47,59 +51,155 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; give the exit code.
 
-    0 is success, 1 our error, 2 misuse, 130 Ctrl-C. Anything that is not one of
-    our errors is a bug of ours and keeps its traceback.
+    0 is success, 1 our error, 2 misuse: a word, number or name of a file that stands for
+    nothing here. 130 is Ctrl-C. What is neither one of our errors nor one of the system
+    is a bug of ours and keeps its traceback.
     """
+    _open_what_is_closed()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a path may be more than ASCII
             stream.reconfigure(errors="backslashreplace")
     try:
-        code = _run(list(sys.argv[1:] if argv is None else argv))
+        with (
+            redirect_stdout(PlainStream.of(sys.stdout)),
+            redirect_stderr(PlainStream.of(sys.stderr)),
+        ):
+            code = _run(list(sys.argv[1:] if argv is None else argv))
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        print("fembridge: interrupted", file=sys.stderr)
-        return INTERRUPTED
     except BrokenPipeError:
         if not _reader_has_left():
             raise
         return 0
-    except OSError as error:
-        if error.errno != ENOSPC:  # of a file of ours it is an OutputError
-            raise
-        print(f"fembridge: cannot print: {error.strerror}", file=sys.stderr)
+    except OSError as error:  # of a file it is an error of ours, or has its name
         _to_nowhere(sys.stdout)
+        print(error_line(f"cannot print: {error.strerror}"), file=sys.stderr)
         return 1
     return code
 
 
 def _run(words: list[str]) -> int:
+    as_json = "--json" in words
+    parser = None
     try:
         parser, command = _parser(words)
         args = parser.parse_args(words)
-    except SystemExit as stop:  # argparse: help, version, misuse
+        if command is None:
+            parser.print_help()
+            return 0
+    except SystemExit as stop:  # argparse: help, version
         return stop.code if isinstance(stop.code, int) else 0
-    if command is None:
-        parser.print_help()
-        return 0
+    except FembridgeError as error:
+        return _refused(error, error.exit_code, as_json)
     try:
         summary = command.run(args)
-    except FembridgeError as error:
-        print("fembridge:", " ".join(str(error).splitlines()), file=sys.stderr)
-        return error.exit_code
-    except MemoryError:
-        print("fembridge: the memory is too small for this file or request", file=sys.stderr)
-        return 1
+    except KeyboardInterrupt as error:
+        return _refused(error, INTERRUPTED, as_json, "interrupted")
+    except MemoryError as error:
+        problem = "the memory is too small for this file or request"
+        return _refused(error, 1, as_json, problem)
+    except (FembridgeError, OSError) as error:
+        if isinstance(error, BrokenPipeError) or not (
+            isinstance(error, FembridgeError) or error.filename or _folder_is_gone()
+        ):
+            raise
+        return _refused(error, _code_of(error, words), as_json, _in_options(error, parser))
+    code = int(summary.get("exit_code", 0))
     if args.json:
-        import json
+        _print_json({**summary, "exit_code": code})
+    return code
 
-        print(json.dumps(_strict(summary), indent=2, allow_nan=False))
-    return int(summary.get("exit_code", 0))
+
+def _refused(error: BaseException, code: int, as_json: bool, words: str = "") -> int:
+    """Print `error`, in `words` if there are any: a line, and for ``--json`` a table too."""
+    words = words or str(error)
+    print(error_line(words), file=sys.stderr)
+    if as_json:
+        found = {"kind": type(error).__name__, "message": words}
+        for name in ("path", "line"):
+            if getattr(error, name, None) is not None:
+                found[name] = getattr(error, name)
+        _print_json({"error": found, "exit_code": code})
+    return code
+
+
+def _code_of(error: Exception, words: Sequence[str]) -> int:
+    """Exit code of `error`: 2 also where a file that was named in `words` is absent."""
+    absent = error if isinstance(error, OSError) else error.__cause__
+    if _folder_is_gone():
+        return 1
+    if isinstance(absent, FileNotFoundError) and absent.filename is not None:
+        named = {os.path.normpath(word.rpartition("=")[2]) for word in words}
+        if os.path.normpath(absent.filename) in named:
+            return 2
+    return error.exit_code if isinstance(error, FembridgeError) else 1
+
+
+def _in_options(error: Exception, parser: argparse.ArgumentParser) -> str:
+    """What `error` says, an argument of the API called by its option."""
+    if _folder_is_gone():
+        return "the folder in which this was started is gone: go to another one (cd)"
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}"
+    words = str(error)
+    if isinstance(error, UsageError):
+        for word in _options_of(parser):
+            name = word.removeprefix("--").replace("-", "_")
+            words = re.sub(rf"(?<![\w-]){name}(_s)?(?= (is|must be) )", word, words)
+    return words
+
+
+def _folder_is_gone() -> bool:
+    try:
+        Path.cwd()
+    except OSError:
+        return True
+    return False
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose misuse is an error of ours, in one line, with the near words."""
+
+    def error(self, message: str) -> NoReturn:
+        hint = "" if message.endswith("?") else f"; see {self.prog} --help"
+        raise UsageError(f"{message}{hint}")
+
+    def parse_args(self, words: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
+        """Parse; before what is missing, an option that does not exist is named."""
+        known = _options_of(self)
+        for word in words[: words.index("--")] if "--" in words else words:
+            name = word.partition("=")[0]
+            if re.match(r"--?[A-Za-z]\S*$", name) and not {name, word[:2]} & known:
+                from fembridge.store import near_hint
+
+                verb = next((word for word in words if not word.startswith("-")), "")
+                hint = near_hint(f"--{name.lstrip('-')}", known)
+                hint = hint or "; see " + f"{self.prog} {verb} --help".replace("  ", " ")
+                raise UsageError(f"no option {name}{hint}")
+        return super().parse_args(words, namespace)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:  # noqa: ANN401
+        choices = list(map(str, action.choices or ()))
+        if choices and value not in (action.choices or ()):
+            from fembridge.store import near_hint
+
+            expected = f"expected one of {', '.join(choices)}"
+            message = f"invalid choice: {value!r}, {expected}{near_hint(str(value), choices)}"
+            raise argparse.ArgumentError(action, message)
+
+
+def _options_of(parser: argparse.ArgumentParser) -> set[str]:
+    """Options of `parser` and of those below it, as they are written."""
+    known = set(parser._option_string_actions)
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            known.update(*map(_options_of, action.choices.values()))
+    return known
 
 
 def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType | None]:
     width = max(map(len, VERBS))
     listed = "\n".join(f"  {verb:<{width}}  {line}" for verb, line in VERBS.items())
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="fembridge",
         description="From a probe on a fingertip to the spikes of its afferents."
         f"\n\nverbs:\n{listed}",
@@ -117,7 +217,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
 
         near = " or ".join(get_close_matches(asked, VERBS, n=2, cutoff=0.5))
         hint = f"did you mean {near}?" if near else f"choose {', '.join(VERBS)}"
-        parser.error(f"no verb {asked!r}; {hint}")
+        raise UsageError(f"no verb {asked!r}; {hint}")
     command = import_module(f"fembridge.commands.{asked.replace('-', '_')}")
     child = verbs.add_parser(
         asked,
@@ -129,6 +229,12 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
     command.add_arguments(child)
     child.add_argument("--json", action="store_true", help="print a summary a program can read")
     return parser, command
+
+
+def _print_json(table: Mapping[str, object]) -> None:
+    import json
+
+    print(json.dumps(_strict(table), indent=2, allow_nan=False))
 
 
 def _strict(value: object) -> object:
@@ -164,6 +270,19 @@ def _reader_has_left() -> bool:
 
 def _to_nowhere(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _open_what_is_closed() -> None:
+    """Send closed standard streams to nowhere: else the next file would take their place."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w")
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w")
 
 
 if __name__ == "__main__":

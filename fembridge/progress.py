@@ -6,6 +6,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Self
 
 from fembridge.solver.settings import Progress
+from fembridge.terminal import plain
 
 if TYPE_CHECKING:
     import rich.progress
@@ -60,7 +61,7 @@ class Bars:
     def print(self, line: str) -> None:
         """Write a line on stderr, above the bars."""
         if self._bars is not None:
-            self._bars.console.print(line, markup=False, highlight=False)
+            self._bars.console.print(plain(line), markup=False, highlight=False)
         else:
             print(line, file=sys.stderr, flush=True)
 
@@ -101,7 +102,7 @@ def _start() -> "rich.progress.Progress":
         BarColumn(bar_width=24),
         TaskProgressColumn(),
         TextColumn("{task.fields[words]}", markup=False),
-        console=Console(stderr=True),
+        console=Console(file=getattr(sys.stderr, "stream", sys.stderr)),  # bars do steer
         transient=True,
     )
     bars.start()

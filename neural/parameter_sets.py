@@ -23,7 +23,7 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
-from fembridge.errors import ParameterError
+from fembridge.errors import ParameterError, UsageError
 from fembridge.store import changed, near_hint, read_toml, structure
 from fembridge.typing import Table
 from neural.models import model_named
@@ -66,16 +66,14 @@ def parameter_set(name: str) -> ParameterSet:
 
     Raises
     ------
-    ParameterError
+    UsageError
         No set of that name.
     """
     if name == "published":
         return ParameterSet(name, PUBLISHED, origin={"fit": {"source": "Ishizuka et al., Table 2"}})
     if name == "fitted":
         return read_parameter_set(FITTED_FILE)
-    raise ParameterError(
-        f"no parameter set {name!r}, expected {' or '.join(SET_NAMES)} or a TOML file"
-    )
+    raise UsageError(f"no parameter set {name!r}, expected {' or '.join(SET_NAMES)} or a TOML file")
 
 
 def fitted_preindent_um() -> float:

@@ -9,6 +9,7 @@ results are whole and of the same deck is skipped.
 """
 
 import argparse
+import os
 import sys
 from typing import Any
 
@@ -36,8 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
     from fembridge import api
+    from fembridge.errors import UsageError
     from fembridge.progress import SolverBars
+    from fembridge.terminal import error_line
 
+    for folder in args.folders:
+        if not os.path.lexists(folder):
+            raise UsageError(f"{folder}: no such folder; fembridge build-deck makes run folders")
     with SolverBars() as bars:
         outcomes = api.run(
             **words_of(args, "folders", "threads", "jobs", "force", "iteration_limit"),
@@ -48,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     for outcome in outcomes:
         if not outcome.accepted:
-            print("fembridge:", " ".join(str(outcome.to_error()).split()), file=sys.stderr)
+            print(error_line(" ".join(str(outcome.to_error()).split())), file=sys.stderr)
         elif not args.json:
             print(outcome)
         if outcome.accepted and not outcome.as_built:

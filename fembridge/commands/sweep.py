@@ -45,17 +45,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge import api
+    from fembridge.terminal import error_line
 
     names = ("study", "output", "jobs", "executor", "scheduler", "threads")
     sweep = api.sweep(**words_of(args, *names), shows=True)
     failed, items = sweep.failed, len(sweep.plan.items)
     if failed:
         first = failed[0]
-        print(
-            f"fembridge: {len(failed)} of {items} items failed, first "
-            f"{first}: {sweep.causes[first.key]}",
-            file=sys.stderr,
-        )
+        cause = f"{len(failed)} of {items} items failed, first {first}: {sweep.causes[first.key]}"
+        print(error_line(cause), file=sys.stderr)
     if not args.json:
         before = f", {sweep.before} of them before" if sweep.before else ""
         print(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import ResponseError
+from fembridge.errors import ResponseError, UsageError
 from fembridge.store import read_sealed, write_sealed
 from fembridge.typing import FloatArray, Table
 
@@ -137,7 +137,7 @@ def stored_deflection(name: str) -> Deflection:
     """The stored profile of the mesh called `name`."""
     stored = {deflection.name: deflection for deflection in stored_deflections()}
     if name not in stored:
-        raise ResponseError(
+        raise UsageError(
             f"no deflection is stored for finger {name!r}, only for "
             f"{', '.join(stored)}; --solver run solves it"
         )

@@ -7,7 +7,10 @@ all of them. Layers that touch differ in lightness, not in hue alone: they stay 
 print without colour. Their hues are those of histology where they can be.
 """
 
+import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
@@ -85,11 +88,28 @@ _NEEDS_LATEX = "pgf"
 _LINE_SHARE = 0.72
 
 
+def import_matplotlib() -> None:
+    """Import Matplotlib whatever ``MPLBACKEND`` says: Jupyter's is often not installed here.
+
+    We draw without that backend; who shows figures in this process gets it if it exists.
+    """
+    if "matplotlib" in sys.modules:
+        return
+    asked = os.environ.pop("MPLBACKEND", None)
+    import matplotlib as mpl
+
+    if asked is not None:
+        os.environ["MPLBACKEND"] = asked
+        with suppress(ValueError):
+            mpl.rcParams["backend"] = asked
+
+
 def in_style(draw: Callable[_Given, _Drawn]) -> Callable[_Given, _Drawn]:
     """`draw` in the style: it says of its lines and words only where they differ."""
 
     @wraps(draw)
     def drawn(*args: _Given.args, **options: _Given.kwargs) -> _Drawn:
+        import_matplotlib()
         from matplotlib import rc_context
 
         with rc_context(_STYLE):
@@ -112,6 +132,7 @@ def check_suffix(path: Path) -> str:
     UsageError
         No suffix, or one of which Matplotlib makes no picture.
     """
+    import_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     known = set(FigureCanvasAgg.get_supported_filetypes()) - {_NEEDS_LATEX}
@@ -162,6 +183,7 @@ def new_figure(
     inches; None finds them, which takes seconds where panels are many. `heights` and `widths`
     are the shares of rows and columns.
     """
+    import_matplotlib()
     from matplotlib.figure import Figure
 
     grid: dict[str, Any] = {"height_ratios": heights, "width_ratios": widths}

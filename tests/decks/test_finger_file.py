@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from decks.finger import AfferentSite, Finger
 from decks.presets import PRESETS, QUICK, finger_from, mesh_of, read_finger, stored_mesh
-from fembridge.errors import FingerError
+from fembridge.errors import FingerError, UsageError
 
 TEN_LINES = """\
 name = "thick skin"
@@ -127,7 +127,7 @@ def test_an_unknown_key_gets_the_near_ones(text, tmp_path):
 
 @pytest.mark.parametrize("name", ["quik", "", ".", "a\0b", 300 * "x", "/dev/zero", "/dev/null/x"])
 def test_what_is_neither_a_preset_nor_a_file_is_refused(name):
-    with pytest.raises(FingerError, match="quick, paper"):
+    with pytest.raises(UsageError, match="quick, paper"):
         read_finger(name)
 
 

@@ -17,8 +17,10 @@ from fembridge.errors import ResultError, StimulusError
 ROOT = Path(fembridge.__file__).parents[1]
 
 
-def in_a_process(*words, **options):
+def in_a_process(*words, MPLBACKEND="", **options):  # noqa: N803 - as it is called
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    if MPLBACKEND:
+        environment["MPLBACKEND"] = MPLBACKEND
     return subprocess.run(
         [sys.executable, "-m", "fembridge.cli", *words],
         env=environment,
@@ -79,13 +81,87 @@ def test_an_unknown_verb_is_misuse_and_tells_the_near_one(capsys, word, told):
     assert cli.main([word, "--json"]) == 2
     streams = capsys.readouterr()
     assert told in streams.err
-    assert streams.out == ""
+    assert streams.err.count("\n") == 1
+    assert told in json.loads(streams.out)["error"]["message"]
 
 
-@pytest.mark.parametrize("words", [["stimuli", "--nope"], ["--nope"], ["stimuli", "--seed", "x"]])
-def test_misuse_of_options_is_2_with_a_line_of_its_own(capsys, words):
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["stimuli", "--nope"], "no option --nope; see fembridge stimuli --help"),
+        (["--nope"], "no option --nope; see fembridge --help"),
+        (["stimuli", "--seed", "x"], "argument --seed: invalid int value: 'x'; see fembridge"),
+        (["stimuli", "--exprot", "csv"], "no option --exprot; did you mean --export?"),
+        (["stimuli", "--exprot=csv"], "no option --exprot; did you mean --export?"),
+        (["simulate", "--preindent_um", "3"], "did you mean --preindent-um"),
+        (["simulate", "-stimulus", "sine"], "did you mean --stimulus?"),
+        (["plot", "raster", "--stimlus", "sine"], "did you mean --stimulus?"),
+        (["plot", "rastr"], "did you mean raster"),
+        (["stimuli", "--export", "cvs"], "one of csv, wav, npy, marc-table; did you mean csv?"),
+        (["simulate", "--method", "mpa"], "one of auto, map, transient; did you mean map?"),
+        (["simulate"], "required: --stimulus; see fembridge simulate --help"),
+        (["simulate", "--stimulus", "sine_20_250", "--jobs", "0"], "--jobs is 0, expected"),
+        (["run", ".", "--stall-limit", "-3"], "--stall-limit is -3.0, expected"),
+    ],
+)
+def test_misuse_of_options_is_2_in_one_line_that_says_what_to_write(capsys, words, told):
     assert cli.main(words) == 2
-    assert "error: " in capsys.readouterr().err.splitlines()[-1]
+    streams = capsys.readouterr()
+    assert told in streams.err
+    assert (streams.err.count("\n"), streams.out) == (1, "")
+    assert len(streams.err) <= 301
+
+
+SIMULATE = ("simulate", "--stored", "--stimulus", "sine_20_250")
+OBSERVED = "stimulus,afferent,rate_ips\nsine_20_250,SA,25\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*SIMULATE, "--parameters", "nothing"),
+        (*SIMULATE, "--parameters", "nothing.toml"),
+        (*SIMULATE, "--finger", "nothing"),
+        (*SIMULATE, "--finger", "nothing.toml"),
+        (*SIMULATE, "--preindent-um", "nan"),
+        (*SIMULATE, "--element", "nothing"),
+        ("build-deck", "--stimulus", "sine_20_250", "--element", "nothing"),
+        ("build-deck", "--stimulus", "sine_20_250", "--probe-body", "rigid"),
+        ("build-deck", "--stimulus", "sine_20_250", "--base-deck", "nothing.inp"),
+        ("run", "nothing"),
+        ("ingest", "nothing.frd"),
+        ("encode", "nothing.csv"),
+        ("encode", "./nothing.csv"),
+        ("fit", "--observed", "nothing.csv"),
+        ("fit", "--observed=nothing.csv"),
+        ("fit", "--observed", "observed.csv", "--drive", "nothing"),
+        ("fit", "--observed", "observed.csv", "--response", "nothing.toml"),
+        ("study", "--observed", "observed.csv", "--drive", "nothing"),
+        ("sweep", "nothing.toml"),
+        ("validate", "--observed", "nothing.csv"),
+        ("validate", "--parameters", "nothing"),
+        ("verify", "--only", "nothing"),
+        ("deflect", "--finger", "nothing"),
+        ("plot", "raster", "nothing.csv"),
+        ("plot", "mesh", "--finger", "nothing"),
+        ("plot", "response", "--finger", "nothing"),
+        ("stimuli", "nothing"),
+    ],
+    ids=" ".join,
+)
+def test_a_word_that_stands_for_nothing_is_2_whatever_the_option(
+    words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    Path("observed.csv").write_text(OBSERVED, encoding="utf-8")
+    assert cli.main([*words, "--json"]) == 2
+    streams = capsys.readouterr()
+    found = json.loads(streams.out)
+    assert found["exit_code"] == 2
+    assert found["error"]["kind"].endswith("Error")
+    assert streams.err == f"fembridge: {found['error']['message']}\n"
+    assert len(streams.err) <= 301
+    assert [path.name for path in tmp_path.iterdir()] == ["observed.csv"]
 
 
 @pytest.mark.parametrize("verb_name", ["stimuli", "doctor"])
@@ -106,7 +182,51 @@ def test_our_errors_are_one_line_on_stderr(verb, capsys, error, code, json_wante
     assert cli.main(["try", *json_wanted]) == code
     streams = capsys.readouterr()
     assert streams.err == f"fembridge: {' '.join(str(error).splitlines())}\n"
-    assert streams.out == ""
+    if not json_wanted:
+        assert streams.out == ""
+        return
+    found = {"kind": type(error).__name__, "message": str(error)}
+    if isinstance(error, ResultError):
+        found |= {"path": "a.frd", "line": 7}
+    assert json.loads(streams.out) == {"error": found, "exit_code": code}
+
+
+@pytest.mark.parametrize("json_wanted", [[], ["--json"]])
+def test_a_long_error_is_300_characters_and_its_file_has_the_rest(verb, capsys, json_wanted):
+    words = "begin " + 200 * "wörter\x1b[31m " + "the end"
+    verb(raising(ResultError(words, Path("a.frd"))))
+    assert cli.main(["try", *json_wanted]) == 1
+    streams = capsys.readouterr()
+    assert (len(streams.err) <= 301, streams.err.count("\n")) == (True, 1)
+    assert streams.err.startswith("fembridge: a.frd: begin wörter\\x1b[31m ")
+    whole = Path(streams.err.partition("(whole: ")[2].rstrip(")\n"))
+    assert whole.read_text("utf-8") == f"a.frd: {words}\n"
+    whole.unlink()
+    if json_wanted:
+        assert json.loads(streams.out)["error"]["message"] == f"a.frd: {words}"
+
+
+def test_an_error_of_the_system_is_one_line_with_its_file(verb, capsys):
+    verb(raising(PermissionError(13, "Permission denied", "closed/run.toml")))
+    assert cli.main(["try", "--json"]) == 1
+    streams = capsys.readouterr()
+    assert streams.err == "fembridge: closed/run.toml: Permission denied\n"
+    found = {"kind": "PermissionError", "message": "closed/run.toml: Permission denied"}
+    assert json.loads(streams.out) == {"error": found, "exit_code": 1}
+
+
+def test_what_a_file_says_does_not_steer_the_terminal(verb, capsys):
+    title = "a\x1b]0;owned\x07\x1b[2J\x9b1m\r\u202eb\tc"
+
+    def run(args):
+        print(title)
+        print(title, file=sys.stderr)
+        return {"title": title}
+
+    verb(run)
+    shown = "a\\x1b]0;owned\\x07\\x1b[2J\\x9b1m\\r\\u202eb\tc\n"
+    assert cli.main(["try"]) == 0
+    assert capsys.readouterr() == (shown, shown)
 
 
 def test_an_error_that_is_not_ours_keeps_its_traceback(verb):
@@ -119,6 +239,9 @@ def test_ctrl_c_is_one_line_and_130(verb, capsys):
     verb(raising(KeyboardInterrupt()))
     assert cli.main(["try"]) == 130
     assert capsys.readouterr().err == "fembridge: interrupted\n"
+    assert cli.main(["try", "--json"]) == 130
+    found = {"kind": "KeyboardInterrupt", "message": "interrupted"}
+    assert json.loads(capsys.readouterr().out) == {"error": found, "exit_code": 130}
 
 
 def test_a_pipe_that_is_not_our_output_may_not_break_silently(verb, capfd):
@@ -155,7 +278,13 @@ def test_json_is_strict_whatever_the_summary_holds(verb, capsys):
         raise AssertionError(name)
 
     out = json.loads(capsys.readouterr().out, parse_constant=no_constant)
-    assert out == {"rate_ips": None, "peak": None, "counts": [1, 2], "files": ["a.csv"], "3": True}
+    assert out == {
+        "rate_ips": None,
+        "peak": None,
+        "counts": [1, 2],
+        "files": ["a.csv"],
+        "3": True,
+    } | {"exit_code": 0}
 
 
 def test_a_summary_can_say_that_not_all_is_well(verb, capsys):
@@ -195,3 +324,56 @@ def test_a_name_that_the_terminal_cannot_show_is_printed_nevertheless(tmp_path):
     assert (ran.returncode, ran.stderr) == (0, "")
     assert ran.stdout == f"{tmp_path}/\\xe4.csv\n"
     assert path.is_file()
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_keep_nothing_from_being_done(tmp_path, closed):
+    words = f'stimuli --export csv sine_20_250 -o "{tmp_path / "a.csv"}" {closed}'
+    ran = _in_a_shell(words)
+    assert ran.returncode == 0, ran.stderr
+    lines = (tmp_path / "a.csv").read_text("utf-8").splitlines()
+    assert (lines[0], len(lines)) == ("time_ms,displacement_um", 502)
+
+
+def test_output_that_cannot_be_written_is_one_line():
+    ran = _in_a_shell("stimuli 1< /dev/null")
+    assert ran.returncode == 1
+    assert ran.stderr == "fembridge: cannot print: Bad file descriptor\n"
+
+
+@pytest.mark.parametrize("words", ["doctor", "run x", "simulate --stored --stimulus sine_20_250"])
+def test_a_folder_that_was_deleted_is_named_in_one_line(tmp_path, words):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    script = f'cd "{gone}"; rmdir "{gone}"; "{sys.executable}" -P -m fembridge.cli {words}'
+    ran = subprocess.run(
+        ["sh", "-c", script],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 1, ran.stderr
+    assert "the folder in which this was started is gone" in ran.stderr.splitlines()[-1]
+    assert "Traceback" not in ran.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [*SIMULATE, "-o", "out"],
+        ["deflect", "-o", "out"],
+        ["plot", "stimulus", "sine_20_250", "-o", "out/a.png"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_the_backend_of_a_notebook_is_no_reason_not_to_draw(tmp_path, words):
+    ran = in_a_process(
+        *words,
+        cwd=tmp_path,
+        MPLBACKEND="module://matplotlib_inline.backend_inline",
+        capture_output=True,
+    )
+    assert ran.returncode == 0, ran.stderr
+    [picture] = (tmp_path / "out").glob("*.png")
+    assert picture.read_bytes().startswith(b"\x89PNG")

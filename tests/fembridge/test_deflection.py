@@ -303,7 +303,7 @@ def test_without_options_all_stored_meshes_are_written_and_drawn(call, tmp_path)
 
 
 def test_a_mesh_that_is_not_stored_is_refused_and_nothing_is_written(call, tmp_path):
-    with pytest.raises(ResponseError, match=r"'mine', only for .*--solver run solves"):
+    with pytest.raises(UsageError, match=r"'mine', only for .*--solver run solves"):
         call("--finger", "mine")
     assert not (tmp_path / "out").exists()
 

@@ -163,7 +163,7 @@ def test_traces_that_start_unloaded_are_named_where_the_fit_had_a_pre_indentatio
         (traces(), ["--window-ms", "5", "300"], 2, "inside 0 to 250 ms, the SA trace"),
         (traces(), ["--window-ms", "200", "100"], 2, "window 200 to 100 ms"),
         (traces(), ["--window-ms", "nan", "100"], 2, "window nan to 100 ms"),
-        (traces(), ["--parameters", "absent.toml"], 1, "absent.toml: "),
+        (traces(), ["--parameters", "absent.toml"], 2, "absent.toml: "),
         (traces(), ["--parameters", "energy.toml"], 2, "'energy' of SA reads strain energy"),
         (traces(["SA", "SA"]), [], 1, "nodes 100 and 101 are both SA"),
         (traces(["RA"], dt_ms=1.0), [], 1, "a sample every 1 ms"),

@@ -297,7 +297,7 @@ def test_the_command_line_has_the_verb_and_tells_an_error_in_a_line(observed, ca
     assert main(["fit", "--observed", str(observed), "--evaluations", "5"]) == 2
     streams = capsys.readouterr()
     assert streams.out == ""
-    assert streams.err == (f"fembridge: evaluations is 5, expected {POPULATION} or more\n")
+    assert streams.err == (f"fembridge: --evaluations is 5, expected {POPULATION} or more\n")
 
 
 def test_a_missing_rate_is_refused_unless_allowed(call, observed, tmp_path, undrawn):

@@ -104,6 +104,7 @@ def test_json_may_stand_before_or_after_the_picture(here, capsys):
         "picture": "stimulus",
         "file": "stimulus.png",
         "stimuli": [entry.id for entry in resolve("noise_25_250")],
+        "exit_code": 0,
     }
 
 
@@ -164,6 +165,7 @@ def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(her
         "stimuli": ["sine_20_250", "sine_50_250"],
         "silent": [],
         "spikes": 3,
+        "exit_code": 0,
     }
     words = ["--stimulus", "sine_20_6.71,sine_20_250", "--stimulus", "sine_20_18"]
     assert main(["plot", "raster", "spikes.csv", *words, "--json"]) == 0
@@ -231,20 +233,20 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "code", "told"),
     [
-        (["mesh", "--finger", "nobody"], "neither a preset (quick, paper) nor a file"),
-        (["mesh", "--probe-x-mm", "20"], "the probe spans x = "),
-        (["response", "nothing.toml"], "nothing.toml: not readable"),
-        (["trace", "nothing.csv"], "nothing.csv: cannot read"),
-        (["trace", "spikes.csv"], "no column"),
-        (["raster", "traces.csv"], "no column"),
-        (["stimulus", "sine_20", "-o", "spikes.csv/a.png"], "a file stands where"),
+        (["mesh", "--finger", "nobody"], 2, "neither a preset (quick, paper) nor a file"),
+        (["mesh", "--probe-x-mm", "20"], 1, "the probe spans x = "),
+        (["response", "nothing.toml"], 2, "nothing.toml: not readable"),
+        (["trace", "nothing.csv"], 2, "nothing.csv: cannot be read"),
+        (["trace", "spikes.csv"], 1, "no column"),
+        (["raster", "traces.csv"], 1, "no column"),
+        (["stimulus", "sine_20", "-o", "spikes.csv/a.png"], 1, "a file stands where"),
     ],
 )
-def test_what_cannot_be_drawn_is_1_in_one_line(here, capsys, words, told):
+def test_what_cannot_be_drawn_is_one_line(here, capsys, words, code, told):
     before = set(here.iterdir())
-    assert main(["plot", *words]) == 1
+    assert main(["plot", *words]) == code
     streams = capsys.readouterr()
     assert told in streams.err
     assert streams.err.count("\n") == 1

@@ -190,7 +190,7 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--preindent-um", "0"], "--preindent-um is for --export"),
         (["--export", "csv", "sine_20_250", "--seed", "1"], "no noise was named"),
         (["--export", "csv", "noise_5_25_1", "--seed", "-1"], "seed must be >= 0"),
-        (["--export", "csv", "sine_20_250", "--preindent-um", "-1"], "preindent_um"),
+        (["--export", "csv", "sine_20_250", "--preindent-um", "-1"], "--preindent-um"),
         (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
     ],
 )

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import pytest
 import tomli_w
 
-from fembridge.errors import ParameterError
+from fembridge.errors import ParameterError, UsageError
 from neural.models import DEFAULT_MODELS, MODELS, model_of
 from neural.parameter_sets import (
     DEFAULT_SET,
@@ -186,7 +186,7 @@ def test_a_word_that_names_nothing_is_refused(tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
 
     for give in (parameter_set, parameter_set_or_file):
-        with pytest.raises(ParameterError, match=f"'{word}'"):
+        with pytest.raises(UsageError, match=f"'{word}'"):
             give(word)
 
 

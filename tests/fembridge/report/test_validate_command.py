@@ -52,8 +52,8 @@ def test_json_is_all_that_stdout_holds(here, capsys):
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        (["--observed", "absent.csv"], 1, "absent.csv: cannot read"),
-        (["--parameters", "absent.toml"], 1, "absent.toml"),
+        (["--observed", "absent.csv"], 2, "absent.csv: cannot be read"),
+        (["--parameters", "absent.toml"], 2, "absent.toml"),
         (["--finger", "mine.toml"], 2, "invalid choice"),
         (["-o", ""], 2, "expected the name of a folder"),
     ],
