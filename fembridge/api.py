@@ -24,7 +24,7 @@ from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling
+from fembridge.store import check_output, filling
 from fembridge.trace import StressTrace
 
 if TYPE_CHECKING:
@@ -526,6 +526,10 @@ def fit(
     )
     models = models_to_fit(rates, afferents, drive, settings.families, log)
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
+    if output is not None:
+        fronts = map(fitting.front_file, models)
+        files = (fitting.PARAMETERS_FILE, fitting.RATES_FILE, fitting.PICTURE_FILE)
+        check_output(Path(output), *files, *fronts)
     run = fitting.fit_afferents(
         rates, source.response, models, settings, on_progress=on_progress, log=log
     )

@@ -221,7 +221,10 @@ def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
     with contextlib.ExitStack() as stack:
         cluster = scheduler or stack.enter_context(
             distributed.LocalCluster(
-                n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=":0"
+                n_workers=jobs,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address="127.0.0.1:0",  # ":0" would be all interfaces
             )
         )
         try:

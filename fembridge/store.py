@@ -3,7 +3,8 @@
 A reader of a final name finds the old content or the new, never a part: not after
 Ctrl-C, not after a full disk, not after a kill. Files that belong together are written
 in a draft folder and take their places only when all are whole; of two processes that
-do so in one folder, one waits for the other.
+do so in one folder, one waits for the other. Who writes holds a lock on its draft: one
+that nobody holds was left by a kill, and is removed by the next who writes there.
 """
 
 import codecs
@@ -16,6 +17,7 @@ import json
 import os
 import re
 import shutil
+import stat
 import tempfile
 import tomllib
 import warnings
@@ -32,7 +34,7 @@ from fembridge.typing import Table
 if TYPE_CHECKING:
     from cattrs import Converter
 
-_STEM_LETTERS = 40
+_DRAFT = ".fembridge-draft-"
 _LOOK_S = 0.2
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 SHORT = 16
@@ -60,21 +62,20 @@ def replacing(path: Path) -> Iterator[Path]:
     make_folder(path.parent)
     target = Path(os.path.realpath(path)) if path.is_symlink() else path
     _check_replaceable(target, path)
-    token = os.urandom(4).hex()
-    draft = target.with_name(f".{target.stem[:_STEM_LETTERS]}.{token}{target.suffix}")
-    try:
+
+    def make() -> Path:
+        draft = target.with_name(f"{_DRAFT}{os.urandom(4).hex()}{target.suffix}")
         draft.open("xb").close()  # with the permissions that any new file gets
-    except OSError as error:
-        raise OutputError(f"cannot write here: {error.strerror}", path) from error
-    try:
-        yield draft
-        with draft.open("rb") as file:
-            os.fsync(file.fileno())
-        draft.replace(target)
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror or error}", path) from error
-    finally:
-        draft.unlink(missing_ok=True)
+        return draft
+
+    with _drafted(make, target.parent, path) as draft:
+        try:
+            yield draft
+            with draft.open("rb") as file:
+                os.fsync(file.fileno())
+            draft.replace(target)
+        except OSError as error:
+            raise OutputError(f"cannot write: {error.strerror or error}", path) from error
 
 
 @contextmanager
@@ -100,22 +101,84 @@ def filling(folder: Path, last: str) -> Iterator[Path]:
         wanted. What stood in `folder` before is untouched.
     """
     make_folder(folder)
+
+    def make() -> Path:
+        return Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder))
+
+    with _drafted(make, folder, folder) as draft:
+        try:
+            yield draft
+            _move_up(draft, folder, last)
+        except OutputError as error:
+            if not error.path.is_relative_to(draft):
+                raise
+            place = folder / error.path.relative_to(draft)
+            raise OutputError(error.problem, place) from error
+        except OSError as error:
+            raise OutputError(f"cannot write: {error.strerror or error}", folder) from error
+
+
+def check_output(folder: Path, *names: str) -> None:
+    """Refuse now, before all computing, what `filling` would refuse of `names` at the end.
+
+    Raises
+    ------
+    OutputError
+        As `filling`.
+    """
+    with filling(folder, last=""):
+        for name in names:
+            _check_replaceable(folder / name, folder / name)
+
+
+@contextmanager
+def _drafted(make: Callable[[], Path], folder: Path, path: Path) -> Iterator[Path]:
+    """The file or folder that `make` makes in `folder`, removed at the end.
+
+    It is locked, and what earlier ones left there is removed. `path` is named where it
+    cannot be made.
+    """
     try:
-        draft = Path(tempfile.mkdtemp(prefix=".draft.", dir=folder))
+        _remove_left_over(folder)
+        draft, handle = _made_and_locked(make)
     except OSError as error:
-        raise OutputError(f"cannot write here: {error.strerror}", folder) from error
+        raise OutputError(f"cannot write here: {error.strerror}", path) from error
     try:
         yield draft
-        _move_up(draft, folder, last)
-    except OutputError as error:
-        if not error.path.is_relative_to(draft):
-            raise
-        place = folder / error.path.relative_to(draft)
-        raise OutputError(error.problem, place) from error
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror or error}", folder) from error
     finally:
+        _remove_draft(draft)
+        os.close(handle)
+
+
+def _made_and_locked(make: Callable[[], Path]) -> tuple[Path, int]:
+    while True:
+        draft = make()
+        with suppress(FileNotFoundError):  # another took it for left over: it had no lock yet
+            handle = os.open(draft, os.O_RDONLY)
+            with suppress(OSError):  # a file system without locks: it stays, if we are killed
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            if draft.exists():
+                return draft, handle
+            os.close(handle)
+
+
+def _remove_left_over(folder: Path) -> None:
+    """Remove the drafts in `folder` whose process has ended."""
+    for draft in folder.glob(f"{_DRAFT}*"):
+        with suppress(OSError):  # in use, or of another user
+            handle = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _remove_draft(draft)
+            finally:
+                os.close(handle)
+
+
+def _remove_draft(draft: Path) -> None:
+    if draft.is_dir():
         shutil.rmtree(draft, ignore_errors=True)
+    else:
+        draft.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -205,7 +268,7 @@ def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]
     lock = FileLock(path, thread_local=False)
     try:
         lock.acquire(blocking=wait, poll_interval=_LOOK_S)
-        path.write_text(f"{os.getpid()}\n", encoding="ascii")
+        _write_number(path)
     except Timeout as error:
         raise LockedError(f"{_holder(path)} is at work here", folder) from error
     except OSError as error:
@@ -223,6 +286,16 @@ def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]
         if lock.is_locked:
             path.unlink(missing_ok=True)  # first: who opened it before looks again
         lock.release()
+
+
+def _write_number(path: Path) -> None:
+    """Write the number of this process into a lock file, and into nothing else."""
+    with open(os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "w") as file:  # noqa: PTH123 - of a handle
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+            raise OSError(errno.EMLINK, "a link stands where a lock file is wanted")
+        file.truncate()
+        file.write(f"{os.getpid()}\n")
 
 
 def _holder(path: Path) -> str:

@@ -311,5 +311,7 @@ def _best(
     problem: FitProblem, seed: int, evaluations: int, population: int, rule: str
 ) -> FloatArray:
     front = search_front(problem, seed=seed, evaluations=evaluations, population=population)
+    if not front.finished:
+        raise KeyboardInterrupt
     best: FloatArray = front.values[choose(problem, front, rule).row]
     return best

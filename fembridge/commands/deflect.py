@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.errors import UsageError
     from fembridge.plots.deflection import deflection_figure
     from fembridge.plots.style import save_figure
-    from fembridge.store import filling
+    from fembridge.store import check_output, filling
     from fembridge.tables import write_table
 
     output = Path(args.output)
@@ -62,6 +62,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.solver is None and getattr(args, name) is not None:
             raise UsageError(f"{option(name)} is for --solver run")
     if args.solver is not None:
+        check_output(output, TABLE_FILE, PICTURE_FILE)
         shown = [_solved(args, output)]
     else:
         shown = [stored_deflection(args.finger)] if args.finger else list(stored_deflections())

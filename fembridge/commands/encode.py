@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each afferent."""
     from fembridge.simulation import encode_traces
+    from fembridge.store import filling
     from fembridge.tables import Rate, read_traces, write_rates, write_spikes
     from neural import mean_rate_ips, parameter_set_or_file
     from neural.rates import spikes_inside
@@ -89,19 +90,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "window_ms": list(window_ms),
         }
     files = [args.output / "spikes.csv", args.output / "rates.csv"]
-    write_spikes(files[0], trains)
-    write_rates(files[1], rates)
-    if not args.no_raster:
-        from fembridge.plots.raster import raster_figure
-        from fembridge.plots.style import save_figure
+    with filling(args.output, last="rates.csv") as draft:
+        write_spikes(draft / "spikes.csv", trains)
+        write_rates(draft / "rates.csv", rates)
+        if not args.no_raster:
+            from fembridge.plots.raster import raster_figure
+            from fembridge.plots.style import save_figure
 
-        files.append(args.output / "raster.png")
-        span_ms = (
-            min(trace.start_ms for trace in traces),
-            max(float(trace.times_ms[-1]) for trace in traces),
-        )
-        window = tuple(args.window_ms) if args.window_ms else None
-        save_figure(raster_figure(trains, span_ms=span_ms, window_ms=window), files[2])
+            files.append(args.output / "raster.png")
+            span_ms = (
+                min(trace.start_ms for trace in traces),
+                max(float(trace.times_ms[-1]) for trace in traces),
+            )
+            window = tuple(args.window_ms) if args.window_ms else None
+            figure = raster_figure(trains, span_ms=span_ms, window_ms=window)
+            save_figure(figure, draft / "raster.png")
     if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
         depth = f"the probe {chosen.preindent_um:g} um deep before time 0"
         start = "the traces start without stress"

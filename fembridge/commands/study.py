@@ -4,7 +4,7 @@ Every model is fitted to the sinusoids of the table, then again without each
 frequency, which it has to predict, all with several seeds. Written are a row a case
 and seed (study.csv), the medians as tables (study.md) and a picture (study.png).
 Without --drive the whole study is made: all models, pre-indentations, cells. It takes
-most of an hour on one core.
+most of an hour on one core; Ctrl-C keeps the cases that are finished.
 """
 
 import argparse
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge study --observed rates.csv --drive published rising -o study"
 
 PICTURE_FILE = "study.png"
+INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,10 +62,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.observed import read_observed
     from fembridge.plots.study import study_figure
     from fembridge.plots.style import save_figure
-    from fembridge.store import filling, write_text
+    from fembridge.store import check_output, filling, write_text
 
+    output = Path(args.output)
     observed = read_observed(Path(args.observed))
     cases = _cases_from(args, observed)
+    check_output(output, studies.CASES_FILE, studies.SUMMARY_FILE, PICTURE_FILE)
     done = count(1)
 
     def on_case(trials: "pandas.DataFrame") -> None:
@@ -86,7 +89,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         jobs=args.jobs,
         on_case=on_case,
     )
-    output, summary = Path(args.output), studies.summary_text(study)
+    tried = len(study.cases)
+    if not study.finished:
+        print(f"interrupted: {tried} of {len(cases)} cases are kept", file=sys.stderr)
+    summary = studies.summary_text(study)
     with filling(output, last=studies.SUMMARY_FILE) as draft:
         studies.write_cases(draft / studies.CASES_FILE, study)
         save_figure(study_figure(study), draft / PICTURE_FILE)
@@ -97,7 +103,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     best = {name: study.ranked(name)[0] for name in study.unfitted}
     return {
         "output": args.output,
-        "cases": len(cases),
+        "cases": tried,
+        "finished": study.finished,
         "best": {
             name: {
                 **trials.iloc[0][["drive", "cells", "preindent_um", "free_parameters"]],
@@ -105,6 +112,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             }
             for name, trials in best.items()
         },
+        "exit_code": 0 if study.finished else INTERRUPTED,
     }
 
 

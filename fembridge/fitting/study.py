@@ -6,7 +6,7 @@ with other seeds. Written are a row a seed as CSV, and the summary as Markdown.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -56,6 +56,8 @@ class Case:
 class ModelStudy:
     """What was tried; `unfitted` is Table 2 as printed, by class.
 
+    After an interrupt it is not `finished`, and later cases are absent.
+
     `trials` has a row a case and seed: `CASE`, ``seed``, R² and RMSE over the stimuli of
     the fit (``fitted_*``) and over all, each predicted by a fit without its group
     (``held_out_*``), and ``parameters``.
@@ -63,12 +65,17 @@ class ModelStudy:
 
     trials: "pd.DataFrame"
     unfitted: dict[str, Agreement]
+    finished: bool = True
+
+    @property
+    def cases(self) -> "list[pd.DataFrame]":
+        """Trials of each case."""
+        return [part for _, part in self.trials.groupby(list(CASE), sort=False)]
 
     def ranked(self, afferent: str) -> "list[pd.DataFrame]":
         """Trials of each case of a class; the smallest median held-out RMSE first."""
-        mine = self.trials[self.trials["afferent"] == afferent]
-        cases = [part for _, part in mine.groupby(list(CASE), sort=False)]
-        return sorted(cases, key=lambda part: part["held_out_rmse_ips"].median())
+        mine = [part for part in self.cases if part["afferent"].iloc[0] == afferent]
+        return sorted(mine, key=lambda part: part["held_out_rmse_ips"].median())
 
 
 def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
@@ -108,7 +115,13 @@ def study_models(
 ) -> ModelStudy:
     """Fit and cross-validate every case; `jobs` processes share them.
 
-    `on_case` is called with the trials of each.
+    `on_case` is called with the trials of each. An interrupt from the keyboard keeps those
+    that are finished.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Before the first case was finished.
     """
     import pandas as pd
 
@@ -118,15 +131,24 @@ def study_models(
             "or more, and no seed below 0"
         )
     trials_of = partial(_trials_of, observed, response, tuple(seeds), evaluations)
-    found = []
-    with ExitStack() as stack:
-        each = map if jobs == 1 else stack.enter_context(LocalExecutor(jobs)).map
-        for trials in each(trials_of, cases):
-            found.append(trials)
-            on_case(trials)
-    classes = dict.fromkeys(case.afferent for case in cases)
-    unfitted = {name: _unfitted(observed, response, name) for name in classes}
-    return ModelStudy(pd.concat(found, ignore_index=True), unfitted)
+    found: dict[int, pd.DataFrame] = {}
+    try:
+        if jobs == 1:
+            for row, case in enumerate(cases):
+                found[row] = trials_of(case)
+                on_case(found[row])
+        else:
+            with LocalExecutor(jobs) as pool:
+                rows = {pool.submit(trials_of, case): row for row, case in enumerate(cases)}
+                for one in as_completed(rows):
+                    found[rows[one]] = one.result()
+                    on_case(one.result())
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    trials = pd.concat([found[row] for row in sorted(found)], ignore_index=True)
+    unfitted = {name: _unfitted(observed, response, name) for name in trials["afferent"].unique()}
+    return ModelStudy(trials, unfitted, len(found) == len(cases))
 
 
 def _trials_of(

@@ -12,6 +12,7 @@ from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, acc
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
 from fembridge.solver.batch import run_folders
+from fembridge.solver.ccx import finished_outcome
 from fembridge.solver.forecast import in_words, increment_s
 from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
@@ -91,7 +92,12 @@ def solve_transients(
                 log(f"left {contact}: {error}")
                 continue
         runs = [build_run_folder(place, model, each) for place, each in waiting.items()]
-        outcomes = run_folders(runs, settings.shared_by(min(settings.jobs, len(runs))))
+        try:
+            outcomes = run_folders(runs, settings.shared_by(min(settings.jobs, len(runs))))
+        except KeyboardInterrupt:
+            kept = len(solved) + sum(finished_outcome(run) is not None for run in runs)
+            log(f"{kept} of {len(stimuli)} transients are kept; the same command goes on with them")
+            raise
         for run, outcome in zip(runs, outcomes, strict=True):
             if outcome.failure is None:
                 solved[run.folder] = run

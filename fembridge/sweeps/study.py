@@ -196,9 +196,10 @@ def study_from(
         contacts = tuple(_rows(asked.contacts))
     with place("parameters"):
         word = asked.parameters
-        if word not in SET_NAMES and PurePosixPath(word).suffix:
+        if word not in SET_NAMES:
             check_below(word)
-            word = str(folder / word)
+            if PurePosixPath(word).suffix or (folder / word).exists():
+                word = str(folder / word)
         parameters = parameter_set_or_file(word)
     name = name if asked.name is None else asked.name
     if not 0 < len(name) <= _MAX_NAME or not name.isprintable():  # in reports and pictures

@@ -233,7 +233,11 @@ def _run(
             _Shown(len(plan.items), before, shows=shows) as shown,
             executor_of(jobs, shown.follow) as executor,
         ):
-            causes = _do(left, folder, threads, executor, jobs, shown)
+            try:
+                causes = _do(left, folder, threads, executor, jobs, shown)
+            except KeyboardInterrupt:
+                shown.interrupted()
+                raise
     rows = _write_results(folder, plan, causes)
     return Sweep(folder, plan, causes, before, rows)
 
@@ -391,6 +395,12 @@ class _Shown(Bars):
             how = "finished elsewhere" if ended.before else f"{ended.wall_s:.1f} s"
             self.print(f"{self._done + self._failed}/{self._total} {item}: {how}")
         self._update()
+
+    def interrupted(self) -> None:
+        """Say what is kept."""
+        if self._says:
+            kept = f"{self._done} of {self._total} items are kept"
+            self.print(f"{kept}; the same command goes on with them")
 
     def _update(self) -> None:
         over = self._done + self._failed

@@ -86,6 +86,7 @@ class Outputs:
     def check_done(self):
         self.check()
         assert (self.folder / "record.toml").read_text() == "new"
+        assert len(list(self.folder.iterdir())) == 3  # no draft of the killed one
 
 
 class Results:
@@ -141,7 +142,7 @@ class Results:
     def check_done(self):
         self.check()
         assert "new" in (self.folder / "job.frd").read_text()
-        names = {path.name for path in self.folder.glob("[!.]*")}  # drafts may stay
+        names = {path.name for path in self.folder.iterdir()}
         kept = {"job.inp", "run.toml", "solver.log", "solver.toml", *FILES}
         assert names == kept, names
 

@@ -157,6 +157,19 @@ def test_traces_that_start_unloaded_are_named_where_the_fit_had_a_pre_indentatio
     assert "the traces start without stress" in capsys.readouterr().err
 
 
+def test_files_are_replaced_all_or_none(here, capsys):
+    assert main(["encode", "sine_50_250.csv", "--afferent", "SA"]) == 0
+    (here / "encoded" / "raster.png").unlink()
+    (here / "encoded" / "raster.png").mkdir()
+    before = [(here / "encoded" / name).read_bytes() for name in ("spikes.csv", "rates.csv")]
+
+    assert main(["encode", "sine_50_250.csv", "--stimulus", "other"]) == 1
+
+    assert "raster.png: a folder stands" in capsys.readouterr().err
+    after = [(here / "encoded" / name).read_bytes() for name in ("spikes.csv", "rates.csv")]
+    assert after == before
+
+
 @pytest.mark.parametrize(
     ("table", "words", "code", "message"),
     [

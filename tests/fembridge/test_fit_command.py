@@ -13,7 +13,8 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
 from fembridge.commands import fit
-from fembridge.errors import ResponseError, TableError, UsageError
+from fembridge.errors import OutputError, ResponseError, TableError, UsageError
+from fembridge.fitting import fit as fitting
 from fembridge.fitting.fit import SearchBar
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import Rate, read_rates, write_rates
@@ -218,6 +219,22 @@ def test_an_interrupt_keeps_the_best_so_far_and_says_so(call, tmp_path, monkeypa
     assert told["source"].endswith("interrupted")
     last = capsys.readouterr().err.splitlines()[-1]
     assert last == "interrupted: the best so far of SA is kept, finished = false"
+
+
+@pytest.mark.parametrize("name", [*FILES, PICTURE, ""])
+def test_an_output_that_cannot_be_written_is_refused_before_the_search(
+    call, tmp_path, monkeypatch, name
+):
+    if name:
+        (tmp_path / "out" / name).mkdir(parents=True)
+    else:
+        (tmp_path / "out").write_text("mine")
+    monkeypatch.setattr(fitting, "search_front", lambda *_, **__: pytest.fail("searched"))
+
+    with pytest.raises(OutputError) as caught:
+        call()
+
+    assert caught.value.path == tmp_path / "out" / name
 
 
 def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(call, tmp_path, undrawn):

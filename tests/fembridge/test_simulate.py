@@ -264,6 +264,22 @@ def test_a_transient_uses_the_contact_that_the_indentation_accepted(
     assert found.traces[0][0].stress_pa[-1] == 1e4
 
 
+def test_ctrl_c_keeps_the_transients_that_are_solved_and_says_how_many(
+    tmp_path, model, accepting, transients, lines, monkeypatch
+):
+    """The same command reads them: `fembridge.solver.batch.run_folders` solves no run twice."""
+
+    def stop(runs, settings):
+        raise KeyboardInterrupt
+
+    finished = [Outcome(tmp_path), None]
+    monkeypatch.setattr(transients_module, "run_folders", stop)
+    monkeypatch.setattr(transients_module, "finished_outcome", lambda run: finished.pop())
+    with pytest.raises(KeyboardInterrupt):
+        simulate(TWO, model, tmp_path, method="transient", log=lines.append)
+    assert lines[-1].startswith("1 of 2 transients are kept")
+
+
 def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, transients):
     transients.failures = [Cause.DISK_FULL] * 9
     with pytest.raises(SolverError, match="sine_20_250"):

@@ -23,6 +23,7 @@ from fembridge.errors import FembridgeError, LockedError, OutputError, UsageErro
 from fembridge.store import (
     canonical_text,
     changed,
+    check_output,
     digest,
     filling,
     folder_lock,
@@ -41,6 +42,16 @@ from fembridge.store import folder_lock
 with folder_lock(Path({folder!r}), ".lock"):
     print("held", flush=True)
     sleep(60)
+"""
+
+WRITE = """
+import os, signal, sys
+from pathlib import Path
+from fembridge.store import filling, replacing, write_text
+with filling(Path({folder!r}), last="a") as draft, replacing(Path({folder!r}, "b.csv")) as one:
+    write_text(draft / "a", "half")
+    print("half", flush=True)
+    sys.stdin.read()
 """
 
 
@@ -173,6 +184,88 @@ def test_the_last_file_is_never_beside_files_of_two_kinds(tmp_path, monkeypatch)
 
     assert moved == ["a", "b"]
     assert names_in(tmp_path) == ["a", "b"]
+
+
+@pytest.mark.parametrize("write", [filling, replacing])
+def test_drafts_of_the_dead_are_removed_and_those_of_the_living_stay(tmp_path, write):
+    """The next who writes there finds them, whatever it writes."""
+    (tmp_path / ".fembridge-draft-link").symlink_to(tmp_path.parent)
+    start = [sys.executable, "-c", WRITE.format(folder=str(tmp_path))]
+    one = subprocess.Popen(start, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert one.stdout.readline() == b"half\n"
+    of_one = names_in(tmp_path)
+    assert len(of_one) == 3
+    with write(tmp_path, "x") if write is filling else write(tmp_path / "x.csv"):
+        assert set(of_one) < set(names_in(tmp_path))
+    one.kill()
+    one.communicate()
+    assert set(of_one) <= set(names_in(tmp_path))
+
+    write_text(tmp_path / "c.csv", "new")
+
+    assert set(names_in(tmp_path)) - {"x.csv"} == {".fembridge-draft-link", "c.csv"}
+
+
+def test_a_draft_that_is_taken_for_left_over_before_it_is_locked_is_made_again(
+    tmp_path, monkeypatch
+):
+    made, opened = [], os.open
+
+    def remove_first(path, *flags):
+        if "draft" in str(path) and not made:
+            made.append(path)
+            path.unlink()
+        return opened(path, *flags)
+
+    monkeypatch.setattr(os, "open", remove_first)
+    write_text(tmp_path / "a.csv", "new")
+
+    assert made
+    assert names_in(tmp_path) == ["a.csv"]
+
+
+def test_an_output_that_cannot_be_written_is_known_before(tmp_path):
+    (tmp_path / "b.csv").mkdir()
+    (tmp_path / "file").write_text("mine")
+    check_output(tmp_path, "a.csv", "file")
+    check_output(tmp_path / "new")
+    for folder, names in ((tmp_path / "file", ()), (tmp_path, ("a.csv", "b.csv"))):
+        with pytest.raises(OutputError) as caught:
+            check_output(folder, *names)
+        assert caught.value.path == folder / "/".join(names[-1:])
+    assert names_in(tmp_path) == ["b.csv", "file", "new"]
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+def test_a_link_for_a_lock_file_is_refused_and_its_target_stays(tmp_path, monkeypatch, link):
+    """Also one that is put there after we have looked."""
+    (tmp_path / "mine").write_text("mine")
+    link(tmp_path / ".lock", tmp_path / "mine")
+    for _ in range(2):
+        with pytest.raises(OutputError), folder_lock(tmp_path, ".lock"):
+            pytest.fail("locked by a link")
+        monkeypatch.setattr(Path, "is_symlink", lambda path: False)
+
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_a_lock_file_that_becomes_a_link_while_it_is_locked_is_not_followed(tmp_path, monkeypatch):
+    from filelock import FileLock
+
+    (tmp_path / "mine").write_text("mine")
+    acquire = FileLock.acquire
+
+    def swap(lock, **words):
+        found = acquire(lock, **words)
+        (tmp_path / ".lock").unlink()
+        (tmp_path / ".lock").symlink_to("mine")
+        return found
+
+    monkeypatch.setattr(FileLock, "acquire", swap)
+    with pytest.raises(OutputError), folder_lock(tmp_path, ".lock"):
+        pytest.fail("locked by a link")
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_a_second_is_refused_and_learns_who_is_at_work(tmp_path):

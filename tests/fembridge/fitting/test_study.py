@@ -2,11 +2,13 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import pytest
 
 from fembridge.cli import main
 from fembridge.errors import UsageError
+from fembridge.fitting import study
 from fembridge.fitting.problem import stored_source
 from fembridge.fitting.study import (
     Case,
@@ -119,6 +121,47 @@ def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
         "study.md",
         "study.png",
     ]
+
+
+def test_an_interrupt_keeps_the_cases_that_are_finished(table, tmp_path, monkeypatch, capsys):
+    """Also one in the middle of a search, which is not taken for a whole one."""
+    from neural import search
+
+    asked, whole = [], search.search_front
+
+    def stop_in_second_case(problem, **words):
+        asked.append(problem.model.name)
+        front = whole(problem, **words)
+        return replace(front, finished=False) if asked[-1] == "rate" else front
+
+    monkeypatch.setattr(search, "search_front", stop_in_second_case)
+    words = ["study", "--observed", str(table), "--drive", "sharp", "rate", "sharp"]
+    short = ["--evaluations", "200", "--seeds", "1", "--json", "-o", str(tmp_path / "s")]
+    assert main([*words, *short]) == 130
+
+    streams = capsys.readouterr()
+    told = json.loads(streams.out)
+    assert (told["finished"], told["cases"]) == (False, len(set(asked)) - 1)
+    assert asked[-1] == "rate"
+    with (tmp_path / "s" / "study.csv").open(newline="") as file:
+        assert {row["drive"] for row in csv.DictReader(file)} == {"sharp"}
+    assert "1 of " in streams.err.splitlines()[-1]
+
+
+@pytest.mark.parametrize("name", ["study.csv", "study.md", "study.png", ""])
+def test_an_output_that_cannot_be_written_is_refused_before_the_first_case(
+    table, tmp_path, monkeypatch, capsys, name
+):
+    output = tmp_path / "s"
+    if name:
+        (output / name).mkdir(parents=True)
+    else:
+        output.write_text("mine")
+    monkeypatch.setattr(study, "cross_validate", lambda *_, **__: pytest.fail("computed"))
+
+    assert main(["study", "--observed", str(table), "-o", str(output)]) == 1
+
+    assert str(output / name) in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,8 @@ import signal
 import subprocess
 import sys
 from collections import Counter
+from contextlib import suppress
+from ipaddress import ip_address
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ import pytest
 import fembridge
 from fembridge import executor
 from fembridge.errors import MissingError, UsageError
+from fembridge.executor import dask_executor
 from fembridge.sweeps import run_sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
@@ -121,6 +124,35 @@ def test_a_cluster_of_our_own_ends_with_the_sweep(
     gate.touch()
     assert not run_sweep(dermis_study(3), tmp_path / "out").failed
     assert sorted(count(ledger, "end").values()) == [1, 1, 1]
+
+
+def listening():
+    """Addresses at which this process and what it started take connections."""
+    ours, inodes, found = [os.getpid()], set(), []
+    for pid in ours:
+        for path in Path(f"/proc/{pid}/task").glob("*/children"):
+            ours += map(int, path.read_text().split())
+        for path in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(FileNotFoundError):
+                inodes.add(str(path.readlink()))
+    for kind, size in (("tcp", 4), ("tcp6", 16)):
+        for line in Path(f"/proc/net/{kind}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[3] == "0A" and f"socket:[{words[9]}]" in inodes:
+                raw = bytes.fromhex(words[1].partition(":")[0])
+                swapped = [raw[k : k + 4][::-1] for k in range(0, size, 4)]
+                found.append(ip_address(b"".join(swapped)))
+    return found
+
+
+@needs_dask
+@pytest.mark.slow
+def test_a_cluster_of_our_own_listens_to_nobody_else():
+    with dask_executor(None, 1) as pool:
+        assert pool.submit(abs, -1).result() == 1
+        found = listening()
+    assert len(found) > 2
+    assert all(each.is_loopback for each in found), found
 
 
 @needs_dask
