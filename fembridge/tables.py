@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import TableError, TraceError
-from fembridge.store import read_bytes, write_text
+from fembridge.store import read_bytes, replacing
 from fembridge.trace import StressTrace, mean_step
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
@@ -166,11 +166,10 @@ def write_rates(path: Path, rates: Iterable[Rate]) -> None:
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Write a CSV table; a float as the shortest text that brings it back."""
-    out = io.StringIO(newline="")
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(header)
-    table.writerows(rows)
-    write_text(path, out.getvalue())
+    with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
+        table = csv.writer(out, lineterminator="\n")
+        table.writerow(header)
+        table.writerows(rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -308,7 +308,7 @@ def _plot(args: argparse.Namespace, result: "Result") -> Written:
 
     columns = result.describe()["columns"]
     output: Path = args.output or Path(f"{result.path.stem}_plot.csv")
-    rows = write_plot_table(result.path, output)
+    rows = write_plot_table(result.path, output, result.options)
     summary = {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
     return summary, f"{rows} rows of {', '.join(columns)}; numbers as in the file", []
 

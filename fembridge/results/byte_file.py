@@ -37,7 +37,7 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             kind = "a folder" if stat.S_ISDIR(about.st_mode) else "a pipe or a device"
             raise ResultError(f"{kind}, expected a result file", path)
         self.size = about.st_size
-        self._written_ns = about.st_mtime_ns
+        self.written_ns = about.st_mtime_ns
         self._file = os.fdopen(handle, "rb", WINDOW_BYTES)
 
     def __exit__(self, *error: object) -> None:
@@ -99,7 +99,7 @@ class ByteFile(AbstractContextManager["ByteFile"]):
     def change(self) -> str | None:
         """How the file has changed since it was opened; None if it has not."""
         about = os.fstat(self._file.fileno())
-        if (about.st_size, about.st_mtime_ns) == (self.size, self._written_ns):
+        if (about.st_size, about.st_mtime_ns) == (self.size, self.written_ns):
             return None
         if about.st_size == self.size:
             return "it was written to while it was read"

@@ -26,16 +26,17 @@ Time is taken as s, length as mm, and stress in `ReadOptions.stress_unit`.
 
 import csv
 import re
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.byte_file import text_lines
+from fembridge.results.byte_file import ByteFile, text_lines
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.store import replacing
 from fembridge.trace import MS_PER_S, StressTrace
@@ -112,7 +113,7 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> 
         duplicate, or not named; times that are not one even grid.
     """
     found: list[tuple[int | None, FloatArray]] = []
-    for table in read_plot_tables(path):
+    for table in read_plot_tables(path, options):
         times_ms = table.values[:, table.x] * MS_PER_S
         for column in _stress_columns(table, path, options):
             stress_pa = in_pa(table.values[:, column], options, path)
@@ -152,20 +153,23 @@ def is_over_time(path: Path) -> bool:
 
 def describe(path: Path) -> Table:
     """What a plot holds."""
-    tables = read_plot_tables(path)
+    remarks: list[str] = []
+    tables = read_plot_tables(path, ReadOptions(log=remarks.append))
+    if not tables[0].is_named:
+        remarks.append("its columns have no names")
     return {
         "format": "mentat-plot",
         "bytes": path.stat().st_size,
         "tables": len(tables),
         "rows": sum(len(table.values) for table in tables),
         "columns": list(tables[0].labels),
-        "over_time": is_over_time(path),
+        "over_time": all(table.is_over_time for table in tables),
         "nodes": list(nodes_in(path)),
-        "problem": None if tables[0].is_named else "its columns have no names",
+        "problem": "; ".join(remarks) or None,
     }
 
 
-def write_plot_table(path: Path, output: Path) -> int:
+def write_plot_table(path: Path, output: Path, options: ReadOptions = _DEFAULTS) -> int:
     """Write what a plot holds as CSV, number by number; the count of rows.
 
     Of several tables the first column, ``table``, counts them.
@@ -175,7 +179,7 @@ def write_plot_table(path: Path, output: Path) -> int:
     ResultError
         There is no table in it, or its tables have different columns.
     """
-    first, *others = tables = read_plot_tables(path)
+    first, *others = tables = read_plot_tables(path, options)
     columns = list(first.labels)
     if any(table.labels != first.labels for table in others):
         columns = _without_nodes(columns)
@@ -191,44 +195,117 @@ def write_plot_table(path: Path, output: Path) -> int:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(["table", *columns] if others else columns)
         for count, table in enumerate(tables, start=1):
-            rows = table.values.tolist()
+            rows = (row.tolist() for row in table.values)
             writer.writerows([count, *row] if others else row for row in rows)
     return sum(len(table.values) for table in tables)
 
 
-def read_plot_tables(path: Path) -> list[PlotTable]:
+def read_plot_tables(path: Path, options: ReadOptions = _DEFAULTS) -> list[PlotTable]:
     """Read the longest table of a text, and the others as wide, in file order.
 
     Raises
     ------
     ResultError
-        There is no such file, or no table of two columns and rows in it.
+        There is no such file, no table of two columns and rows in it, or a line at a table
+        that looks like a row of it and has another count of numbers.
     """
-    lines = [_in_utf8(line) for _, line, _ in text_lines(path)]
-    runs, above = [], 0
-    for columns, group in groupby(enumerate(map(_numbers, lines)), key=lambda row: len(row[1])):
-        rows = list(group)
-        if columns >= _LEAST_COLUMNS and len(rows) >= _LEAST_ROWS:
-            start = rows[0][0]
-            runs.append((start, lines[above:start], np.array([row for _, row in rows])))
-            above = rows[-1][0] + 1
+    with ByteFile(path) as file:
+        tables, cut = _tables_of(path, file.size, file.written_ns)
+    if cut:
+        options.note(f"the last line has no end and may be cut: {cut[-40:]!r}")
+    return list(tables)
+
+
+@lru_cache(maxsize=1)
+def _tables_of(path: Path, size: int, written_ns: int) -> tuple[tuple[PlotTable, ...], str]:
+    """The tables of a file of that size and date, and its last line if it has no end.
+
+    A command asks three times: what the abscissa is, which nodes there are, the numbers.
+    """
+    runs: list[_Run] = []
+    run, above, cut = _Run(0, 0), list[str](), ""
+    for number, text, ended in text_lines(path):
+        line = _in_utf8(text)
+        cut = "" if ended else line.strip()
+        row = _numbers(line)
+        if len(row) != run.columns:
+            above = _closed(run, runs, above)
+            run = _Run(len(row), number)
+        run.add(row, line)
+    above = _closed(run, runs, above)
     if not runs:
         raise ResultError("no table: no two lines with as many numbers each", path)
-    width = max((values for _, _, values in runs), key=len).shape[1]
+    width = max(runs, key=lambda one: one.rows).columns
     tables = []
-    for start, before, values in runs:
-        if values.shape[1] != width:
+    for place, one in enumerate(runs):
+        if one.columns != width:
             continue
-        bad = np.argwhere(~np.isfinite(values))
+        labels = _labels(one.above, one.values)
+        behind = runs[place + 1].above if place + 1 < len(runs) else above
+        beside = [(one.first + one.rows, behind[:1])]
+        if labels[0] != "column_1":
+            beside.append((one.first - 1, one.above[-1:]))
+        near = runs[place + 1].first if place + 1 < len(runs) else None
+        if near == one.first + one.rows:
+            beside.append((near, ["0"]))
+        for number, lines in beside:
+            if any(_like_row(each, width) for each in lines):
+                raise ResultError(f"no row of {width} numbers, at a table of such", path, number)
+        bad = np.argwhere(~np.isfinite(one.values))
         if bad.size:
-            raise ResultError("a number that is not finite", path, start + 1 + int(bad[0][0]))
-        header = tuple(filter(str.strip, before))
-        tables.append(PlotTable(_labels(before, values), values, header, start + 1))
-    return tables
+            raise ResultError("a number that is not finite", path, one.first + int(bad[0][0]))
+        header = tuple(filter(str.strip, one.above))
+        tables.append(PlotTable(labels, one.values, header, one.first))
+    return tuple(tables), cut
+
+
+class _Run:
+    """Consecutive lines of as many numbers, the `first` of them, and the text `above`."""
+
+    def __init__(self, columns: int, first: int) -> None:
+        self.columns, self.first, self.rows = columns, first, 0
+        self.lines: list[str] = []  # as long as it is no table
+        self.above: list[str] = []
+        self._numbers = array("d")
+
+    def add(self, row: Sequence[float], line: str) -> None:
+        """Take the next line, and the numbers in it."""
+        self.rows += 1
+        if self.columns < _LEAST_COLUMNS or self.rows < _LEAST_ROWS:
+            self.lines.append(line)
+        if self.columns >= _LEAST_COLUMNS:
+            self._numbers.extend(row)
+
+    @property
+    def values(self) -> FloatArray:
+        """The numbers, ``(R, C)``."""
+        table = np.frombuffer(self._numbers).reshape(self.rows, self.columns)
+        table.flags.writeable = False
+        return table
+
+
+def _closed(run: _Run, runs: list[_Run], above: list[str]) -> list[str]:
+    """Add `run` to the `runs` if it is a table; the text above what comes next."""
+    if run.columns < _LEAST_COLUMNS or run.rows < _LEAST_ROWS:
+        above.extend(run.lines)
+        return above
+    run.above = above
+    runs.append(run)
+    return []
+
+
+def _like_row(line: str, columns: int) -> bool:
+    """Whether a line that is no row of `columns` numbers may have been one."""
+    words = line.split()
+    if not words or len(words) > columns + 1 or not any(map(str.isdigit, words[0])):
+        return False
+    return len(words) == 1 or any(_numbers(word) for word in words)
 
 
 def _in_utf8(line: str) -> str:
     """A line that was read as Latin-1, which it stays where it is no UTF-8."""
+    if line.isascii():
+        return line
     try:
         return line.encode("latin-1").decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -248,7 +325,7 @@ def _labels(before: Sequence[str], values: FloatArray) -> tuple[str, ...]:
     counts = bool((np.diff(values[:, 0]) == 1).all()) and values[0, 0] in (0, 1)
     for line in reversed(before):
         cells = [cell.strip() for cell in line.split("\t") if cell.strip()]
-        if _numbers(line):
+        if _like_row(line, columns):
             continue
         if len(cells) == columns:
             return tuple(cells)

@@ -5,6 +5,7 @@ each label, six digits, tabs); the second and third are as programs say that rea
 """
 
 import csv
+import tracemalloc
 from dataclasses import astuple, fields
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge.errors import ResultError
 from fembridge.results.mentat import (
     StsRow,
+    describe,
     is_over_time,
     read,
     read_plot_tables,
@@ -315,3 +317,49 @@ def test_a_changed_byte_gives_rows_or_an_error_and_nothing_else(tmp_path_factory
     except ResultError:
         return
     assert len(found.rows) <= 2
+
+
+HISTORY = "Time Node 2\tEquivalent Von Mises Stress Node 2\n" + "".join(
+    f"{k * 0.0005:g}\t{100 + k}.25\n" for k in range(12)
+)
+
+
+@pytest.mark.parametrize("row", [1, 2, 6, 12])
+@pytest.mark.parametrize(
+    "damage", ["0.0x1\t101.25", "0.001", "0.001\t1x1.25", "0.001\t1\t2", "1\t-"]
+)
+@pytest.mark.parametrize("use", [read_plot_tables, lambda path: read(path, [2])])
+def test_a_damaged_row_is_refused_and_does_not_part_a_table(tmp_path, row, damage, use):
+    lines = HISTORY.splitlines()
+    lines[row] = damage
+    path = tmp_path / "plot.txt"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ResultError) as refused:
+        use(path)
+    assert refused.value.line == row + 1
+
+
+def test_a_text_that_is_cut_in_its_last_number_says_so(tmp_path):
+    path = tmp_path / "plot.txt"
+    path.write_text(HISTORY[:-2])
+    said = []
+    (trace,) = read(path, [2], ReadOptions(log=said.append))
+    assert trace.stress_pa[-1] == 111.2e6
+    assert "has no end and may be cut" in "; ".join(said)
+    assert "may be cut" in describe(path)["problem"]
+    path.write_text(HISTORY)
+    said.clear()
+    read(path, [2], ReadOptions(log=said.append))
+    assert said == []
+
+
+def test_a_long_text_takes_the_memory_of_its_numbers(tmp_path):
+    path, rows = tmp_path / "plot.txt", 30_000
+    path.write_text("Time\tvon Mises\n" + "".join(f"{k}\t{k}.5\n" for k in range(rows)))
+    tracemalloc.start()
+    try:
+        (table,) = read_plot_tables(path)
+        assert table.values.shape == (rows, 2)
+        assert tracemalloc.get_traced_memory()[1] < 4 * 16 * rows
+    finally:
+        tracemalloc.stop()
