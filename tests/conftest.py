@@ -5,7 +5,9 @@ test. A person's run tries a part of them and is done in a minute or two.
 """
 
 import os
+import shlex
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -76,6 +78,20 @@ def _no_power_cut():
         if not CI:
             patch.setattr(os, "fsync", lambda handle: None)
         yield
+
+
+@pytest.fixture
+def python_program():
+    """Write a program in Python; a ``#!`` line could not name ours where its path has blanks."""
+
+    def write(path, text):
+        path.parent.mkdir(exist_ok=True)
+        start = f"""'''exec' {shlex.quote(sys.executable)} -IS "$0" "$@"\n' '''"""
+        path.write_text(f"#!/bin/sh\n{start}\n{text}", encoding="utf-8")
+        path.chmod(0o755)
+        return path
+
+    return write
 
 
 @pytest.fixture

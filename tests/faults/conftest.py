@@ -112,13 +112,10 @@ def refused(capsys, as_in_table):
 
 
 @pytest.fixture
-def replaying_ccx(tmp_path, monkeypatch):
+def replaying_ccx(tmp_path, monkeypatch, python_program):
     """Give a solver that leaves the recorded indentation of `quick`, or cuts it."""
-    program = tmp_path / "bin" / "ccx"
-    program.parent.mkdir()
     text = REPLAY.format(suffixes=SUFFIXES, recorded=str(RECORDED))
-    program.write_text(f"#!{sys.executable} -IS\n{text}")
-    program.chmod(0o755)
+    program = python_program(tmp_path / "bin" / "ccx", text)
     monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     return program

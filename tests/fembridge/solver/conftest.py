@@ -1,7 +1,5 @@
 """A run folder, and a solver that plays the part which the folder's deck names."""
 
-import shutil
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,12 +9,9 @@ from fembridge.store import sha256_of
 
 
 @pytest.fixture
-def fake_ccx(tmp_path, monkeypatch):
-    program = tmp_path / "bin" / "ccx"
-    program.parent.mkdir()
-    shutil.copy(Path(__file__).with_name("fake_ccx.py"), program)
-    program.write_text(f"#!{sys.executable} -IS\n" + program.read_text())
-    program.chmod(0o755)
+def fake_ccx(tmp_path, monkeypatch, python_program):
+    text = Path(__file__).with_name("fake_ccx.py").read_text(encoding="utf-8")
+    program = python_program(tmp_path / "bin" / "ccx", text)
     monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     return program

@@ -45,11 +45,8 @@ note("end")
 
 
 @pytest.fixture
-def recorded_ccx(tmp_path, monkeypatch):
-    program = tmp_path / "bin" / "ccx"
-    program.parent.mkdir()
-    program.write_text(f"#!{sys.executable} -IS\n{SOLVER}")
-    program.chmod(0o755)
+def recorded_ccx(tmp_path, monkeypatch, python_program):
+    program = python_program(tmp_path / "bin" / "ccx", SOLVER)
     monkeypatch.setenv(CCX_VARIABLE, str(program))
     monkeypatch.setenv("SWEEP_LEDGER", str(tmp_path / "ledger"))
     monkeypatch.setenv("SWEEP_RECORDED", str(RECORDED))
