@@ -79,7 +79,7 @@ def test_a_simulation_does_not_use_what_was_cut(
     monkeypatch.setenv("FAULT_CUT", suffix)
     out = tmp_path / "out"
 
-    refused("simulate", "--no-plot", "--stimulus", "sine_20_250", "-o", out)
+    refused("simulate", "--no-plot", "--stimulus", "sine_20_250", "-o", out, notes=1)
 
     assert [path.name for path in out.iterdir()] == ["response"]
     assert not (out / "response" / "response.toml").exists()
