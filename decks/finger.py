@@ -20,7 +20,7 @@ THINNEST_MM = 0.02
 # Clear way between the dermis and the bone: room for a row of elements.
 _BONE_GAP_MM = 0.3
 # An afferent's name becomes part of a set's name in a deck.
-_AFFERENT = re.compile(r"[A-Z][A-Z0-9_]{0,39}")
+AFFERENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,39}")
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue", "bone", "nail")
 
@@ -300,7 +300,7 @@ def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
     yield not finger.afferents, "a finger without afferents has no result"
     for name, site in finger.afferents.items():
         yield (
-            not (isinstance(name, str) and _AFFERENT.fullmatch(name)),
+            not (isinstance(name, str) and AFFERENT_NAME.fullmatch(name)),
             f"afferent {name!r}: expected a capital letter, then capital letters, digits or "
             "_, at most 40 in all",
         )

@@ -24,7 +24,7 @@ from typing import Any, NoReturn, TextIO
 
 from fembridge import __version__
 from fembridge.errors import FembridgeError, UsageError
-from fembridge.terminal import PlainStream, error_line
+from fembridge.terminal import PlainStream, PrintError, error_line
 
 VERBS = {
     "stimuli": "list the stimuli of the catalogue, or export one",
@@ -65,14 +65,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             redirect_stderr(PlainStream.of(sys.stderr)),
         ):
             code = _run(list(sys.argv[1:] if argv is None else argv))
-        sys.stdout.flush()
+            sys.stdout.flush()
     except BrokenPipeError:
         if not _reader_has_left():
             raise
         return 0
-    except OSError as error:  # of a file it is an error of ours, or has its name
+    except PrintError as error:
         _to_nowhere(sys.stdout)
         print(error_line(f"cannot print: {error.strerror}"), file=sys.stderr)
+        return 1
+    except OSError as error:  # of a file it is an error of ours, or has its name
+        print(error_line(f"cannot read or write: {error.strerror}"), file=sys.stderr)
         return 1
     return code
 

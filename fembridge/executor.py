@@ -208,7 +208,7 @@ def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
     Raises
     ------
     MissingError
-        dask.distributed is not installed.
+        dask.distributed is not installed, or starts no cluster here.
     UsageError
         No scheduler answers at this address.
     """
@@ -219,14 +219,21 @@ def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         raise UsageError(f"scheduler {scheduler!r}, expected tcp://HOST:PORT")
     with contextlib.ExitStack() as stack:
-        cluster = scheduler or stack.enter_context(
-            distributed.LocalCluster(
-                n_workers=jobs,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address="127.0.0.1:0",  # ":0" would be all interfaces
-            )
-        )
+        cluster: Any = scheduler
+        if scheduler is None:
+            try:
+                cluster = distributed.LocalCluster(
+                    n_workers=jobs,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address="127.0.0.1:0",  # ":0" would be all interfaces
+                )
+            except (OSError, RuntimeError) as error:  # as without a loopback interface
+                raise MissingError(
+                    f"dask starts no cluster on this machine: {error}; --executor local "
+                    "needs no network"
+                ) from error
+            stack.enter_context(cluster)
         try:
             client = distributed.Client(cluster, timeout=_DASK_PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:

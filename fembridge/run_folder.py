@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from decks.dialects import dialect_of
+from decks.finger import AFFERENT_NAME
 from fembridge.errors import ResultError
 from fembridge.store import read_toml, structure, write_text
 from fembridge.typing import FloatArray, Table
@@ -185,6 +186,9 @@ def read_run_folder(folder: Path) -> RunFolder:
             places[name] = {"afferent": name, **place} if isinstance(place, dict) else place
     file = structure(table, _RunFile, failed)
     time = file.time
+    for place in file.afferents:
+        if not AFFERENT_NAME.fullmatch(place):
+            raise failed(f"afferents.{place[:60]}: expected the name of a class such as SA")
     for node in file.branches:
         if not node.isdecimal():
             raise failed(f"branches.{node}: expected the number of a node")

@@ -8,6 +8,7 @@ printed passes through `PlainStream`, which shows them as ``\x1b``.
 import os
 import re
 import tempfile
+from collections.abc import Callable
 from typing import TextIO, cast
 
 LONGEST_ERROR = 300
@@ -45,8 +46,15 @@ def error_line(problem: object) -> str:
     return line[: max(0, LONGEST_ERROR - len(end))] + end
 
 
+class PrintError(OSError):
+    """What we print cannot be written."""
+
+
 class PlainStream:
-    """The text stream `stream`, to which only `plain` text is written."""
+    """The text stream `stream`, to which only `plain` text is written.
+
+    What keeps it from being written is a `PrintError`, but for a reader that has left.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -58,8 +66,21 @@ class PlainStream:
 
     def write(self, text: str) -> int:
         """Write `text`, control characters shown."""
-        self.stream.write(plain(text))
+        self._do(lambda: self.stream.write(plain(text)))
         return len(text)
+
+    def flush(self) -> None:
+        """Write what is in the buffer."""
+        self._do(self.stream.flush)
+
+    @staticmethod
+    def _do(write: Callable[[], object]) -> None:
+        try:
+            write()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise PrintError(error.errno, error.strerror) from error
 
     def __getattr__(self, name: str) -> object:
         return getattr(self.stream, name)

@@ -276,6 +276,8 @@ def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = 
         return Ended(str(error), busy=True)
     except FembridgeError as error:
         cause = " ".join(str(error).replace(f"{folder}/", "").splitlines())
+    except OSError as error:
+        cause = f"{error.filename or 'cannot read or write'}: {error.strerror or error}"
     except Exception as error:  # a bug of ours in one item is no end of the others
         with suppress(OutputError):
             write_text(folder / task.place / BUG_FILE, traceback.format_exc())

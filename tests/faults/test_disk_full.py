@@ -118,3 +118,27 @@ def test_a_disk_that_fills_when_the_log_grows_is_told(
     (line,) = told["said"].splitlines()
     as_in_table(line.removeprefix("fembridge: "))
     assert "job.frd" not in told["names"]
+
+
+LOCK = """
+import contextlib, pathlib, sys
+from fembridge.errors import OutputError
+from fembridge.store import folder_lock
+place = pathlib.Path(sys.argv[1])
+with contextlib.suppress(OSError), (place / "filler").open("wb", 0) as file:
+    while True:
+        file.write(bytes(4096))
+try:
+    with folder_lock(place, ".lock"):
+        print("locked")
+except OutputError as error:
+    print(error)
+"""
+
+
+def test_a_full_disk_for_a_lock_names_its_folder(apart, little_room, as_in_table):
+    place, mount = little_room(64)
+
+    line = apart(mount, LOCK, place).strip()
+
+    as_in_table(line)

@@ -8,10 +8,12 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from fembridge import executor as module
+from fembridge.errors import MissingError
 from fembridge.executor import LocalExecutor, WorkerDiedError
 
 
@@ -93,3 +95,18 @@ def test_processes_go_when_their_owner_is_killed():
             break
         assert time.monotonic() < until_s
         time.sleep(0.05)
+
+
+def test_a_machine_without_loopback_gets_the_way_out_in_one_line(monkeypatch):
+    """What `LocalCluster` raises there."""
+
+    def no_network(**options):
+        raise RuntimeError("Cluster failed to start: Timed out trying to connect")
+
+    dask = SimpleNamespace(LocalCluster=no_network)
+    monkeypatch.setattr(module, "import_module", lambda name: dask)
+    with (
+        pytest.raises(MissingError, match=r"Timed out .*; --executor local needs no network"),
+        module.dask_executor(None, 2),
+    ):
+        pass

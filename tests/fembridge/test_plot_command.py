@@ -237,7 +237,7 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
     [
         (["mesh", "--finger", "nobody"], 2, "neither a preset (quick, paper) nor a file"),
         (["mesh", "--probe-x-mm", "20"], 1, "the probe spans x = "),
-        (["response", "nothing.toml"], 2, "nothing.toml: not readable"),
+        (["response", "nothing.toml"], 2, "nothing.toml: cannot be read"),
         (["trace", "nothing.csv"], 2, "nothing.csv: cannot be read"),
         (["trace", "spikes.csv"], 1, "no column"),
         (["raster", "traces.csv"], 1, "no column"),

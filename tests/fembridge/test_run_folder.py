@@ -105,6 +105,7 @@ def test_a_file_cut_before_its_inputs_is_refused(tmp_path, share):
         ("afferents.SA.node", 2.0),
         ("afferents.SA", 3),
         ("afferents", []),
+        ("afferents.sa\x1b[31m", {"node": 3, "layer": "", "x_mm": 0.0, "y_mm": 0.0}),
         ("branches.x", 2),
         ("time", 5),
         ("inputs", 5),

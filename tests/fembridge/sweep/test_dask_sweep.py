@@ -38,7 +38,7 @@ def main(study, folder):
     from distributed import LocalCluster
     from fembridge.sweeps import run_sweep
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
     ) as cluster:
         print("workers", *[w.pid for w in cluster.workers.values()], flush=True)
         sweep = run_sweep(

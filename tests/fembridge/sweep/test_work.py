@@ -1,5 +1,6 @@
 """Work of a study: what is shared, what makes an address another one, one task at a time."""
 
+import errno
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 
@@ -267,3 +268,16 @@ def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, le
 def test_a_folder_that_this_machine_does_not_see_is_told(tmp_path):
     [item] = plan_with().items.values()
     assert "all need to share it" in work(item, tmp_path).cause
+
+
+def test_a_full_disk_in_an_item_is_no_bug_of_ours(tmp_path, monkeypatch):
+    def full(*words):
+        raise OSError(errno.ENOSPC, "No space left on device", "runs/a/spikes.csv")
+
+    (tmp_path / STUDY_FILE).write_text("")
+    monkeypatch.setattr(module, "_answer", full)
+
+    done = work(item(), tmp_path)
+
+    assert done.cause == "runs/a/spikes.csv: No space left on device"
+    assert not list(tmp_path.rglob("failed.txt"))
