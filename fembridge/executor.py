@@ -236,7 +236,7 @@ def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
             stack.enter_context(cluster)
         try:
             client = distributed.Client(cluster, timeout=_DASK_PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # TypeError: tls without certificates
             raise UsageError(f"no dask scheduler at {scheduler}: {error}") from error
         stack.enter_context(client)
         executor = client.get_executor(pure=False)

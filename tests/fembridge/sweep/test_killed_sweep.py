@@ -97,7 +97,9 @@ def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
     wait_until(lambda: len(begun(ledger)) == 2)
     os.kill(sweep.pid, number)
 
-    assert finished(sweep)[0] == code
+    found, _, told = finished(sweep)
+    assert found == code
+    assert ("0 of 3 items are kept" in told) == (number == signal.SIGINT)
     assert not any(is_alive(pid) for entry in ledger() for pid in entry[1:3])
     assert not solved(ledger)
     assert not (tmp_path / "out/results.csv").exists()
