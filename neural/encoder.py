@@ -4,7 +4,7 @@ Stress is ``(T,)``, or ``(T, condition)`` for traces that share one time axis; r
 is at `start_ms`, where the membrane is at rest.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 
 import numpy as np
@@ -12,14 +12,19 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray
-from neural.filters import checked_stress
-from neural.lif import fire, refractory_rows
+from neural.filters import LAG_MS, checked_stress
+from neural.lif import Membranes, fire, refractory_rows
 from neural.models import model_named, model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
 
 # Solvers print times with six digits or more; a step may be off by that much. At
 # 250 ms that is 0.025 ms, a twentieth of a sample.
 _STEP_TOLERANCE = 1.0e-4
+
+# How many membranes are computed at once, how many numbers of their currents and rows, and
+# how many samples around one a filter may see beside `LAG_MS`: of a trace of an hour, or of
+# a hundred thousand membranes, little is in memory beside the stress and the spikes.
+_MEMBRANES, _NUMBERS, _ROWS, _SAMPLES_AROUND = 1 << 12, 1 << 21, 1 << 16, 64
 
 
 def encode(
@@ -108,43 +113,93 @@ def encode_afferents(
     arguments and the errors are those of `encode`, the entries of the result those
     of `encode_cells`.
     """
-    currents, constants = [], []
-    for afferent, stress in stress_pa.items():
-        one = parameters[afferent]
-        currents.append(_current(checked_stress(stress), dt_ms, one, derivative))
-        constants.append(
-            (
-                1.0 - one.dt_ms / one.tau_ms,
-                one.gap_mv / one.dt_ms,
-                refractory_rows(one.refractory_ms, one.dt_ms),
-                model_of(one).clamped,
-                one.jump_mv / one.dt_ms,
-                1.0 - one.dt_ms / one.recovery_ms,
-            )
-        )
-    if len({len(current) for current in currents}) != 1:
+    checked = {name: checked_stress(stress) for name, stress in stress_pa.items()}
+    if len({len(stress) for stress in checked.values()}) != 1:
         raise TraceError("stress of unequal lengths, expected one time axis")
-    sizes = [current.shape[1] for current in currents]
+    found: dict[str, list[list[FloatArray]]] = {name: [] for name in checked}
+    for some in _batches(checked, parameters):
+        for name, cells in _encoded(some, dt_ms, parameters, start_ms, derivative).items():
+            found[name] += cells
+    return found
+
+
+def _batches(
+    stress: Mapping[str, FloatArray], parameters: Parameters
+) -> Iterator[Mapping[str, FloatArray]]:
+    """All of `stress`, or where that is more than some thousand membranes, parts of it."""
+    columns = {name: each.reshape(len(each), -1) for name, each in stress.items()}
+    cells = {name: parameters[name].cells for name in stress}
+    if sum(cells[name] * columns[name].shape[1] for name in stress) <= _MEMBRANES:
+        yield stress
+        return
+    for name, each in columns.items():
+        step = max(1, _MEMBRANES // cells[name])
+        for first in range(0, each.shape[1], step):
+            yield {name: each[:, first : first + step]}
+
+
+def _encoded(
+    stress: Mapping[str, FloatArray],
+    dt_ms: float,
+    parameters: Parameters,
+    start_ms: float,
+    derivative: str,
+) -> dict[str, list[list[FloatArray]]]:
+    """Spike times as of `encode_afferents`, part by part of the time.
+
+    Of a part a filter sees what is around it, too; what a membrane holds goes on to the next.
+    """
+    chosen = [parameters[name] for name in stress]
+    conditions = [each.size // len(each) for each in stress.values()]
+    sizes = [one.cells * count for one, count in zip(chosen, conditions, strict=True)]
+    constants = (
+        (
+            1.0 - one.dt_ms / one.tau_ms,
+            one.gap_mv / one.dt_ms,
+            refractory_rows(one.refractory_ms, one.dt_ms),
+            model_of(one).clamped,
+            one.jump_mv / one.dt_ms,
+            1.0 - one.dt_ms / one.recovery_ms,
+        )
+        for one in chosen
+    )
     decay, threshold, refractory, clamped, jump, decay_of_jump = (
         np.repeat(each, sizes) for each in zip(*constants, strict=True)
     )
-    rows, membranes = fire(
-        np.concatenate(currents, axis=1),
-        decay,
-        threshold,
-        refractory,
-        clamped,
-        adaptation=(jump, decay_of_jump) if jump.any() else None,
-    )
+    samples = len(next(iter(stress.values())))
+    reach = int(min(samples, _SAMPLES_AROUND + 3.0 * LAG_MS / chosen[0].dt_ms))
+    step = max(reach, min(_ROWS, _NUMBERS // sum(sizes)))
+    state = Membranes.at_rest(sum(sizes))
+    parts = []
+    # The current of the last sample would act after the trace: it is left out.
+    for first in range(0, samples - 1, step):
+        last = min(first + step, samples - 1)
+        begin, end = max(0, first - reach), min(samples, last + 1 + reach)
+        currents = [
+            _current(each[begin:end], dt_ms, one, derivative)[first - begin : last - begin]
+            for one, each in zip(chosen, stress.values(), strict=True)
+        ]
+        rows, membranes = fire(
+            np.concatenate(currents, axis=1),
+            decay,
+            threshold,
+            refractory,
+            clamped,
+            adaptation=(jump, decay_of_jump) if jump.any() else None,
+            state=state,
+        )
+        parts.append((rows + first, membranes))
+    rows, membranes = map(np.concatenate, zip(*parts, strict=True))
+    order = np.argsort(membranes, kind="stable")
     # The step that row k feeds ends at sample k + 1.
-    step_ms = parameters[next(iter(stress_pa))].dt_ms
-    times_ms = np.asarray(start_ms + (rows + 1.0) * step_ms)
-    trains = np.split(times_ms, np.searchsorted(membranes, np.arange(1, sum(sizes))))
+    times_ms = start_ms + (rows[order] + 1.0) * chosen[0].dt_ms
+    trains = np.split(times_ms, np.searchsorted(membranes[order], np.arange(1, sum(sizes))))
     found: dict[str, list[list[FloatArray]]] = {}
-    for afferent, end in zip(stress_pa, np.cumsum(sizes).tolist(), strict=True):
-        mine = trains[end - sizes[len(found)] : end]
-        conditions = len(mine) // parameters[afferent].cells
-        found[afferent] = [mine[condition::conditions] for condition in range(conditions)]
+    for name, count, begin, size in zip(
+        stress, conditions, np.cumsum([0, *sizes]).tolist(), sizes, strict=False
+    ):
+        mine = trains[begin : begin + size]
+        found[name] = [mine[condition::count] for condition in range(count)]
     return found
 
 
@@ -166,10 +221,7 @@ def afferent_drives(
 def _current(
     stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
 ) -> FloatArray:
-    """Currents ``(T − 1, membrane)``: all conditions of the first cell, then of the next.
-
-    The current of the last sample would act after the trace: it is left out.
-    """
+    """Currents ``(T, membrane)``: all conditions of the first cell, then of the next."""
     step_ms = parameters.dt_ms
     if not abs(dt_ms - step_ms) <= _STEP_TOLERANCE * step_ms:
         raise ParameterError(
@@ -178,7 +230,7 @@ def _current(
         )
     model = model_of(parameters)
     filtered = model.filtered(stress, step_ms, derivative)
-    columns = [each[:-1].reshape(len(stress) - 1, -1) for each in filtered]
+    columns = [each.reshape(len(stress), -1) for each in filtered]
     values = {one.name: getattr(parameters, one.name) for one in fields(parameters)}
     coefficients = model.coefficients(values)
     needs = np.exp(parameters.spread * quantiles(parameters.cells))

@@ -3,13 +3,16 @@
 import math
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fembridge.errors import ParameterError, TraceError
+from neural import encoder, lif
 from neural.encoder import encode, encode_afferents, encode_cells
+from neural.filters import DERIVATIVES
 from neural.models import MODELS
 from neural.parameter_sets import parameter_set
 from neural.parameters import PUBLISHED, AfferentParameters, quantiles
@@ -217,3 +220,37 @@ def test_stress_of_two_lengths_is_refused():
     stress_pa = {"SA": np.zeros(10), "RA": np.zeros(12)}
     with pytest.raises(TraceError, match="lengths"):
         encode_afferents(stress_pa, DT_MS, PUBLISHED)
+
+
+@ALL
+@pytest.mark.parametrize("few", [0, 20])
+@pytest.mark.parametrize(
+    ("derivative", "refractory_ms"), list(zip(DERIVATIVES, (0.0, 1.0, 120.0), strict=True))
+)
+def test_parts_of_a_trace_fire_as_the_whole(row, derivative, refractory_ms, few, monkeypatch):
+    """To the last spike, of every model: one whose filters see farther would show here."""
+    rng = np.random.default_rng(17)
+    walk_pa = np.abs(np.cumsum(rng.normal(0, 3e3, (601, 3)), axis=0))
+    population = replace(parameters_of(row, cells=3, spread=0.7), refractory_ms=refractory_ms)
+    monkeypatch.setattr(lif, "_FEW", 20 - few)
+    whole = encode_cells(walk_pa, DT_MS, population, 7.0, derivative)
+    monkeypatch.setattr(encoder, "_ROWS", 1)
+    monkeypatch.setattr(encoder, "_MEMBRANES", 4)
+    monkeypatch.setattr(lif, "_FEW", few)
+    parts = encode_cells(walk_pa, DT_MS, population, 7.0, derivative)
+    assert sum(one.size for cells in whole for one in cells) > 5
+    assert [[one.tolist() for one in cells] for cells in whole] == [
+        [one.tolist() for one in cells] for cells in parts
+    ]
+
+
+def test_many_membranes_and_long_traces_take_little_memory():
+    """Beside the stress and the spikes: before, ten times the stress."""
+    pa = np.abs(np.sin(np.arange(200)[:, None] * 0.3 + np.arange(20_000))) * 3e4
+    for stress_pa in (pa, pa[:100].ravel()):
+        tracemalloc.start()
+        try:
+            encode(stress_pa, 0.5, PUBLISHED["RA"])
+            assert tracemalloc.get_traced_memory()[1] < 2 * pa.nbytes
+        finally:
+            tracemalloc.stop()
