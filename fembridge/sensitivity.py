@@ -18,7 +18,7 @@ import numpy as np
 from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError, UsageError
 from fembridge.tables import TextTable, read_table
-from fembridge.typing import FloatArray
+from fembridge.typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -183,44 +183,67 @@ def _means(rows: "pd.DataFrame", path: Path) -> "pd.DataFrame":
 
 
 def is_one_at_a_time(swept: SweptFingers) -> bool:
-    """Whether every finger differs from the first in one parameter at most."""
-    return bool(((swept.parameters != swept.parameters.iloc[0]).sum(axis=1) <= 1).all())
+    """Whether there is a finger from which every other differs in one parameter at most."""
+    return bool(_centres(swept.parameters).any())
+
+
+def base_of(swept: SweptFingers) -> int | None:
+    """Row of the one finger from which every other differs in one parameter at most.
+
+    None where there is none, or more than one: of a single parameter every finger is one.
+    """
+    rows = np.flatnonzero(_centres(swept.parameters))
+    return int(rows[0]) if rows.size == 1 else None
 
 
 def single_effects(swept: SweptFingers) -> "pd.DataFrame":
     """What each parameter does to each output, from its low value to its high one.
 
-    The first finger is the base; the others differ from it in one parameter.
-    ``change_percent`` is that of the base's answer, NaN where that is 0. ``monotone``:
-    between neighbouring values the answer never goes the other way.
+    ``base`` and ``at_base`` are those of `base_of`, NaN where there is none.
+    ``change_percent`` is that of the base's answer, without a base of the answer at the
+    low value; NaN where that is 0. ``monotone``: between neighbouring values the answer
+    never goes the other way.
     """
     import pandas as pd
 
-    effects = []
+    effects, base_row = [], base_of(swept)
+    centre = int(_centres(swept.parameters).argmax())
     for name in swept.parameters:
         others = swept.parameters.drop(columns=name)
-        mine = swept.parameters[name][(others == others.iloc[0]).all(axis=1)]
+        mine = swept.parameters[name][(others == others.iloc[centre]).all(axis=1)]
+        base = math.nan if base_row is None else mine[base_row]
         mine = mine.sort_values(kind="stable")
         for output in swept.answers.columns.to_flat_index():
             answers = swept.answers[output]
-            low, base, high = answers[mine.index[0]], answers[0], answers[mine.index[-1]]
+            low, high = answers[mine.index[0]], answers[mine.index[-1]]
+            at_base = math.nan if base_row is None else answers[base_row]
+            whole = low if base_row is None else at_base
             steps = answers[mine.index].diff()[1:]
             effects.append(
                 {
                     "parameter": name,
                     "low": mine.iloc[0],
-                    "base": mine[0],
+                    "base": base,
                     "high": mine.iloc[-1],
                     **dict(zip(OUTPUT, output, strict=True)),
                     "at_low": low,
-                    "at_base": base,
+                    "at_base": at_base,
                     "at_high": high,
                     "change": high - low,
-                    "change_percent": 100 * (high - low) / base if base else math.nan,
+                    "change_percent": 100 * (high - low) / whole if whole else math.nan,
                     "monotone": bool((steps >= 0).all() or (steps <= 0).all()),
                 }
             )
     return pd.DataFrame(effects)
+
+
+def _centres(parameters: "pd.DataFrame") -> BoolArray:
+    """Of each row whether all others differ from it in one parameter at most ``(finger,)``."""
+    value = parameters.to_numpy()
+    centre: BoolArray = (value != value[0]).sum(axis=1) <= 1  # no other row can be one
+    for row in np.flatnonzero(centre) if value.shape[1] > 1 else ():
+        centre[row] = ((value != value[row]).sum(axis=1) <= 1).all()
+    return centre
 
 
 def rank_regressions(
@@ -339,19 +362,30 @@ def effects_markdown(effects: "pd.DataFrame") -> str:
 
     def change(each: Mapping[str, Any]) -> str:
         quantity, percent = each["quantity"], each["change_percent"]
-        words = signed(shown(quantity, each["change"]), _digits(each["at_base"], quantity))
+        words = signed(shown(quantity, each["change"]), _digits(_whole(each), quantity))
         share = "" if math.isnan(percent) else f" ({signed(percent, 0)} %)"
         return f"{words}{share}{'' if each['monotone'] else ' ~'}"
 
     lines: list[str] = []
     for afferent, outputs, rows in _for_people(effects):
-        heads = [f"{words} ({_number(e['at_base'], e['quantity'])})" for words, e in outputs]
+        heads = [
+            words
+            if math.isnan(e["at_base"])
+            else f"{words} ({_number(e['at_base'], e['quantity'])})"
+            for words, e in outputs
+        ]
         lines += _head(afferent, ["parameter", "from, to", *heads])
         for name, cells in rows.items():
             unit = unit_of(name)
             span = f"{cells[0]['low']:.4g}, {cells[0]['high']:.4g} {unit}".rstrip()
             lines.append(_line([parameter_words(name), span, *map(change, cells)]))
     return "\n".join(lines).strip() + "\n"
+
+
+def _whole(effect: Mapping[str, Any]) -> float:
+    """Answer of the base, without a base that at the low value."""
+    at_base: float = effect["at_base"]
+    return float(effect["at_low"]) if math.isnan(at_base) else at_base
 
 
 def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> str:

@@ -12,13 +12,53 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import FINGER, add_options
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure
 
+    from fembridge.outputs import Written
     from fembridge.stimulus import Stimulus
+    from fembridge.tables import Rate
+    from fembridge.trace import StressTrace
 
 EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
 
 _TABLES = (".csv", ".md")
+_PREINDENT = {
+    "--preindent-um": {
+        "type": float,
+        "metavar": "DEPTH",
+        "help": "depth of the probe before time 0, where no simulation.toml or run.toml is "
+        "beside the table to tell it",
+    }
+}
+_OF_SPIKES: dict[str, dict[str, Any]] = {
+    "table": {
+        "type": Path,
+        "metavar": "FILE|DIR",
+        "help": "table of spikes, or a folder of simulate or encode",
+    },
+    "--stimulus": {
+        "action": "append",
+        "metavar": "ID",
+        "help": "rows from top to bottom, silent ones too; a single one is drawn above "
+        "(default: those of the folder, else of the table)",
+    },
+    "--afferent": {
+        "choices": ("SA", "RA", "PC"),
+        "nargs": "+",
+        "help": "panels from left to right (default: those of the table)",
+    },
+}
+_COUNTED = {
+    "--window-ms": {
+        "type": float,
+        "nargs": 2,
+        "metavar": ("START", "END"),
+        "help": "leave white only the time in which spikes were counted",
+    },
+    **_PREINDENT,
+}
 # Each picture: what it shows, an example, and its own arguments.
 _PICTURES: dict[str, tuple[str, str, dict[str, dict[str, Any]]]] = {
     "mesh": (
@@ -33,8 +73,8 @@ _PICTURES: dict[str, tuple[str, str, dict[str, dict[str, Any]]]] = {
             "file": {
                 "nargs": "?",
                 "type": Path,
-                "metavar": "FILE",
-                "help": "a response.toml, as `fembridge simulate` leaves it",
+                "metavar": "FILE|DIR",
+                "help": "a response.toml, or a folder in which `fembridge simulate` left one",
             },
             "--finger": {
                 "metavar": "NAME",
@@ -44,33 +84,79 @@ _PICTURES: dict[str, tuple[str, str, dict[str, dict[str, Any]]]] = {
     ),
     "trace": (
         "stress over time, a panel an afferent",
-        "trace traces.csv --stimulus sine_20_250",
+        "trace out --stimulus sine_20_250",
         {
-            "table": {"type": Path, "metavar": "CSV", "help": "table of traces"},
-            "--stimulus": {"metavar": "ID", "help": "draw the waveform that made them above"},
+            "table": {
+                "type": Path,
+                "metavar": "FILE|DIR",
+                "help": "table of traces, or a folder of simulate, or a run folder with results",
+            },
+            "--stimulus": {
+                "metavar": "ID",
+                "help": "which one of a folder; of a table: the waveform to draw above",
+            },
+            **_PREINDENT,
         },
     ),
     "raster": (
         "spikes: a panel a class, a row a stimulus",
-        "raster spikes.csv --stimulus sine_20",
+        "raster out --stimulus sine_20",
+        {**_OF_SPIKES, **_COUNTED},
+    ),
+    "psth": (
+        "rate over time in bins: a panel a class, a row a stimulus",
+        "psth out --stimulus sine_20_250 --bin-ms 2",
         {
-            "table": {"type": Path, "metavar": "CSV", "help": "table of spikes"},
-            "--stimulus": {
-                "action": "append",
-                "metavar": "ID",
-                "help": "rows from top to bottom, silent ones too; a single one is drawn above "
-                "(default: those of the table)",
+            **_OF_SPIKES,
+            "--bin-ms": {
+                "type": float,
+                "default": 5.0,
+                "metavar": "MS",
+                "help": "width of a bin (default: 5)",
+            },
+            **_COUNTED,
+        },
+    ),
+    "isi": (
+        "inter-spike intervals: a panel a class, a row a stimulus",
+        "isi out --stimulus noise_25_250 --longest-ms 60",
+        {
+            **_OF_SPIKES,
+            "--bin-ms": {
+                "type": float,
+                "default": 1.0,
+                "metavar": "MS",
+                "help": "width of a bin (default: 1)",
+            },
+            "--longest-ms": {
+                "type": float,
+                "metavar": "MS",
+                "help": "end of the axis (default: the longest interval)",
+            },
+        },
+    ),
+    "rates": (
+        "rate against amplitude: a row a class, a column a frequency",
+        "rates out --observed observed.csv --touchsim",
+        {
+            "table": {
+                "type": Path,
+                "metavar": "FILE|DIR",
+                "help": "table of rates, or a folder of simulate, encode or a sweep of one finger",
+            },
+            "--observed": {
+                "type": Path,
+                "metavar": "RATES.csv",
+                "help": "draw observed rates beside: a table stimulus,afferent,rate_ips",
+            },
+            "--touchsim": {
+                "action": "store_true",
+                "help": "draw TouchSim's rates beside (stored; probe without pre-indentation)",
             },
             "--afferent": {
                 "choices": ("SA", "RA", "PC"),
                 "nargs": "+",
-                "help": "panels from left to right (default: those of the table)",
-            },
-            "--window-ms": {
-                "type": float,
-                "nargs": 2,
-                "metavar": ("START", "END"),
-                "help": "leave white only the time in which spikes were counted",
+                "help": "rows from top to bottom (default: those of the table)",
             },
         },
     ),
@@ -94,12 +180,13 @@ _PICTURES: dict[str, tuple[str, str, dict[str, dict[str, Any]]]] = {
     ),
     "sensitivity": (
         "which parameter of a sweep's fingers moves rates and stress how much",
-        "sensitivity sweep/results.csv --table effects.md",
+        "sensitivity sweep --table effects.md",
         {
             "table": {
                 "type": Path,
-                "metavar": "CSV",
-                "help": "results.csv of a sweep with a design (docs/sweeps.md), or its --fingers",
+                "metavar": "FILE|DIR",
+                "help": "folder of a sweep with a design (docs/sweeps.md), its results.csv, or "
+                "its --fingers",
             },
             "--table": {
                 "dest": "effects",
@@ -163,6 +250,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "response": _response,
         "trace": _trace,
         "raster": _raster,
+        "psth": _psth,
+        "isi": _isi,
+        "rates": _rates,
         "stimulus": _stimulus,
         "sensitivity": _sensitivity,
     }[args.picture](args)
@@ -199,13 +289,15 @@ def _response(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     from decks.presets import read_finger
     from decks.probe import Probe
     from fembridge.errors import UsageError
+    from fembridge.outputs import find_output
     from fembridge.plots.response import response_figure
-    from fembridge.response.response_map import read_map, stored_response
+    from fembridge.response.response_map import MAP_FILE, read_map, stored_response
 
     if args.file is None:
         response = stored_response(read_finger(args.finger or "quick"), Probe(), "CPE4")
     elif args.finger is None:
-        response = read_map(args.file)
+        made_by = "fembridge simulate leaves it where it solves a response map"
+        response = read_map(find_output(args.file, (MAP_FILE,), made_by))
     else:
         raise UsageError(f"{args.file} and --finger {args.finger}: expected one")
     return response_figure(response), {
@@ -219,49 +311,204 @@ def _response(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 def _trace(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     from fembridge.errors import UsageError
     from fembridge.plots.trace import trace_figure
-    from fembridge.tables import read_traces
 
-    traces = read_traces(args.table)
-    stimuli = _stimuli([args.stimulus]) if args.stimulus else []
-    if len(stimuli) > 1:
-        raise UsageError(f"{args.stimulus} names {len(stimuli)} stimuli, expected one")
-    return trace_figure(traces, waveform=stimuli[0] if stimuli else None), {
+    traces, waveform = _traces_of(args)
+    if not traces:
+        raise UsageError(f"{args.table}: no traces")
+    return trace_figure(traces, waveform=waveform), {
+        "stimulus": waveform.id if waveform else None,
+        "preindent_um": waveform.preindent_um if waveform else None,
         "traces": [
             {
                 "afferent": trace.afferent,
-                "node": trace.node,
+                "node": trace.node or None,
                 "peak_pa": float(trace.stress_pa.max()),
             }
             for trace in traces
-        ]
+        ],
     }
 
 
-def _raster(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimulus | None]":
+    """Traces of a table or folder, and the stimulus that made them, if that is known."""
     from fembridge.errors import UsageError
+    from fembridge.outputs import find_output, read_written
+    from fembridge.results import read
+    from fembridge.run_folder import RUN_FILE
+    from fembridge.simulation import TRACES_FILE
+    from fembridge.tables import read_traces
+
+    made_by = "simulate and run leave stress in a folder, `ingest -o traces.csv` in a table"
+    names = (TRACES_FILE, "traces.csv", RUN_FILE)
+    path = find_output(args.table, names, made_by)
+    written = read_written(path.parent)
+    if path.name == TRACES_FILE and written is not None:
+        there = [stimulus.id for stimulus in written.stimuli]
+        name = args.stimulus or there[0]
+        if name not in there or (args.stimulus is None and len(there) > 1):
+            found = f"has {len(there)} stimuli, {there[0]} to {there[-1]}"
+            raise UsageError(f"{path}: {found}; name one of them: --stimulus ID")
+        row = there.index(name)
+        return written.traces[row], _as_recorded(args, written.stimuli[row], written.path)
+    traces = read(path.parent) if path.name == RUN_FILE else read_traces(path)
+    if args.stimulus is None and written is not None and len(written.stimuli) == 1:
+        return traces, _as_recorded(args, written.stimuli[0], written.path)
+    return traces, _waveform(args, args.stimulus, written) if args.stimulus else None
+
+
+def _raster(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     from fembridge.plots.raster import raster_figure
+
+    drawn, summary = _spikes(args)
+    return raster_figure(**drawn), summary
+
+
+def _psth(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+    from fembridge.plots.psth import psth_figure
+
+    drawn, summary = _spikes(args)
+    return psth_figure(**drawn, bin_ms=args.bin_ms), {**summary, "bin_ms": args.bin_ms}
+
+
+def _isi(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+    from fembridge.plots.isi import intervals_ms, isi_figure
+
+    args.window_ms = args.preindent_um = None
+    drawn, summary = _spikes(args)
+    del drawn["window_ms"], drawn["waveform"]
+    count = sum(
+        intervals_ms(drawn["trains"], row, afferent).size
+        for row in drawn["stimuli"]
+        for afferent in drawn["afferents"]
+    )
+    figure = isi_figure(**drawn, bin_ms=args.bin_ms, longest_ms=args.longest_ms)
+    return figure, {**summary, "bin_ms": args.bin_ms, "intervals": count}
+
+
+def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What is drawn of a table of spikes, as arguments of a figure; and the summary."""
+    from fembridge.errors import UsageError
+    from fembridge.outputs import find_output, read_written
+    from fembridge.simulation import SPIKES_FILE
     from fembridge.tables import AFFERENTS, read_spikes
 
-    trains = read_spikes(args.table)
-    present = {train.afferent for train in trains}
-    classes = args.afferent or [n for n in AFFERENTS if n in present] or AFFERENTS
-    stimuli = _stimuli(args.stimulus) if args.stimulus else []
+    path = find_output(args.table, (SPIKES_FILE,), "simulate and encode leave it")
+    trains = read_spikes(path)
     tabled = list(dict.fromkeys(train.stimulus for train in trains))
-    rows = [stimulus.id for stimulus in stimuli] or tabled
+    written = read_written(path.parent)
+    if written is not None and all(map(written.of, tabled)):
+        trains = written.with_silent(trains)
+        rows = [stimulus.id for stimulus in written.stimuli]
+    else:
+        written, rows = None, tabled
+    if args.stimulus:
+        rows = _rows_named(args.stimulus, rows, whole=written is not None)
     if not rows:
-        raise UsageError(f"{args.table}: no spikes; --stimulus ID gives silent rows")
+        raise UsageError(f"{path}: no spikes; --stimulus ID gives silent rows")
+    silent = [name for name in rows if name not in tabled]
+    if unknown := [name for name in silent if written is None or not written.of(name)]:
+        note = f"no spike of {', '.join(unknown)}: silent, or not in it"
+        print(f"{path}: {note}", file=sys.stderr)
     shown = [train for train in trains if train.stimulus in rows]
-    waveform = stimuli[0] if len(stimuli) == 1 else None
-    counted_ms = waveform.window_ms if waveform else None
-    window_ms = tuple(args.window_ms) if args.window_ms else counted_ms
-    if silent := [name for name in rows if name not in tabled]:
-        note = f"no spike of {', '.join(silent)}: silent, or not in it"
-        print(f"{args.table}: {note}", file=sys.stderr)
-    figure = raster_figure(
-        shown, stimuli=rows, afferents=classes, window_ms=window_ms, waveform=waveform
-    )
+    present = {train.afferent for train in trains}
+    classes = args.afferent or [n for n in AFFERENTS if n in present] or list(AFFERENTS)
+    known = [written.of(name) for name in rows] if written else []
+    windows_ms = {stimulus.window_ms for stimulus in known if stimulus}
+    waveform = None
+    if len(rows) == 1 and (written or args.stimulus):
+        waveform = _waveform(args, rows[0], written)
+        windows_ms = {waveform.window_ms}
+    window_ms = windows_ms.pop() if len(windows_ms) == 1 else None
+    drawn = {
+        "trains": shown,
+        "stimuli": rows,
+        "afferents": classes,
+        "window_ms": tuple(args.window_ms) if args.window_ms else window_ms,
+        "waveform": waveform,
+    }
     spikes = sum(train.times_ms.size for train in shown if train.afferent in classes)
-    return figure, {"stimuli": rows, "silent": silent, "spikes": spikes}
+    return drawn, {"stimuli": rows, "silent": silent, "spikes": spikes}
+
+
+def _rows_named(words: list[str], there: list[str], *, whole: bool) -> list[str]:
+    """Ids that `words` name; where `there` is the `whole` of it, of a set only those."""
+    rows: list[str] = []
+    for word in ",".join(words).split(","):
+        named = [word] if word in there else [one.id for one in _stimuli([word])]
+        of_set = [name for name in named if name in there] if whole and len(named) > 1 else []
+        rows += of_set or named
+    return list(dict.fromkeys(rows))
+
+
+def _waveform(args: argparse.Namespace, word: str, written: "Written | None") -> "Stimulus":
+    """The stimulus as it is recorded, else as the catalogue and --preindent-um have it."""
+    from fembridge.errors import UsageError
+
+    if written is not None and (known := written.of(word)) is not None:
+        return _as_recorded(args, known, written.path)
+    stimuli = _stimuli([word], args.preindent_um or 0.0)
+    if len(stimuli) > 1:
+        raise UsageError(f"{word} names {len(stimuli)} stimuli, expected one")
+    if written is not None and (known := written.of(stimuli[0].id)) is not None:
+        return _as_recorded(args, known, written.path)
+    if args.preindent_um is None:
+        words = "the probe is drawn without pre-indentation: none is recorded beside the table"
+        print(f"{args.table}: {words}; --preindent-um DEPTH sets it", file=sys.stderr)
+    return stimuli[0]
+
+
+def _as_recorded(args: argparse.Namespace, stimulus: "Stimulus", path: Path) -> "Stimulus":
+    from fembridge.errors import UsageError
+
+    if args.preindent_um not in (None, stimulus.preindent_um):
+        found = f"{path} says {stimulus.preindent_um:g} um"
+        raise UsageError(f"--preindent-um {args.preindent_um:g}: {found}; leave the option out")
+    return stimulus
+
+
+def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+    from fembridge.observed import read_observed
+    from fembridge.outputs import find_output
+    from fembridge.plots.rates import placed, rates_figure
+    from fembridge.simulation import RATES_FILE
+    from fembridge.sweeps.sweep import RESULTS_FILE
+    from fembridge.touchsim import touchsim_rates
+
+    made_by = "simulate, encode and sweep leave it"
+    path = find_output(args.table, (RATES_FILE, RESULTS_FILE), made_by)
+    rates = _rates_in(path)
+    entries, strange = placed(rates)
+    if strange:
+        note = f"without a frequency and an amplitude, left out: {', '.join(strange[:3])}"
+        more = f" and {len(strange) - 3} more" if len(strange) > 3 else ""
+        print(f"{path}: {note}{more}", file=sys.stderr)
+    observed = read_observed(args.observed, complete=False).rates() if args.observed else []
+    touchsim = touchsim_rates() if args.touchsim else []
+    figure = rates_figure(rates, observed=observed, touchsim=touchsim, afferents=args.afferent)
+    beside = {"observed": observed, "touchsim": touchsim}
+    return figure, {
+        "stimuli": list(entries),
+        "left_out": strange,
+        **{name: sum(one.stimulus in entries for one in each) for name, each in beside.items()},
+    }
+
+
+def _rates_in(path: Path) -> "list[Rate]":
+    """Rates of a table, or of the one finger of a sweep's table that did not fail."""
+    from fembridge.errors import UsageError
+    from fembridge.tables import AFFERENTS, Rate, read_rates, read_table
+
+    table = read_table(path, ("stimulus", "afferent", "rate_ips"))
+    if "status" not in table.header:
+        return read_rates(path)
+    table = table.where(table.column("status") == "done")
+    names, rates_ips = table.words("stimulus"), table.numbers("rate_ips", least=0).tolist()
+    columns = (names, table.choices("afferent", AFFERENTS), rates_ips)
+    rates = [Rate(*row) for row in zip(*columns, strict=True)]
+    if len({(rate.stimulus, rate.afferent) for rate in rates}) < len(rates):
+        found = "rates of several fingers, probes or methods, expected of one"
+        raise UsageError(f"{path}: {found}; plot sensitivity compares fingers")
+    return rates
 
 
 def _stimulus(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
@@ -275,14 +522,17 @@ def _sensitivity(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     """Draw, and write the tables; the summary holds every number of them."""
     from fembridge import sensitivity
     from fembridge.errors import UsageError
+    from fembridge.outputs import find_output
     from fembridge.plots.sensitivity import effects_figure, regressions_figure
     from fembridge.store import write_text
+    from fembridge.sweeps.sweep import RESULTS_FILE
 
     if args.effects is not None and args.effects.suffix.lower() not in _TABLES:
         raise UsageError(f"{args.effects}: expected {' or '.join(_TABLES)}")
-    swept = sensitivity.read_swept(args.table)
+    path = find_output(args.table, (RESULTS_FILE,), "sweep leaves it when nothing is left to do")
+    swept = sensitivity.read_swept(path)
     for cause in swept.causes:
-        print(f"{args.table}: a finger is left out: {cause}", file=sys.stderr)
+        print(f"{path}: a finger is left out: {cause}", file=sys.stderr)
     single = sensitivity.is_one_at_a_time(swept)
     if single:
         table = sensitivity.single_effects(swept)

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
+    FAINT,
     HAIR_PT,
     INK,
     LINE_PT,
-    SHADE,
     TEXT_PT,
     class_style,
+    fitting,
     in_style,
     marks,
     new_figure,
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 MOST_PARAMETERS = 60
 
 _ROW_IN, _BETWEEN_IN, _MARGIN_IN = 0.16, 0.62, 0.45
+# A longer name of a parameter is cut, or it would leave no room for its row.
+_NAME_IN = 1.8
 _MARK_PT = {"o": 4.2, "D": 3.4}
 # Rates stand a little above the middle of their row, stress a little below.
 _ASIDE = 0.17
@@ -50,7 +53,7 @@ _OTHER_COLOUR = "#555555"
 def effects_figure(effects: "pd.DataFrame") -> "Figure":
     """One-at-a-time effects: rates above, stress below; at most `MOST_PARAMETERS`."""
     mean, order = _of_all(effects)
-    afferents = effects["afferent"].unique()
+    afferents, has_base = effects["afferent"].unique(), bool(effects["base"].notna().all())
     figure, panels = _panels(len(QUANTITIES), len(afferents), order)
     for quantity, row in zip(QUANTITIES, panels, strict=True):
         for afferent, panel in zip(afferents, row, strict=True):
@@ -61,13 +64,18 @@ def effects_figure(effects: "pd.DataFrame") -> "Figure":
                 panel.plot([low, high], [place] * 2, color=style["color"], linewidth=2 * LINE_PT)
                 panel.plot([low], [place], **_mark(style["color"]))
                 panel.plot([high], [place], **_mark(style["color"], filled=True))
-            panel.axvline(shown(quantity, mine["at_base"].iloc[0]), linewidth=HAIR_PT, zorder=1)
+            if has_base:
+                panel.axvline(shown(quantity, mine["at_base"].iloc[0]), linewidth=HAIR_PT, zorder=1)
             panel.margins(x=_ROOM)
             panel.set_xlabel(f"Mean {quantity_words(quantity)}", fontsize=TEXT_PT)
             if quantity == QUANTITIES[0]:
                 panel.set_title(afferent, **style)
-    samples = [_mark(INK), _mark(INK, filled=True), {"linewidth": HAIR_PT}]
-    _name_samples(figure, samples, ["parameter low", "parameter high", "base"])
+    samples = [_mark(INK), _mark(INK, filled=True)]
+    names = ["parameter low", "parameter high"]
+    if has_base:
+        samples.append({"linewidth": HAIR_PT})
+        names.append("base: the finger that the others are varied from")
+    _name_samples(figure, samples, names)
     return figure
 
 
@@ -115,7 +123,7 @@ def _of_all(answers: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
 
 
 def _panels(rows: int, afferents: int, parameters: list[str]) -> "tuple[Figure, Any]":
-    """Figure of `rows` rows of panels; in each a row a parameter, every other one shaded."""
+    """Figure of `rows` rows of panels; in each a row a parameter, on a faint line."""
     if len(parameters) > MOST_PARAMETERS:
         raise UsageError(
             f"{len(parameters)} parameters, expected at most {MOST_PARAMETERS} in a picture"
@@ -123,9 +131,10 @@ def _panels(rows: int, afferents: int, parameters: list[str]) -> "tuple[Figure, 
     height_in = _MARGIN_IN + rows * (_BETWEEN_IN + _ROW_IN * max(len(parameters), 3))
     figure, panels = new_figure(height_in, rows, afferents, sharey="row")
     for panel in panels.flat:
-        for place in range(0, len(parameters), 2):
-            panel.axhspan(place - 0.5, place + 0.5, color=SHADE, linewidth=0, zorder=0)
-        panel.set_yticks(range(len(parameters)), [parameter_words(name) for name in parameters])
+        panel.grid(axis="y", color=FAINT, linewidth=HAIR_PT, dashes=(1, 3))
+        panel.set_axisbelow(True)
+        names = [fitting(parameter_words(name), _NAME_IN) for name in parameters]
+        panel.set_yticks(range(len(parameters)), names, parse_math=False)
         panel.set_ylim(len(parameters) - 0.5, -0.5)
         panel.tick_params(axis="y", length=0)
         panel.spines["left"].set_visible(False)

@@ -30,7 +30,7 @@ _Given = ParamSpec("_Given")
 _Drawn = TypeVar("_Drawn")
 
 AFFERENT_COLOURS = {"SA": "#009E73", "RA": "#0072B2", "PC": "#D55E00"}
-INK, FAINT, SHADE, WHITE = "#1A1A1A", "#B8B8B8", "#F1F1F1", "#FFFFFF"
+INK, FAINT, SHADE, WHITE = "#1A1A1A", "#B8B8B8", "#E6E6E6", "#FFFFFF"
 LAYER_COLOURS: Mapping[str, str] = {
     "stratum_corneum": "#96794E",
     "epidermis": "#E8C699",
@@ -49,6 +49,7 @@ TEXT_PT = 8.0
 SMALL_TEXT_PT = 7.0
 TINY_TEXT_PT = 5.5
 HAIR_PT = 0.5
+PT_PER_IN = 72.0
 LINE_PT = 0.9
 
 # Two columns of a journal, in inches.
@@ -82,6 +83,12 @@ _STYLE: dict[Any, Any] = {
 _DATED = {"svg": "Date", "svgz": "Date", "pdf": "CreationDate"}
 # Matplotlib writes it through LaTeX, which may not be there and can stop midway.
 _NEEDS_LATEX = "pgf"
+
+# The mark of a grey ground of `shade_outside`; legends leave out what begins so.
+_SHADED = "_not counted"
+
+# Of a name that is too long for its place: no font shows more in a figure's width.
+_MOST_LETTERS = 400
 
 # A line of the mesh is its element's fill, darkened: no transparency, which some
 # formats do not have.
@@ -286,6 +293,48 @@ def legend_above(
         handler_map={tuple: HandlerTuple(ndivide=None, pad=pad)},
         **spacing,
     )
+
+
+def shade_outside(panel: "Axes", window_ms: tuple[float, float]) -> None:
+    """Give the time of a panel that is not in the window a grey ground."""
+    start_ms, end_ms = panel.get_xlim()
+    for left, right in ((start_ms, window_ms[0]), (window_ms[1], end_ms)):
+        if right > left:
+            ground = panel.axvspan(left, right, facecolor=SHADE, linewidth=0, zorder=-2)
+            ground.set_label(_SHADED)
+
+
+def explain_shade(
+    figure: "Figure",
+    windows_ms: Iterable[tuple[float, float]],
+    **place: Any,  # noqa: ANN401 - as Matplotlib takes it
+) -> None:
+    """Name the grey ground of `shade_outside`, where there is any, in a legend below all panels."""
+    from matplotlib.patches import Patch
+
+    if not any(patch.get_label() == _SHADED for panel in figure.axes for patch in panel.patches):
+        return
+    spans = {f" ({start:g} to {end:g} ms)" for start, end in windows_ms}
+    words = f"outside the time in which spikes are counted{spans.pop() if len(spans) == 1 else ''}"
+    sample = Patch(facecolor=SHADE, edgecolor=FAINT, linewidth=HAIR_PT)
+    figure.legend(
+        [sample], [words], **{"loc": "outside lower center", "handlelength": 1.4, **place}
+    )
+
+
+def fitting(words: str, room_in: float, size_pt: float = SMALL_TEXT_PT) -> str:
+    """`words` on one line, or as much of their two ends as is no wider than `room_in`."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font, whole = FontProperties(size=size_pt), " ".join(words.split())
+    shown, kept = whole, min(len(whole), _MOST_LETTERS)
+    while kept > 1 and text_to_path.get_text_width_height_descent(shown, font, False)[0] > (
+        room_in * PT_PER_IN
+    ):
+        kept -= 1
+        shown = f"{whole[: (kept + 1) // 2]}…{whole[len(whole) - kept // 2 :]}"
+    return shown
 
 
 def spread(wanted: Sequence[float], step: float, bottom: float, top: float) -> list[float]:

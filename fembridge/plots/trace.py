@@ -4,7 +4,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.style import class_style, in_style, new_figure, note
+from fembridge.plots.style import (
+    PAGE_WIDTH_IN,
+    class_style,
+    explain_shade,
+    fitting,
+    in_style,
+    new_figure,
+    note,
+    shade_outside,
+)
 from fembridge.plots.waveform import draw_waveform
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
@@ -14,7 +23,7 @@ if TYPE_CHECKING:
 
 MOST_PANELS = 20
 
-_PANEL_IN, _WAVEFORM_IN, _AROUND_IN = 0.85, 0.6, 0.42
+_PANEL_IN, _WAVEFORM_IN, _AROUND_IN, _LEGEND_IN = 0.85, 0.6, 0.42, 0.22
 _PA_PER_KPA = 1000.0
 
 
@@ -23,7 +32,8 @@ def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = N
     """Von Mises stress over time: a panel a trace, from top to bottom.
 
     All have the same unit, kPa, or Pa where none reaches 1 kPa, and each its own scale.
-    `waveform` is the stimulus that made them, to be drawn above.
+    `waveform` is the stimulus that made them, to be drawn above; what is outside its
+    window gets a grey ground.
 
     Raises
     ------
@@ -35,16 +45,15 @@ def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = N
     if not 0 < len(traces) <= MOST_PANELS:
         raise UsageError(f"{len(traces)} traces, expected 1 to {MOST_PANELS} in one picture")
     heights_in = [_WAVEFORM_IN] * (waveform is not None) + [_PANEL_IN] * len(traces)
-    figure, panels = new_figure(
-        sum(heights_in) + _AROUND_IN, len(heights_in), heights=heights_in, sharex=True
-    )
+    height_in = sum(heights_in) + _AROUND_IN + _LEGEND_IN * (waveform is not None)
+    figure, panels = new_figure(height_in, len(heights_in), heights=heights_in, sharex=True)
     panels = panels[:, 0]
+    largest_pa = max(float(trace.stress_pa.max()) for trace in traces)
+    unit, unit_pa = ("kPa", _PA_PER_KPA) if largest_pa >= _PA_PER_KPA else ("Pa", 1.0)
     if waveform:
         draw_waveform(panels[0], waveform)
         panels[0].set_ylabel("Depth\n(µm)")
-        panels[0].set_title(waveform.id, parse_math=False)
-    largest_pa = max(float(trace.stress_pa.max()) for trace in traces)
-    unit, unit_pa = ("kPa", _PA_PER_KPA) if largest_pa >= _PA_PER_KPA else ("Pa", 1.0)
+        panels[0].set_title(fitting(waveform.id, 0.8 * PAGE_WIDTH_IN), parse_math=False)
     for panel, trace in zip(panels[-len(traces) :], traces, strict=True):
         style = class_style(trace.afferent or "")
         panel.plot(trace.times_ms, trace.stress_pa / unit_pa, color=style["color"])
@@ -57,5 +66,9 @@ def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = N
     start_ms = min(trace.start_ms for trace in traces)
     panels[-1].set_xlim(start_ms, max(float(trace.times_ms[-1]) for trace in traces))
     panels[-1].set_xlabel("Time (ms)")
+    if waveform:
+        for panel in panels[1:]:
+            shade_outside(panel, waveform.window_ms)
+        explain_shade(figure, [waveform.window_ms])
     figure.align_ylabels(panels)
     return figure

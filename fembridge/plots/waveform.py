@@ -1,22 +1,37 @@
-"""Waveforms of stimuli: small panels with one time axis, each with its own depth."""
+"""Waveforms of stimuli: small panels with one time axis, and one depth axis a family."""
 
 import math
 from collections.abc import Sequence
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from fembridge.errors import UsageError
-from fembridge.plots.style import FAINT, HAIR_PT, PAGE_WIDTH_IN, SHADE, in_style, new_figure
+from fembridge.plots.style import (
+    FAINT,
+    HAIR_PT,
+    PAGE_WIDTH_IN,
+    explain_shade,
+    fitting,
+    in_style,
+    make_plain,
+    shade_outside,
+)
 from fembridge.stimulus import Stimulus
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOST_COLUMNS = 4
+# As many as levels of a set of diharmonics or noises.
+_MOST_COLUMNS = 5
 # Inches. Margins are given, not found: a layout engine takes seconds for all 82.
-_PANEL_IN, _TALL_PANEL_IN, _BETWEEN_IN, _NUMBERS_IN = 0.5, 1.0, 0.34, 0.58
-_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.72, 0.12, 0.22, 0.4
+_PANEL_IN, _TALL_PANEL_IN, _BETWEEN_ROWS_IN, _BETWEEN_FAMILIES_IN = 0.5, 1.0, 0.3, 0.46
+_BETWEEN_COLUMNS_IN = 0.26
+_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.78, 0.14, 0.22, 0.62
+_NAME_UP_IN, _LEGEND_UP_IN = 0.24, 0.13
 _WAVE_PT = 0.6
+# What is left and right of the waves, above and below, as a share of what they span.
+_ROOM_SHARE = 0.06
 # Two numbers on a scale are apart by this share of it, or one is left out.
 _CLEAR_SHARE = 0.22
 
@@ -25,9 +40,8 @@ _CLEAR_SHARE = 0.22
 def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     """The probe's depth over time, a panel a stimulus, in reading order.
 
-    Each has its own scale, since amplitudes of the catalogue span three orders of
-    magnitude; up is into the skin. What is outside the window in which spikes are counted
-    gets a grey ground.
+    Stimuli of one family share a scale; each family begins a row. Up is into the skin. What
+    is outside the window in which spikes are counted gets a grey ground.
 
     Raises
     ------
@@ -36,44 +50,67 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     """
     if not stimuli:
         raise UsageError("no stimulus to draw")
-    columns = min(_MOST_COLUMNS, math.ceil(math.sqrt(len(stimuli))))
-    rows = math.ceil(len(stimuli) / columns)
-    row_in = _TALL_PANEL_IN if rows == 1 else _PANEL_IN
-    page_in = rows * row_in + (rows - 1) * _BETWEEN_IN + _TOP_IN + _BOTTOM_IN
-    margins_in = (_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN, _NUMBERS_IN, _BETWEEN_IN)
-    figure, grid = new_figure(page_in, rows, columns, margins_in=margins_in, sharex=True)
-    panels = grid.ravel()
-    for panel, stimulus in zip(panels, stimuli, strict=False):
-        draw_waveform(panel, stimulus)
-        panel.set_title(stimulus.id, pad=3, parse_math=False)
-    for panel in panels[len(stimuli) :]:
-        panel.set_axis_off()
-    for panel in panels[max(0, len(stimuli) - columns) : len(stimuli)]:
-        panel.tick_params(labelbottom=True)
-    figure.supxlabel("Time (ms)", y=0.03 / page_in, va="bottom")
+    from matplotlib.figure import Figure
+
+    families = [list(each) for _, each in groupby(stimuli, key=family_of)]
+    columns = min(_MOST_COLUMNS, max(math.ceil(math.sqrt(len(each))) for each in families))
+    rows = [math.ceil(len(each) / columns) for each in families]
+    tall_in = _TALL_PANEL_IN if sum(rows) == 1 else _PANEL_IN
+    gaps_in = [_BETWEEN_ROWS_IN * (count - 1) for count in rows]
+    between_in = _BETWEEN_FAMILIES_IN * (len(rows) - 1)
+    page_in = _TOP_IN + sum(rows) * tall_in + sum(gaps_in) + between_in + _BOTTOM_IN
+    wide_in = PAGE_WIDTH_IN - _LEFT_IN - _RIGHT_IN - (columns - 1) * _BETWEEN_COLUMNS_IN
+    wide_in /= columns
+    figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
+    end_ms = max(float(stimulus.times_ms[-1]) for stimulus in stimuli)
+    low_in = page_in - _TOP_IN
+    for members in families:
+        ends_um = _ends_um([one for one in stimuli if family_of(one) == family_of(members[0])])
+        for place, stimulus in enumerate(members):
+            column = place % columns
+            low_in -= 0.0 if column else tall_in + (_BETWEEN_ROWS_IN if place else 0.0)
+            left_in = _LEFT_IN + column * (wide_in + _BETWEEN_COLUMNS_IN)
+            panel = figure.add_axes(
+                (left_in / PAGE_WIDTH_IN, low_in / page_in, wide_in / PAGE_WIDTH_IN,
+                 tall_in / page_in)
+            )  # fmt: skip
+            make_plain(panel)
+            draw_waveform(panel, stimulus, ends_um, end_ms)
+            title = fitting(stimulus.id, wide_in + _BETWEEN_COLUMNS_IN / 2)
+            panel.set_title(title, pad=3, parse_math=False)
+            panel.tick_params(labelleft=not column, labelbottom=place + columns >= len(members))
+        low_in -= _BETWEEN_FAMILIES_IN
+    figure.supxlabel("Time (ms)", y=_NAME_UP_IN / page_in, va="bottom")
     figure.supylabel("Depth (µm)", x=0.04 / PAGE_WIDTH_IN)
+    windows_ms = (each.window_ms for each in stimuli)
+    middle = (0.5, _LEGEND_UP_IN / page_in)
+    explain_shade(figure, windows_ms, loc="center", bbox_to_anchor=middle)
     return figure
 
 
-def draw_waveform(panel: "Axes", stimulus: Stimulus) -> None:
-    """Draw one waveform; its scale shows its ends and first touch."""
-    times_ms, depth_um = stimulus.times_ms, stimulus.displacement_um
-    panel.plot(times_ms, depth_um, linewidth=_WAVE_PT)
-    low, high = float(depth_um.min()), float(depth_um.max())
+def family_of(stimulus: Stimulus) -> str:
+    """Family of a stimulus: what is before the first number of its id."""
+    return str(stimulus.origin.get("family") or stimulus.id.partition("_")[0])
+
+
+def draw_waveform(
+    panel: "Axes",
+    stimulus: Stimulus,
+    ends_um: tuple[float, float] | None = None,
+    end_ms: float | None = None,
+) -> None:
+    """Draw one waveform on a scale from one of `ends_um` to the other, by default its own."""
+    low, high = ends_um or _ends_um([stimulus])
+    panel.plot(stimulus.times_ms, stimulus.displacement_um, linewidth=_WAVE_PT)
     if low < 0 < high:
         panel.axhline(0.0, color=FAINT, linewidth=HAIR_PT, zorder=-1)
-    panel.set_xlim(times_ms[0], times_ms[-1])
+    room_um = _ROOM_SHARE * (high - low)
+    panel.set_xlim(0.0, end_ms or stimulus.times_ms[-1])
+    if room_um:
+        panel.set_ylim(low - room_um, high + room_um)
     shade_outside(panel, stimulus.window_ms)
     ticks = scale_ticks(low, high)
     panel.set_yticks(ticks, [f"{tick:.10g}".replace("-", "\N{MINUS SIGN}") for tick in ticks])
-
-
-def shade_outside(panel: "Axes", window_ms: tuple[float, float]) -> None:
-    """Give the time of a panel that is not in the window a grey ground."""
-    start_ms, end_ms = panel.get_xlim()
-    for left, right in ((start_ms, window_ms[0]), (window_ms[1], end_ms)):
-        if right > left:
-            panel.axvspan(left, right, facecolor=SHADE, linewidth=0, zorder=-2)
 
 
 def scale_ticks(low: float, high: float) -> list[float]:
@@ -84,3 +121,10 @@ def scale_ticks(low: float, high: float) -> list[float]:
     room = _CLEAR_SHARE * (high - low)
     middle = [0.0] if low + room <= 0 <= high - room else []
     return [round(low, decimals), *middle, round(high, decimals)]
+
+
+def _ends_um(stimuli: Sequence[Stimulus]) -> tuple[float, float]:
+    depths_um = [stimulus.displacement_um for stimulus in stimuli]
+    return float(min(each.min() for each in depths_um)), float(
+        max(each.max() for each in depths_um)
+    )

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,13 +14,17 @@ from matplotlib.figure import Figure
 import fembridge
 from decks.presets import QUICK, mesh_of
 from decks.stimuli import resolve
+from decks.waveform import make_stimulus
 from fembridge.cli import main
 from fembridge.response.response_map import ResponseMap, write_map
 from fembridge.run_folder import AfferentNode
-from fembridge.tables import SpikeTrain, write_spikes, write_traces
+from fembridge.simulation import encode_all
+from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes, write_traces
 from fembridge.trace import StressTrace
+from neural import PUBLISHED
 
 ROOT = Path(fembridge.__file__).parents[1]
+STUDY = ROOT / "docs/studies/sensitivity_one_at_a_time.csv"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -47,6 +52,7 @@ def here(tmp_path, monkeypatch):
             SpikeTrain("sine_50_250", "RA", np.array([110.0])),
         ],
     )
+    write_rates(tmp_path / "rates.csv", [Rate("sine_20_250", "SA", 25.0)])
     return tmp_path
 
 
@@ -72,6 +78,9 @@ def summary(capsys, *words):
         ["response", "response.toml"],
         ["trace", "traces.csv"],
         ["raster", "spikes.csv"],
+        ["psth", "spikes.csv"],
+        ["isi", "spikes.csv"],
+        ["rates", "rates.csv"],
         ["stimulus", "sine_20_250"],
     ],
     ids=lambda words: words[0],
@@ -183,15 +192,15 @@ def test_a_raster_of_one_class_counts_its_spikes(here, capsys):
     assert summary(capsys, "raster", "spikes.csv", *words)["spikes"] == 1
 
 
-def raster_arguments(monkeypatch, *words):
+def raster_arguments(monkeypatch, *words, table="spikes.csv"):
     found = {}
 
     def figure(trains, **options):
-        found.update(options)
+        found.update(options, trains=trains)
         return Figure(figsize=(1, 1))
 
     monkeypatch.setattr("fembridge.plots.raster.raster_figure", figure)
-    assert main(["plot", "raster", "spikes.csv", *words]) == 0
+    assert main(["plot", "raster", table, *words]) == 0
     return found
 
 
@@ -260,6 +269,101 @@ def test_a_table_of_no_spikes_is_drawn_where_a_stimulus_is_named(here, capsys):
     assert "none.csv: no spikes; --stimulus ID" in capsys.readouterr().err
     assert main(["plot", "raster", "none.csv", "--stimulus", "sine_20_250"]) == 0
     assert (here / "raster.png").read_bytes().startswith(PNG)
+
+
+@pytest.fixture
+def out(here):
+    """A simulation's folder: two stimuli of a probe 75 um deep, one of them silent."""
+    stimuli = [make_stimulus(entry, 75.0) for entry in resolve("sine_20_250,sine_20_6.71")]
+    traces = [
+        [StressTrace(gain * np.maximum(one.displacement_um, 0.0), 0.5, 7, "SA")]
+        for one, gain in zip(stimuli, (120.0, 0.1), strict=True)
+    ]
+    simulation = encode_all(stimuli, traces, PUBLISHED, {"parameters": {"SA": {"cells": 1}}})
+    simulation.write(here / "out")
+    (here / "out/response").mkdir()
+    shutil.copy(here / "response.toml", here / "out/response")
+    shutil.copy(STUDY, here / "out/results.csv")
+    return here / "out"
+
+
+@pytest.mark.usefixtures("unrendered", "out")
+@pytest.mark.parametrize("place", [".", "out"], ids=["above", "itself"])
+@pytest.mark.parametrize(
+    "picture", ["raster", "psth", "isi", "rates", "trace", "response", "sensitivity"]
+)
+def test_every_picture_of_a_file_takes_the_folder_that_has_it(here, capsys, picture, place):
+    for name in ("spikes.csv", "traces.csv", "response.toml"):
+        (here / name).unlink()
+    words = ["--stimulus", "sine_20_250"] if picture == "trace" else []
+    told = summary(capsys, picture, place, *words)
+    assert told["picture"] == picture
+    assert (here / f"{picture}.png").read_bytes() == PNG
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_folder_of_a_simulation_tells_silence_and_the_depth_of_the_probe(
+    out, capsys, monkeypatch
+):
+    assert summary(capsys, "raster", "out")["silent"] == ["sine_20_6.71"]
+    assert capsys.readouterr().err == ""
+    assert summary(capsys, "trace", "out", "--stimulus", "sine_20_6.71")["preindent_um"] == 75.0
+    drawn = raster_arguments(monkeypatch, "--stimulus", "sine_20_250", table="out/spikes.csv")
+    assert drawn["waveform"].displacement_um[0] == 75.0
+    assert [(t.stimulus, t.times_ms.size > 0) for t in drawn["trains"]] == [("sine_20_250", True)]
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_table_alone_takes_the_depth_from_the_option_or_says_that_it_is_0(
+    here, capsys, monkeypatch
+):
+    words = ["--stimulus", "sine_50_250"]
+    assert raster_arguments(monkeypatch, *words)["waveform"].displacement_um[0] == 0.0
+    assert "without pre-indentation" in capsys.readouterr().err
+    drawn = raster_arguments(monkeypatch, *words, "--preindent-um", "75")
+    assert drawn["waveform"].displacement_um[0] == 75.0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_rates_are_drawn_beside_those_observed_and_touchsims(out, capsys):
+    Path("observed.csv").write_text(
+        "stimulus,afferent,rate_ips\nsine_20_250,SA,25\nsine_50_250,SA,4\n"
+    )
+    told = summary(capsys, "rates", "out", "--observed", "observed.csv", "--touchsim")
+    assert told["stimuli"] == ["sine_20_250", "sine_20_6.71"]
+    assert (told["observed"], told["touchsim"]) == (1, 6)
+
+
+@pytest.mark.usefixtures("unrendered", "out")
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (["trace", "out"], 2, "out/traces.npz: has 2 stimuli"),
+        (["trace", "out", "--stimulus", "sine_50_250"], 2, "out/traces.npz: has 2 stimuli"),
+        (["raster", "out", "--stimulus", "sine_20_250", "--preindent-um", "0"], 2, "says 75 um"),
+        (["raster", "empty"], 1, "empty: no spikes.csv in this folder"),
+        (["raster", "many"], 2, "many: 2 folders in it have one"),
+        (["psth", "out", "--bin-ms", "0"], 2, "bins of 0 ms"),
+        (["isi", "out", "--longest-ms", "-1"], 2, "longest interval -1 ms"),
+        (["rates", "named.csv"], 2, "no rate of a sinusoid, diharmonic or noise"),
+        (["rates", "docs.csv"], 2, "docs.csv: rates of several fingers"),
+    ],
+)
+def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, capsys, words, code, told):
+    for name in ("empty", "many/a", "many/b"):
+        (here / name).mkdir(parents=True)
+    for name in ("many/a", "many/b"):
+        shutil.copy("spikes.csv", name)
+    Path("named.csv").write_text("stimulus,afferent,rate_ips\nmine,SA,25\n")
+    head = "skin.dermis_mm,stimulus,afferent,rate_ips,status\n"
+    rows = "1,sine_20_250,SA,25,done\n2,sine_20_250,SA,26,done\n"
+    Path("docs.csv").write_text(head + rows)
+    assert main(["plot", *words]) == code
+    streams = capsys.readouterr()
+    assert told in streams.err.splitlines()[-1]
+    assert "Traceback" not in streams.err
+    assert streams.out == ""
 
 
 @pytest.mark.parametrize("words", [["--help"], ["mesh", "--help"]])

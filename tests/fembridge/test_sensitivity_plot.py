@@ -164,6 +164,18 @@ def test_the_picture_has_a_line_from_low_to_high_in_each_row(single):
     assert sa.get_ylim() == (2.5, -0.5)
 
 
+def test_only_a_base_is_called_so(single):
+    def legend(effects):
+        [names] = effects_figure(effects).legends
+        return [text.get_text() for text in names.get_texts()]
+
+    alone = fingers([{**BASE, NAMES[1]: value} for value in (0.05, 0.04, 0.06)])
+    alone = SweptFingers(alone.parameters[[NAMES[1]]], alone.answers)
+
+    assert legend(single_effects(single))[2].startswith("base")
+    assert legend(single_effects(alone)) == ["parameter low", "parameter high"]
+
+
 def test_the_picture_of_ranks_has_dots_within_their_intervals(cube):
     sa, pc = regressions_figure(rank_regressions(cube, resamples=50), 20).axes
 

@@ -14,6 +14,7 @@ from fembridge.errors import TableError, UsageError
 from fembridge.sensitivity import (
     OUTPUT,
     SweptFingers,
+    base_of,
     effects_markdown,
     in_order,
     is_one_at_a_time,
@@ -142,7 +143,7 @@ def fingers(value, *answers, outputs=(RATE, STRESS)):
     return SweptFingers(value, pd.DataFrame(np.stack(answers, axis=1), columns=columns))
 
 
-@given(slopes=st.lists(st.floats(-5, 5), min_size=1, max_size=5), half=st.floats(0.01, 0.5))
+@given(slopes=st.lists(st.floats(-5, 5), min_size=2, max_size=5), half=st.floats(0.01, 0.5))
 def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
     base = {f"p{k}": 1.0 for k in range(len(slopes))}
     rows = one_at_a_time(base, {name: Range(1 - half, 1 + half) for name in base})
@@ -159,6 +160,32 @@ def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
         assert effect.at_base == answers[0]
         if answers[0]:
             assert effect.change_percent == pytest.approx(100 * effect.change / answers[0])
+
+
+@given(order=st.permutations(range(5)))
+def test_the_base_is_found_wherever_its_row_stands(order):
+    rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
+    answers = np.array([5.0, 3.0, 8.0, 4.0, 6.0])
+    swept = fingers([rows[k] for k in order], answers[list(order)])
+
+    effects = single_effects(swept)
+
+    assert base_of(swept) == order.index(0)
+    assert effects[["at_low", "at_base", "at_high"]].to_numpy().tolist() == [[3, 5, 8], [4, 5, 6]]
+
+
+def test_no_finger_of_a_single_parameter_is_called_the_base():
+    """Any of three could be what the other two were varied from."""
+    swept = fingers([{"p": 1.0}, {"p": 0.0}, {"p": 2.0}], np.array([20.0, 10.0, 30.0]))
+
+    assert is_one_at_a_time(swept)
+    assert base_of(swept) is None
+    [effect] = single_effects(swept).to_dict("records")
+    assert math.isnan(effect["base"])
+    assert math.isnan(effect["at_base"])
+    assert (effect["at_low"], effect["at_high"]) == (10.0, 30.0)
+    assert effect["change_percent"] == 200.0  # of the answer at the low value
+    assert "(20" not in effects_markdown(single_effects(swept)).splitlines()[2]
 
 
 def test_an_answer_that_comes_back_is_not_monotone_though_the_change_is_0():

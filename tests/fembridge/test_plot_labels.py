@@ -1,0 +1,144 @@
+"""No words of any picture run out of it, or into other words, however long a name is."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from decks.stimuli import CATALOGUE, resolve
+from decks.waveform import make_stimulus
+from fembridge.plots.isi import isi_figure
+from fembridge.plots.psth import psth_figure
+from fembridge.plots.raster import raster_figure
+from fembridge.plots.rates import rates_figure
+from fembridge.plots.sensitivity import effects_figure, regressions_figure
+from fembridge.plots.trace import trace_figure
+from fembridge.plots.waveform import waveform_figure
+from fembridge.sensitivity import (
+    OUTPUT,
+    QUANTITIES,
+    SweptFingers,
+    rank_regressions,
+    single_effects,
+)
+from fembridge.stimulus import Stimulus
+from fembridge.tables import AFFERENTS, Rate, SpikeTrain
+from fembridge.trace import StressTrace
+
+ALL = [entry.id for entry in CATALOGUE]
+LONG = "an_own_stimulus_of_a_very_long_name_with_W" + "W" * 60 + "_and_$its$_end"
+SETS = {"one": ALL[:1], "five": [*ALL[:2], ALL[40], ALL[70], LONG], "all": ALL, "long": [LONG] * 1}
+WAVE_MS = np.arange(501) * 0.5
+
+
+def wave(name):
+    depth_um = 1234.567 + 9876.5 * np.sin(WAVE_MS / 9)
+    return Stimulus(name, depth_um, 0.5, (100.0, 200.0), 1234.567, {"family": name[:4]})
+
+
+def trains(names):
+    rng = np.random.default_rng(1)
+    return [
+        SpikeTrain(name, afferent, 0.5 * np.sort(rng.choice(500, 1 + k % 60, False)), repeat)
+        for k, name in enumerate(names)
+        for afferent in AFFERENTS
+        for repeat in (1, 2, 3)
+    ]
+
+
+def spikes(draw, **options):
+    def picture(names):
+        alone = {"waveform": wave(names[0])} if len(names) == 1 else {}
+        return draw(trains(names), **options, **(alone if draw is not isi_figure else {}))
+
+    return picture
+
+
+def rates(names):
+    own = [Rate(n, a, 123.4 * k) for k, n in enumerate(names) for a in AFFERENTS]
+    own += [Rate("sine_999.999999_9999.999999", "PC", 1999.0)]
+    return rates_figure(own, observed=own[:3], touchsim=own[:3])
+
+
+def swept(names):
+    rows = np.vstack([np.zeros(len(names)), np.eye(len(names))])
+    outputs = [(afferent, quantity, "all") for afferent in AFFERENTS for quantity in QUANTITIES]
+    answers = np.arange(1.0, len(rows) + 1)[:, None] * 1234.5 * np.arange(1, len(outputs) + 1)
+    columns = pd.MultiIndex.from_tuples(outputs, names=OUTPUT)
+    parameters = pd.DataFrame(rows, columns=[f"{k} {name}" for k, name in enumerate(names)])
+    return SweptFingers(parameters, pd.DataFrame(answers, columns=columns))
+
+
+def ranked(names):
+    rng = np.random.default_rng(2)
+    count = 2 * len(names) + 4
+    few = swept(names)
+    parameters = pd.DataFrame(rng.random((count, len(names))), columns=few.parameters.columns)
+    answers = pd.DataFrame(rng.random((count, 6)), columns=few.answers.columns)
+    return regressions_figure(
+        rank_regressions(SweptFingers(parameters, answers), resamples=3), count
+    )
+
+
+PICTURES = {
+    "raster": spikes(raster_figure, window_ms=(100.0, 200.0)),
+    "psth": spikes(psth_figure, window_ms=(100.0, 200.0)),
+    "isi": spikes(isi_figure),
+    "rates": rates,
+    "stimulus": lambda names: waveform_figure([wave(name) for name in names]),
+    "trace": lambda names: trace_figure(
+        [StressTrace(1e6 + 1e5 * np.sin(WAVE_MS), 0.5, 12345678)] * 3, waveform=wave(names[0])
+    ),
+    "effects": lambda names: effects_figure(single_effects(swept(names[:50]))),
+    "ranks": lambda names: ranked(names[:50]),
+}
+
+
+@pytest.mark.parametrize("names", SETS.values(), ids=SETS)
+@pytest.mark.parametrize("draw", PICTURES.values(), ids=PICTURES)
+def test_words_stay_on_the_page_and_apart(draw, names):
+    from matplotlib.text import Text
+
+    figure = draw(names)
+    figure.draw_without_rendering()
+    page = figure.bbox
+    away = hidden(figure)
+    boxes = [
+        (text.get_text(), text.get_window_extent())
+        for text in figure.findobj(Text)
+        if text.get_visible() and text.get_text().strip() and id(text) not in away
+    ]
+    assert boxes
+    for words, box in boxes:
+        assert box.x0 >= page.x0 - 0.5 and box.x1 <= page.x1 + 0.5, words
+        assert box.y0 >= page.y0 - 0.5 and box.y1 <= page.y1 + 0.5, words
+    edges = np.array([box.extents for _, box in boxes])
+    low, high = (
+        np.maximum(edges[:, None, :2], edges[:, :2]),
+        np.minimum(edges[:, None, 2:], edges[:, 2:]),
+    )
+    over = np.argwhere(np.triu(((high - low) > 1.0).all(axis=-1), k=1))
+    assert not over.size, [(boxes[a][0], boxes[b][0]) for a, b in over[:5]]
+
+
+def hidden(figure):
+    """Ticks' labels that are not drawn: those beyond the ends of their axis."""
+    return {
+        id(label)
+        for panel in figure.axes
+        for axis, ends in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim()))
+        for tick in (*axis.majorTicks, *axis.minorTicks)
+        if not min(ends) <= tick.get_loc() <= max(ends)
+        for label in (tick.label1, tick.label2)
+    }
+
+
+def test_a_probe_that_was_deep_before_time_0_is_drawn_so():
+    [stimulus] = [make_stimulus(one, 75.0) for one in resolve("sine_20_250")]
+    spike = SpikeTrain(stimulus.id, "SA", np.array([10.0]))
+    for figure in (
+        raster_figure([spike], waveform=stimulus),
+        psth_figure([spike], waveform=stimulus),
+        trace_figure([StressTrace(np.ones(501), 0.5, 1)], waveform=stimulus),
+    ):
+        depth_um = figure.axes[0].lines[0].get_ydata()
+        assert (depth_um[0], depth_um.max()) == (75.0, 325.0)
