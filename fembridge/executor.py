@@ -175,8 +175,8 @@ def serve() -> None:
     source = os.fdopen(os.dup(0), "rb")
     threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
     with signals_as_exits():
-        while True:
-            function, args, kwargs = tasks.get()
+        while task := tasks.get():
+            function, args, kwargs = task
             try:
                 answer = _RESULT, function(*args, **kwargs)
             except Exception as error:
@@ -190,11 +190,15 @@ def serve() -> None:
 
 
 def _listen(source: IO[bytes], tasks: "queue.SimpleQueue[Any]") -> None:
-    """Pass on each task; at the end of them, end this process as SIGTERM would."""
+    """Pass on each task; at the end of them, end this process as SIGTERM would.
+
+    A signal on the brink of ``tasks.get()`` does not wake who waits there: None does.
+    """
     try:
         while True:
             tasks.put(pickle.load(source))
     except (EOFError, pickle.UnpicklingError, OSError):
+        tasks.put(None)
         os.kill(os.getpid(), signal.SIGTERM)
 
 

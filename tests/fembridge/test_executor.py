@@ -1,8 +1,11 @@
 """Processes that do tasks: answers, errors, messages, and what kills them."""
 
+import io
 import math
 import operator
 import os
+import pickle
+import queue
 import signal
 import subprocess
 import sys
@@ -69,6 +72,16 @@ def test_an_exception_in_the_block_ends_tasks_and_their_processes():
     assert all(task.done() for task in tasks)
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+def test_a_process_goes_though_its_signal_comes_before_it_waits(monkeypatch):
+    """Then nothing wakes it but the end of its tasks; without that, one sweep in many hung."""
+    heard, tasks = [], queue.SimpleQueue()
+    monkeypatch.setattr(os, "kill", lambda *words: heard.append(words))
+    module._listen(io.BytesIO(pickle.dumps("task")), tasks)
+    assert heard == [(os.getpid(), signal.SIGTERM)]
+    assert tasks.get(timeout=1) == "task"
+    assert tasks.get(timeout=1) is None
 
 
 OWNER = """
