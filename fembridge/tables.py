@@ -13,6 +13,7 @@ that a `TableError` names the line and what was found there.
 import csv
 import io
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -37,7 +38,8 @@ TRACE_COLUMNS = ("time_ms", "afferent", "node", "von_mises_pa")
 SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
-MAX_TABLE_BYTES = 1 << 28
+MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
+_LOOK_BYTES, _LONGEST_HEADER, _ROWS_AT_ONCE = 1 << 22, 1 << 16, 1 << 18
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
 _IN_QUOTES = re.compile(r"EOF inside string starting at row (\d+)")
@@ -72,8 +74,39 @@ class Rate:
     rate_ips: float
 
 
-def read_traces(path: Path) -> list[StressTrace]:
-    """Traces of a table, in the order in which their nodes first appear."""
+def read_traces(path: Path, log: Callable[[str], None] | None = None) -> list[StressTrace]:
+    """Traces of a table, in the order in which their nodes first appear.
+
+    `log` gets a remark where the table does not end in a line end: its last number may be
+    cut.
+    """
+    samples, error = _plain_samples(path) or _samples(path)
+    if log is not None and path.is_file():
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            if file.read(1) not in b"\r\n":
+                log(f"{path}: no line end behind the last number, which may be cut")
+    traces = []
+    for _, part in samples.groupby(["afferent", "node"], sort=False, observed=True):
+        afferent, node = part["afferent"].iloc[0], part["node"].iloc[0]
+        who, rows = f"{afferent} node {node}".strip(), part.index.to_numpy()
+        if len(rows) < 2:
+            raise error(rows[0], f"{who}: one sample, expected more")
+        times_ms, stress_pa = part["time_ms"].to_numpy(), part["stress_pa"].to_numpy()
+        dt_ms, odd = mean_step(times_ms)
+        if odd is not None:
+            before_ms, after_ms = times_ms[odd : odd + 2]
+            raise error(
+                rows[odd + 1],
+                f"{who}: time goes from {before_ms:g} to {after_ms:g} ms, expected an even step",
+            )
+        start_ms = float(times_ms[0])
+        traces.append(StressTrace(stress_pa, dt_ms, int(node), afferent or None, start_ms))
+    return traces
+
+
+def _samples(path: Path) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
+    """Samples of a table of traces, cell by cell, and what makes an error of a row."""
     import pandas as pd
 
     table = read_table(path, TRACE_COLUMNS)
@@ -87,23 +120,61 @@ def read_traces(path: Path) -> list[StressTrace]:
             "stress_pa": table.numbers("von_mises_pa"),
         }
     )
-    traces = []
-    for _, part in samples.groupby(["afferent", "node"], sort=False):
-        afferent, node, *_ = part.iloc[0]
-        who, rows = f"{afferent} node {node}".strip(), part.index.to_numpy()
-        if len(rows) < 2:
-            raise table.error(rows[0], f"{who}: one sample, expected more")
-        times_ms, stress_pa = part["time_ms"].to_numpy(), part["stress_pa"].to_numpy()
-        dt_ms, odd = mean_step(times_ms)
-        if odd is not None:
-            before_ms, after_ms = times_ms[odd : odd + 2]
-            raise table.error(
-                rows[odd + 1],
-                f"{who}: time goes from {before_ms:g} to {after_ms:g} ms, expected an even step",
-            )
-        start_ms = float(times_ms[0])
-        traces.append(StressTrace(stress_pa, dt_ms, int(node), afferent or None, start_ms))
-    return traces
+    return samples, table.error
+
+
+def _plain_samples(
+    path: Path,
+) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]] | None":
+    """The same of a table as we write it, number by number; None of any other.
+
+    Of ten million samples the cells as text would take gigabytes.
+    """
+    import pandas as pd
+
+    parts, names = [], ["", *AFFERENTS]
+    try:
+        if not path.is_file():
+            return None
+        with path.open("rb") as file:
+            header = file.readline(_LONGEST_HEADER).decode("ascii").rstrip("\r\n").split(",")
+            if any(header.count(name) != 1 for name in TRACE_COLUMNS):
+                return None
+            while content := file.read(_LOOK_BYTES):
+                if any(odd in content for odd in (b"\0", b'"', b"_")):
+                    return None
+        with pd.read_csv(
+            path,
+            header=None,
+            skiprows=1,
+            dtype=object,
+            na_filter=False,
+            skip_blank_lines=False,
+            chunksize=_ROWS_AT_ONCE,
+        ) as table:
+            for part in table:
+                if part.shape[1] != len(header):
+                    return None
+                part.columns = pd.Index(header)
+                codes = pd.Categorical(part["afferent"], names).codes
+                nodes = part["node"].to_numpy(dtype=object).astype(np.int64)
+                times_ms, stress_pa = (
+                    part[name].to_numpy(dtype=object).astype(np.float64)
+                    for name in ("time_ms", "von_mises_pa")
+                )
+                if codes.min() < 0 or nodes.min() < 1:
+                    return None
+                if not (np.isfinite(times_ms).all() and np.isfinite(stress_pa).all()):
+                    return None
+                parts.append((codes, nodes, times_ms, stress_pa))
+    except (OSError, ValueError, OverflowError):  # the other way says what is wrong, and where
+        return None
+    if not parts:
+        return None
+    codes, nodes, times_ms, stress_pa = map(np.concatenate, zip(*parts, strict=True))
+    samples = pd.DataFrame({"node": nodes, "time_ms": times_ms, "stress_pa": stress_pa})
+    samples["afferent"] = pd.Categorical(names, names).take(codes)
+    return samples, lambda row, problem: TableError(problem, path, int(row) + 2)
 
 
 def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:

@@ -71,7 +71,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from neural.rates import spikes_inside
 
     chosen = parameter_set_or_file(args.parameters)
-    traces = _one_of_each(read_traces(args.traces), args.afferent, args.traces)
+    traces = _one_of_each(
+        read_traces(args.traces, lambda words: print(words, file=sys.stderr)),
+        args.afferent,
+        args.traces,
+    )
     windows_ms = [_window(trace, args.window_ms) for trace in traces]
     stimulus = args.stimulus or args.traces.stem
     trains = encode_traces(traces, chosen.parameters, stimulus, args.derivative)

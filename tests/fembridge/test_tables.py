@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fembridge import tables
 from fembridge.errors import TableError, TraceError
 from fembridge.tables import (
     Rate,
@@ -206,3 +207,36 @@ def test_a_row_that_is_no_rate_is_named(table, rows, line, found):
 def test_a_train_that_cannot_be_is_refused(times_ms):
     with pytest.raises(TraceError):
         SpikeTrain("s", "SA", np.array(times_ms))
+
+
+def test_a_plain_table_is_the_same_number_by_number_as_cell_by_cell(tmp_path, monkeypatch):
+    """In parts of any size; a quoted cell has the table read the other way."""
+    rng = np.random.default_rng(3)
+    made = [
+        StressTrace(rng.normal(size=50) * 10.0 ** rng.integers(-300, 300), 0.1, node, name, 0.3)
+        for node, name in ((4, "SA"), (9, None), (9, "PC"))
+    ]
+    path, quoted = tmp_path / "plain.csv", tmp_path / "quoted.csv"
+    write_traces(path, made)
+    quoted.write_text(path.read_text().replace("SA", '"SA"', 1))
+    monkeypatch.setattr(tables, "_ROWS_AT_ONCE", 7)
+    for one, plain, other in zip(made, read_traces(path), read_traces(quoted), strict=True):
+        for found in (plain, other):
+            assert found.stress_pa.tolist() == one.stress_pa.tolist()
+            assert (found.node, found.afferent) == (one.node, one.afferent)
+    path.write_text(path.read_text().replace("\n0.5,", "\n0.55,"))
+    with pytest.raises(TableError) as refused:
+        read_traces(path)
+    assert refused.value.line is not None
+
+
+def test_a_table_that_is_cut_in_its_last_number_says_so(tmp_path):
+    path, said = tmp_path / "traces.csv", []
+    text = "time_ms,afferent,node,von_mises_pa\n0,SA,1,100\n0.5,SA,1,12345"
+    path.write_text(text + "\n")
+    read_traces(path, said.append)
+    assert said == []
+    path.write_text(text[:-2])
+    assert read_traces(path, said.append)[0].stress_pa[-1] == 123
+    (words,) = said
+    assert "may be cut" in words
