@@ -222,10 +222,13 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
         hint = f"did you mean {near}?" if near else f"choose {', '.join(VERBS)}"
         raise UsageError(f"no verb {asked!r}; {hint}")
     command = import_module(f"fembridge.commands.{asked.replace('-', '_')}")
+    shown = [f"example: {command.EXAMPLE}"]
+    if {"--help", "-h"} & set(words):
+        shown.insert(0, f"{import_module('fembridge.commands.written').help_text(asked)}\n\n")
     child = verbs.add_parser(
         asked,
         description=command.__doc__,
-        epilog=f"example: {command.EXAMPLE}",
+        epilog="".join(shown).lstrip(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

@@ -49,6 +49,7 @@ SPIKES_FILE = "spikes.csv"
 TRACES_FILE = "traces.npz"
 RECORD_FILE = "simulation.toml"
 RASTER_FILE = "raster.png"
+FINGER_FILE = "finger.toml"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -99,8 +100,11 @@ class Simulation:
     def write(self, folder: Path | str, *, plot: bool = False) -> None:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.
 
+        The finger of a response has a file of its own, ``finger.toml``, which the record
+        names.
+
         The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
-        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All four,
+        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All of them,
         and with `plot` ``raster.png``, are replaced, or, after an `OutputError`, none.
         """
         import tomli_w
@@ -121,7 +125,13 @@ class Simulation:
                 )
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.mean_rates)
-            write_text(draft / RECORD_FILE, tomli_w.dumps({**self.origin, "stimuli": stimuli}))
+            record = {**self.origin, "stimuli": stimuli}
+            response = record.get("response")
+            if isinstance(response, Mapping) and isinstance(response.get("finger"), Mapping):
+                write_text(draft / FINGER_FILE, tomli_w.dumps(response["finger"]))
+                name = response["finger"].get("name", "")
+                record["response"] = {**response, "finger": name, "finger_file": FINGER_FILE}
+            write_text(draft / RECORD_FILE, tomli_w.dumps(record))
             if plot:
                 from fembridge.plots.style import save_figure
 

@@ -1,0 +1,369 @@
+"""What each verb writes: its files, and of each table every column with unit and meaning.
+
+This is the one table of it: `fembridge VERB --help` shows it, and docs/outputs.md is
+``python -m fembridge.commands.written``. A name in angle brackets stands for columns that
+differ from case to case.
+"""
+
+import textwrap
+from typing import NamedTuple
+
+
+class Column(NamedTuple):
+    """A column of a table: its name, the unit of its numbers ("" for none), its meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+class Output(NamedTuple):
+    """A file that a verb writes, what it is, and its columns if it is a table."""
+
+    file: str
+    what: str
+    columns: tuple[Column, ...] = ()
+
+
+def _columns(*rows: tuple[str, str, str]) -> tuple[Column, ...]:
+    return tuple(Column(*row) for row in rows)
+
+
+_STIMULUS = ("stimulus", "", "id of the stimulus, as `fembridge stimuli` lists it")
+_AFFERENT = ("afferent", "", "class of the afferent: SA, RA or PC")
+_REPEAT = ("repeat", "", "number of the cell in its population, from 1; 0 of a single one")
+_SPIKE_TIME = ("spike_time_ms", "ms", "time of a spike; 0 is the start of the stimulus")
+_RATE = ("rate_ips", "impulses/s", "firing rate in the window that is counted, mean of all cells")
+_SPIKES_IN_WINDOW = ("spikes", "", "spikes in the window that is counted, of all cells")
+_PEAK = ("peak_stress_pa", "Pa", "largest von Mises stress at the afferent")
+_TIME = ("time_ms", "ms", "time; 0 is the start of the stimulus, or of the solver's clock")
+_SOURCE = ("source", "", "whose numbers: a model, TouchSim or observed")
+_FAMILY = ("family", "", "family of stimuli: sine, diharm or noise")
+_SET = ("set", "", "frequencies or band of the stimuli")
+_MESH = ("mesh", "", "name of the mesh, or of its finger")
+_ELEMENTS = ("elements", "", "elements of the mesh")
+_DISTANCE = ("distance_mm", "mm", "distance from the middle of the probe along the skin")
+_DEFLECTION = ("deflection_mm", "mm", "how far the skin has gone down there")
+_FREQUENCY = ("frequency_hz", "Hz", "frequency of the sinusoid")
+_STEP = ("step", "", "step of the deck, from 1")
+_INCREMENT = ("increment", "", "increment of the step, from 1")
+_ATTEMPT = ("attempt", "", "attempt at the increment, from 1")
+
+_SPIKES = _columns(_STIMULUS, _AFFERENT, _REPEAT, _SPIKE_TIME)
+_RATES = _columns(_STIMULUS, _AFFERENT, _RATE)
+_WAVEFORM = _columns(
+    _TIME,
+    ("displacement_um", "um", "depth of the probe, positive into the skin; 0 at first touch"),
+)
+_TRACES = _columns(
+    _TIME,
+    ("afferent", "", "class of the afferent; empty where the node is of none"),
+    ("node", "", "node of the solver; of an integration point element x 100 + point"),
+    ("von_mises_pa", "Pa", "von Mises stress there"),
+)
+
+OUTPUTS: dict[str, tuple[Output, ...]] = {
+    "stimuli": (
+        Output("ID.csv", "waveform of a stimulus (--export csv)", _WAVEFORM),
+        Output("ID.npy", "its displacement alone in um, a sample every 0.5 ms"),
+        Output("ID.wav", "the same as 16-bit sound; what 32767 is in um is printed"),
+        Output("ID.marc.dat", "the same as a table of a Marc deck, in s and mm"),
+    ),
+    "build-deck": (
+        Output("ID/job.inp", "the deck; job.dat and job.proc for Marc"),
+        Output("ID/stimulus.csv", "the waveform; aside_um too where the probe slides", _WAVEFORM),
+        Output("ID/run.toml", "which node is which afferent, times, what the deck was made from"),
+    ),
+    "run": (
+        Output("job.frd, job.dat, job.sta, job.cvg", "what CalculiX wrote, accepted"),
+        Output("solver.toml", "what they answer and cost, with checksums"),
+        Output("solver.log", "what the solver printed"),
+        Output("failed/", "files of a run that was not accepted, and cause.txt"),
+    ),
+    "ingest": (
+        Output("NAME_traces.csv", "stress at nodes or points", _TRACES),
+        Output(
+            "NAME_sides.csv",
+            "stress at a node in each material there (--one-sided)",
+            _columns(
+                _TIME,
+                ("node", "", "node of the solver"),
+                ("material", "", "name of the material, or of its elements"),
+                ("von_mises_pa", "Pa", "von Mises stress on this side"),
+                ("<xx, yy, zz, xy, yz, zx>_pa", "Pa", "component of its stress tensor"),
+            ),
+        ),
+        Output(
+            "NAME_stress_1_39.csv",
+            "a quantity at all nodes at an increment (--field); as .npz with nodes, values, units",
+            _columns(
+                ("node", "", "node of the solver"),
+                ("<component>", "in the name", "component, such as sxx_pa or d1_mm"),
+            ),
+        ),
+        Output(
+            "NAME_dat.csv",
+            "what CalculiX printed, a number a row",
+            _columns(
+                _TIME,
+                ("mode", "", "number of the mode, where there is no time"),
+                ("quantity", "", "what was printed, such as total force"),
+                ("set", "", "set of nodes or elements"),
+                ("node", "", "node of the solver"),
+                ("element", "", "element of the solver"),
+                ("point", "", "integration point of the element"),
+                ("face", "", "face of the element"),
+                ("component", "", "component of the quantity"),
+                ("value", "in unit", "the number"),
+                ("unit", "", "unit of the value"),
+            ),
+        ),
+        Output(
+            "NAME_sta.csv",
+            "increments of CalculiX",
+            _columns(
+                _STEP,
+                _INCREMENT,
+                _ATTEMPT,
+                ("failed", "", "1 where the attempt was given up"),
+                ("iterations", "", "iterations of the attempt"),
+                ("total_time_ms", "ms", "time since the first step began"),
+                ("step_time_ms", "ms", "time since the step began"),
+                ("increment_time_ms", "ms", "length of the increment"),
+            ),
+        ),
+        Output(
+            "NAME_cvg.csv",
+            "iterations of CalculiX",
+            _columns(
+                _STEP,
+                _INCREMENT,
+                _ATTEMPT,
+                ("iteration", "", "iteration of the attempt, from 1"),
+                ("contact_springs", "", "contact springs or elements"),
+                ("force_residual_percent", "%", "largest residual force, of the mean force"),
+                ("displacement_correction_percent", "%", "largest correction, of the change"),
+                ("flux_residual_percent", "%", "the same of a flux"),
+                ("temperature_correction_percent", "%", "the same of a temperature"),
+            ),
+        ),
+        Output("NAME_sts.csv", "increments of Marc; times in ms, counts else"),
+        Output("NAME_plot.csv", "a plot saved from Mentat, number by number, units as there"),
+        Output("FOLDER/*.vtu, *.pvd", "every increment for ParaView (--vtu); Pa and mm"),
+    ),
+    "marc-export-script": (Output("FILE", "the script; its table is that of ingest's traces"),),
+    "encode": (
+        Output("spikes.csv", "a row a spike", _SPIKES),
+        Output("rates.csv", "a row an afferent", _RATES),
+        Output("raster.png", "the spikes, a panel a class"),
+    ),
+    "simulate": (
+        Output("rates.csv", "a row a stimulus and afferent", _RATES),
+        Output("spikes.csv", "a row a spike", _SPIKES),
+        Output(
+            "traces.npz",
+            "arrays for numpy.load",
+            _columns(
+                ("stimulus", "", "(S,) ids"),
+                ("afferent", "", "(A,) classes"),
+                ("dt_ms", "ms", "() time between samples; the first is at 0"),
+                ("displacement_um", "um", "(S, T) depth of the probe"),
+                ("von_mises_pa", "Pa", "(S, T, A) von Mises stress at the afferents"),
+            ),
+        ),
+        Output("simulation.toml", "how it was computed: method, response, parameters, stimuli"),
+        Output("finger.toml", "the whole finger of the response, which --finger takes"),
+        Output("raster.png", "the spikes: a panel a class, a row a stimulus"),
+        Output("response/", "what the solver made, where one ran"),
+    ),
+    "sweep": (
+        Output(
+            "results.csv",
+            "a row a point and afferent",
+            _columns(
+                ("finger", "", "name of the finger"),
+                ("<parameter>", "in the name", "what differs between points: skin.dermis_mm"),
+                _STIMULUS,
+                _AFFERENT,
+                _RATE,
+                _SPIKES_IN_WINDOW,
+                _PEAK,
+                ("status", "", "done or failed"),
+                ("cause", "", "why it failed"),
+                ("run", "", "folder of the item"),
+            ),
+        ),
+        Output(
+            "runs/KEY/answers.csv",
+            "the answers of an item",
+            _columns(_STIMULUS, _AFFERENT, _RATE, _SPIKES_IN_WINDOW, _PEAK),
+        ),
+        Output("runs/KEY/spikes.csv", "its spikes", _SPIKES),
+        Output("runs/KEY/item.toml", "its inputs, and checksums of the two"),
+        Output("solves/KEY/", "mesh, deck and results of a solve, and response.toml"),
+    ),
+    "fit": (
+        Output("fitted.toml", "parameters, which --parameters takes, and how they came about"),
+        Output(
+            "pareto_SA.csv",
+            "the Pareto front of a class, a row a candidate",
+            _columns(
+                _AFFERENT,
+                ("candidate", "", "number of the candidate, from 1"),
+                ("chosen", "", "yes of the one that was taken"),
+                ("<parameter>", "in the name", "free parameter of the model (--drive list)"),
+                ("rmse_<frequency>_ips", "impulses/s", "root of the mean squared error of rates"),
+            ),
+        ),
+        Output("fitted_rates.csv", "rates that the parameters give", _RATES),
+        Output("tradeoffs.png", "the front, and predicted against observed rates"),
+    ),
+    "study": (
+        Output(
+            "study.csv",
+            "a row a case and seed",
+            _columns(
+                _AFFERENT,
+                ("drive", "", "model of the afferent (fit --drive list)"),
+                ("cells", "", "cells of the population"),
+                ("preindent_um", "um", "depth of the probe before time 0"),
+                ("free_parameters", "", "parameters that are searched"),
+                ("seed", "", "seed of the search"),
+                ("fitted_r_squared", "", "R2 on the sinusoids that were fitted"),
+                ("fitted_rmse_ips", "impulses/s", "error there"),
+                ("held_out_r_squared", "", "R2 on each frequency when it was left out"),
+                ("held_out_rmse_ips", "impulses/s", "error there"),
+                ("parameters", "", "name=value with blanks"),
+            ),
+        ),
+        Output("study.md", "medians over seeds, the best case first"),
+        Output("study.png", "errors of all cases"),
+    ),
+    "validate": (
+        Output("index.html", "the page; its figures lie beside it as SVG"),
+        Output("validation.toml", "what it was made from"),
+        Output(
+            "rates.csv",
+            "every rate",
+            _columns(
+                _SOURCE, _STIMULUS, _AFFERENT, _RATE, _FAMILY, _SET,
+                ("level_um", "um", "amplitude, or RMS of a noise"),
+            ),
+        ),
+        Output(
+            "agreement.csv",
+            "a row a pair of sources and set of stimuli",
+            _columns(
+                ("reference", "", "what is held against: observed or touchsim"),
+                _SOURCE, _FAMILY, _SET, _AFFERENT,
+                ("count", "", "rates that were compared"),
+                ("slope", "", "of the regression of source on reference"),
+                ("intercept_ips", "impulses/s", "of the same"),
+                ("r_squared", "", "of the same"),
+                ("p_value", "", "of the same"),
+                ("rmse_ips", "impulses/s", "root of the mean squared difference"),
+                ("bias_ips", "impulses/s", "mean difference, source less reference"),
+            ),
+        ),
+        Output("rasters.csv", "spikes that are drawn", _columns(_SOURCE, *_SPIKES)),
+        Output(
+            "locking.csv",
+            "phase locking to sinusoids",
+            _columns(
+                _SOURCE, _AFFERENT, _STIMULUS, _FREQUENCY,
+                ("amplitude_um", "um", "amplitude of the sinusoid, zero to peak"),
+                ("impulses_per_cycle", "", "spikes in a cycle"),
+                ("vector_strength", "", "0: at any phase, 1: all at one"),
+            ),
+        ),
+        Output(
+            "entrainment.csv",
+            "where an afferent fires once a cycle",
+            _columns(
+                _SOURCE, _AFFERENT, _FREQUENCY,
+                ("entrainment_threshold_um", "um", "smallest amplitude with a spike a cycle"),
+                ("plateau_low_um", "um", "where one a cycle begins"),
+                ("plateau_high_um", "um", "where it ends"),
+                ("plateau_decades", "", "decimal logarithm of their ratio"),
+            ),
+        ),
+        Output(
+            "thresholds.csv",
+            "amplitude at which an afferent answers",
+            _columns(
+                _SOURCE, _AFFERENT, _FREQUENCY,
+                ("criterion_ips", "impulses/s", "rate that counts as an answer"),
+                ("lowest_tried_um", "um", "smallest amplitude that was tried"),
+                ("highest_tried_um", "um", "largest one"),
+                ("threshold_um", "um", "smallest amplitude with an answer; empty: none"),
+            ),
+        ),
+        Output("deflection.csv", "the skin around a thin probe",
+               _columns(_MESH, _ELEMENTS, _DISTANCE, _DEFLECTION)),
+        Output(
+            "deflection_convergence.csv",
+            "the same from mesh to mesh",
+            _columns(
+                ("quantity", "", "what is compared: a place in mm, or the force"),
+                _MESH, _ELEMENTS,
+                ("value", "mm or N/mm", "what this mesh gives"),
+                ("last_change_percent", "%", "change from the mesh before"),
+                ("limit", "mm or N/mm", "what ever finer meshes would give"),
+                ("order", "", "order of convergence"),
+            ),
+        ),
+    ),
+    "verify": (
+        Output("verification.md", "the page, with figures"),
+        Output("verification.json", "every check: found, bound, passed"),
+        Output("tables/verification_*.csv", "a table a study; units are in the columns' names"),
+    ),
+    "deflect": (
+        Output("deflection.csv", "a row a mesh and place",
+               _columns(_MESH, _DISTANCE, _DEFLECTION)),
+        Output("deflection.png", "the same, drawn"),
+        Output("run/", "what the solver made (--solver run)"),
+    ),
+    "plot": (
+        Output("PICTURE.png", "the picture; the suffix of -o chooses the format"),
+        Output("--table FILE", "sensitivity: effects, a row a parameter, answer and set"),
+        Output("--fingers FILE.csv", "sensitivity: a row a finger, parameters and mean answers"),
+    ),
+}  # fmt: skip
+"""By verb; one that is not here writes no file."""
+
+
+def help_text(verb: str) -> str:
+    """The outputs of `verb` for its ``--help``; "" where it writes nothing."""
+    lines = ["outputs:"] if verb in OUTPUTS else []
+    for output in OUTPUTS.get(verb, ()):
+        lines.append(f"  {output.file}: {output.what}")
+        for name, unit, meaning in output.columns:
+            words = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
+            lines += textwrap.wrap(words, 88, initial_indent=" " * 4, subsequent_indent=" " * 6)
+    return "\n".join(lines)
+
+
+def page_text() -> str:
+    """docs/outputs.md."""
+    lines = [
+        "# Outputs",
+        "",
+        "What each verb writes, into the folder or file that `-o` names. Tables are CSV in UTF-8,",
+        "numbers with as many digits as bring them back exactly. `--json` prints a summary with",
+        '`exit_code`; of an error `{"error": {"kind", "message"}, "exit_code"}`. A name in angle',
+        "brackets stands for columns that differ from case to case. `fembridge VERB --help` shows",
+        "the same; this page is `python -m fembridge.commands.written`.",
+    ]
+    for verb, outputs in OUTPUTS.items():
+        lines += ["", f"## {verb}"]
+        for output in outputs:
+            lines += ["", f"**`{output.file}`**: {output.what}"]
+            if output.columns:
+                lines += ["", "| column | unit | meaning |", "|---|---|---|"]
+                lines += [f"| `{name}` | {unit} | {what} |" for name, unit, what in output.columns]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(page_text(), end="")

@@ -1,0 +1,143 @@
+"""The one table of outputs against what the verbs write, the page and the help."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fembridge
+from fembridge import cli
+from fembridge.commands.written import OUTPUTS, page_text
+
+ROOT = Path(fembridge.__file__).parents[1]
+QUICK = ROOT / "fixtures" / "response_quick"
+OBSERVED = """stimulus,afferent,rate_ips
+sine_20_250,SA,25
+sine_50_250,SA,30
+sine_20_250,RA,60
+sine_50_250,RA,70
+"""
+STUDY = 'stimuli = "sine_20_250"\nstored = true\n'
+
+
+def columns_of(verb, file):
+    [output] = (one for one in OUTPUTS[verb] if one.file == file)
+    return [column.name for column in output.columns]
+
+
+def is_told(header, names):
+    """Whether each column is told, in this order; one in brackets is any number of columns."""
+    pattern = ""
+    for name in names:
+        pieces = [re.escape(piece) for piece in re.split(r"<.*?>", name)]
+        pattern += f"(?:{'[^,]*'.join(pieces)},){'+' if len(pieces) > 1 else ''}"
+    return re.fullmatch(pattern, ",".join(header) + ",") is not None
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FEMBRIDGE_CCX", "/bin/sh")  # found, never started
+    Path("observed.csv").write_text(OBSERVED, encoding="utf-8")
+    Path("study.toml").write_text(STUDY, encoding="utf-8")
+    return tmp_path
+
+
+SIMULATE = ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o", "out"]
+RUN = str(QUICK)
+FRD = str(QUICK / "job.frd")
+FIT = ["fit", "--observed", "observed.csv", "--evaluations", "20", "--population", "4", "-o", "out"]
+TABLES = [
+    (["stimuli", "--export", "csv", "sine_20_250", "-o", "out/"], "sine_20_250.csv", "ID.csv"),
+    (
+        ["build-deck", "--stimulus", "sine_20_250", "-o", "out"],
+        "sine_20_250/stimulus.csv",
+        "ID/stimulus.csv",
+    ),
+    (["ingest", RUN, "-o", "out/a.csv"], "a.csv", "NAME_traces.csv"),
+    (
+        ["ingest", FRD, "--field", "STRESS", "-o", "out/a.csv"],
+        "a.csv",
+        "NAME_stress_1_39.csv",
+    ),
+    *(
+        (["ingest", str(QUICK / f"job.{kind}"), "-o", "out/a.csv"], "a.csv", f"NAME_{kind}.csv")
+        for kind in ("dat", "sta", "cvg")
+    ),
+    (SIMULATE, "rates.csv", "rates.csv"),
+    (SIMULATE, "spikes.csv", "spikes.csv"),
+    (["sweep", "study.toml", "-o", "out"], "results.csv", "results.csv"),
+    (["sweep", "study.toml", "-o", "out"], "runs/*/answers.csv", "runs/KEY/answers.csv"),
+    (["sweep", "study.toml", "-o", "out"], "runs/*/spikes.csv", "runs/KEY/spikes.csv"),
+    (["deflect", "-o", "out"], "deflection.csv", "deflection.csv"),
+    (FIT, "pareto_SA.csv", "pareto_SA.csv"),
+    (FIT, "fitted_rates.csv", "fitted_rates.csv"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "written", "told"), TABLES, ids=[f"{row[0][0]} {row[2]}" for row in TABLES]
+)
+def test_a_table_has_the_columns_that_are_told(here, words, written, told):
+    assert cli.main(words) == 0
+    [path] = (here / "out").glob(written)
+    with path.open(newline="", encoding="utf-8") as file:
+        header = next(csv.reader(file))
+    assert is_told(header, columns_of(words[0], told)), header
+
+
+def test_encoded_traces_have_the_columns_that_are_told(here):
+    assert cli.main(["ingest", RUN, "-o", "traces.csv"]) == 0
+    assert cli.main(["encode", "traces.csv", "--no-raster", "-o", "out"]) == 0
+    for name in ("spikes.csv", "rates.csv"):
+        header = (here / "out" / name).read_text("utf-8").splitlines()[0].split(",")
+        assert header == columns_of("encode", name)
+
+
+def test_the_arrays_of_a_simulation_are_those_that_are_told(here):
+    assert cli.main(SIMULATE) == 0
+    with np.load(here / "out/traces.npz") as arrays:
+        assert list(arrays) == columns_of("simulate", "traces.npz")
+    told = {output.file for output in OUTPUTS["simulate"]} - {"raster.png", "response/"}
+    assert {path.name for path in (here / "out").iterdir()} == told
+
+
+@pytest.mark.slow
+def test_the_tables_of_a_validation_are_those_that_are_told(here):
+    words = ["validate", "--parameters", "published", "--observed", "observed.csv", "-o", "out"]
+    assert cli.main(words) == 0
+    told = {one.file for one in OUTPUTS["validate"] if one.columns}
+    assert {path.name for path in (here / "out").glob("*.csv")} == told
+    for name in told:
+        header = (here / "out" / name).read_text("utf-8").splitlines()[0].split(",")
+        assert header == columns_of("validate", name)
+
+
+@pytest.mark.slow
+def test_the_table_of_a_study_has_the_columns_that_are_told(here):
+    words = ["study", "--observed", "observed.csv", "--drive", "published", "--seeds", "1"]
+    assert cli.main([*words, "--evaluations", "200", "-o", "out"]) == 0
+    header = (here / "out/study.csv").read_text("utf-8").splitlines()[0].split(",")
+    assert header == columns_of("study", "study.csv")
+
+
+def test_the_page_is_the_table():
+    page = ROOT / "docs" / "outputs.md"
+    assert page.read_text(encoding="utf-8") == page_text()
+
+
+@pytest.mark.parametrize("verb", sorted(set(cli.VERBS)))
+def test_the_help_of_a_verb_has_its_outputs(verb, capsys):
+    assert cli.main([verb, "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for output in OUTPUTS.get(verb, ()):
+        assert f"{output.file}: {output.what}" in shown
+        for name, unit, meaning in output.columns:
+            words = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
+            assert " ".join(words.split()) in shown
+
+
+def test_every_verb_that_writes_files_is_told():
+    assert set(OUTPUTS) == set(cli.VERBS) - {"cache", "doctor"}
