@@ -11,7 +11,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,6 +50,7 @@ TRACES_FILE = "traces.npz"
 RECORD_FILE = "simulation.toml"
 RASTER_FILE = "raster.png"
 FINGER_FILE = "finger.toml"
+PICTURES = ("raster", "psth", "isi", "rates")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -84,18 +85,36 @@ class Simulation:
         """Spikes: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``, a row a spike."""
         return spikes_frame(self.trains)
 
-    def plot(self) -> "matplotlib.figure.Figure":
-        """Raster of the spikes: a panel a class, a row a stimulus, as a Matplotlib figure."""
+    def plot(self, picture: str = "raster") -> "matplotlib.figure.Figure":
+        """``raster``, ``psth`` or ``isi`` of the spikes, or ``rates``, as a Matplotlib figure.
+
+        As `fembridge plot` draws them: a panel a class, a row a stimulus; rates against
+        amplitude, a column a frequency.
+        """
+        if picture == "rates":
+            from fembridge.plots.rates import rates_figure
+
+            return rates_figure(self.mean_rates)
+        rows: dict[str, Any] = {
+            "stimuli": [stimulus.id for stimulus in self.stimuli],
+            "afferents": [str(trace.afferent) for trace in self.traces[0]],
+        }
+        if picture == "isi":
+            from fembridge.plots.isi import isi_figure
+
+            return isi_figure(self.trains, **rows)
+        windows_ms = {stimulus.window_ms for stimulus in self.stimuli}
+        rows["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
+        rows["waveform"] = self.stimuli[0] if len(self.stimuli) == 1 else None
+        if picture == "psth":
+            from fembridge.plots.psth import psth_figure
+
+            return psth_figure(self.trains, **rows)
+        if picture != "raster":
+            raise UsageError(f"picture {picture!r}, expected {', '.join(PICTURES)}")
         from fembridge.plots.raster import raster_figure
 
-        windows_ms = {stimulus.window_ms for stimulus in self.stimuli}
-        return raster_figure(
-            self.trains,
-            stimuli=[stimulus.id for stimulus in self.stimuli],
-            afferents=[str(trace.afferent) for trace in self.traces[0]],
-            window_ms=windows_ms.pop() if len(windows_ms) == 1 else None,
-            waveform=self.stimuli[0] if len(self.stimuli) == 1 else None,
-        )
+        return raster_figure(self.trains, **rows)
 
     def write(self, folder: Path | str, *, plot: bool = False) -> None:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.

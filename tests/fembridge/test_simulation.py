@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import OutputError, ParameterError, TraceError
+from fembridge.errors import OutputError, ParameterError, TraceError, UsageError
 from fembridge.simulation import encode_all
 from fembridge.tables import read_rates, read_spikes
 from fembridge.trace import StressTrace
@@ -164,3 +164,15 @@ def test_rates_and_spikes_as_tables_are_those_of_the_files(tmp_path, simulation)
     simulation.write(tmp_path)
     for frame, name in ((simulation.rates, "rates.csv"), (simulation.spikes, "spikes.csv")):
         pandas.testing.assert_frame_equal(frame, pandas.read_csv(tmp_path / name))
+
+
+def test_each_picture_of_a_simulation_has_its_classes(simulation):
+    for picture in ("raster", "psth", "isi"):
+        figure = simulation.plot(picture)
+        assert [panel.get_title() for panel in figure.axes] == ["SA", "RA", "PC"]
+        names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+        assert names == [stimulus.id for stimulus in STIMULI]
+    titles = [panel.get_title() for panel in simulation.plot("rates").axes]
+    assert [title for title in titles if title] == ["20 Hz", "25–250 Hz"]
+    with pytest.raises(UsageError, match="raster, psth, isi, rates"):
+        simulation.plot("mesh")
