@@ -653,7 +653,7 @@ def _out_of_order(rows: Sequence[Any]) -> str:
                 ways = [[at[0], *[1] * (len(at) - 1)]]
             elif isinstance(row, StaRow):
                 ways = [ways[2]] if before.failed else ways[:2]
-            follows = at in ways and (before is None or _adds_up(before, row))
+            follows = at in ways and _adds_up(before, row)
         if not follows:
             last = "nothing" if before is None else f"increment {before.increment}"
             return (
@@ -663,14 +663,19 @@ def _out_of_order(rows: Sequence[Any]) -> str:
     return ""
 
 
-def _adds_up(before: StaRow | CvgRow, row: StaRow | CvgRow) -> bool:
-    """Whether the total time of an attempt is that before it and its increment."""
-    if not (isinstance(before, StaRow) and isinstance(row, StaRow)):
+def _adds_up(before: StaRow | CvgRow | None, row: StaRow | CvgRow) -> bool:
+    """Whether the times of an attempt are those before it and its increment."""
+    if not isinstance(row, StaRow):
         return True
-    expected_ms = before.total_time_ms + (0.0 if row.failed else row.increment_time_ms)
-    return abs(row.total_time_ms - expected_ms) <= _STA_ROUNDING * max(
-        row.total_time_ms, expected_ms
-    )
+    grown_ms = 0.0 if row.failed else row.increment_time_ms
+    pairs = []
+    if isinstance(before, StaRow):
+        pairs = [(row.total_time_ms, before.total_time_ms + grown_ms)]
+        if before.step == row.step:
+            pairs.append((row.step_time_ms, before.step_time_ms + grown_ms))
+    if before is None or before.step != row.step:
+        pairs.append((row.step_time_ms, grown_ms))
+    return all(abs(one - other) <= _STA_ROUNDING * max(one, other) for one, other in pairs)
 
 
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
@@ -686,7 +691,7 @@ def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterato
     for section in dat_sections(path, lambda name, _: quantity in (None, name), options):
         key = section.quantity, section.set_name
         varies = section.quantity.startswith(_VARYING)
-        first = section if varies else firsts.setdefault(key, section)
+        first = section if varies else firsts.get(key, section)
         words = _damage(section, first, lasts.get(key))
         lasts[key] = section
         if words:
@@ -694,6 +699,7 @@ def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterato
                 raise ResultError(words, path)
             options.note(f"dropped the section: {words}")
             continue
+        firsts.setdefault(key, section)
         if not varies and section.over_time:
             if not groups or groups[-1][0] != section.time_ms:
                 noted = noted or _note_other_sections(groups, options)
@@ -713,6 +719,12 @@ def _damage(section: DatSection, first: DatSection, before: DatSection | None) -
         return f"{section} is {'cut' if count < usual else 'damaged'}: {count} of {usual} records"
     if not np.array_equal(section.labels, first.labels):
         return f"{section} has not the {section.label_names[0]}s of {first.time_ms:g} ms"
+    if section.label_names == ("element", "point") and count:
+        # Points of an element are counted from 1.
+        element, point = section.labels.T
+        begins = np.diff(element, prepend=-1) != 0
+        if not (np.diff(point, prepend=0)[~begins] == 1).all() or (point[begins] != 1).any():
+            return f"{section} is damaged: points of an element are missing or duplicate"
     if before is None or not (section.over_time and before.over_time):
         return ""
     if section.time_ms < before.time_ms:

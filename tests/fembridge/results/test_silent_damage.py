@@ -161,7 +161,11 @@ TABLES = {
     ".sta": (FRD / "vib_cpe4_bin_f64.sta", 10, "rows are missing, duplicate or not in order"),
     ".cvg": (FRD / "vib_cpe4_bin_f64.cvg", 29, "rows are missing, duplicate or not in order"),
     ".sts": (MARC / "nour_plastic.sts", 12, "rows are missing, duplicate or not in order"),
-    ".dat": (FRD / "cpe4_ascii.dat", 60, " records"),
+    ".dat": (
+        FRD / "cpe4_ascii.dat",
+        60,
+        "strains for set EPROBE at 0.5 ms is damaged: points of an element",
+    ),
 }
 
 
@@ -187,6 +191,19 @@ def test_a_time_of_a_sta_that_does_not_add_up_is_refused(ingest, tmp_path):
     path = tmp_path / "job.sta"
     path.write_text("".join(lines))
     assert ingest(path, "-o", "t.csv")[0] == 1
+
+
+@pytest.mark.parametrize("how", ["lost", "duplicate", "swapped"])
+def test_a_point_of_the_only_section_of_a_dat_is_missed(ingest, tmp_path, how):
+    lines = lines_of(FRD / "interface_cpe8r.dat")
+    at = next(k for k, line in enumerate(lines) if line.split()[1:2] == ["3"])
+    put = {"lost": [], "duplicate": [lines[at]] * 2, "swapped": [lines[at + 1], lines[at]]}[how]
+    lines[at : at + 1 + (how == "swapped")] = put
+    path = tmp_path / "job.dat"
+    path.write_text("".join(lines))
+    code, said = ingest(path, "-o", "t.csv")
+    assert code == 1
+    assert "points of an element are missing or duplicate" in said or " records" in said
 
 
 def test_a_section_of_a_dat_lost_or_duplicate_is_said_or_refused(ingest, tmp_path):
