@@ -237,7 +237,7 @@ def read_solver_log(path: Path) -> SolverLog:
     """
     if not path.exists():
         return SolverLog()
-    text = path.read_text(encoding="latin-1")
+    text = path.read_text(encoding="utf-8", errors="replace")  # of paths, our own words
     version = _VERSION.search(text)
     lines = [line.strip() for line in text.split("\n")]
     no_room = (line for line in lines if any(phrase in line.lower() for phrase in NO_ROOM))
