@@ -323,10 +323,11 @@ def read_bytes(path: Path, max_bytes: int, error: MakeError) -> bytes:
     """The content of a file, or of a pipe, of at most `max_bytes`."""
     try:
         with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
+            size = os.fstat(file.fileno()).st_size  # of a pipe 0
+            content = b"" if size > max_bytes else file.read(max_bytes + 1)
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror}") from problem
-    if len(content) > max_bytes:
+    if max(size, len(content)) > max_bytes:
         raise error(f"{path}: more than {max_bytes} bytes")
     return content
 

@@ -122,8 +122,8 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
         (["--solver", "marc", "--stiffness-mpa-per-mm", "9"], 2, "no stiffness_mpa_per_mm"),
         (["--solver", "marc", "--element", "82"], 2, "marc has no element '82'"),
         (["--element", "80"], 2, "calculix has no element '80'"),
-        (["--probe-body", "rigid"], 1, "no probe 'rigid'"),
-        (["--solver", "abaqus", "--results", "text"], 1, "no results 'text'"),
+        (["--probe-body", "rigid"], 2, "no probe 'rigid'"),
+        (["--solver", "abaqus", "--results", "text"], 2, "no results 'text'"),
     ],
 )
 def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(here, capsys, words, code, found):

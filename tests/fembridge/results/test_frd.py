@@ -467,7 +467,7 @@ def refused(action, words):
         ("c.dat", b"\n", lambda p: read_total_force(p, "A"), "more than 65536 bytes"),
         ("d.sta", b"\n\n\n", read_sta, "a line of more than 65536 bytes"),
         ("e.cvg", b"\n\n\n\n\n", read_cvg, "a line of more than 65536 bytes"),
-        ("f.inp", b"*NSET, NSET=A\n1,", read_node_sets, "bytes, expected a deck of"),
+        ("f.inp", b"*NSET, NSET=A\n1,", read_node_sets, "more than [0-9]+ bytes"),
     ],
 )
 def test_a_line_of_two_gigabytes_is_named_in_little_memory(tmp_path, name, start, reader, words):
