@@ -392,6 +392,9 @@ def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     from fembridge.simulation import SPIKES_FILE
     from fembridge.tables import AFFERENTS, read_spikes
 
+    if args.window_ms and not args.window_ms[0] < args.window_ms[1]:
+        start, end = args.window_ms
+        raise UsageError(f"--window-ms {start:g} {end:g}, expected the start before the end")
     path = find_output(args.table, (SPIKES_FILE,), "simulate and encode leave it")
     trains = read_spikes(path)
     tabled = list(dict.fromkeys(train.stimulus for train in trains))

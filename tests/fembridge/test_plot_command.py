@@ -220,6 +220,8 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
     [
         ([], "required: PICTURE"),
         (["mash"], "invalid choice: 'mash'"),
+        (["raster", "spikes.csv", "--window-ms", "9", "3"], "--window-ms 9 3, expected the start"),
+        (["raster", "spikes.csv", "--window-ms", "nan", "3"], "--window-ms nan 3, expected"),
         (["mesh", "-o", "mesh.xyz"], "mesh.xyz: cannot draw .xyz, expected one of"),
         (["mesh", "-o", "mesh"], "mesh: cannot draw a file without suffix"),
         (["mesh", "--probe-shape", "cube"], "invalid choice: 'cube'"),
