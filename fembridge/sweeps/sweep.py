@@ -120,7 +120,7 @@ def run_sweep(
     if executor not in EXECUTORS:
         raise UsageError(f"executor {executor!r}, expected {' or '.join(EXECUTORS)}")
     if scheduler is not None and executor != "dask":
-        raise UsageError("a scheduler is for the executor dask")
+        raise UsageError("scheduler is for the executor dask")
     if not isinstance(study, Study):
         study = read_study(Path(study))
     folder = make_folder(Path(folder)).resolve()
