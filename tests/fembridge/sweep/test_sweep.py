@@ -194,11 +194,7 @@ def test_without_a_solver_the_whole_sweep_is_refused_at_once(
     [
         (["--jobs", "0"], "jobs is 0"),
         (["--threads", "0"], "threads is 0"),
-<<<<<<< Updated upstream
-        (["--scheduler", "tcp://localhost:1"], "a --scheduler is for the executor dask"),
-=======
         (["--scheduler", "tcp://localhost:1"], "scheduler is for the executor dask"),
->>>>>>> Stashed changes
     ],
 )
 def test_misuse_ends_with_2(here, command, study_file, tmp_path, capsys, words, told):
