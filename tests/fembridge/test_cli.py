@@ -365,8 +365,10 @@ def test_a_folder_that_was_deleted_is_named_in_one_line(tmp_path, words):
     "words",
     [
         [*SIMULATE, "-o", "out"],
-        ["deflect", "-o", "out"],
-        ["plot", "stimulus", "sine_20_250", "-o", "out/a.png"],
+        pytest.param(["deflect", "-o", "out"], marks=pytest.mark.slow),
+        pytest.param(
+            ["plot", "stimulus", "sine_20_250", "-o", "out/a.png"], marks=pytest.mark.slow
+        ),
     ],
     ids=lambda words: words[0],
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decks.stimuli import CATALOGUE
@@ -40,6 +40,7 @@ def rate_arrays(draw):
     return tuple(stimuli), names, np.array(columns).T
 
 
+@settings(settings.get_profile("costly"))
 @given(written=rate_arrays(), mix=st.randoms(use_true_random=False))
 def test_rates_come_back_bit_for_bit_however_the_classes_are_mixed(tmp_path_factory, written, mix):
     path = tmp_path_factory.mktemp("observed") / "rates.csv"

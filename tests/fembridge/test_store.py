@@ -459,6 +459,7 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
         assert f"{path}:2: " in str(refused.value)
 
 
+@pytest.mark.slow
 def test_the_largest_toml_that_is_read_takes_little_memory(tmp_path):
     path = tmp_path / "run.toml"
     path.write_bytes(b"".join(b"k%d.a.b.c.d.e.f.g = 1\n" % k for k in range(10_000)))

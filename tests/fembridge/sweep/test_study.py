@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decks.finger import AfferentSite, Papillae, Ridges, Skin
@@ -392,6 +392,7 @@ def test_the_presets_afferents_keep_to_the_boundaries_they_are_described_by():
     assert anchor_of(QUICK, "PC") == Anchor(upper=True, distance_mm=0.25)
 
 
+@settings(settings.get_profile("costly"))
 @given(
     corneum=st.floats(0.2, 0.32),
     epidermis=st.floats(0.3, 0.48),
