@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from fembridge.results.frd_fields import read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
+    from fembridge.touching.api import receptive_field, touch
+    from fembridge.touching.population import Population
+    from fembridge.touching.shape import Shape
     from fembridge.touchsim import touchsim_rates as touchsim_rates
     from fembridge.trace import StressTrace
 
@@ -35,8 +38,10 @@ __version__ = "0.1.0"
 __all__ = [
     "FembridgeError",
     "Finger",
+    "Population",
     "Probe",
     "ResponseMap",
+    "Shape",
     "Stimulus",
     "StressTrace",
     "build_deck",
@@ -45,10 +50,12 @@ __all__ = [
     "make_stimulus",
     "read",
     "read_fields",
+    "receptive_field",
     "resolve",
     "run",
     "simulate",
     "sweep",
+    "touch",
     "validate",
 ]
 
@@ -63,6 +70,9 @@ _HOMES = {
         ("build_deck", "encode", "fit", "run", "simulate", "sweep", "validate"), "fembridge.api"
     ),
     "make_stimulus": "decks.waveform",
+    "Population": "fembridge.touching.population",
+    "Shape": "fembridge.touching.shape",
+    **dict.fromkeys(("receptive_field", "touch"), "fembridge.touching.api"),
     "read": "fembridge.results",
     "read_fields": "fembridge.results.frd_fields",
     "read_observed": "fembridge.observed",

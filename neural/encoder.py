@@ -218,16 +218,22 @@ def afferent_drives(
     return model_named(model, afferent).filtered(checked_stress(stress_pa), dt_ms, derivative)
 
 
-def _current(
-    stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
-) -> FloatArray:
-    """Currents ``(T, membrane)``: all conditions of the first cell, then of the next."""
+def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
+    """Refuse a time step that `parameters` do not hold for."""
     step_ms = parameters.dt_ms
     if not abs(dt_ms - step_ms) <= _STEP_TOLERANCE * step_ms:
         raise ParameterError(
             f"{parameters.afferent}: the trace has a sample every {dt_ms:g} ms, its "
             f"parameters hold for {step_ms:g} ms; resample the trace"
         )
+
+
+def _current(
+    stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
+) -> FloatArray:
+    """Currents ``(T, membrane)``: all conditions of the first cell, then of the next."""
+    check_step(parameters, dt_ms)
+    step_ms = parameters.dt_ms
     model = model_of(parameters)
     filtered = model.filtered(stress, step_ms, derivative)
     columns = [each.reshape(len(stress), -1) for each in filtered]

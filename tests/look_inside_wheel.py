@@ -18,6 +18,8 @@ WANTED = (
     "fembridge/report/verification.md.j2",
     "fembridge/deflection/profiles/quick.toml",
     "neural/fitted.toml",
+    "neural/fitted_pad.toml",
+    "fembridge/touching/pads/reference.npz",
     "fembridge/cli.py",
 )
 

@@ -49,6 +49,19 @@ _STEP = ("step", "", "step of the deck, from 1")
 _INCREMENT = ("increment", "", "increment of the step, from 1")
 _ATTEMPT = ("attempt", "", "attempt at the increment, from 1")
 
+_UNIT_OF = (_STIMULUS, _AFFERENT, ("unit", "", "name of the unit"))
+_PLACE = (
+    ("x_mm", "mm", "place across the finger, to the right; 0 in the middle of the pad"),
+    ("z_mm", "mm", "place along the finger, towards the tip; 0 in the middle of the pad"),
+)
+_UNITS = _columns(
+    ("unit", "", "name of the unit"),
+    _AFFERENT,
+    *_PLACE,
+    ("depth_mm", "mm", "depth below the skin"),
+    ("deviate", "", "q: the unit needs exp(spread q) times the stress of the median"),
+)
+
 _SPIKES = _columns(_STIMULUS, _AFFERENT, _REPEAT, _SPIKE_TIME)
 _RATES = _columns(_STIMULUS, _AFFERENT, _RATE)
 _WAVEFORM = _columns(
@@ -176,6 +189,47 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("raster.png", "the spikes: a panel a class, a row a stimulus"),
         Output("response/", "what the solver made, where one ran"),
     ),
+    "touch": (
+        Output("population.csv", "a row a unit", _UNITS),
+        Output("spikes.csv", "a row a spike", _columns(*_UNIT_OF, _REPEAT, _SPIKE_TIME)),
+        Output("rates.csv", "a row a unit", _columns(*_UNIT_OF, _RATE)),
+        Output(
+            "touch.csv",
+            "how it was pressed",
+            _columns(
+                _TIME,
+                ("depth_um", "um", "depth of what touches, from first touch"),
+                ("force_n", "N", "force on the skin"),
+            ),
+        ),
+        Output("pad.png", "who fires how much, where the shape is, depth and force over time"),
+        Output("raster.png", "spikes of every unit that fires, a panel a class"),
+        Output("touch.gif", "pressure, stress and spikes over time (--animate); .mp4 with ffmpeg"),
+    ),
+    "receptive-field": (
+        Output(
+            "areas.csv",
+            "a row a depth",
+            _columns(
+                _AFFERENT,
+                ("depth_um", "um", "how deep the probe goes"),
+                ("area_mm2", "mm2", "area where the criterion is reached"),
+                ("whole", "", "False where the field goes on beyond the skin that may be touched"),
+            ),
+        ),
+        Output(
+            "fields.csv",
+            "a row a place of the probe",
+            _columns(
+                _AFFERENT,
+                ("depth_um", "um", "how deep the probe goes"),
+                *_PLACE,
+                ("impulses", "", "impulses of the unit in the middle of the pad"),
+            ),
+        ),
+        Output("field_CLASS.png", "the field at each depth"),
+    ),
+    "pad": (Output("FILE.npz", "Green's functions of a finger, which touch --pad takes"),),
     "sweep": (
         Output(
             "results.csv",

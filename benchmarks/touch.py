@@ -1,0 +1,106 @@
+"""What a touch of a whole fingertip costs: beside TouchSim's jobs, and how it grows.
+
+``python -m benchmarks.touch [REPEATS]``. Seconds are of the processor, the median of some
+repeats after one that imports. TouchSim (Saal et al. 2017) took 0.15 s for 958 afferents
+of an index fingertip under one pin for 250 ms and 2.0 s under a bar of 80 pins, one core.
+"""
+
+import sys
+import time
+from statistics import median
+
+import numpy as np
+
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
+from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
+from fembridge.touching.pad import pad_named
+from fembridge.touching.population import Population
+from fembridge.touching.shape import Shape
+from fembridge.touching.touch import Pins, Way, touch_pins, touch_skin
+from neural import parameter_set
+
+REPEATS = int(sys.argv[1]) if len(sys.argv) > 1 else 3
+PAD = pad_named("reference")
+PARAMETERS = parameter_set("fitted_pad").parameters
+UNITS_958 = Population.fingertip(density=958 / 888)
+
+
+def seconds(job):
+    job()
+    taken = []
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        job()
+        taken.append(time.process_time() - begin)
+    return median(taken)
+
+
+def wave(word):
+    [entry] = resolve([word])
+    return make_stimulus(entry, preindent_um=75.0)
+
+
+def pin_array(count):
+    """A bar of `count` pins of 0.5 mm, 40 a row, all with one waveform of their own."""
+    stimulus = wave("sine_20_129.49")
+    across = min(count, 16)
+    x = (np.arange(count) % across - 0.5 * (across - 1)) * 0.5
+    z = (np.arange(count) // across - 0.5 * (np.ceil(count / across) - 1)) * 0.5
+    depth = np.repeat(stimulus.displacement_um[:, None], count, axis=1)
+    return Pins(x, z, np.full(count, 0.5), depth, stimulus.dt_ms, stimulus.window_ms)
+
+
+def touched(shape, way, units=UNITS_958):
+    return lambda: touch_skin(PAD, shape, way, units, PARAMETERS)
+
+
+def contact_table():
+    print("\ncontact nodes   ms a step (warm)   ms the first time")
+    nodes = skin_nodes(PAD)
+    gap = gaps_mm(nodes, Shape.grating(0.5, 1.5))
+    for force in (0.1, 0.3, 0.6, 1.0, 1.6):
+        near = gap < gap.min() + 0.35 + 0.7 * force
+        some = nodes.subset(near)
+        contact = Contact.of(some)
+        shapes = [Shape.grating(0.5, 1.5).moved(0.0, 0.02 * k) for k in range(40)]
+        begin = time.process_time()
+        pressed = contact.press_with(gaps_mm(some, shapes[0]), force)[0]
+        first = time.process_time() - begin
+        taken = []
+        for shape in shapes[1:]:
+            here = gaps_mm(some, shape)
+            begin = time.process_time()
+            pressed = contact.press_with(here, force)[0]
+            taken.append(time.process_time() - begin)
+        count = int((pressed > 0).sum())
+        print(f"{count:8d} of {near.sum():5d}   {1e3 * median(taken):8.1f}   {1e3 * first:12.0f}")
+
+
+def main():
+    print(f"{len(UNITS_958)} afferents, seconds of processor")
+    sine = Way.of_stimulus(wave("sine_20_129.49"))
+    scan = Way.slide(40.0, press_um=300, duration_ms=1000)
+    for name, job in (
+        ("one pin, 250 ms", touched(Shape.punch(1.0), sine)),
+        ("a bar of 1 x 8 mm, 250 ms", touched(Shape.bar(1.0, 8.0), sine)),
+        (
+            "80 pins, each with its waveform, 250 ms",
+            lambda: touch_pins(PAD, pin_array(80), UNITS_958, PARAMETERS),
+        ),
+        ("dots 2 mm apart, scanned for 1 s", touched(Shape.dots(2.0), scan)),
+    ):
+        print(f"{name:45}{seconds(job):8.2f} s")
+    print("\nunits     s (one pin, 250 ms)")
+    for density in (0.25, 1.0, 4.0, 16.0):
+        units = Population.fingertip(density=density)
+        print(f"{len(units):6d}{seconds(touched(Shape.punch(1.0), sine, units)):10.2f}")
+    print("\nsteps     s (dots, scanned)")
+    for duration in (250, 500, 1000, 2000):
+        way = Way.slide(40.0, press_um=300, duration_ms=duration)
+        print(f"{way.pressed.size:6d}{seconds(touched(Shape.dots(2.0), way)):10.2f}")
+    contact_table()
+
+
+if __name__ == "__main__":
+    main()

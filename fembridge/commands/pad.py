@@ -1,0 +1,90 @@
+"""Have CalculiX make the pad of a finger: what `fembridge touch` superposes.
+
+The section is swept along the finger; unit forces on one slice of the skin, in four
+decks for the mirror images about x = 0 and z = 0, give its Green's functions (two
+minutes and 0.3 GB at 0.25 mm; cost grows with about the fifth power of 1 / spacing).
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fembridge.commands.options import add_options, words_of
+
+EXAMPLE = "fembridge pad --finger finger.toml -o pad.npz"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    add_options(parser, ("finger",))
+    parser.add_argument(
+        "--spacing-mm",
+        type=float,
+        default=0.25,
+        metavar="MM",
+        help="between nodes that may touch (default: 0.25)",
+    )
+    parser.add_argument(
+        "--reach-mm",
+        type=float,
+        default=4.5,
+        metavar="MM",
+        help="they lie so far to both sides of the apex, along the skin (default: 4.5)",
+    )
+    parser.add_argument(
+        "--ridges",
+        action="store_true",
+        help="with the finger's ridges and papillae, along its axis (default: smooth)",
+    )
+    add_options(parser, ("threads", "jobs", "time_limit"))
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        metavar="DIR",
+        help="where the solver's runs are kept (default: a temporary folder)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("pad.npz"),
+        metavar="FILE.npz",
+        help="default: pad.npz",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Make the pad; the summary says how large it is."""
+    import sys
+    import tempfile
+    from contextlib import ExitStack
+
+    from decks.green import PadMesh, smooth
+    from decks.presets import read_finger
+    from fembridge.errors import UsageError
+    from fembridge.solver.settings import SolverSettings
+    from fembridge.touching.green import solve_pad
+    from fembridge.touching.pad import write_pad
+
+    if args.output.suffix != ".npz":
+        raise UsageError(f"{args.output}: expected a name in .npz")
+    finger = read_finger(args.finger)
+    settings = SolverSettings(**words_of(args, "threads", "jobs"), time_limit_s=args.time_limit)
+    mesh = PadMesh(args.spacing_mm, args.reach_mm)
+    with ExitStack() as stack:
+        folder = args.runs or stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
+        pad = solve_pad(
+            Path(folder),
+            finger if args.ridges else smooth(finger),
+            mesh,
+            settings,
+            log=lambda line: print(line, file=sys.stderr),
+        )
+    write_pad(args.output, pad)
+    size = args.output.stat().st_size
+    if not args.json:
+        print(
+            f"{args.output}: {pad.x_mm.size} columns of skin {args.spacing_mm:g} mm apart, "
+            f"{pad.origin['elements']} elements, {size / 1e6:.1f} MB"
+        )
+    return {"pad": str(args.output), "bytes": size, **pad.origin}

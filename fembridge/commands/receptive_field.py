@@ -1,0 +1,105 @@
+"""Where on the skin a probe makes an afferent fire: area against depth, and maps.
+
+The median afferent of each class lies under the middle of the pad; a flat round probe is
+put on everywhere, by a ramp of 20 ms and a hold of 100 ms, or vibrates. Written are
+  areas.csv      afferent,depth_um,area_mm2,whole
+  fields.csv     afferent,depth_um,x_mm,z_mm,impulses
+  field_RA.png   the maps of a class, and its area against depth
+The field is where the probe gives a tenth of the impulses of the hot spot, one at least;
+`whole` is false where it goes on beyond the part of the pad that may be touched.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fembridge.commands.options import add_options, add_output_option, words_of
+
+EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    parser.add_argument(
+        "--afferent", default="SA,RA,PC", metavar="CLASS", help="commas join (default: all three)"
+    )
+    parser.add_argument(
+        "--probe-diameter-mm", type=float, default=0.5, metavar="D", help="default: 0.5"
+    )
+    parser.add_argument(
+        "--depth-um",
+        default="100,200,300,400,500",
+        metavar="UM",
+        help="depths, or amplitudes (default: 100 to 500)",
+    )
+    parser.add_argument(
+        "--times-threshold",
+        default="",
+        metavar="N",
+        help="further depths, as multiples of threshold",
+    )
+    parser.add_argument(
+        "--criterion",
+        type=float,
+        default=0.1,
+        help="share of the hot spot's impulses (default: 0.1)",
+    )
+    parser.add_argument(
+        "--frequency-hz", type=float, metavar="HZ", help="the probe vibrates in place of the press"
+    )
+    parser.add_argument("--step-mm", type=float, default=0.25, metavar="MM", help="default: 0.25")
+    parser.add_argument(
+        "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
+    )
+    add_options(parser, ("parameters",), default="fitted_pad")
+    add_output_option(parser, default="field")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Map the fields; the summary holds areas and thresholds."""
+    import pandas
+
+    from fembridge.plots.style import save_figure
+    from fembridge.store import write_text
+    from fembridge.touching.api import receptive_field
+    from fembridge.touching.pad import pad_named
+
+    pad = pad_named(args.pad)
+    output = Path(args.output)
+    fields = []
+    for name in filter(None, (word.strip().upper() for word in args.afferent.split(","))):
+        field = receptive_field(
+            name,
+            depth_um=_numbers(args.depth_um, "--depth-um"),
+            times_threshold=_numbers(args.times_threshold, "--times-threshold"),
+            pad=pad,
+            **words_of(
+                args, "probe_diameter_mm", "criterion", "frequency_hz", "step_mm", "parameters"
+            ),
+        )
+        fields.append(field)
+        save_figure(field.plot(), output / f"field_{name}.png")
+    areas = pandas.concat([field.areas for field in fields], ignore_index=True)
+    maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
+    write_text(output / "areas.csv", areas.to_csv(index=False))
+    write_text(output / "fields.csv", maps.to_csv(index=False))
+    thresholds = {field.afferent: field.threshold_um for field in fields}
+    if not args.json:
+        print(areas.to_string(index=False))
+        words = ", ".join(f"{name} {depth:.3g} um" for name, depth in thresholds.items())
+        print(f"thresholds: {words}")
+        print(f"areas.csv, fields.csv, {len(fields)} pictures: {output}")
+    return {
+        "output": str(output),
+        "threshold_um": thresholds,
+        "areas": areas.to_dict(orient="records"),
+    }
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    from fembridge.errors import UsageError
+
+    try:
+        return [float(word) for word in text.split(",") if word.strip()]
+    except ValueError as error:
+        raise UsageError(f"{option} {text!r}: {error}") from error

@@ -1,0 +1,279 @@
+"""Forces between a rigid shape and the skin: unilateral contact on the pad's compliance.
+
+Node n of the skin is pressed by ``f_n >= 0`` and goes ``(C f)_n`` down; the shape would
+have it at least `overlap_n` down, which is how deep the shape is less the gap at first::
+
+    w = C f - overlap >= 0,   f >= 0,   f w = 0
+
+That is a linear complementarity problem. It is solved by an active set: nodes in contact
+follow the shape exactly, those that would be pulled leave, those inside the shape enter,
+all at once while that helps and one at a time where it does not (block principal
+pivoting, Júdice & Pires 1994). From one step of a touch to the next few nodes change, so
+the inverse over the nodes in contact is kept and changed by them alone.
+
+Where skin slips along a shape that moves over it, friction drags each node by ``mu f_n``
+in that direction, and C is that of both: no longer symmetric, solved alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fembridge.errors import UsageError
+from fembridge.touching.pad import LATTICE_LENGTH_MM, Pad
+from fembridge.touching.shape import Shape
+from fembridge.typing import BoolArray, FloatArray, IntArray
+
+# Forces below this share of the largest are rounding; nodes may be inside the shape by
+# this share of its depth, a nanometre or so: what single precision tells.
+_TOLERANCE = 1e-10
+_INSIDE = 1e-5
+# Under a force, so many nodes are first taken to touch: those nearest the shape.
+_FIRST_NODES = 24
+# Exchanges of all nodes at once that may fail to help before they go one by one.
+_PATIENCE = 5
+_MOST_EXCHANGES = 2_000
+# More changes than this share of the nodes in contact: the inverse is made anew.
+_FRESH_SHARE = 0.25
+# ... and after so many changes, for rounding.
+_FRESH_CHANGES = 2_000
+# A fingertip is round along the finger too, about twice as flat as across (8 x 6.5 mm
+# half axes: 9.8 mm). Its curve counts for what touches; what yields is the prism.
+TIP_RADIUS_MM = 20.0
+# More nodes than this are not solved as one dense problem.
+MOST_NODES = 6_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinNodes:
+    """Nodes of the skin: `column` ``(n,)`` of the pad, `row` ``(n,)`` along the finger."""
+
+    pad: Pad
+    column: IntArray
+    row: IntArray
+
+    @property
+    def x_mm(self) -> FloatArray:
+        """Places across the finger, ``(n,)``."""
+        return self.pad.x_mm[self.column]
+
+    @property
+    def z_mm(self) -> FloatArray:
+        """Places along the finger, ``(n,)``."""
+        return np.asarray(self.row * self.pad.spacing_mm, dtype=np.float64)
+
+    def subset(self, chosen: BoolArray) -> "SkinNodes":
+        """Those of `chosen` ``(n,)``."""
+        return SkinNodes(self.pad, self.column[chosen], self.row[chosen])
+
+    def compliance(self, drag: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+        """How far each goes into the skin under 1 N on each, ``(n, n)`` in mm.
+
+        `drag` is the force along x and z that comes with 1 N into the skin.
+        """
+        apart = self.row[:, None] - self.row
+        table = self.pad.lattice_compliance
+        place = self.column[None, :], self.column[:, None], np.abs(apart)
+        matrix: FloatArray = table[1][place]
+        if drag[0]:
+            matrix = matrix + drag[0] * table[0][place]
+        if drag[1]:
+            matrix = matrix + drag[1] * np.where(apart < 0, -1.0, 1.0) * table[2][place]
+        return matrix
+
+
+def skin_nodes(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> SkinNodes:
+    """All nodes that a shape may touch, up to so far from the middle along the finger."""
+    most = int(half_length_mm / pad.spacing_mm)
+    column, row = np.meshgrid(np.arange(pad.x_mm.size), np.arange(-most, most + 1), indexing="ij")
+    return SkinNodes(pad, column.ravel(), row.ravel())
+
+
+def gaps_mm(nodes: SkinNodes, shape: Shape) -> FloatArray:
+    """Way down from `shape` to each node before it moves; the least is what touches first."""
+    height = shape.height_mm(nodes.x_mm, nodes.z_mm)
+    gap: FloatArray = height - skin_height_mm(nodes.pad, nodes.x_mm, nodes.z_mm)
+    return gap
+
+
+def skin_height_mm(pad: Pad, x_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
+    """The skin over its apex, <= 0: the section's outline, and a fingertip's curve along z."""
+    outline: FloatArray = np.interp(x_mm, pad.x_mm, pad.y_mm)
+    return outline - np.square(z_mm) / (2 * TIP_RADIUS_MM)
+
+
+class Contact:
+    """Contact on a compliance `matrix` ``(n, n)``, solved time after time from the last.
+
+    `exchanges` counts how often nodes entered or left.
+    """
+
+    def __init__(self, matrix: FloatArray) -> None:
+        self._by_force = np.ascontiguousarray(matrix.T, dtype=np.float32)
+        self._set = _ActiveSet(matrix)
+        self.exchanges = 0
+
+    @classmethod
+    def of(cls, nodes: SkinNodes, drag: tuple[float, float] = (0.0, 0.0)) -> "Contact":
+        """Contact of `nodes` of a pad.
+
+        Raises
+        ------
+        UsageError
+            More than `MOST_NODES`.
+        """
+        if nodes.column.size > MOST_NODES:
+            raise UsageError(
+                f"{nodes.column.size} nodes may touch, expected at most {MOST_NODES}: "
+                "take a smaller shape, less depth or a coarser pad"
+            )
+        return cls(nodes.compliance(drag))
+
+    def press(self, overlap_mm: FloatArray) -> FloatArray:
+        """Forces ``(n,)`` in N where the shape is `overlap_mm` ``(n,)`` into the skin.
+
+        An overlap of ``-inf`` is a node that no shape is over.
+        """
+        return self._solve(overlap_mm, None)[0]
+
+    def press_with(self, gap_mm: FloatArray, force_n: float) -> tuple[FloatArray, float]:
+        """Forces ``(n,)`` in N of a shape pressed with `force_n`, and its depth in mm."""
+        if force_n <= 0:
+            return np.zeros(gap_mm.size), 0.0
+        return self._solve(-gap_mm, force_n)
+
+    def _moved_mm(self, rows: IntArray, force: FloatArray) -> FloatArray:
+        """``C f``, of the rows that have a force alone where they are few."""
+        single = force.astype(np.float32)
+        if 3 * rows.size < force.size:
+            moved = single[rows] @ self._by_force[rows]
+        else:
+            moved = single @ self._by_force
+        return moved.astype(np.float64)
+
+    def _solve(self, overlap_mm: FloatArray, force_n: float | None) -> tuple[FloatArray, float]:
+        active = self._set
+        count = overlap_mm.size
+        possible = np.isfinite(overlap_mm)
+        overlap = np.where(possible, overlap_mm, 0.0)
+        if force_n is None:
+            scale = max(float(overlap.max(initial=0.0)), 1e-12)
+            if not (overlap > 0).any():
+                active.keep(np.zeros(count, dtype=bool))
+                return np.zeros(count), 0.0
+            possible &= overlap > 0
+            if not active.rows.size:  # of a round shape the skin follows about so far
+                active.enter(np.flatnonzero(overlap > 0.5 * scale))
+        elif not active.rows.size:
+            active.enter(np.argsort(overlap_mm)[-_FIRST_NODES:])
+        active.keep(possible)
+        depth_mm, best, patience = 0.0, count + 1, _PATIENCE
+        for _ in range(_MOST_EXCHANGES):
+            rows = active.rows
+            force = np.zeros(count)
+            if force_n is None:
+                force[rows] = active.inverse @ overlap[rows]
+            else:
+                each = active.inverse @ np.stack([np.ones(rows.size), overlap[rows]], -1)
+                depth_mm = (force_n - each[:, 1].sum()) / each[:, 0].sum()
+                force[rows] = each[:, 1] + depth_mm * each[:, 0]
+                scale = abs(depth_mm) + 1e-12
+            inside_mm = overlap + depth_mm - self._moved_mm(rows, force)
+            inside_mm[rows] = 0.0
+            enter = possible & (inside_mm > _INSIDE * scale)
+            leave = force < -_TOLERANCE * float(np.abs(force).max(initial=0.0))
+            wrong = int(enter.sum() + leave.sum())
+            if not wrong:
+                return np.maximum(force, 0.0), depth_mm
+            self.exchanges += 1
+            if wrong < best:
+                best, patience = wrong, _PATIENCE
+            else:
+                patience -= 1
+            if patience < 0:  # one at a time, the last of all: this cannot cycle
+                last = int(np.flatnonzero(enter | leave)[-1])
+                enter, leave = (
+                    (np.arange(count) == last) & enter,
+                    (np.arange(count) == last) & leave,
+                )
+            if leave.sum() == rows.size and not enter.any():  # never none at all by force
+                leave[rows[force[rows].argmax()]] = False
+            active.exchange(enter, leave)
+        raise UsageError("the contact did not settle: take a finer pad or less friction")
+
+
+class _ActiveSet:
+    """Nodes in contact, `rows` in any order, and the inverse of the matrix over them.
+
+    The inverse is the upper left part of a buffer in which it shrinks and grows: what is
+    taken out is first swapped to the end.
+    """
+
+    def __init__(self, matrix: FloatArray) -> None:
+        self._matrix = matrix
+        self._buffer = np.empty_like(matrix)
+        self.rows: IntArray = np.zeros(0, dtype=np.int64)
+        self._changes = 0
+
+    @property
+    def inverse(self) -> FloatArray:
+        """Inverse ``(rows, rows)`` of the matrix."""
+        return self._buffer[: self.rows.size, : self.rows.size]
+
+    def keep(self, possible: BoolArray) -> None:
+        """Let those go that are not `possible`."""
+        gone = np.zeros(possible.size, dtype=bool)
+        gone[self.rows] = ~possible[self.rows]
+        if gone.any():
+            self.exchange(np.zeros_like(gone), gone)
+
+    def enter(self, rows: IntArray) -> None:
+        """Take further `rows` in."""
+        chosen = np.zeros(len(self._matrix), dtype=bool)
+        chosen[rows] = True
+        self.exchange(chosen, np.zeros_like(chosen))
+
+    def exchange(self, enter: BoolArray, leave: BoolArray) -> None:
+        """Take nodes in and out ``(n,)``."""
+        new = np.flatnonzero(enter)
+        out = np.flatnonzero(leave[self.rows])
+        self._changes += new.size + out.size
+        if new.size + out.size > _FRESH_SHARE * self.rows.size or self._changes > _FRESH_CHANGES:
+            self.rows = np.concatenate([np.delete(self.rows, out), new])
+            self.inverse[:] = np.linalg.inv(self._matrix[np.ix_(self.rows, self.rows)])
+            self._changes = 0
+            return
+        if out.size:
+            self._shrink(out)
+        if new.size:
+            self._grow(new)
+
+    def _shrink(self, out: IntArray) -> None:
+        stay = self.rows.size - out.size
+        # Those to go that stand before `stay`, with those to stay that stand after it.
+        hole = out[out < stay]
+        tail = np.setdiff1d(np.arange(stay, self.rows.size), out)
+        for one, other in zip(hole.tolist(), tail.tolist(), strict=True):
+            self.rows[[one, other]] = self.rows[[other, one]]
+            self._buffer[[one, other], :] = self._buffer[[other, one], :]
+            self._buffer[:, [one, other]] = self._buffer[:, [other, one]]
+        whole = self.inverse
+        block = np.linalg.solve(whole[stay:, stay:], whole[stay:, :stay])
+        whole[:stay, :stay] -= whole[:stay, stay:] @ block
+        self.rows = self.rows[:stay]
+
+    def _grow(self, new: IntArray) -> None:
+        old, size = self.rows, self.rows.size
+        inverse = self.inverse
+        right = inverse @ self._matrix[np.ix_(old, new)]
+        below = self._matrix[np.ix_(new, old)] @ inverse
+        corner = np.linalg.inv(
+            self._matrix[np.ix_(new, new)] - self._matrix[np.ix_(new, old)] @ right
+        )
+        side = right @ corner
+        inverse += side @ below
+        self.rows = np.concatenate([old, new])
+        grown = self.inverse
+        grown[:size, size:] = -side
+        grown[size:, :size] = -corner @ below
+        grown[size:, size:] = corner

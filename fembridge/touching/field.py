@@ -1,0 +1,196 @@
+"""Receptive fields: where on the skin a probe makes an afferent fire.
+
+The prism is the same all along z, so a probe that is pressed once at each place across
+the finger, over afferents that lie further and further along it, is a probe at every
+place over one afferent.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from decks.stimuli import DT_MS
+from fembridge.errors import UsageError
+from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
+from fembridge.touching.pad import Pad
+from fembridge.touching.shape import Shape
+from fembridge.touching.stress import influence_pa, von_mises_pa
+from fembridge.touching.touch import MOST_UM, Way, between, first_touch_mm
+from fembridge.typing import FloatArray, IntArray
+from neural.parameters import Parameters
+from neural.units import encode_units
+
+if TYPE_CHECKING:
+    import pandas
+
+# A ramp of 20 ms, as fast as one puts a probe on by hand, and a short hold.
+_RAMP_MS, _HOLD_MS = 20.0, 100.0
+# Length of a sinusoid, where the field is that of a vibration.
+_VIBRATION_MS = 200.0
+_HALF_LENGTH_MM = 8.0
+_LEVELS = 21
+# Halvings of the search for a threshold.
+_HALVINGS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class ReceptiveField:
+    """Impulses of the median `afferent` ``(depth, x, z)`` under a probe at each place.
+
+    `x_mm` and `z_mm` are the probe's places from the afferent, `threshold_um` is the
+    least depth (or amplitude) that fires it at its hot spot, infinite if none does.
+    """
+
+    afferent: str
+    probe_diameter_mm: float
+    x_mm: FloatArray
+    z_mm: FloatArray
+    depth_um: FloatArray
+    impulses: IntArray
+    criterion: float
+    threshold_um: float
+
+    @cached_property
+    def answers(self) -> Any:  # noqa: ANN401 - a boolean array
+        """Where the probe is answered, ``(depth, x, z)``."""
+        hot = self.impulses.max(axis=(1, 2), keepdims=True)
+        return (self.impulses >= np.maximum(self.criterion * hot, 1)) & (hot > 0)
+
+    @cached_property
+    def areas(self) -> "pandas.DataFrame":
+        """``afferent, depth_um, area_mm2, whole``; `whole`: the field ends on the map."""
+        import pandas
+
+        x_edge, z_edge = (
+            np.concatenate([[at[0]], 0.5 * (at[1:] + at[:-1]), [at[-1]]])
+            for at in (self.x_mm, self.z_mm)
+        )
+        cell_mm2 = np.diff(x_edge)[:, None] * np.diff(z_edge)
+        inside = self.answers
+        border = inside[:, [0, -1]].any(axis=(1, 2)) | inside[:, :, [0, -1]].any(axis=(1, 2))
+        return pandas.DataFrame(
+            {
+                "afferent": self.afferent,
+                "depth_um": self.depth_um,
+                "area_mm2": (inside * cell_mm2).sum(axis=(1, 2)),
+                "whole": ~border,
+            }
+        )
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """``afferent, depth_um, x_mm, z_mm, impulses``, a row a place and depth."""
+        import pandas
+
+        depth, x, z = np.meshgrid(self.depth_um, self.x_mm, self.z_mm, indexing="ij")
+        columns = {"depth_um": depth, "x_mm": x, "z_mm": z, "impulses": self.impulses}
+        flat = {name: values.ravel() for name, values in columns.items()}
+        return pandas.DataFrame({"afferent": self.afferent, **flat})
+
+    def plot(self) -> Any:  # noqa: ANN401 - a Matplotlib figure, imported when asked for
+        """The maps, one a depth."""
+        from importlib import import_module
+
+        return import_module("fembridge.plots.field").field_figure(self)
+
+
+def receptive_field(
+    pad: Pad,
+    afferent: str,
+    parameters: Parameters,
+    probe_diameter_mm: float = 0.5,
+    depth_um: Sequence[float] = (100.0, 200.0, 300.0, 400.0, 500.0),
+    *,
+    times_threshold: Sequence[float] = (),
+    criterion: float = 0.1,
+    frequency_hz: float | None = None,
+    step_mm: float = 0.25,
+) -> ReceptiveField:
+    """Map the field of the median afferent of a class at the middle of the pad.
+
+    Raises
+    ------
+    UsageError
+        No such class, or numbers that mean nothing.
+    """
+    if afferent not in parameters or afferent not in pad.finger.afferents:
+        raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(parameters)}")
+    if not 0 < criterion <= 1:
+        raise UsageError(f"criterion is {criterion:g}, expected a share, 0 to 1")
+    if not 0.1 <= step_mm <= 2:
+        raise UsageError(f"steps of {step_mm:g} mm, expected 0.1 to 2")
+    depths = sorted(float(each) for each in depth_um)
+    for each in (*depths, *times_threshold):
+        if not 0 < each <= MOST_UM:
+            raise UsageError(f"depth {each:g}, expected 0 to {MOST_UM:g} um")
+    half_mm = pad.reach_mm - 0.5 * probe_diameter_mm
+    across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
+    along = np.arange(0, int(_HALF_LENGTH_MM / step_mm) + 1.0) * step_mm
+    site = pad.finger.afferents[afferent]
+    wave = _wave(frequency_hz)
+    deepest = MOST_UM if times_threshold else max(depths, default=0.0)
+    probe = Shape.punch(probe_diameter_mm)
+
+    def curves(x_mm: float, z_mm: FloatArray) -> FloatArray:
+        """Stress ``(level, z)`` under a probe at `x_mm`."""
+        here = probe.moved(x_mm, 0.0)
+        nodes = skin_nodes(pad)
+        gap_mm = gaps_mm(nodes, here) - first_touch_mm(pad, here)
+        near = gap_mm < level_um[-1] * 1e-3
+        nodes, gap_mm = nodes.subset(near), gap_mm[near]
+        contact = Contact.of(nodes)
+        forces = np.stack([contact.press(level * 1e-3 - gap_mm) for level in level_um])
+        count = z_mm.size
+        places = np.zeros(count), z_mm, np.full(count, site.depth_mm)
+        return von_mises_pa(influence_pa(pad, nodes, [site.layer] * count, *places), forces)
+
+    def impulses(stress: FloatArray, depth: float) -> IntArray:
+        """Impulses ``(place,)`` of stress ``(level, place)`` at one depth."""
+        trace = between(level_um, stress, np.maximum(depth * wave, 0.0))
+        classes = [afferent] * stress.shape[1]
+        fired = encode_units(trace, classes, DT_MS, parameters)
+        return np.bincount(fired.unit, minlength=stress.shape[1])
+
+    level_um = deepest * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
+    middle = curves(0.0, np.zeros(1))
+    threshold_um = _threshold(lambda depth: int(impulses(middle, depth)[0]), deepest)
+    depths += [one * threshold_um for one in times_threshold if one * threshold_um <= MOST_UM]
+    depths = sorted(depths)
+    if not depths:
+        raise UsageError(f"{afferent} does not fire up to {MOST_UM:g} um: no depth to map")
+    stress = np.concatenate([curves(float(x), along) for x in across], axis=1)
+    half = np.stack([impulses(stress, depth).reshape(across.size, -1) for depth in depths])
+    return ReceptiveField(
+        afferent=afferent,
+        probe_diameter_mm=probe_diameter_mm,
+        x_mm=across,
+        z_mm=np.concatenate([-along[:0:-1], along]),
+        depth_um=np.array(depths),
+        impulses=np.concatenate([half[:, :, :0:-1], half], axis=2),
+        criterion=criterion,
+        threshold_um=threshold_um,
+    )
+
+
+def _wave(frequency_hz: float | None) -> FloatArray:
+    """The probe's way as a share of its depth."""
+    if frequency_hz is None:
+        way = Way.hold(press_um=1.0, ramp_ms=_RAMP_MS, hold_ms=_HOLD_MS)
+        return way.pressed
+    if not 1 <= frequency_hz <= 1000:
+        raise UsageError(f"frequency is {frequency_hz:g} Hz, expected 1 to 1000")
+    times_ms = np.arange(int(_VIBRATION_MS / DT_MS) + 1) * DT_MS
+    return np.asarray(np.sin(2 * np.pi * frequency_hz * times_ms / 1000.0))
+
+
+def _threshold(count: Any, deepest_um: float) -> float:  # noqa: ANN401 - a function
+    """Least depth with an impulse, to a thousandth; infinite if none fires up to the end."""
+    if not count(deepest_um):
+        return float("inf")
+    low, high = deepest_um * 1e-5, deepest_um
+    for _ in range(_HALVINGS):
+        middle = (low * high) ** 0.5
+        low, high = (low, middle) if count(middle) else (middle, high)
+    return high

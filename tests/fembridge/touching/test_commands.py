@@ -1,0 +1,106 @@
+"""The verbs touch and receptive-field as a user calls them."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fembridge.cli import main
+
+
+def run(capsys, *words):
+    code = main([str(word) for word in words])
+    return code, capsys.readouterr()
+
+
+def test_touch_writes_tables_and_pictures(tmp_path, capsys):
+    code, printed = run(
+        capsys, "touch", "--shape", "grating", "--press-n", 0.2, "--hold-ms", 100,
+        "--population", "fingertip:density=0.2", "--animate", "short.gif", "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert code == 0, printed.err
+    out = tmp_path / "out"
+    units = pd.read_csv(out / "population.csv")
+    rates, spikes = pd.read_csv(out / "rates.csv"), pd.read_csv(out / "spikes.csv")
+    touch = pd.read_csv(out / "touch.csv")
+    assert list(units)[:5] == ["unit", "afferent", "x_mm", "z_mm", "depth_mm"]
+    assert list(rates) == ["stimulus", "afferent", "unit", "rate_ips"]
+    assert list(spikes) == ["stimulus", "afferent", "unit", "repeat", "spike_time_ms"]
+    assert list(rates["unit"]) == list(units["unit"])
+    assert set(spikes["unit"]) <= set(units["unit"])
+    assert touch["force_n"].max() == pytest.approx(0.2)
+    for name, magic in (
+        ("pad.png", b"\x89PNG"),
+        ("raster.png", b"\x89PNG"),
+        ("short.gif", b"GIF8"),
+    ):
+        assert (out / name).read_bytes().startswith(magic)
+
+
+def test_a_picture_of_ones_own_is_scanned(tmp_path, capsys):
+    from matplotlib.image import imsave
+
+    imsave(tmp_path / "dot.png", np.pad(np.ones((6, 6)), 10), cmap="gray")
+    code, printed = run(
+        capsys, "touch", "--shape", tmp_path / "dot.png", "--pixel-mm", 0.25, "--slide-mm-per-s",
+        40, "--duration-ms", 50, "--press-um", 200, "--population", "line", "--json", "--no-plot",
+        "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert code == 0, printed.err
+    summary = json.loads(printed.out)
+    assert summary["force_n"] > 0 and set(summary["classes"]) == {"SA", "RA", "PC"}
+    assert not (tmp_path / "out" / "pad.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("touch", "--shape", "dot.png", "--press-um", "100", "--pixel-mm", "0.1"), "dot.png"),
+        (("touch", "--shape", "punch"), "press"),
+        (("touch", "--press-um", "100", "--pad", "nobody"), "reference"),
+        (("touch", "--press-um", "100", "--population", "nobody"), "fingertip"),
+        (("touch", "--press-um", "100", "--parameters", "nobody"), "fitted_pad"),
+        (("receptive-field", "--afferent", "XX"), "SA"),
+        (("receptive-field", "--depth-um", "deep"), "deep"),
+        (("pad", "-o", "pad.txt"), ".npz"),
+    ],
+)
+def test_misuse_gets_one_line(tmp_path, monkeypatch, capsys, words, named):
+    monkeypatch.chdir(tmp_path)
+    code, printed = run(capsys, *words)
+    assert code in (1, 2)
+    assert len(printed.err.splitlines()) == 1 and named in printed.err
+
+
+def test_receptive_field_writes_areas_and_maps(tmp_path, capsys):
+    code, printed = run(
+        capsys, "receptive-field", "--afferent", "SA,RA", "--depth-um", "100,300",
+        "--step-mm", 1, "-o", tmp_path,
+    )  # fmt: skip
+    assert code == 0, printed.err
+    areas = pd.read_csv(tmp_path / "areas.csv")
+    assert list(areas) == ["afferent", "depth_um", "area_mm2", "whole"]
+    assert len(areas) == 4
+    fields = pd.read_csv(tmp_path / "fields.csv")
+    assert (fields.groupby(["afferent", "depth_um"]).size() == 9 * 17).all()
+    assert (tmp_path / "field_RA.png").is_file()
+
+
+@pytest.mark.solver
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx")
+def test_a_coarse_pad_made_here_presses_about_as_the_stored_one(tmp_path, capsys):
+    code, printed = run(
+        capsys, "pad", "--spacing-mm", 0.5, "--reach-mm", 2, "-o", tmp_path / "pad.npz"
+    )
+    assert code == 0, printed.err
+    forces = []
+    for pad in (tmp_path / "pad.npz", "reference"):
+        code, printed = run(
+            capsys, "touch", "--shape", "punch:diameter_mm=2", "--press-um", 200, "--pad", pad,
+            "--population", "one_each", "--no-plot", "--json", "-o", tmp_path / "out",
+        )  # fmt: skip
+        assert code == 0, printed.err
+        forces.append(json.loads(printed.out)["force_n"])
+    assert forces[0] == pytest.approx(forces[1], rel=0.1)

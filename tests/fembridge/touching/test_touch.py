@@ -1,0 +1,179 @@
+"""Whole touches: what must be equal by two ways, and what must be larger where."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import fembridge as fb
+from decks.stimuli import resolve
+from decks.waveform import make_stimulus
+from fembridge.errors import TableError, UsageError
+from fembridge.response.response_map import read_map, write_map
+from fembridge.results.stress import von_mises_pa as tensor_von_mises
+from fembridge.touching.contact import skin_nodes
+from fembridge.touching.pad import pad_named
+from fembridge.touching.population import Population
+from fembridge.touching.response import pad_response
+from fembridge.touching.shape import Shape
+from fembridge.touching.touch import Pins, Way, touch_pins, touch_skin
+from neural import parameter_set
+
+PAD = pad_named("reference")
+FITTED = parameter_set("fitted").parameters
+ONE = Population.one_each()
+
+
+def way(word, preindent_um=75.0):
+    [entry] = resolve([word])
+    return Way.of_stimulus(make_stimulus(entry, preindent_um=preindent_um))
+
+
+def test_depths_solved_once_answer_as_every_sample_solved_alone():
+    """A pin by levels of depth, and as an array of one pin by samples."""
+    wave = way("sine_20_129.49")
+    by_level = touch_skin(PAD, Shape.punch(1.0), wave, ONE, FITTED)
+    alone = Pins(
+        np.zeros(1), np.zeros(1), np.ones(1), wave.depth_um[:, None], wave.dt_ms, wave.window_ms
+    )
+    by_sample = touch_pins(PAD, alone, ONE, FITTED)
+    scale = by_level.stress_pa.max(axis=0)
+    assert np.abs(by_level.stress_pa - by_sample.stress_pa).max(axis=0) == pytest.approx(
+        0, abs=0.01 * scale.max()
+    )
+    assert_allclose(by_level.force_n, by_sample.force_n, atol=0.01 * by_level.force_n.max())
+
+
+def test_pins_far_apart_do_not_know_of_each_other_and_near_ones_share():
+    wave = way("sine_20_129.49")
+
+    def force(*x_mm):
+        count = len(x_mm)
+        pins = Pins(
+            np.array(x_mm), np.zeros(count), np.ones(count),
+            np.repeat(wave.depth_um[:, None], count, 1), wave.dt_ms, wave.window_ms,
+        )  # fmt: skip
+        return touch_pins(PAD, pins, ONE, FITTED).force_n.max()
+
+    alone = force(0.0)
+    assert force(-1.0, 1.0) < 1.9 * alone
+    assert force(-3.5, 3.5) > force(-1.0, 1.0)
+
+
+def test_a_plate_that_slides_without_friction_is_a_plate_at_rest():
+    units = Population.line(step_mm=1.0, half_length_mm=3.0)
+    slid = touch_skin(
+        PAD, Shape.plate(), Way.slide(40.0, press_um=200, duration_ms=50), units, FITTED,
+        friction=0.0,
+    )  # fmt: skip
+    held = touch_skin(PAD, Shape.plate(), Way.hold(press_um=200), units, FITTED)
+    assert_allclose(slid.stress_pa[50], held.stress_pa[500], rtol=1e-3)
+    assert np.ptp(slid.stress_pa, axis=0).max() <= 1e-4 * slid.stress_pa.max()
+
+
+def test_a_path_is_the_slide_that_it_describes(tmp_path):
+    path = tmp_path / "path.csv"
+    path.write_text("time_ms,x_mm,z_mm,depth_um\n0,0,2,150\n100,0,-2,150\n")
+    slide = Way.slide(40.0, press_um=150, duration_ms=100, start_mm=(0.0, 2.0))
+    results = [
+        touch_skin(PAD, Shape.sphere(3.0), one, ONE, FITTED) for one in (slide, Way.read(path))
+    ]
+    assert_allclose(results[0].stress_pa, results[1].stress_pa, rtol=1e-3, atol=1.0)
+    turned = tmp_path / "turned.csv"
+    turned.write_text("time_ms,x_mm,z_mm,depth_um\n0,0,2,150\n50,0,0,150\n100,2,0,150\n")
+    curved = touch_skin(PAD, Shape.sphere(3.0), Way.read(turned), ONE, FITTED)
+    assert_allclose(curved.stress_pa[:60], results[1].stress_pa[:60], rtol=0.05, atol=200.0)
+
+
+def test_friction_shears_the_skin_to_the_other_side_when_the_way_is_turned():
+    units = Population.line(step_mm=1.0, half_length_mm=4.0, along="z")
+    there, back = (
+        touch_skin(
+            PAD, Shape.plate(),
+            Way.slide(20.0, press_um=300, duration_ms=20, direction_deg=angle), units, FITTED,
+        )
+        for angle in (90.0, -90.0)
+    )  # fmt: skip
+    of_class = len(units) // 3
+    for first in range(0, len(units), of_class):
+        mine = slice(first, first + of_class)
+        assert_allclose(there.stress_pa[10, mine], back.stress_pa[10, mine][::-1], rtol=1e-3)
+
+
+def test_sa_fires_several_times_more_at_the_edges_of_a_bar_than_on_its_plateau():
+    units = Population.line(step_mm=0.25, half_length_mm=3.0, afferents=("SA",))
+    bar = touch_skin(
+        PAD, Shape.bar(width_mm=3.0, length_mm=14.0), Way.hold(press_um=1000), units,
+        parameter_set("fitted_pad").parameters,
+    )  # fmt: skip
+    at = np.abs(units.z_mm)
+    edge = bar.rate_ips[(at >= 1.25) & (at <= 1.75)].max()
+    assert edge > 3 * bar.rate_ips[at <= 0.5].mean()
+
+
+def test_rates_count_the_spikes_of_the_window():
+    result = fb.touch("sphere:diameter_mm=6", press_n=0.1, population="line:step_mm=1", repeats=3)
+    counts = result.spikes.groupby("unit").size().reindex(list(result.population.unit)).fillna(0)
+    seconds = (result.way.window_ms[1] - result.way.window_ms[0]) / 1000
+    assert_allclose(result.rates["rate_ips"], counts.to_numpy() / seconds / 3)
+    assert set(result.spikes["repeat"]) == {1, 2, 3}
+    assert_allclose(result.force_n.max(), 0.1, rtol=1e-6)
+    assert result.spikes["spike_time_ms"].gt(0).all()
+    assert result.nodes.x_mm.size == result.contact_n.shape[1] <= skin_nodes(PAD).x_mm.size
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({}, "press_um"),
+        ({"press_um": 5000}, "2000"),
+        ({"press_um": 100, "press_n": 1.0}, "one of both"),
+        ({"press_um": 100, "at_mm": (30.0, 0.0)}, "beside the pad"),
+        ({"press_um": 100, "stimulus": "sine_20_250"}, "stimulus"),
+        ({"stimulus": "sine_20"}, "12"),
+        ({"press_n": 19.0}, "2000"),
+        ({"press_um": 100, "repeats": 0}, "0"),
+    ],
+)
+def test_what_means_nothing_is_refused(arguments, named):
+    with pytest.raises(UsageError, match=named):
+        fb.touch("punch", population="one_each", **arguments)
+
+
+def test_pins_with_a_word_that_is_no_stimulus_name_the_line(tmp_path):
+    path = tmp_path / "pins.csv"
+    path.write_text("x_mm,z_mm,diameter_mm,stimulus\n0,0,1,sine_20_250\n1,0,1,sine_20\n")
+    with pytest.raises(TableError) as error:
+        Pins.read(path)
+    assert error.value.line == 3
+
+
+def test_the_response_that_parameters_are_fitted_on_is_that_of_a_touch(tmp_path):
+    response = pad_response(PAD)
+    write_map(tmp_path / "response.toml", response)
+    depth_um = np.array([75.0, 150.0, 300.0])
+    tensors = read_map(tmp_path / "response.toml").tensors(depth_um)
+    sites = [(place.x_mm, place.depth_mm) for place in response.places]
+    units = Population(
+        ("a", "b", "c"), tuple(place.afferent for place in response.places),
+        tuple(place.layer for place in response.places), np.array([x for x, _ in sites]),
+        np.zeros(3), np.array([depth for _, depth in sites]), np.zeros(3),
+    )  # fmt: skip
+    held = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=300), units, FITTED)
+    samples = [np.abs(held.depth_um[:100] - depth).argmin() for depth in depth_um]
+    expected = tensor_von_mises(tensors) / depth_um[:, None]
+    # First touch is between nodes there and on one here: a micrometre or two.
+    assert_allclose(held.stress_pa[samples] / held.depth_um[samples, None], expected, rtol=0.05)
+
+
+def test_a_shape_that_never_touches_leaves_the_skin_at_rest():
+    lifted = Way("lifted", 0.5, (0.0, 50.0), -np.ones(101))
+    held = touch_skin(PAD, Shape.punch(1.0), lifted, ONE, FITTED)
+    assert not held.stress_pa.any() and not held.force_n.any() and not held.fired.time_ms.size
+
+
+def test_contact_beyond_the_skin_that_may_be_touched_is_said():
+    tilted = Shape("tilted plate", lambda x, z: np.clip(4.4 - x, 0.0, 9.0) + 0.0 * z)
+    wide = touch_skin(PAD, tilted, Way.hold(press_um=200, hold_ms=20), ONE, FITTED)
+    assert "4.33 mm" in wide.origin["note"]
+    near = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=200, hold_ms=20), ONE, FITTED)
+    assert "note" not in near.origin
