@@ -481,7 +481,7 @@ def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     path = find_output(args.table, (RATES_FILE, RESULTS_FILE), made_by)
     rates = _rates_in(path)
     entries, strange = placed(rates)
-    if strange:
+    if strange and entries:
         note = f"without a frequency and an amplitude, left out: {', '.join(strange[:3])}"
         more = f" and {len(strange) - 3} more" if len(strange) > 3 else ""
         print(f"{path}: {note}{more}", file=sys.stderr)
