@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from decks.dialects import DIALECTS, DeckOptions, dialect_named
-from fembridge.errors import DeckError
+from fembridge.errors import DeckError, UsageError
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_an_element_goes_by_our_name_and_by_the_solvers(solver, word, ours):
     ],
 )
 def test_an_option_that_the_dialect_has_not_is_refused(solver, options, words, models, short):
-    with pytest.raises(DeckError, match=words):
+    with pytest.raises(UsageError, match=words):
         DIALECTS[solver].write(models["plain"].analysis(short), DeckOptions(**options))
 
 
