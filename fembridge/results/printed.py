@@ -23,7 +23,7 @@ import csv
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -200,7 +200,9 @@ _PARTS_OF_STATISTICS = {
     "area": ("area", "normal force", "shear force", "torque", "bending moment"),
 }
 _LONGEST_HEADER = 400
-_VALUE_WIDTH = 14
+_VALUE_WIDTH, _ROWS_AT_ONCE = 14, 1 << 12
+_DIGITS = [2, 4, 5, 6, 7, 8, 9, 12, 13]  # of "  1.234567E-03"
+_SIGNS, _FIXED = np.frombuffer(b" -+", np.uint8), np.frombuffer(b" .E", np.uint8)
 _VALUE = re.compile(r" +[+-]?\d?\.\d+(E[+-]\d{2}|[+-]\d{3})")
 _ODD_VALUE = re.compile(r" +[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _LABEL = re.compile(r"\d{1,18}")
@@ -240,20 +242,15 @@ class DatSection:
         where = ", ".join([str(self), *(f"{name} {label}" for name, label in labels)])
         return f"{where}: {self.columns[column]} is {self.values[record, column]}"
 
-    def filled(self, records: Sequence[tuple[list[int], list[float]]]) -> "DatSection":
-        """The section with `records`, and with names for all their columns."""
-        count, names = len(records[0][1]) if records else 0, self.columns
+    def filled(self, labels: IntArray, values: FloatArray) -> "DatSection":
+        """The section with records ``(record, label)``, and names for all columns of `values`."""
+        count, names = values.shape[1] if len(values) else 0, self.columns
         if count and not names:
             names = ("x", "y", "z") if count == 3 else (self.quantity,)
         if count > len(names) == 1:
             names = tuple(f"{names[0]}{k + 1}" for k in range(count))
-        labels = np.array([row[0] for row in records], dtype=np.int64)
-        return replace(
-            self,
-            columns=names[:count] if count else names,
-            labels=labels.reshape(len(records), len(self.label_names)),
-            values=np.array([row[1] for row in records], dtype=np.float64).reshape(-1, count or 1),
-        )
+        columns = names[:count] if count else names
+        return replace(self, columns=columns, labels=labels, values=values)
 
 
 def dat_sections(
@@ -274,7 +271,7 @@ def dat_sections(
         a line, and `options.partial` is not set.
     """
     now: DatSection | None = None  # the wanted section that is being read
-    records: list[tuple[list[int], list[float]]] = []
+    records: list[tuple[int, str]] = []
     statistics: re.Match[str] | None = None
     mode, over_time, foreign = None, True, ""
     for number, line, ended in text_lines(path):
@@ -288,13 +285,10 @@ def dat_sections(
             continue
         if not line.lstrip()[0].isalpha() or _ODD_VALUE.match(line[-_VALUE_WIDTH:]):
             if now is not None:
-                row = _record(line, now, len(records[0][1]) if records else None)
-                if row is None:
-                    raise ResultError(f"no record of {now.quantity}: {line[:80]!r}", path, number)
-                records.append(row)
+                records.append((number, line))
             continue
         if now is not None:
-            yield now.filled(records)
+            yield _filled(now, records, path)
         now, records = None, []
         eigen = _MODE.match(line)
         if eigen or _FREQUENCY.fullmatch(line):
@@ -322,7 +316,7 @@ def dat_sections(
         if wanted(found.quantity, found.set_name):
             now = found
     if now is not None:
-        yield now.filled(records)
+        yield _filled(now, records, path)
     if foreign:
         options.note(f"tables of another kind are left out, {foreign}")
 
@@ -360,6 +354,52 @@ def _part(text: str, head: re.Match[str]) -> Opened | None:
             quantity = f"surface {start.removeprefix('total surface ')}"
             return quantity, head["set"], names, (), head["time"]
     return None
+
+
+def _filled(section: DatSection, lines: Sequence[tuple[int, str]], path: Path) -> DatSection:
+    """`section` with the records on `lines`, numbered; at once where they are alike."""
+    alike = _alike([line for _, line in lines], section) if len(lines) > 1 else None
+    if alike is not None:
+        return section.filled(*alike)
+    records: list[tuple[list[int], list[float]]] = []
+    for number, line in lines:
+        row = _record(line, section, len(records[0][1]) if records else None)
+        if row is None:
+            raise ResultError(f"no record of {section.quantity}: {line[:80]!r}", path, number)
+        records.append(row)
+    labels = np.array([row[0] for row in records], dtype=np.int64)
+    values = np.array([row[1] for row in records], dtype=np.float64)
+    count = len(records[0][1]) if records else 1
+    return section.filled(
+        labels.reshape(len(records), len(section.label_names)), values.reshape(-1, count)
+    )
+
+
+def _alike(lines: Sequence[str], section: DatSection) -> tuple[IntArray, FloatArray] | None:
+    """Labels and values of records of one length and the usual form of numbers; else None."""
+    row = _record(lines[0], section, None)
+    size = len(lines[0])
+    if row is None or any(len(line) != size for line in lines):
+        return None
+    names, count = len(section.label_names), len(row[1])
+    head = size - count * _VALUE_WIDTH
+    if head < 0 or section.quantity.startswith("total number"):
+        return None
+    characters = np.frombuffer("".join(lines).encode("latin-1"), np.uint8).reshape(-1, size)
+    fields = characters[:, head:].reshape(-1, _VALUE_WIDTH)
+    signs = np.isin(fields[:, [1, 11]], _SIGNS).all()
+    digits = fields[:, _DIGITS] - ord("0") < 10  # wraps below 0
+    fixed = (fields[:, [0, 3, 10]] == _FIXED).all()
+    front = characters[:, :head]
+    plain = ((front - ord("0") < 10) | (front == ord(" "))).all()
+    if not (signs and fixed and digits.all() and plain and (fields[:, 11] != ord(" ")).all()):
+        return None
+    labels = [line[:head].split() for line in lines]
+    if any(len(words) != names or max(map(len, words), default=0) > 18 for words in labels):
+        return None
+    values = np.ascontiguousarray(fields).view(f"S{_VALUE_WIDTH}")[:, 0].astype(np.float64)
+    numbers = np.array([int(word) for words in labels for word in words], dtype=np.int64)
+    return numbers.reshape(len(lines), names), values.reshape(-1, count)
 
 
 def _record(
@@ -591,8 +631,9 @@ def write_print_table(
     with replacing(output) as draft, draft.open("w", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(columns)
-        for count, row in enumerate(rows, start=1):  # noqa: B007 - the last
-            writer.writerow(row)
+        while some := list(islice(rows, _ROWS_AT_ONCE)):
+            writer.writerows(some)
+            count += len(some)
         if not count:
             words = "no rows" if quantity is None else f"no {quantity} in it"
             raise ResultError(f"{words}: there is nothing to write", path)
@@ -753,11 +794,9 @@ def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iter
     stored = in_pa(section.values, options, path) if unit == _PA else section.values
     time_ms = section.time_ms if section.over_time else ""
     mode = "" if section.mode is None else section.mode
+    quantity, of, columns = section.quantity, section.set_name, section.columns
     for labels, values in zip(section.labels.tolist(), stored.tolist(), strict=True):
         held = dict(zip(section.label_names, labels, strict=True))
-        places = [held.get(name, "") for name in DAT_COLUMNS[4:8]]
-        for name, value in zip(section.columns, values, strict=True):
-            yield (
-                time_ms, mode, section.quantity, section.set_name, *places,
-                name, value, unit,
-            )  # fmt: skip
+        front = (time_ms, mode, quantity, of, *(held.get(name, "") for name in DAT_COLUMNS[4:8]))
+        for name, value in zip(columns, values, strict=True):
+            yield (*front, name, value, unit)
