@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from decks.probe import Probe
     from decks.stimuli import resolve
     from decks.waveform import make_stimulus
-    from fembridge.api import build_deck, encode, fit, run, simulate, sweep, validate
+    from fembridge.api import build_deck, encode, fit, run, simulate, sweep, thresholds, validate
     from fembridge.errors import FembridgeError
     from fembridge.observed import read_observed as read_observed
     from fembridge.response.response_map import ResponseMap
@@ -55,6 +55,7 @@ __all__ = [
     "run",
     "simulate",
     "sweep",
+    "thresholds",
     "touch",
     "validate",
 ]
@@ -67,7 +68,8 @@ _HOMES = {
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",
     **dict.fromkeys(
-        ("build_deck", "encode", "fit", "run", "simulate", "sweep", "validate"), "fembridge.api"
+        ("build_deck", "encode", "fit", "run", "simulate", "sweep", "thresholds", "validate"),
+        "fembridge.api",
     ),
     "make_stimulus": "decks.waveform",
     "Population": "fembridge.touching.population",

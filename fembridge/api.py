@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from fembridge.solver.verdict import Outcome
     from fembridge.sweeps.sweep import Sweep
     from neural import ParameterSet
+    from neural.fit_problem import Target
+    from neural.models import Model as AfferentModel
 
 Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
 """Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
@@ -455,6 +457,9 @@ def fit(
     population: int | None = None,
     seed: int = 1,
     rule: str = "smallest_error",
+    thresholds: PathLike | None = None,
+    timing: bool = False,
+    spikes: PathLike | None = None,
     finger: str | None = None,
     response: PathLike | None = None,
     complete: bool = False,
@@ -478,6 +483,14 @@ def fit(
         the fitted parameters.
     evaluations, population, seed, rule
         Of the search, and of the choice; the same seed gives the same fit.
+    thresholds
+        A table ``afferent, criterion, frequency_hz, amplitude_um``, or the name of one of
+        `fembridge.evidence`: fitted beside the rates.
+    timing
+        Fit the published vector strengths at 20 Hz beside the rates.
+    spikes
+        A table ``stimulus, afferent, repeat, spike_time_ms``: fitted beside the rates, by
+        the van Rossum distance, with a latency.
     finger, response
         Whose stored response makes the stress; or a response of one's own.
     output
@@ -505,10 +518,20 @@ def fit(
     >>> fit.afferent
     'SA'
     """
+    from fembridge.evidence import published_timing
     from fembridge.fitting import fit as fitting
-    from fembridge.fitting.problem import EVERY, models_to_fit, solved_source, stored_source
+    from fembridge.fitting.problem import (
+        EVERY,
+        models_to_fit,
+        phase_target,
+        solved_source,
+        stored_source,
+        threshold_target,
+        timing_target,
+    )
     from fembridge.observed import FAMILIES, read_observed
-    from fembridge.tables import AFFERENTS
+    from fembridge.tables import AFFERENTS, read_spikes
+    from fembridge.tuning import read_thresholds
     from neural.parameter_sets import fitted_preindent_um
 
     of_default = 0.0 if drive == "published" else fitted_preindent_um()
@@ -526,12 +549,32 @@ def fit(
     )
     models = models_to_fit(rates, afferents, drive, settings.families, log)
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
+    asked = None if thresholds is None else read_thresholds(thresholds)
+    trains = None if spikes is None else read_spikes(Path(spikes))
+
+    def targets_of(model: "AfferentModel") -> "list[Target]":
+        where = (source.response, model, settings.preindent_um)
+        found: list[Target | None] = []
+        if asked is not None:
+            found.append(threshold_target(asked, *where))
+        if timing:
+            found.append(phase_target(published_timing(), *where))
+        if trains is not None:
+            found.append(timing_target(trains, *where))
+        return [target for target in found if target is not None]
+
     if output is not None:
         fronts = map(fitting.front_file, models)
         files = (fitting.PARAMETERS_FILE, fitting.RATES_FILE, fitting.PICTURE_FILE)
         check_output(Path(output), *files, *fronts)
     run = fitting.fit_afferents(
-        rates, source.response, models, settings, on_progress=on_progress, log=log
+        rates,
+        source.response,
+        models,
+        settings,
+        targets_of=targets_of,
+        on_progress=on_progress,
+        log=log,
     )
     options = {
         "afferent": None if afferents is None else list(afferents),
@@ -540,6 +583,9 @@ def fit(
         "family": family,
         "preindent_um": preindent_um,
         "finger": finger,
+        "thresholds": None if thresholds is None else Path(thresholds).name,
+        "timing": timing,
+        "spikes": None if spikes is None else Path(spikes).name,
         "own_response": response is not None,
         "allow_missing": not complete,
     }
@@ -556,12 +602,67 @@ def fit(
     return run
 
 
+def thresholds(
+    afferents: Sequence[str] = ("SA", "RA", "PC"),
+    hz: str | Sequence[float] = "2:800",
+    *,
+    parameters: "str | ParameterSet" = "fitted",
+    preindent_um: float | None = None,
+    finger: str | None = None,
+    response: PathLike | None = None,
+) -> "pandas.DataFrame":
+    """How faint a vibration each class answers, against frequency.
+
+    Parameters
+    ----------
+    hz
+        Frequencies from 2 to 800 Hz, or a range of third octaves as ``5:800``.
+    parameters, preindent_um
+        As of `simulate`.
+    finger, response
+        Whose stored response makes the stress; or a response of one's own.
+
+    Returns
+    -------
+    DataFrame
+        ``afferent, criterion, frequency_hz, amplitude_um, least_um, most_um``: see
+        `fembridge.tuning.thresholds`.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> keen = fb.thresholds(["PC"], [20, 250]).query("criterion == 'absolute'")
+    >>> keen["amplitude_um"].is_monotonic_decreasing
+    True
+    """
+    import pandas
+
+    from fembridge.fitting.problem import solved_source, stored_source
+    from fembridge.tuning import frequencies_of
+    from fembridge.tuning import thresholds as of_class
+    from neural import parameter_set_or_file
+
+    chosen = parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
+    depth_um = chosen.preindent_um if preindent_um is None else preindent_um
+    source = solved_source(Path(response)) if response else stored_source(finger or "quick")
+    frequencies_hz = frequencies_of(hz) if isinstance(hz, str) else list(hz)
+    return pandas.concat(
+        [
+            of_class(source.response, chosen.parameters[name], frequencies_hz, depth_um)
+            for name in dict.fromkeys(afferents)
+        ],
+        ignore_index=True,
+    )
+
+
 def validate(
     output: PathLike | None = None,
     *,
     finger: str = "quick",
     observed: PathLike | None = None,
     parameters: str = "fitted",
+    thresholds: PathLike | None = None,
+    spikes: PathLike | None = None,
     log: Callable[[str], None] = lambda line: None,
 ) -> "Validation":
     """The paper's figures and tables against the model; with `output` as a page there.
@@ -574,6 +675,9 @@ def validate(
         Table of observed rates, ``stimulus, afferent, rate_ips``.
     parameters
         ``fitted``, ``published`` or a TOML file.
+    thresholds, spikes
+        Observed thresholds and spike times to show in the place of the published ones:
+        tables as of `fit`.
 
     Returns
     -------
@@ -595,9 +699,18 @@ def validate(
     """
     from fembridge.observed import read_observed
     from fembridge.report import validate as report
+    from fembridge.tables import read_spikes
+    from fembridge.tuning import read_thresholds
 
     rates = None if observed is None else read_observed(Path(observed), complete=False)
-    study = report.validate(read_finger(finger), report.judged_models(parameters), rates, log)
+    study = report.validate(
+        read_finger(finger),
+        report.judged_models(parameters),
+        rates,
+        log,
+        thresholds=None if thresholds is None else read_thresholds(thresholds),
+        trains=() if spikes is None else read_spikes(Path(spikes)),
+    )
     if output is not None:
         from fembridge.report.validation_page import write_report
 

@@ -40,6 +40,7 @@ VERBS = {
     "sweep": "many stimuli on many fingers: each solved once, one table",
     "fit": "find the parameters whose rates come closest to observed ones",
     "study": "compare models of the afferents, on what they were not fitted to",
+    "threshold": "how faint a vibration each afferent answers, against frequency",
     "validate": "the paper's figures and tables as one page: is the model any good",
     "verify": "hold the finite-element model against closed forms, with bounds",
     "deflect": "how far the skin goes down around a thin probe",

@@ -42,6 +42,7 @@ def candidate_counts(
     clamped: bool = False,
     jump_mv: ArrayLike = 0.0,
     recovery_ms: ArrayLike = math.inf,
+    until_turn: bool = False,
     single: bool = False,
 ) -> IntArray:
     """Count the spikes of each candidate under each condition.
@@ -63,6 +64,8 @@ def candidate_counts(
     clamped, jump_mv, recovery_ms
         Whether the potential stays at or above rest; what a spike adds to the threshold
         and the time constant of its return, numbers or ``(candidate,)``.
+    until_turn
+        Whether the threshold comes back as soon as the potential is driven below rest.
     single
         Step in single precision: twice as fast, and where a potential grazes its
         threshold a count may differ. For a search, not for what is reported.
@@ -125,6 +128,7 @@ def candidate_counts(
                 refractory_rows(refractory_ms, dt_ms),
                 clamped=clamped,
                 adaptation=(jump[block], decay_of_jump[block]) if jump.any() else None,
+                until_turn=until_turn,
             ).T
     return counts
 
@@ -194,6 +198,7 @@ def _tally(
     *,
     clamped: bool,
     adaptation: tuple[FloatArray, FloatArray] | None,
+    until_turn: bool,
 ) -> IntArray:
     """Spikes inside their windows of a block of membranes, of `shape`.
 
@@ -212,6 +217,8 @@ def _tally(
     raised = np.zeros(shape if adaptation else 0, kind)
     # An array: NumPy takes four times as long to compare with a number.
     clamp = np.zeros(shape if clamped else 0, kind)
+    below = np.empty(shape if adaptation and until_turn else 0, np.bool_)
+    zero, fades = kind.type(0.0), adaptation is not None and bool((adaptation[1] != 1.0).any())
     last = max(edges, default=0)
     for row in range(last + 1):
         if row in edges or row % _BYTE_ROWS == 0:
@@ -225,10 +232,14 @@ def _tally(
         potential += current_at(row)
         for membranes in silent:
             flat_potential[membranes] = 0.0
+        if below.size:
+            np.less(potential, zero, out=below)
+            np.copyto(raised, zero, where=below)
         if clamped:
             np.maximum(potential, clamp, out=potential)
         if adaptation:
-            raised *= adaptation[1]
+            if fades:
+                raised *= adaptation[1]
             np.greater(potential, threshold + raised, out=fired)
             raised += adaptation[0] * fired
         else:

@@ -151,7 +151,10 @@ def _encoded(
     """
     chosen = [parameters[name] for name in stress]
     conditions = [each.size // len(each) for each in stress.values()]
-    sizes = [one.cells * count for one, count in zip(chosen, conditions, strict=True)]
+    ways = [1 + model_of(one).two_way for one in chosen]
+    sizes = [
+        way * one.cells * count for way, one, count in zip(ways, chosen, conditions, strict=True)
+    ]
     constants = (
         (
             1.0 - one.dt_ms / one.tau_ms,
@@ -159,16 +162,19 @@ def _encoded(
             refractory_rows(one.refractory_ms, one.dt_ms),
             model_of(one).clamped,
             one.jump_mv / one.dt_ms,
-            1.0 - one.dt_ms / one.recovery_ms,
+            1.0 if model_of(one).until_turn else 1.0 - one.dt_ms / one.recovery_ms,
+            model_of(one).until_turn,
         )
         for one in chosen
     )
-    decay, threshold, refractory, clamped, jump, decay_of_jump = (
+    decay, threshold, refractory, clamped, jump, decay_of_jump, until_turn = (
         np.repeat(each, sizes) for each in zip(*constants, strict=True)
     )
     samples = len(next(iter(stress.values())))
     reach = int(min(samples, _SAMPLES_AROUND + 3.0 * LAG_MS / chosen[0].dt_ms))
     step = max(reach, min(_ROWS, _NUMBERS // sum(sizes)))
+    if any(model_of(one).whole for one in chosen):
+        step = samples
     state = Membranes.at_rest(sum(sizes))
     parts = []
     # The current of the last sample would act after the trace: it is left out.
@@ -186,6 +192,7 @@ def _encoded(
             refractory,
             clamped,
             adaptation=(jump, decay_of_jump) if jump.any() else None,
+            until_turn=until_turn if until_turn.any() else None,
             state=state,
         )
         parts.append((rows + first, membranes))
@@ -195,10 +202,13 @@ def _encoded(
     times_ms = start_ms + (rows[order] + 1.0) * chosen[0].dt_ms
     trains = np.split(times_ms, np.searchsorted(membranes[order], np.arange(1, sum(sizes))))
     found: dict[str, list[list[FloatArray]]] = {}
-    for name, count, begin, size in zip(
-        stress, conditions, np.cumsum([0, *sizes]).tolist(), sizes, strict=False
+    for name, count, begin, size, way in zip(
+        stress, conditions, np.cumsum([0, *sizes]).tolist(), sizes, ways, strict=False
     ):
         mine = trains[begin : begin + size]
+        if way == 2:
+            pairs = zip(mine[: size // 2], mine[size // 2 :], strict=True)
+            mine = [np.sort(np.concatenate(pair)) for pair in pairs]
         found[name] = [mine[condition::count] for condition in range(count)]
     return found
 
@@ -231,7 +241,10 @@ def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
 def _current(
     stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
 ) -> FloatArray:
-    """Currents ``(T, membrane)``: all conditions of the first cell, then of the next."""
+    """Currents ``(T, membrane)``: all conditions of the first cell, then of the next.
+
+    Where a model is two-way, those of all first membranes, then of all second ones.
+    """
     check_step(parameters, dt_ms)
     step_ms = parameters.dt_ms
     model = model_of(parameters)
@@ -241,7 +254,9 @@ def _current(
     coefficients = model.coefficients(values)
     needs = np.exp(parameters.spread * quantiles(parameters.cells))
     rows, conditions = columns[0].shape
-    current = np.empty((rows, needs.size, conditions))
-    for cell, need in enumerate(needs):
-        current[:, cell] = coefficients.for_need(need).current(columns)
+    ways = model.membranes(coefficients, values)
+    current = np.empty((rows, len(ways), needs.size, conditions))
+    for way, own in enumerate(ways):
+        for cell, need in enumerate(needs):
+            current[:, way, cell] = own.for_need(need).current(columns)
     return current.reshape(rows, -1)

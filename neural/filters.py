@@ -40,6 +40,23 @@ LAG_MS = 1.0
 # How the response of PC grows with them: a tenth for a thousandth.
 COMPRESSION = 1.0 / 3.0
 
+# Where `corpuscle` passes most: Pacinian afferents are keenest between 200 and 300 Hz.
+CORPUSCLE_HZ = 300.0
+
+# How much the other side of what it passes counts, with the opposite sign: with 0 a cell
+# does not keep to one impulse a cycle, with 1 it hardly hears 500 Hz.
+OTHER_SIDE = 0.2
+
+# What is left of the step response of `corpuscle` where it is cut off.
+_CORPUSCLE_LEFT = 1.0e-14
+
+# How fast the response of SA to a held stress fades: the slowly inactivating current of
+# Merkel cells has some 200 ms (Gerling et al. 2018, PLoS Comput. Biol. 14, e1006264).
+FADE_MS = 200.0
+
+# Share of a held stress that fades away with it.
+FADING_SHARE = 0.5
+
 # How many samples behind and ahead of t a derivative at t looks.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
 
@@ -128,6 +145,66 @@ def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward")
     drive = np.zeros_like(stress)
     drive[3 * lag :] = np.cbrt(np.maximum(third, 0.0))
     return drive
+
+
+def faded(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
+    """Stress less what has faded of it in Pa: the sustained part of what drives SA.
+
+    ``max(σ − FADING_SHARE s, 0)``, where s follows σ with `FADE_MS` and is σ at the
+    first sample: what was held before the trace has faded.
+    """
+    stress = checked_stress(stress_pa, dt_ms, derivative)
+    followed = np.empty_like(stress)
+    followed[0] = stress[0]
+    gain = -math.expm1(-dt_ms / FADE_MS)
+    for row in range(1, len(stress)):
+        followed[row] = followed[row - 1] + gain * (stress[row] - followed[row - 1])
+    left: FloatArray = np.maximum(stress - FADING_SHARE * followed, 0.0)
+    return left
+
+
+def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
+    """Stress through a Pacinian corpuscle, compressed, in Pa^(1/2).
+
+    ``√max(y, 0) − OTHER_SIDE √max(−y, 0)``: y is σ through three high and three low
+    passes of one pole, all at `CORPUSCLE_HZ`: ``(r / (1 + r²))³`` at r times that
+    frequency. A constant stress leaves nothing, at any `dt_ms`.
+
+    Notes
+    -----
+    Written as ``y(t) = Σ h(k) (σ(t − k dt) − σ(t − (k + 1) dt))`` with the step response
+    h of the passes, so that a still finger gives 0 exactly.
+    """
+    stress = checked_stress(stress_pa, dt_ms, derivative)
+    passed = np.zeros_like(stress)
+    change = np.diff(stress, axis=0)
+    for lag, share in enumerate(_corpuscle_response(dt_ms, len(stress) - 1)):
+        passed[lag + 1 :] += share * change[: len(change) - lag]
+    root = np.sqrt(np.abs(passed))
+    compressed: FloatArray = np.where(passed > 0, root, -OTHER_SIDE * root)
+    return compressed
+
+
+def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
+    """Step response of the passes of `corpuscle`, as far as it matters.
+
+    A pass is ``1 / (1 + s τ)`` or the rest of it by the trapezoidal rule, which keeps
+    the gain at low frequencies at any `dt_ms`.
+    """
+    half = math.pi * CORPUSCLE_HZ * dt_ms / 1000.0
+    fed, kept = half / (1.0 + half), (1.0 - half) / (1.0 + half)
+    before, lows = [0.0] * 6, [0.0] * 6
+    response: list[float] = []
+    while len(response) < longest:
+        value = 1.0
+        for stage, low in enumerate(lows):
+            lows[stage] = kept * low + fed * (value + before[stage])
+            before[stage] = value
+            value = value - lows[stage] if stage < 3 else lows[stage]
+        response.append(value)
+        if max(map(abs, lows[1:])) < _CORPUSCLE_LEFT and len(response) > 1:
+            break
+    return response
 
 
 def checked_stress(

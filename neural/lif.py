@@ -16,6 +16,8 @@ that each spike raises by a jump, and that comes back with its own time constant
 
     θ(t + dt) = (1 − dt/τ_θ) θ(t),  then + jump if v(t + dt) > gap + θ(t + dt)
 
+or, *until the turn*, all at once as soon as a current drives v below rest.
+
 Inside, v is kept in units of dt, which saves a product a sample. For a dt that is
 a power of two, as 0.5 ms is, that is exact.
 """
@@ -57,6 +59,7 @@ def fire(
     refractory: IntArray,
     clamped: BoolArray,
     adaptation: tuple[FloatArray, FloatArray] | None = None,
+    until_turn: BoolArray | None = None,
     state: Membranes | None = None,
 ) -> tuple[IntArray, IntArray]:
     """Row and membrane of every step that ends in a spike, ``(spikes,)`` each.
@@ -75,6 +78,8 @@ def fire(
         after a spike without current, and whether it stays at or above rest.
     adaptation
         What a spike adds to the threshold, and the share that is left of it a row later.
+    until_turn
+        Whether the threshold comes back as soon as the potential is driven below rest.
     state
         Of the membranes before the first row (None: at rest). It becomes that behind the
         last, so that a long current can come in parts.
@@ -93,7 +98,8 @@ def fire(
         raise TraceError("a current that is not finite reached the membrane")
     now = state or Membranes.at_rest(current.shape[1])
     if current.shape[1] <= _FEW:
-        return _fire_each(current, decay, threshold, refractory, clamped, adaptation, now)
+        turns = np.zeros(current.shape[1], np.bool_) if until_turn is None else until_turn
+        return _fire_each(current, decay, threshold, refractory, clamped, adaptation, turns, now)
     potential, above = now.potential, np.empty(current.shape[1], np.bool_)
     for membrane in np.flatnonzero(now.rest):
         current[: now.rest[membrane], membrane] = 0.0
@@ -108,6 +114,8 @@ def fire(
     for row, fed in enumerate(current):
         multiply(potential, decay, potential)
         add(potential, fed, potential)
+        if until_turn is not None:
+            raised[until_turn & (potential < 0.0)] = 0.0
         if clamp is not None:
             clamp_at(potential, clamp, potential)
         if adaptation:
@@ -143,6 +151,7 @@ def _fire_each(
     refractory: IntArray,
     clamped: BoolArray,
     adaptation: tuple[FloatArray, FloatArray] | None,
+    until_turn: BoolArray,
     now: Membranes,
 ) -> tuple[IntArray, IntArray]:
     """The same as `fire`, a membrane after the other: calling NumPy costs more than numbers."""
@@ -158,8 +167,11 @@ def _fire_each(
         more, left = jump[k].item(), share[k].item()
         potential, raised = now.potential[k].item(), now.raised[k].item()
         until, spikes = now.rest[k].item(), list[int]()
+        turns = bool(until_turn[k])
         for row, one in enumerate(fed.tolist()):
             potential = potential * leak + (one if row >= until else 0.0)
+            if turns and potential < 0.0:
+                raised = 0.0
             if floored and potential < 0.0:
                 potential = 0.0
             if more:

@@ -23,6 +23,8 @@ from fembridge.typing import FloatArray
 from neural.filters import (
     COMPRESSION,
     acceleration_change,
+    corpuscle,
+    faded,
     rate_change,
     sa_level,
     sa_rate,
@@ -31,6 +33,8 @@ from neural.filters import (
 )
 from neural.parameters import (
     AfferentParameters,
+    CorpusclePcParameters,
+    FadingSaParameters,
     PcParameters,
     RaParameters,
     RateRaParameters,
@@ -38,6 +42,7 @@ from neural.parameters import (
     RisingSaParameters,
     SaParameters,
     SharpPcParameters,
+    TwoWayRaParameters,
 )
 
 # Cells of the models whose rates are means over a population: a recorded mean has
@@ -74,6 +79,23 @@ class Coefficients:
         alpha = np.divide(self.alpha_mv_per_ms, np.power(need, self.degree))
         return replace(self, alpha_mv_per_ms=alpha)
 
+    def backwards(self, share: ArrayLike) -> "Coefficients":
+        """Those of a membrane that integrates falls, `share` times as sensitive to them."""
+        return replace(self, alpha_mv_per_ms=-np.multiply(self.alpha_mv_per_ms, share))
+
+    def column(self) -> "Coefficients":
+        """Those of many candidates, for filtered stress ``(T, 1, condition)``."""
+
+        def tall(value: ArrayLike) -> FloatArray:
+            return np.atleast_1d(np.asarray(value, np.float64))[:, np.newaxis]
+
+        return Coefficients(
+            tall(self.alpha_mv_per_ms),
+            None if self.halves is None else tuple(map(tall, self.halves)),
+            None if self.weights is None else tuple(map(tall, self.weights)),
+            self.degree,
+        )
+
     def current(self, filtered: Sequence[FloatArray]) -> FloatArray:
         """Current in mV/ms of filtered stress ``(T, …)``, where all entries are numbers."""
         if self.halves is None:
@@ -102,11 +124,33 @@ class Free:
     even: bool = False
 
 
+# How far each parameter is searched; the paper does not state its bounds.
+TAU = Free("tau_ms", 1.0, 1000.0, "ms")
+SPREAD = Free("spread", 0.0, 2.0, "1", even=True)
+JUMP = Free("jump_mv", 0.1, 30.0, "mV")
+RECOVERY = Free("recovery_ms", 1.0, 1000.0, "ms")
+A1 = Free("a1_pa", 1e2, 1e6, "Pa")
+A2 = Free("a2_pa_per_ms", 1e2, 1e6, "Pa/ms")
+A3 = Free("a3_pa_per_ms", 1e1, 1e6, "Pa/ms")
+A4 = Free("a4_pa_per_ms2", 1e-1, 1e4, "Pa/ms²")
+A5 = Free("a5_pa_per_ms", 1e1, 1e6, "Pa/ms")
+ALPHA = Free("alpha_mv_per_ms", 1e-1, 1e3, "mV/ms")
+BETA = Free("beta_mv_per_ms", 1e-2, 1e2, "mV/ms")
+STEP = Free("step_pa", 1e3, 1e6, "Pa")
+HELD = Free("held_pa", 1e3, 1e6, "Pa")
+RETRACTION = Free("retraction", 0.5, 1.0, "1", even=True)
+
+
 @dataclass(frozen=True, slots=True)
 class Model:
     """One model of one class: what it filters, how that becomes current, and why.
 
     `filters` are rectified by `rectify`. `clamped` membranes do not fall below rest.
+    With `two_way` a cell has a second membrane that integrates falls, and a spike of
+    either is a spike of the cell; with `until_turn` what a spike adds to the threshold
+    is lost as soon as the current drives the potential below rest. Filters of a `whole`
+    model look back to the beginning of the trace. `any_step` equations
+    have no time step in them: their parameters hold at any.
     `quantity` is the stress that it reads: ``von_mises``, or ``energy``, the uniaxial
     stress of equal strain energy.
     """
@@ -124,6 +168,12 @@ class Model:
     quantity: str = "von_mises"
     adaptive: bool = False
     cells: int = 1
+    two_way: bool = False
+    until_turn: bool = False
+    any_step: bool = False
+    whole: bool = False
+    tau: Free = TAU
+    spread: Free = SPREAD
 
     def filtered(
         self, stress_pa: FloatArray, dt_ms: float, derivative: str
@@ -132,34 +182,39 @@ class Model:
         found = tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
         return tuple(map(self.rectify, found)) if self.rectify else found
 
+    def membranes(self, coefficients: Coefficients, values: Values) -> tuple[Coefficients, ...]:
+        """Coefficients of each membrane of a cell."""
+        if not self.two_way:
+            return (coefficients,)
+        return coefficients, coefficients.backwards(values["retraction"])
+
     def free(self, cells: int | None = None) -> tuple[Free, ...]:
         """What a fit of so many cells searches; by default the model's own number."""
-        own = (TAU, *self.own_free)
+        own = (self.tau, *self.own_free)
         if self.adaptive:
             own = (*own, JUMP, RECOVERY)
-        return (*own, SPREAD) if (cells or self.cells) > 1 else own
-
-
-# How far each parameter is searched; the paper does not state its bounds.
-TAU = Free("tau_ms", 1.0, 1000.0, "ms")
-SPREAD = Free("spread", 0.0, 2.0, "1", even=True)
-JUMP = Free("jump_mv", 0.1, 30.0, "mV")
-RECOVERY = Free("recovery_ms", 1.0, 1000.0, "ms")
-A1 = Free("a1_pa", 1e2, 1e6, "Pa")
-A2 = Free("a2_pa_per_ms", 1e2, 1e6, "Pa/ms")
-A3 = Free("a3_pa_per_ms", 1e1, 1e6, "Pa/ms")
-A4 = Free("a4_pa_per_ms2", 1e-1, 1e4, "Pa/ms²")
-A5 = Free("a5_pa_per_ms", 1e1, 1e6, "Pa/ms")
-ALPHA = Free("alpha_mv_per_ms", 1e-1, 1e3, "mV/ms")
-BETA = Free("beta_mv_per_ms", 1e-2, 1e2, "mV/ms")
-STEP = Free("step_pa", 1e3, 1e6, "Pa")
-HELD = Free("held_pa", 1e3, 1e6, "Pa")
+        return (*own, self.spread) if (cells or self.cells) > 1 else own
 
 
 def _saturating(*halves: str) -> Callable[[Values], Coefficients]:
     return lambda values: Coefficients(
         values["alpha_mv_per_ms"], halves=tuple(values[name] for name in halves)
     )
+
+
+def _rising_sa(values: Values) -> Coefficients:
+    held = np.multiply(values["held_pa"], values["tau_ms"])
+    return Coefficients(
+        _SA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]), np.divide(1.0, held))
+    )
+
+
+def _rising_ra(values: Values) -> Coefficients:
+    return Coefficients(_RA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]),))
+
+
+def _sharp_pc(values: Values) -> Coefficients:
+    return Coefficients(values["beta_mv_per_ms"], weights=(1.0,), degree=COMPRESSION)
 
 
 def _rise(filtered: FloatArray) -> FloatArray:
@@ -263,13 +318,7 @@ _ROWS = (
         afferent="SA",
         parameters=RisingSaParameters,
         filters=(stress_rate, lambda stress, *_: stress),
-        coefficients=lambda values: Coefficients(
-            _SA_GAP_MV,
-            weights=(
-                np.divide(1.0, values["step_pa"]),
-                np.divide(1.0, np.multiply(values["held_pa"], values["tau_ms"])),
-            ),
-        ),
+        coefficients=_rising_sa,
         own_free=(STEP, HELD),
         equation="I' = gap (σ'/step + σ/(held τ)), v ≥ rest",
         reason="observed impulses a cycle go with the amplitude, hardly with the "
@@ -277,41 +326,94 @@ _ROWS = (
         "fires on",
         clamped=True,
         cells=CELLS,
+        any_step=True,
     ),
     Model(
         name="rising",
         afferent="RA",
         parameters=RisingRaParameters,
         filters=(stress_rate,),
-        coefficients=lambda values: Coefficients(
-            _RA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]),)
-        ),
+        coefficients=_rising_ra,
         own_free=(STEP,),
         equation="I' = gap σ'/step, v ≥ rest",
         reason="observed impulses a cycle go with the amplitude, hardly with the "
         "frequency: each rise of stress by a step fires once",
         clamped=True,
         cells=CELLS,
+        any_step=True,
     ),
     Model(
         name="sharp",
         afferent="PC",
         parameters=SharpPcParameters,
         filters=(sharp_rise,),
-        coefficients=lambda values: Coefficients(
-            values["beta_mv_per_ms"], weights=(1.0,), degree=COMPRESSION
-        ),
+        coefficients=_sharp_pc,
         own_free=(BETA,),
         equation="I' = β max(Δ³σ, 0)^(1/3), Δσ = σ(t) − σ(t − 1 ms)",
         reason="filter (4) grows without end up to 1000 Hz, PC cells are keenest near "
         "250 Hz; their rates span amplitudes of 1 to 1000 by compression",
         cells=CELLS,
     ),
+    Model(
+        name="fading",
+        afferent="SA",
+        parameters=FadingSaParameters,
+        filters=(stress_rate, faded),
+        coefficients=_rising_sa,
+        own_free=(replace(STEP, low=1e4, high=3e5), replace(HELD, low=2e3, high=1e5)),
+        tau=replace(TAU, low=5.0, high=300.0),
+        spread=replace(SPREAD, high=1.0),
+        equation="I' = gap (σ'/step + max(σ - s/2, 0)/(held τ)), s follows σ in 200 ms, v ≥ rest",
+        reason="rising, and as in Merkel cells half of the answer to a held stress fades "
+        "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz",
+        clamped=True,
+        cells=CELLS,
+        whole=True,
+        any_step=True,
+    ),
+    Model(
+        name="two_way",
+        afferent="RA",
+        parameters=TwoWayRaParameters,
+        filters=(stress_rate,),
+        coefficients=_rising_ra,
+        own_free=(replace(STEP, high=1e5), RETRACTION),
+        tau=replace(TAU, low=5.0),
+        spread=replace(SPREAD, high=1.5),
+        equation="I' = gap σ'/step and -retraction gap σ'/step, a membrane each, v ≥ rest, "
+        "threshold + jump until the turn",
+        reason="RA fires at indentation and at retraction: each has its own membrane that "
+        "counts steps of stress; further steps of one sweep are three times as large",
+        clamped=True,
+        cells=CELLS,
+        two_way=True,
+        until_turn=True,
+        any_step=True,
+    ),
+    Model(
+        name="corpuscle",
+        afferent="PC",
+        parameters=CorpusclePcParameters,
+        filters=(corpuscle,),
+        coefficients=lambda values: Coefficients(
+            values["beta_mv_per_ms"], weights=(1.0,), degree=0.5
+        ),
+        own_free=(replace(BETA, low=0.3),),
+        tau=replace(TAU, high=100.0),
+        equation="I' = β (√max(y, 0) - 0.2 √max(-y, 0)), y = σ through three high and three low "
+        "passes at 300 Hz",
+        reason="PC cells are keenest between 200 and 300 Hz and duller above, where the "
+        "third difference of sharp goes on rising to 500 Hz; the other side takes charge "
+        "away, so that a cell fires once a cycle over a wide range of amplitudes",
+        cells=CELLS,
+        whole=True,
+        any_step=True,
+    ),
 )
 
 # The models of the shipped parameters; see ``docs/model_study.md``.
 DEFAULT_MODELS: Mapping[str, str] = MappingProxyType(
-    {"SA": "rising", "RA": "rising", "PC": "sharp"}
+    {"SA": "fading", "RA": "two_way", "PC": "corpuscle"}
 )
 
 MODELS: Mapping[str, Mapping[str, Model]] = MappingProxyType(

@@ -9,9 +9,10 @@
     tau_ms = 300.0
     step_pa = 7000.0
 
-A section that is absent is published. ``drive`` is a name of `neural.models`; without
-it a section is of the published model, and a key that is absent keeps its published
-value. `preindent_um` is the depth at which the probe stood before time 0 when the
+``base`` names the set that a file starts from: ``published`` if it is absent, or
+``fitted``. What a file leaves out, a section, a key of one, `preindent_um`, is as there.
+A section with another ``drive``, a name of `neural.models`, than its base takes all of
+that model's keys. `preindent_um` is the depth of the probe before time 0 when the
 numbers were fitted. ``name``, and tables ``fit`` and ``study``, describe the origin:
 they are kept and not read. All else is refused.
 """
@@ -39,6 +40,7 @@ DEFAULT_SET = "fitted"
 
 SET_NAMES = ("published", "fitted", "fitted_pad")
 
+_HEAD_KEYS = ("name", "base", "preindent_um")
 _ORIGIN_KEYS = ("name", "fit", "study")
 
 
@@ -59,7 +61,8 @@ class ParameterSet:
 @dataclass(frozen=True, slots=True)
 class _Head:
     name: str
-    preindent_um: float = 0.0
+    preindent_um: float
+    base: str = "published"
 
 
 @cache
@@ -108,26 +111,30 @@ def read_parameter_set(path: Path) -> ParameterSet:
         No such file, not TOML, an unknown section or key, or a value outside its meaning.
     """
     table = read_toml(path, ParameterError)
-    chosen = dict(PUBLISHED)
     place = ""
     try:
-        head = {key: table[key] for key in ("name", "preindent_um") if key in table}
-        known = changed(_Head(path.stem), head, ParameterError)
+        base = str(table.get("base", SET_NAMES[0]))
+        if base not in SET_NAMES:
+            raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
+        start = parameter_set(base)
+        head = {key: table[key] for key in _HEAD_KEYS if key in table}
+        known = changed(_Head(path.stem, start.preindent_um), head, ParameterError)
+        chosen = dict(start.parameters)
         if not (math.isfinite(known.preindent_um) and known.preindent_um >= 0):
             raise ParameterError(f"preindent_um is {known.preindent_um}, expected a number >= 0")
         for afferent, section in table.items():
-            if afferent in (*_ORIGIN_KEYS, "preindent_um"):
+            if afferent in (*_ORIGIN_KEYS, *_HEAD_KEYS):
                 continue
             if afferent not in PUBLISHED:
                 hint = near_hint(afferent, AFFERENTS)
                 expected = ", ".join(AFFERENTS)
                 raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
             place = f"{afferent}: "
-            published = PUBLISHED[afferent]
-            drive = section.get("drive", "published") if isinstance(section, dict) else "published"
+            based = chosen[afferent]
+            drive = section.get("drive", based.drive) if isinstance(section, dict) else based.drive
             kind = model_named(str(drive), afferent).parameters
-            if kind is type(published):
-                chosen[afferent] = changed(published, section, ParameterError)
+            if kind is type(based):
+                chosen[afferent] = changed(based, section, ParameterError)
             else:
                 chosen[afferent] = structure(section, kind, ParameterError)
     except ParameterError as error:

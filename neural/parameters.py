@@ -180,6 +180,28 @@ class RisingRaParameters(AfferentParameters):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FadingSaParameters(RisingSaParameters):
+    """SA that counts rises of stress, and whose answer to a held stress fades."""
+
+    drives: ClassVar[tuple[str, ...]] = ("fading",)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwoWayRaParameters(RisingRaParameters):
+    """RA that counts rises and falls of stress, each on a membrane of its own.
+
+    `retraction` is the sensitivity to falls as a share of that to rises. `jump_mv` lasts
+    until the stress turns: of one rise the first spike takes `step_pa`, each other one
+    three times as much.
+    """
+
+    drives: ClassVar[tuple[str, ...]] = ("two_way",)
+
+    retraction: float
+    jump_mv: float = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SharpPcParameters(AfferentParameters):
     """PC that sees sharp rises of stress, compressed.
 
@@ -192,6 +214,18 @@ class SharpPcParameters(AfferentParameters):
     beta_mv_per_ms: float
     threshold_mv: float = -55.0
     refractory_ms: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CorpusclePcParameters(SharpPcParameters):
+    """PC whose corpuscle passes what is near its best frequency, compressed.
+
+    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes.
+    """
+
+    drives: ClassVar[tuple[str, ...]] = ("corpuscle",)
+
+    refractory_ms: float = 1.5
 
 
 Parameters: TypeAlias = Mapping[str, AfferentParameters]

@@ -7,7 +7,7 @@ model does on what it was not fitted to is found by leaving out one group at a t
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -34,13 +34,17 @@ POPULATION = 200
 # the smallest: "the smaller difference in the observed value" comes first.
 NEAR_SHARE = 0.10
 
+# And the third rule, where timing or thresholds are worth some of the rates.
+BALANCED_SHARE = 0.25
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
     """Candidates of which none is better than another in every objective.
 
     `values` ``(candidate, free)`` in the units of `free`; `errors_ips2`
-    ``(candidate, group)``; sorted by the total error, smallest first. `finished` is
+    ``(candidate, group)``; `target_errors` ``(candidate, target)`` of what is fitted
+    beside rates; sorted by the total error of the rates, smallest first. `finished` is
     False where the search was stopped before its last evaluation.
     """
 
@@ -51,6 +55,7 @@ class Front:
     evaluations: int
     seed: int
     finished: bool
+    target_errors: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +122,15 @@ def total_rmse_ips(problem: FitProblem, errors_ips2: FloatArray) -> FloatArray:
 
 def _front(problem: FitProblem, algorithm: Any, seed: int) -> Front:  # noqa: ANN401
     best = algorithm.opt
+    values = from_unit(np.atleast_2d(best.get("X")), problem.free)
+    found = np.atleast_2d(best.get("F"))
+    errors = problem.errors_ips2(values, single=True) if problem.targets else found
     return Front(
         free=problem.free,
         groups=problem.group_names,
-        values=from_unit(np.atleast_2d(best.get("X")), problem.free),
-        errors_ips2=np.atleast_2d(best.get("F")),
+        values=values,
+        errors_ips2=errors,
+        target_errors=found[:, 1:] if problem.targets else np.empty((len(values), 0)),
         evaluations=int(algorithm.evaluator.n_eval),
         seed=seed,
         finished=False,
@@ -134,12 +143,29 @@ def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
     In full precision one candidate may turn out worse than another: it is left out.
     """
     values = np.unique(front.values, axis=0)
-    errors = problem.errors_ips2(values)
-    apart = errors[:, np.newaxis] - errors
+    errors, others = problem.errors_ips2(values), problem.target_errors(values)
+    objectives = _objectives(problem, errors, others)
+    apart = objectives[:, np.newaxis] - objectives
     worse = np.all(apart >= 0, axis=2) & np.any(apart > 0, axis=2)
     kept = np.flatnonzero(~worse.any(axis=1))
     order = kept[np.argsort(total_rmse_ips(problem, errors[kept]), kind="stable")]
-    return replace(front, values=values[order], errors_ips2=errors[order], finished=finished)
+    return replace(
+        front,
+        values=values[order],
+        errors_ips2=errors[order],
+        target_errors=others[order],
+        finished=finished,
+    )
+
+
+def _objectives(problem: FitProblem, errors: FloatArray, others: FloatArray) -> FloatArray:
+    """Errors of the groups; with targets that of all rates is one objective beside theirs.
+
+    With six objectives nearly no candidate is worse than another, and a search goes nowhere.
+    """
+    if not problem.targets:
+        return errors
+    return np.column_stack([total_rmse_ips(problem, errors) ** 2, others])
 
 
 def from_unit(unit: FloatArray, free: tuple[Free, ...]) -> FloatArray:
@@ -167,11 +193,17 @@ def _as_pymoo(problem: FitProblem) -> "Problem":
     class Rates(Problem):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__(
-                n_var=len(problem.free), n_obj=len(problem.group_names), xl=0.0, xu=1.0
+                n_var=len(problem.free),
+                n_obj=1 + len(problem.targets) if problem.targets else len(problem.group_names),
+                xl=0.0,
+                xu=1.0,
             )
 
         def _evaluate(self, unit: FloatArray, out: dict[str, Any], *_: object) -> None:
-            out["F"] = problem.errors_ips2(from_unit(unit, problem.free), single=True)
+            values = from_unit(unit, problem.free)
+            errors = problem.errors_ips2(values, single=True)
+            others = problem.target_errors(values, single=True)
+            out["F"] = _objectives(problem, errors, others)
 
     return Rates()
 
@@ -207,10 +239,37 @@ def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> C
 
 def _smallest_error(problem: FitProblem, front: Front) -> tuple[int, str]:
     totals = total_rmse_ips(problem, front.errors_ips2)
+    if problem.targets:
+        return _of_near(problem, front, NEAR_SHARE)
     row = int(np.argmin(totals))
     return row, (
         f"smallest RMSE over all {problem.observed_ips.size} stimuli, "
         f"{totals[row]:.3g} ips, of {totals.size} candidates"
+    )
+
+
+def _balanced(problem: FitProblem, front: Front) -> tuple[int, str]:
+    if not problem.targets:
+        return _smallest_error(problem, front)
+    return _of_near(problem, front, BALANCED_SHARE)
+
+
+def _of_near(problem: FitProblem, front: Front, share: float) -> tuple[int, str]:
+    """Of candidates with near the smallest RMSE the one with the smallest other errors.
+
+    Errors of different kinds have no common unit: their product has no weights.
+    """
+    totals = total_rmse_ips(problem, front.errors_ips2)
+    near = np.flatnonzero(totals <= (1.0 + share) * totals.min())
+    others = np.sqrt(front.target_errors)
+    row = int(near[np.argmin(np.log(np.maximum(others[near], 1e-9)).sum(axis=1))])
+    parts = [
+        f"{target.name} {error:.3g}"
+        for target, error in zip(problem.targets, others[row], strict=True)
+    ]
+    return row, (
+        f"smallest RMS error of {', '.join(parts)}, of the {near.size} candidates within "
+        f"{share:.0%} of the smallest RMSE of rates, {totals.min():.3g} ips"
     )
 
 
@@ -240,7 +299,14 @@ def frequency_response_error_ips(problem: FitProblem, values: FloatArray) -> Flo
 
 _RULES: Mapping[str, _Rule] = MappingProxyType(
     {
-        "smallest_error": _Rule("the smallest RMSE over all stimuli together", _smallest_error),
+        "smallest_error": _Rule(
+            "the smallest RMSE over all stimuli together; with thresholds or spikes, of "
+            "candidates within a tenth of it the one with the smallest of those errors",
+            _smallest_error,
+        ),
+        "balanced": _Rule(
+            "the same with thresholds or spikes, of candidates within a quarter of it", _balanced
+        ),
         "frequency_response": _Rule(
             "of candidates within a tenth of the smallest RMSE, the one whose mean "
             "rate at each frequency is closest to the observed",

@@ -21,7 +21,7 @@ INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
 
 LIST = "list"
 EVERY = "all"
-_SEARCH = ("evaluations", "population", "seed", "rule")
+_SEARCH = ("evaluations", "population", "seed", "rule", "thresholds", "timing", "spikes")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,6 +68,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=tuple(RULES),
         default=next(iter(RULES)),
         help=f"which candidate of the front is taken. {rules} (default: %(default)s)",
+    )
+    add(
+        "--thresholds",
+        metavar="NAME|FILE.csv",
+        help="fit threshold amplitudes too: thresholds_freeman_johnson_1982, or a table "
+        "afferent,criterion,frequency_hz,amplitude_um",
+    )
+    add(
+        "--timing",
+        action="store_true",
+        help="fit the published vector strengths at 20 Hz too (timing_20hz)",
+    )
+    add(
+        "--spikes",
+        metavar="FILE.csv",
+        help="fit spike times too, with a latency, by the van Rossum distance: a table "
+        "stimulus,afferent,repeat,spike_time_ms",
     )
     default = f"(default: 0 for published, else {fitted_preindent_um():g})"
     depth = f"depth of the probe before time 0 {default}"
@@ -134,9 +151,9 @@ def _print_fit(fit: "Fit") -> None:
         f"{fit.afferent}, model {model.name}: {len(fit.problem.free)} free parameters, "
         f"{cells} cell{'s' if cells > 1 else ''}"
     )
-    for one in fit.problem.free:
-        unit = "" if one.unit == "1" else f" {one.unit}"
-        print(f"  {one.field} = {getattr(fit.parameters, one.field):.5g}{unit}")
+    values = fit.front.values[fit.choice.row]
+    for one, value in zip(fit.problem.free, values, strict=True):
+        print(f"  {one.field} = {value:.5g} {one.unit}".removesuffix(" 1"))
     print(f"  {'':<22}{'n':>4}{'R²':>8}{'RMSE':>9}{'bias':>9}   impulses/s")
     rows = [(_name_of(row), row) for row in fit.agreement_rows()]
     for name, row in [*rows, ("Table 2, all", fit.published.total.to_row())]:

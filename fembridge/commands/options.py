@@ -81,7 +81,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "parameters": {
         "metavar": "NAME",
         "help": "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "
-        "what a file leaves out stays as published (default: %(default)s)",
+        "what a file leaves out is that of its base (default: %(default)s)",
     },
     "threads": {
         "type": int,

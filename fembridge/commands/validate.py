@@ -44,6 +44,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the model to compare: published, fitted or a file; the published one is "
         f"shown beside it (default: {_PARAMETERS})",
     )
+    parser.add_argument(
+        "--thresholds",
+        metavar="FILE.csv",
+        help="thresholds to show in the place of the published ones: a table "
+        "afferent,criterion,frequency_hz,amplitude_um",
+    )
+    parser.add_argument(
+        "--spikes",
+        metavar="FILE.csv",
+        help="recorded spikes under sinusoids, for timing, in the place of the published: a "
+        "table stimulus,afferent,repeat,spike_time_ms",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -59,7 +71,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         notes.append(line)
         print(line, file=sys.stderr)
 
-    study = api.validate(**words_of(args, "finger", "observed", "parameters"), log=log)
+    names = ("finger", "observed", "parameters", "thresholds", "spikes")
+    study = api.validate(**words_of(args, *names), log=log)
     output = Path(args.output)
     files = write_report(output, study, command_line(args))
     rows = _rows(study)
@@ -84,9 +97,9 @@ def command_line(args: argparse.Namespace) -> str:
     from pathlib import Path
 
     words = ["fembridge", "validate", "-o", str(args.output)]
-    if args.observed is not None:
-        absolute = Path(args.observed).is_absolute()
-        words += ["--observed", Path(args.observed).name if absolute else args.observed]
+    for name in ("observed", "thresholds", "spikes"):
+        if (file := getattr(args, name)) is not None:
+            words += [f"--{name}", Path(file).name if Path(file).is_absolute() else file]
     if args.finger != _FINGER:
         words += ["--finger", args.finger]
     if args.parameters != _PARAMETERS:

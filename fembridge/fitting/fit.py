@@ -7,7 +7,7 @@ clock time, so that the same fit gives the same bytes.
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
@@ -34,7 +34,7 @@ from fembridge.store import write_text
 from fembridge.tables import Rate, write_rates, write_table
 from fembridge.typing import FloatArray, Table
 from neural.agreement import Agreement, agreement
-from neural.fit_problem import FitProblem
+from neural.fit_problem import FitProblem, Target
 from neural.models import Model, model_named
 from neural.parameter_sets import parameters_to_table
 from neural.parameters import MOST_CELLS, PUBLISHED, AfferentParameters
@@ -199,14 +199,16 @@ def fit_afferents(
     models: Mapping[str, Model],
     settings: FitSettings | None = None,
     *,
+    targets_of: Callable[[Model], Sequence[Target]] = lambda model: (),
     on_progress: OnProgress | None = None,
     log: Callable[[str], None] = lambda line: None,
 ) -> FitRun:
     """Fit each class of `models` to its observed rates, one after the other.
 
     The same seed gives the same fits. An interrupt from the keyboard ends the search
-    at its last whole generation and leaves later classes out. `on_progress` is called
-    with each generation, `log` with a line about each fit.
+    at its last whole generation and leaves later classes out. `targets_of` a model is
+    what else is fitted; `on_progress` is called with each generation, `log` with a line
+    about each fit.
 
     Raises
     ------
@@ -225,7 +227,10 @@ def fit_afferents(
         preindent_um=settings.preindent_um,
         cells=settings.cells or 0,
     )
-    problems = [problem_of(model, families=settings.families) for model in models.values()]
+    problems = [
+        problem_of(model, families=settings.families, targets=targets_of(model))
+        for model in models.values()
+    ]
     others = tuple(name for name in FAMILIES if name not in settings.families)
     fits: list[Fit] = []
     try:
@@ -303,11 +308,13 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
         groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
         free = [one.field for one in front.free]
         totals = total_rmse_ips(fit.problem, front.errors_ips2).tolist()
-        numbers = np.hstack([front.values, front.errors_ips2**0.5]).tolist()
+        others = [f"rms_{target.name}_error" for target in fit.problem.targets]
+        errors = [front.errors_ips2**0.5, front.target_errors**0.5][: 1 + bool(others)]
+        numbers = np.hstack([front.values, *errors]).tolist()
         chosen = ["yes" if row == fit.choice.row else "no" for row in range(len(totals))]
         write_table(
             folder / file,
-            ["afferent", "candidate", "chosen", *free, *groups, "rmse_all_ips"],
+            ["afferent", "candidate", "chosen", *free, *groups, *others, "rmse_all_ips"],
             [
                 [fit.afferent, row + 1, chosen[row], *numbers[row], total]
                 for row, total in enumerate(totals)
@@ -377,6 +384,7 @@ def _class_table(fit: Fit) -> Table:
         "rule": fit.choice.rule,
         "why": fit.choice.why,
         "free_parameters": len(free),
+        **_targets_table(fit),
         "free": {
             one.field: {
                 "low": one.low,
@@ -391,6 +399,20 @@ def _class_table(fit: Fit) -> Table:
             for judged in fit.judged
         },
         "agreement": [{key: row[key] for key in _AGREEMENT} for row in fit.agreement_rows()],
+    }
+
+
+def _targets_table(fit: Fit) -> Table:
+    """RMS error of each target, and the parameters that only targets have."""
+    targets, row = fit.problem.targets, fit.choice.row
+    if not targets:
+        return {}
+    errors = np.sqrt(fit.front.target_errors[row]).tolist()
+    own = {one.field for target in targets for one in target.free}
+    values = zip(fit.problem.free, fit.front.values[row].tolist(), strict=True)
+    return {
+        "targets": {target.name: error for target, error in zip(targets, errors, strict=True)},
+        **{one.field: value for one, value in values if one.field in own},
     }
 
 

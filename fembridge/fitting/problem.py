@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +21,17 @@ from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.response.transients import RESPONSE_FOLDER
 from fembridge.store import sha256_of
+from fembridge.tables import SpikeTrain
+from fembridge.tuning import CRITERIA, vibration
 from fembridge.typing import Table
-from neural.fit_problem import FitProblem
+from neural.fit_problem import FitProblem, PhaseTarget, Target, ThresholdTarget, TimingTarget
 from neural.models import DEFAULT_MODELS, MODELS, Model, model_named
+
+if TYPE_CHECKING:
+    import pandas
+
+# How precise in time a spike is taken to be, of the van Rossum distance.
+SPIKE_TAU_MS = 5.0
 
 EVERY = "all"
 """All classes, all families, all groups."""
@@ -95,6 +104,7 @@ def fit_problem(
     families: Sequence[str] = FAMILIES[:1],
     preindent_um: float = 0.0,
     cells: int = 0,
+    targets: Sequence[Target] = (),
 ) -> FitProblem:
     """What a fit of the class and model of `model` minimises.
 
@@ -127,6 +137,111 @@ def fit_problem(
         windows_ms=tuple(entry.window_ms for entry in entries),
         dt_ms=DT_MS,
         cells=cells,
+        targets=tuple(targets),
+    )
+
+
+# Amplitudes of a threshold target: nine, from a quarter of the observed to four times it.
+_LEVELS, _AROUND = 9, 4.0
+
+# Cycles of its vibrations; the first does not count for one impulse a cycle.
+_CYCLES = 3.0
+
+
+def threshold_target(
+    observed: "pandas.DataFrame",
+    response: ResponseMap,
+    model: Model,
+    preindent_um: float = 0.0,
+) -> ThresholdTarget | None:
+    """Objective of the thresholds of a class; None where there is none in reach."""
+    reach_um = response.deepest_um - preindent_um
+    mine = observed[
+        (observed["afferent"] == model.afferent) & (observed["amplitude_um"] < reach_um)
+    ]
+    if mine.empty:
+        return None
+    column = [place.afferent for place in response.places].index(model.afferent)
+    stress, levels, needed, windows = [], [], [], []
+    for criterion, frequency_hz, amplitude_um in zip(
+        mine["criterion"], mine["frequency_hz"], mine["amplitude_um"], strict=True
+    ):
+        most_um = min(amplitude_um * _AROUND, reach_um)
+        levels.append(np.geomspace(amplitude_um / _AROUND, most_um, _LEVELS))
+        waves = [vibration(frequency_hz, a, preindent_um, cycles=_CYCLES) for a in levels[-1]]
+        models = {model.afferent: model}
+        stress.append([response.traces(wave, models)[column].stress_pa for wave in waves])
+        cycle_ms, end_ms = 1000.0 / frequency_hz, waves[0].window_ms[1]
+        cycles = math.floor(end_ms / cycle_ms + 1e-9) - 1
+        first = criterion == CRITERIA[0]
+        needed.append(1 if first else cycles)
+        windows.append((0.0, end_ms) if first else (cycle_ms, (cycles + 1) * cycle_ms))
+    longest = max(len(one[0]) for one in stress)
+    padded = [
+        [np.pad(trace, (0, longest - len(trace)), mode="edge") for trace in one] for one in stress
+    ]
+    return ThresholdTarget(
+        stress_pa=np.moveaxis(np.array(padded), -1, 0),
+        amplitudes_um=np.array(levels),
+        observed_um=mine["amplitude_um"].to_numpy(np.float64),
+        needed=np.array(needed),
+        windows_ms=tuple(windows),
+    )
+
+
+def phase_target(
+    observed: "pandas.DataFrame",
+    response: ResponseMap,
+    model: Model,
+    preindent_um: float = 0.0,
+) -> PhaseTarget | None:
+    """Objective of the vector strengths of a class; None where there are none.
+
+    `observed` has ``afferent, frequency_hz, amplitude_um, strength_f, strength_2f``.
+    """
+    mine = observed[observed["afferent"] == model.afferent]
+    if mine.empty:
+        return None
+    column = [place.afferent for place in response.places].index(model.afferent)
+    models = {model.afferent: model}
+    waves = [
+        vibration(frequency_hz, amplitude_um, preindent_um)
+        for frequency_hz, amplitude_um in zip(
+            mine["frequency_hz"], mine["amplitude_um"], strict=True
+        )
+    ]
+    traces = [response.traces(wave, models)[column].stress_pa for wave in waves]
+    longest = max(map(len, traces))
+    padded = [np.pad(trace, (0, longest - len(trace)), mode="edge") for trace in traces]
+    return PhaseTarget(
+        stress_pa=np.stack(padded, -1),
+        frequencies_hz=mine["frequency_hz"].to_numpy(np.float64),
+        strengths=mine[["strength_f", "strength_2f"]].to_numpy(np.float64),
+    )
+
+
+def timing_target(
+    trains: Sequence[SpikeTrain],
+    response: ResponseMap,
+    model: Model,
+    preindent_um: float = 0.0,
+    tau_ms: float = SPIKE_TAU_MS,
+) -> TimingTarget | None:
+    """Objective of the spike times of a class; None where there are none."""
+    mine = [train for train in trains if train.afferent == model.afferent]
+    if not mine:
+        return None
+    column = [place.afferent for place in response.places].index(model.afferent)
+    ids = list(dict.fromkeys(train.stimulus for train in mine))
+    stimuli = [make_stimulus(resolve(name)[0], preindent_um=preindent_um) for name in ids]
+    models = {model.afferent: model}
+    traces = [response.traces(each, models)[column].stress_pa for each in stimuli]
+    return TimingTarget(
+        stress_pa=np.stack(traces, -1),
+        trains_ms=tuple(
+            tuple(train.times_ms for train in mine if train.stimulus == name) for name in ids
+        ),
+        tau_ms=tau_ms,
     )
 
 

@@ -14,6 +14,7 @@ from decks.waveform import make_stimulus
 from fembridge.deflection.profile import ConvergenceRow, Deflection, convergence, stored_deflections
 from fembridge.errors import UsageError
 from fembridge.observed import ObservedRates
+from fembridge.report.evidence import Evidence, gather
 from fembridge.report.rates import (
     OBSERVED,
     STIMULI,
@@ -67,7 +68,7 @@ class Validation:
     `models` and `simulations` go together: the model that is judged comes first.
     `observed` is None where no table was given; `left_out` are stimuli of that
     table that the paper has not. `agreement`, `thresholds` and `locking` are tables of
-    `fembridge.report.rates`.
+    `fembridge.report.rates`, `evidence` is the judged model beside recorded afferents.
     """
 
     finger: str
@@ -82,6 +83,7 @@ class Validation:
     locking: "DataFrame"
     deflections: tuple[Deflection, ...]
     convergence: tuple[ConvergenceRow, ...]
+    evidence: Evidence
 
     @property
     def judged(self) -> JudgedModel:
@@ -94,6 +96,9 @@ def validate(
     models: Sequence[JudgedModel],
     observed: ObservedRates | None = None,
     log: Callable[[str], None] = lambda line: None,
+    *,
+    thresholds: "DataFrame | None" = None,
+    trains: Sequence[SpikeTrain] = (),
 ) -> Validation:
     """Compute the 82 stimuli of the paper on the stored response of `finger`.
 
@@ -105,6 +110,8 @@ def validate(
         Rates to judge it by; any of the paper's stimuli and classes will do.
     log
         Called with a line for what is left out.
+    thresholds, trains
+        Observed thresholds and spike trains to show in the place of the published ones.
 
     Raises
     ------
@@ -135,6 +142,7 @@ def validate(
         locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
         deflections=deflections,
         convergence=convergence(deflections) if len(deflections) > 1 else (),
+        evidence=gather(response, models[0].parameters, models[0].preindent_um, thresholds, trains),
     )
 
 

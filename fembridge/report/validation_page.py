@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge import __version__
+from fembridge.evidence import citation, evidence
 from fembridge.plots.deflection import deflection_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
+from fembridge.plots.thresholds import thresholds_figure
 from fembridge.report import rates, validate
+from fembridge.report.evidence_figures import man_figure, phase_figure, ramp_figure
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
@@ -39,6 +42,7 @@ from fembridge.report.validation_figures import (
     source_title,
     threshold_figure,
 )
+from fembridge.simulation import spikes_frame
 from fembridge.store import filling, sha256_of, write_text
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
 from fembridge.touchsim import TABLE
@@ -136,6 +140,13 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         tables=_threshold_frames(study),
         half_mm=float(half_mm),
         convergence=_convergence_frame(study),
+        citation=citation,
+        timing=_timing_frame(study),
+        timing_near=[
+            int(study.evidence.timing[name].sum()) for name in ("strengths_near", "impulses_near")
+        ],
+        tuning=_tuning_frame(study),
+        ramp_facts=_ramp_facts(),
     )
 
 
@@ -153,6 +164,11 @@ def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
             regression_figure(study.rates, study.agreement, family, reference, judged),
         )
     yield "thresholds", threshold_figure(study.thresholds, judged)
+    known = study.evidence
+    yield "tuning", thresholds_figure(known.curves, known.tuning)
+    yield "phases", phase_figure(known)
+    yield "man", man_figure(known)
+    yield "ramp", ramp_figure(known)
 
 
 def _inline_svg(figure: "Figure", path: Path) -> "Markup":
@@ -222,6 +238,12 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         "locking": study.locking,
         "deflection": concat(profiles)[["mesh", "elements", "distance_mm", "deflection_mm"]],
         "deflection_convergence": DataFrame(converged, columns=columns),
+        "timing": study.evidence.timing,
+        "phases": study.evidence.phases,
+        "tuning": study.evidence.tuning,
+        "tuning_curves": study.evidence.curves,
+        "impulses_in_man": study.evidence.man,
+        "ramp_and_hold": spikes_frame(study.evidence.ramp),
     }
 
 
@@ -367,7 +389,8 @@ def _worst_set(study: Validation, family: Family, afferent: str) -> str:
 def shortfalls(study: Validation) -> tuple[str, ...]:
     """A sentence for each cell and class where the model is not good enough."""
     cells = (_cell_shortfall(study, *place) for place in product(FAMILIES, AFFERENTS))
-    return (*(sentence for sentence in cells if sentence), *_threshold_shortfalls(study))
+    found = (sentence for sentence in cells if sentence)
+    return (*found, *study.evidence.shortfalls(), *_threshold_shortfalls(study))
 
 
 def _cell_shortfall(study: Validation, family: Family, afferent: str) -> str:
@@ -491,6 +514,53 @@ def _source_frame(study: Validation) -> "DataFrame":
         rows[source_title(source, study.judged.name)] = (what, rates, cells, preindent)
     heads = ["What it is", "Rates", "Cells a class", "Pre-indentation (µm)"]
     return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+
+
+def _timing_frame(study: Validation) -> "DataFrame":
+    """Recorded and predicted timing, a row a class and vibration."""
+    from pandas import DataFrame
+
+    rows = {}
+    for row in study.evidence.timing.to_dict("records"):
+        name = f"{row['afferent']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} µm"
+        rows[name] = [
+            number(row["impulses_per_cycle"], ".1f"),
+            number(row["model_keenest_impulses"], ".1f"),
+            number(row["model_impulses_per_cycle"], ".1f"),
+            *(
+                number(row[f"{prefix}{strength}"], ".2f")
+                for strength in ("strength_f", "strength_2f")
+                for prefix in ("", "model_")
+            ),
+            "yes" if row["strengths_near"] else "no",
+        ]
+    heads = ["impulses a cycle", "keenest cell", "mean of cells", "strength at f", "model"]
+    heads += ["at 2 f", "model ", "strengths within 0.25"]
+    return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+
+
+def _tuning_frame(study: Validation) -> "DataFrame":
+    """How far thresholds are off, a row a class."""
+    from pandas import DataFrame
+
+    known = study.evidence.tuning.dropna(subset="ratio")
+    rows = {}
+    for afferent in [*dict.fromkeys(known["afferent"]), "all"]:
+        mine = known if afferent == "all" else known[known["afferent"] == afferent]
+        times = np.exp(np.abs(np.log(mine["ratio"].to_numpy())))
+        rows[afferent] = [
+            f"{times.size}",
+            number(np.median(times), ".2f"),
+            number(times.max(), ".1f"),
+        ]
+    heads = ["Thresholds", "median factor", "largest factor"]
+    return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+
+
+def _ramp_facts() -> "DataFrame":
+    table = evidence("ramp_and_hold")
+    heads = {"fact": "What is known", "source": "Source"}
+    return table.set_index("afferent").rename_axis(None).rename(columns=heads)
 
 
 def _silent(study: Validation) -> list[str]:

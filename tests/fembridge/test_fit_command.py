@@ -111,8 +111,8 @@ def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, caps
     assert sorted(summary["files"]) == [*FILES, PICTURE]
     streams = capsys.readouterr()
     assert re.fullmatch(
-        r"SA, model rising: 40 evaluations in .* ips\n"
-        r"RA, model rising: 40 evaluations in .* ips\n",
+        r"SA, model fading: 40 evaluations in .* ips\n"
+        r"RA, model two_way: 40 evaluations in .* ips\n",
         streams.err,
     )
     assert "noise, all, unseen" in streams.out

@@ -31,6 +31,7 @@ def plain_run(
     clamped=False,
     jump_mv=0.0,
     recovery_ms=math.inf,
+    until_turn=False,
 ):
     """Equation (7) as a reader would write it; the rows that end in a spike."""
     potential_mv, raised_mv, quiet_rows, rows = 0.0, 0.0, 0, []
@@ -39,6 +40,8 @@ def plain_run(
         if quiet_rows > 0:
             quiet_rows -= 1
             potential_mv = 0.0
+        if until_turn and potential_mv < 0:
+            raised_mv = 0.0
         if clamped:
             potential_mv = max(potential_mv, 0.0)
         raised_mv *= 1.0 - dt_ms / recovery_ms
@@ -63,6 +66,7 @@ def fired_rows(
     clamped=False,
     jump_mv=0.0,
     recovery_ms=math.inf,
+    until_turn=False,
 ):
     """The same of the fast kernel, one membrane."""
     rows, _ = fire(
@@ -72,6 +76,7 @@ def fired_rows(
         np.full(1, refractory_rows(refractory_ms, dt_ms)),
         np.full(1, clamped),
         adaptation(np.full(1, jump_mv), np.full(1, recovery_ms), dt_ms) if jump_mv else None,
+        np.full(1, until_turn),
     )
     return rows.tolist()
 
@@ -128,6 +133,7 @@ def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive)
     refractory = rng.integers(0, 5, count)
     clamped = rng.integers(0, 2, count).astype(bool)
     jump_mv, recovery_ms = rng.uniform(0, 5, count) * adaptive, rng.uniform(1, 90, count)
+    until_turn = rng.integers(0, 2, count).astype(bool)
 
     fired, membranes = fire(
         current.copy(),
@@ -136,6 +142,7 @@ def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive)
         refractory,
         clamped,
         adaptation(jump_mv, recovery_ms) if adaptive else None,
+        until_turn,
     )
 
     assert (np.diff(membranes) >= 0).all()
@@ -149,6 +156,7 @@ def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive)
             clamped=clamped[k],
             jump_mv=jump_mv[k],
             recovery_ms=recovery_ms[k],
+            until_turn=until_turn[k],
         )
         assert fired[membranes == k].tolist() == expected
 
@@ -163,11 +171,22 @@ def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive)
     refractory_rows=st.integers(0, 3),
     clamped=st.booleans(),
     adaptive=st.booleans(),
+    until_turn=st.booleans(),
     saturates=st.booleans(),
     two=st.booleans(),
 )
 def test_a_batch_counts_what_plain_loops_count(
-    seed, candidates, conditions, scale, dt_ms, refractory_rows, clamped, adaptive, saturates, two
+    seed,
+    candidates,
+    conditions,
+    scale,
+    dt_ms,
+    refractory_rows,
+    clamped,
+    adaptive,
+    until_turn,
+    saturates,
+    two,
 ):
     rng = np.random.default_rng(seed)
     drives = rng.uniform(-0.6, 1.0, (1 + two, 90, conditions))
@@ -190,6 +209,7 @@ def test_a_batch_counts_what_plain_loops_count(
         clamped=clamped,
         jump_mv=jump_mv,
         recovery_ms=recovery_ms,
+        until_turn=until_turn,
     )
 
     for k, condition in np.ndindex(counts.shape):
@@ -203,6 +223,7 @@ def test_a_batch_counts_what_plain_loops_count(
             clamped=clamped,
             jump_mv=jump_mv[k],
             recovery_ms=recovery_ms[k],
+            until_turn=until_turn,
         )
         first, end = edges[:, condition]
         assert counts[k, condition] == sum(first <= row < end for row in spikes)

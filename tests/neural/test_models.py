@@ -13,10 +13,13 @@ from neural.encoder import encode
 from neural.models import MODELS, Coefficients, model_named, model_of
 from neural.parameters import (
     PUBLISHED,
+    CorpusclePcParameters,
+    FadingSaParameters,
     RateRaParameters,
     RisingRaParameters,
     RisingSaParameters,
     SharpPcParameters,
+    TwoWayRaParameters,
 )
 
 DT_MS = 0.5
@@ -126,6 +129,87 @@ def test_a_cubic_fires_sharp_with_the_period_of_the_recurrence(sign):
     np.testing.assert_allclose(current, expected, rtol=1e-15)
     spikes = np.arange(10, 41, 5).tolist() if sign > 0 else []
     assert spike_samples(stress, pc) == spikes
+
+
+TWO_WAY = TwoWayRaParameters(
+    tau_ms=LEAKLESS_MS, step_pa=4096.0, retraction=0.5, refractory_ms=0.0, jump_mv=20.0
+)
+
+
+def test_two_way_fires_at_the_first_step_of_a_rise_and_of_twice_that_of_a_fall():
+    """A step in 16 samples is passed by row 17; a fall takes twice as many, so row 33."""
+    stress = stress_of([256.0] * 40 + [-256.0] * 40)
+
+    assert spike_samples(stress, TWO_WAY) == [4 + 17, 4 + 40 + 33]
+
+
+def test_further_steps_of_one_rise_are_three_times_as_large_until_it_turns():
+    """10 mV, then 30: 16 and 48 rows, each passed by one more; a fall starts anew.
+
+    It must be longer than the four rows that were left of the rise.
+    """
+    up = [256.0] * 70
+    stress = stress_of([*up, *[-256.0] * 5, *up])
+
+    spikes = spike_samples(stress, replace(TWO_WAY, retraction=1e-6))
+
+    assert spikes == [4 + 17, 4 + 17 + 49, 4 + 75 + 17, 4 + 75 + 17 + 49]
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_two_way_is_two_cells_that_count_rises_of_stress_and_of_its_negative(seed):
+    stress = np.cumsum(np.random.default_rng(seed).normal(0, 3e3, 300))
+    one_way = replace(TWO_WAY, retraction=1e-9)
+    falls = replace(one_way, step_pa=TWO_WAY.step_pa / TWO_WAY.retraction)
+
+    both = spike_samples(stress, TWO_WAY)
+
+    assert both == sorted(spike_samples(stress, one_way) + spike_samples(-stress, falls))
+
+
+def test_a_held_stress_fires_fading_ever_more_slowly_and_on():
+    """1.5 times `held_pa` fades to 3/4 of itself, 1.5 times less: below it, so silence."""
+    sa = FadingSaParameters(tau_ms=20.0, step_pa=1e9, held_pa=5000.0)
+    times_ms = DT_MS * np.arange(4000)
+
+    for peak_pa, fires_on in ((30_000.0, True), (9_000.0, False)):
+        spikes_ms = DT_MS * np.array(spike_samples(peak_pa * (times_ms >= 5), sa))
+        assert (np.diff(spikes_ms)[1:] >= np.diff(spikes_ms)[:-1] - DT_MS).all()
+        assert np.diff(spikes_ms)[-1] > 1.3 * np.diff(spikes_ms)[0]
+        assert (spikes_ms[-1] > 1900) == fires_on
+    assert spike_samples(np.full(4000, 9_000.0), sa) == []  # it has faded before the trace
+
+
+@pytest.mark.parametrize("dt_ms", [0.125, 0.5])
+def test_a_corpuscle_passes_a_sine_as_its_six_poles_do(dt_ms):
+    """``(r / (1 + r²))³`` of the amplitude, at 0.5 ms within a tenth up to 320 Hz."""
+    pc = CorpusclePcParameters(tau_ms=100.0, beta_mv_per_ms=1.0)
+    times_ms = dt_ms * np.arange(round(200 / dt_ms))
+    for frequency_hz in (20.0, 100.0, 250.0, 320.0):
+        sine = 1e4 * np.sin(2e-3 * np.pi * frequency_hz * times_ms)
+        passed = membrane_current(sine, dt_ms, pc)[len(times_ms) // 2 :]
+        ratio = frequency_hz / 300.0
+        expected = math.sqrt(1e4 * (ratio / (1.0 + ratio**2)) ** 3)
+        np.testing.assert_allclose(passed.max(), expected, rtol=0.02 if dt_ms < 0.2 else 0.1)
+        np.testing.assert_allclose(passed.min() / -0.2, passed.max(), rtol=0.1)
+
+
+def test_a_corpuscle_is_a_plain_loop_over_its_passes():
+    stress = np.random.default_rng(5).uniform(0, 2e4, 80)
+    half = math.pi * 0.300 * DT_MS
+    before, lows, passed = [0.0] * 6, [0.0] * 6, []
+    for value in stress - stress[0]:
+        for stage in range(6):
+            leak = (1 - half) * lows[stage] + half * (value + before[stage])
+            before[stage], lows[stage] = value, leak / (1 + half)
+            value = value - lows[stage] if stage < 3 else lows[stage]
+        passed.append(value)
+    expected = np.sqrt(np.maximum(passed, 0)) - 0.2 * np.sqrt(np.maximum(np.negative(passed), 0))
+
+    current = membrane_current(stress, DT_MS, CorpusclePcParameters(tau_ms=9, beta_mv_per_ms=1))
+
+    np.testing.assert_allclose(current, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_stress_that_rises_evenly_drives_rate_and_not_published():

@@ -153,6 +153,18 @@ def test_a_set_without_a_name_has_that_of_its_file(file_of):
     assert tuple(own.parameters) == AFFERENTS
 
 
+def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
+    fitted = parameter_set("fitted")
+
+    own = read_parameter_set(file_of("base = 'fitted'\n[SA]\ntau_ms = 50.0"))
+
+    assert own.preindent_um == fitted.preindent_um
+    assert own.parameters["SA"] == replace(fitted.parameters["SA"], tau_ms=50.0)
+    assert own.parameters["RA"] == fitted.parameters["RA"]
+    with pytest.raises(ParameterError, match="'mine'"):
+        read_parameter_set(file_of("base = 'mine'"))
+
+
 def test_published_is_table_2_without_a_preindentation():
     own = parameter_set("published")
 

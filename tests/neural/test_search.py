@@ -299,7 +299,7 @@ def test_an_unknown_rule_is_refused():
     problem = choice_problem([0.0] * 4)
 
     with pytest.raises(
-        ParameterError, match="rule 'best', expected one of smallest_error, frequency"
+        ParameterError, match=r"rule .best., expected one of smallest_error, balanced"
     ):
         choose(problem, front_of(problem, EVERY), "best")
 

@@ -55,7 +55,7 @@ def unobserved():
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave out the figures of a page, which take most of its time."""
-    names = ["skin_deflection", "rasters", "thresholds"]
+    names = ["skin_deflection", "rasters", "thresholds", "tuning", "phases", "man", "ramp"]
     names += [f"{kind}_{one.name}" for kind in ("rates", "regression") for one in FAMILIES]
     monkeypatch.setattr(validation_page, "_figures", lambda study: [(n, None) for n in names])
     monkeypatch.setattr(validation_page, "_inline_svg", lambda figure, path: "")

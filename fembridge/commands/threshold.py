@@ -1,0 +1,99 @@
+"""How faint a vibration each afferent answers, against frequency.
+
+For every frequency: the amplitude (zero-to-peak) of the first impulse, and that of one
+impulse a cycle, of the median cell of a class, by a stored response in seconds.
+Written are thresholds.csv and a picture, with published thresholds in it.
+"""
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from fembridge.commands.options import (
+    STORED_FINGER,
+    add_options,
+    add_output_option,
+    words_of,
+)
+
+if TYPE_CHECKING:
+    import pandas
+
+EXAMPLE = "fembridge threshold --afferent PC --hz 5:800 -o threshold"
+
+TABLE_FILE, PICTURE_FILE = "thresholds.csv", "thresholds.png"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb understands."""
+    add = parser.add_argument
+    add(
+        "--afferent",
+        nargs="+",
+        choices=("SA", "RA", "PC"),
+        default=["SA", "RA", "PC"],
+        metavar="CLASS",
+        help="SA, RA, PC (default: all)",
+    )
+    add(
+        "--hz",
+        default="2:800",
+        metavar="LOW:HIGH|F,F,...",
+        help="third octaves of a range, or frequencies, from 2 to 800 (default: 2:800)",
+    )
+    add_options(parser, ("parameters",), default="fitted")
+    add(
+        "--preindent-um",
+        type=float,
+        metavar="DEPTH",
+        help="depth of the probe before time 0 (default: that of the parameters' fit)",
+    )
+    stress = parser.add_mutually_exclusive_group()
+    add_options(stress, ("finger",), **STORED_FINGER, default=None)
+    stress.add_argument(
+        "--response",
+        metavar="DIR|FILE.toml",
+        help="or a response of your own, as `fembridge simulate` keeps it",
+    )
+    add(
+        "--thresholds",
+        metavar="NAME|FILE.csv",
+        default="thresholds_freeman_johnson_1982",
+        help="observed ones to show beside them: a table "
+        "afferent,criterion,frequency_hz,amplitude_um (default: %(default)s)",
+    )
+    add_output_option(parser, default="threshold")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Compute, print and write; the summary holds the table."""
+    from pathlib import Path
+
+    from fembridge import api
+    from fembridge.plots.style import save_figure
+    from fembridge.plots.thresholds import thresholds_figure
+    from fembridge.store import filling
+    from fembridge.tables import write_table
+    from fembridge.tuning import read_thresholds
+
+    observed = read_thresholds(args.thresholds)
+    names = ("parameters", "preindent_um", "finger", "response")
+    found = api.thresholds(args.afferent, args.hz, **words_of(args, *names))
+    with filling(Path(args.output), last=TABLE_FILE) as draft:
+        save_figure(thresholds_figure(found, observed), draft / PICTURE_FILE)
+        write_table(draft / TABLE_FILE, list(found.columns), found.to_numpy().tolist())
+    if not args.json:
+        _print(found)
+        print(f"{TABLE_FILE}, {PICTURE_FILE}: {args.output}")
+    rows = found.to_dict("records")
+    return {"output": args.output, "parameters": args.parameters, "thresholds": rows}
+
+
+def _print(found: "pandas.DataFrame") -> None:
+    curves = found.groupby(["afferent", "criterion"], sort=False)["amplitude_um"]
+    words = {"absolute": "first", "one_impulse_a_cycle": "1/cycle"}
+    columns = {f"{afferent} {words[str(criterion)]}": um for (afferent, criterion), um in curves}
+    print(f"{'Hz':>6}{''.join(f'{name:>12}' for name in columns)}   um, zero-to-peak")
+    for row, frequency_hz in enumerate(found["frequency_hz"].unique()):
+        numbers = [float(um.iloc[row]) for um in columns.values()]
+        cells = "".join(f"{'-' if um != um else format(um, '.3g'):>12}" for um in numbers)
+        print(f"{frequency_hz:>6g}{cells}")

@@ -1,0 +1,257 @@
+"""Threshold amplitudes against frequency: how faint a vibration each class answers.
+
+A cell's threshold of the *first impulse* is the least amplitude that makes it fire at all;
+that of *one impulse a cycle* the least at which it fires as often as the vibration has
+whole cycles after the first. Recorded thresholds are means over units, so a threshold of
+a class is that of its median cell. A vibration starts at phase 0 and full
+amplitude, as the paper's stimuli do, from the pre-indentation of the parameters.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fembridge.errors import UsageError
+from fembridge.evidence import SETS, evidence
+from fembridge.response.response_map import ResponseMap
+from fembridge.stimulus import Stimulus
+from fembridge.tables import AFFERENTS, read_table
+from fembridge.typing import BoolArray, FloatArray
+from neural.encoder import encode_cells
+from neural.models import model_of
+from neural.parameters import DT_MS, AfferentParameters
+
+if TYPE_CHECKING:
+    import pandas
+
+CRITERIA = ("absolute", "one_impulse_a_cycle")
+COLUMNS = ("afferent", "criterion", "frequency_hz", "amplitude_um")
+
+# 2 to 800 Hz, as far as any class was recorded.
+LOWEST_HZ, HIGHEST_HZ = 2.0, 800.0
+
+# Preferred numbers of ISO 266.
+THIRD_OCTAVES_HZ = tuple(
+    float(step * 10**decade)
+    for decade in (0, 1, 2)
+    for step in (1, 1.25, 1.6, 2, 2.5, 3.15, 4, 5, 6.3, 8)
+    if LOWEST_HZ <= step * 10**decade <= HIGHEST_HZ
+)
+
+LEAST_UM = 0.01
+
+# Amplitudes tried between two neighbours, and how often: each pass divides the ratio of
+# neighbours by a root, from 1.45 to 1.08 to 1.015.
+_FIRST_PASS, _NEXT_PASSES, _PASSES = 28, 4, 2
+
+# A vibration lasts 100 ms or five cycles, as those of Muniak et al. (2007), and its cycles
+# have so many samples.
+_LEAST_MS, _LEAST_CYCLES, _SAMPLES = 100.0, 5.0, 10.0
+
+
+def frequencies_of(words: str) -> list[float]:
+    """Frequencies in Hz: ``5:800``, the third octaves of a range, or ``10,50,200``.
+
+    Raises
+    ------
+    UsageError
+        Neither.
+    """
+    low, colon, high = words.partition(":")
+    try:
+        if not colon:
+            return [float(word) for word in words.split(",")]
+        lowest_hz, highest_hz = float(low), float(high)
+    except ValueError:
+        raise UsageError(f"frequencies {words!r}, expected as 5:800 or 10,50,200") from None
+    found = [hz for hz in THIRD_OCTAVES_HZ if lowest_hz <= hz <= highest_hz]
+    if not found:
+        raise UsageError(f"frequencies {words!r}: no third octave from {low} to {high} Hz")
+    return found
+
+
+def vibration(
+    frequency_hz: float,
+    amplitude_um: float,
+    preindent_um: float,
+    dt_ms: float = DT_MS,
+    cycles: float = _LEAST_CYCLES,
+) -> Stimulus:
+    """Sinusoid of 100 ms or `cycles`, whichever is longer, every `dt_ms`."""
+    duration_ms = max(_LEAST_MS, cycles * 1000.0 / frequency_hz)
+    times_ms = np.arange(math.ceil(duration_ms / dt_ms - 1e-9) + 1) * dt_ms
+    wave_um = amplitude_um * np.sin(2.0 * np.pi * frequency_hz * times_ms / 1000.0)
+    return Stimulus(
+        id=f"sine_{frequency_hz:g}_{amplitude_um:g}",
+        displacement_um=preindent_um + wave_um,
+        dt_ms=dt_ms,
+        window_ms=(0.0, float(times_ms[-1])),
+        preindent_um=preindent_um,
+    )
+
+
+def step_ms(frequency_hz: float, parameters: AfferentParameters) -> float:
+    """Time step with ten samples a cycle; the parameters' own where it belongs to them."""
+    dt_ms = parameters.dt_ms
+    if model_of(parameters).any_step:
+        while dt_ms > 1000.0 / (_SAMPLES * frequency_hz):
+            dt_ms /= 2.0
+    return dt_ms
+
+
+def thresholds(
+    response: ResponseMap,
+    parameters: AfferentParameters,
+    frequencies_hz: Sequence[float],
+    preindent_um: float = 0.0,
+) -> "pandas.DataFrame":
+    """Threshold amplitudes of a class.
+
+    Returns
+    -------
+    DataFrame
+        ``afferent, criterion, frequency_hz, amplitude_um, least_um, most_um``: the median
+        cell, and the keenest and dullest cell. NaN where even the strongest
+        vibration that `response` reaches is too weak.
+
+    Raises
+    ------
+    UsageError
+        A frequency outside 2 to 800 Hz, or a class that `response` does not have.
+    """
+    import pandas
+
+    classes = [place.afferent for place in response.places]
+    if parameters.afferent not in classes:
+        raise UsageError(
+            f"no {parameters.afferent} in the response, only {', '.join(map(str, classes))}"
+        )
+    for frequency_hz in frequencies_hz:
+        if not LOWEST_HZ <= frequency_hz <= HIGHEST_HZ:
+            raise UsageError(
+                f"frequency {frequency_hz:g} Hz, expected {LOWEST_HZ:g} to {HIGHEST_HZ:g}"
+            )
+    rows = []
+    for frequency_hz in frequencies_hz:
+        of_cells = _cell_thresholds(response, parameters, frequency_hz, preindent_um)
+        for criterion, amplitudes_um in zip(CRITERIA, of_cells, strict=True):
+            median_um = float(np.median(amplitudes_um))
+            least_um, most_um = amplitudes_um.min(), amplitudes_um.max()
+            rows.append(
+                (parameters.afferent, criterion, frequency_hz, median_um, least_um, most_um)
+            )
+    frame = pandas.DataFrame(rows, columns=[*COLUMNS, "least_um", "most_um"])
+    return frame.replace(math.inf, math.nan)
+
+
+def _cell_thresholds(
+    response: ResponseMap,
+    parameters: AfferentParameters,
+    frequency_hz: float,
+    preindent_um: float,
+) -> FloatArray:
+    """Threshold of each cell by both criteria, ``(2, cell)`` in µm; infinity if none."""
+    most_um = response.deepest_um - preindent_um
+    tried_um = np.geomspace(LEAST_UM, most_um, _FIRST_PASS)
+    fires = _fires(response, parameters, frequency_hz, preindent_um, tried_um)
+    below_um, above_um = _bracket(tried_um, fires)
+    shares = np.arange(1, _NEXT_PASSES + 1) / (_NEXT_PASSES + 1)
+    for _ in range(_PASSES):
+        open_brackets = np.isfinite(above_um) & (below_um < above_um)
+        if not open_brackets.any():
+            break
+        pairs = np.unique(
+            np.stack([below_um[open_brackets], above_um[open_brackets]], axis=-1), axis=0
+        )
+        between_um = np.concatenate([low * (high / low) ** shares for low, high in pairs])
+        tried_um = np.unique(np.concatenate([between_um, pairs.reshape(-1)]))
+        fires = _fires(response, parameters, frequency_hz, preindent_um, tried_um)
+        lower_um, upper_um = _bracket(tried_um, fires, below_um)
+        below_um = np.where(open_brackets, lower_um, below_um)
+        above_um = np.where(open_brackets, upper_um, above_um)
+    return np.where(np.isfinite(above_um), np.sqrt(below_um * above_um), math.inf)
+
+
+def _bracket(
+    tried_um: FloatArray, fires: BoolArray, least_um: FloatArray | float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Last amplitude below and first at the threshold, above `least_um`, of ``(A, ...)``."""
+    column = tried_um.reshape(-1, *[1] * (fires.ndim - 1))
+    reached = fires & (column > least_um)
+    first = reached.argmax(axis=0)
+    above_um = np.where(reached.any(axis=0), tried_um[first], math.inf)
+    below_um = tried_um[np.maximum(first - 1, 0)]
+    return np.where(first > 0, below_um, above_um), above_um
+
+
+def _fires(
+    response: ResponseMap,
+    parameters: AfferentParameters,
+    frequency_hz: float,
+    preindent_um: float,
+    amplitudes_um: FloatArray,
+) -> BoolArray:
+    """Whether each criterion is met, ``(amplitude, criterion, cell)``."""
+    dt_ms = step_ms(frequency_hz, parameters)
+    column = [place.afferent for place in response.places].index(parameters.afferent)
+    own = {parameters.afferent: parameters}
+    unit = vibration(frequency_hz, 1.0, 0.0, dt_ms)
+    waves_um = preindent_um + np.multiply.outer(unit.displacement_um, amplitudes_um)
+    one_long = replace(
+        unit,
+        displacement_um=waves_um.reshape(-1),
+        window_ms=(0.0, dt_ms),
+        preindent_um=preindent_um,
+    )
+    stress_pa = response.traces(one_long, own)[column].stress_pa.reshape(waves_um.shape)
+    found = encode_cells(stress_pa, dt_ms, replace(parameters, dt_ms=dt_ms))
+    cycle_ms = 1000.0 / frequency_hz
+    cycles = math.floor(unit.window_ms[1] / cycle_ms + 1e-9) - 1
+    start_ms, end_ms = cycle_ms, (cycles + 1) * cycle_ms
+    fires = np.empty((amplitudes_um.size, 2, parameters.cells), np.bool_)
+    for row, cells in enumerate(found):
+        for cell, times_ms in enumerate(cells):
+            inside = (times_ms > start_ms + 1e-6) & (times_ms <= end_ms + 1e-6)
+            fires[row, :, cell] = times_ms.size > 0, np.count_nonzero(inside) >= cycles
+    return fires
+
+
+def read_thresholds(source: "Path | str") -> "pandas.DataFrame":
+    """Observed thresholds: a set of `fembridge.evidence` by its name, or a table.
+
+    Columns are those of `thresholds` without the last two.
+
+    Raises
+    ------
+    TableError
+        A row that is no threshold, with its line.
+    """
+    import pandas
+
+    if str(source) in SETS:
+        return evidence(str(source))
+    table = read_table(Path(source), COLUMNS)
+    return pandas.DataFrame(
+        {
+            "afferent": table.choices("afferent", AFFERENTS),
+            "criterion": table.choices("criterion", CRITERIA),
+            "frequency_hz": table.numbers("frequency_hz", LOWEST_HZ),
+            "amplitude_um": table.numbers("amplitude_um", LEAST_UM),
+        }
+    )
+
+
+def against_evidence(found: "pandas.DataFrame", observed: "pandas.DataFrame") -> "pandas.DataFrame":
+    """`observed` thresholds with the model's beside them, and their ratio.
+
+    `found` must hold the frequencies of `observed`; columns ``model_um`` and ``ratio``
+    (model over observed) are added.
+    """
+    keys = ["afferent", "criterion", "frequency_hz"]
+    both = observed.merge(found[[*keys, "amplitude_um"]], on=keys, suffixes=("", "_model"))
+    both = both.rename(columns={"amplitude_um_model": "model_um"})
+    return both.assign(ratio=both["model_um"] / both["amplitude_um"])

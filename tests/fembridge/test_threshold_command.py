@@ -1,0 +1,103 @@
+"""`fembridge threshold`, the evidence it shows, and thresholds beside a plain search."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fembridge import cli
+from fembridge.errors import UsageError
+from fembridge.evidence import SETS, THRESHOLDS, citation, evidence, published_timing
+from fembridge.fitting.problem import stored_source
+from fembridge.tuning import (
+    CRITERIA,
+    against_evidence,
+    frequencies_of,
+    read_thresholds,
+    thresholds,
+    vibration,
+)
+from neural import encode_cells
+from neural.parameters import RisingRaParameters
+
+RA = RisingRaParameters(tau_ms=400.0, step_pa=8000.0, spread=0.5, cells=3)
+
+
+@pytest.fixture(scope="module")
+def response():
+    return stored_source("quick").response
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_a_set_of_evidence_has_rows_and_a_source(name):
+    assert len(evidence(name)) > 2
+    assert len(citation(name)) > 40
+
+
+def test_timing_has_columns_of_any_frequency():
+    timing = published_timing()
+
+    assert timing["frequency_hz"].unique().tolist() == [20.0]
+    assert timing["strength_2f"].iloc[0] == 0.88
+
+
+def test_a_threshold_is_where_a_plain_search_finds_it(response):
+    [frequency_hz] = [40.0]
+    found = thresholds(response, RA, [frequency_hz], 75.0)
+
+    for row, criterion in enumerate(CRITERIA):
+        of_cells = []
+        for cell in range(3):
+            for amplitude_um in np.geomspace(10.0, 300.0, 300):
+                wave = vibration(frequency_hz, amplitude_um, 75.0)
+                stress_pa = response.traces(wave)[1].stress_pa
+                times_ms = encode_cells(stress_pa, 0.5, RA)[0][cell]
+                counted = int(((times_ms > 25.0) & (times_ms <= 125.0)).sum())
+                if times_ms.size and (criterion == "absolute" or counted >= 4):
+                    of_cells.append(amplitude_um)
+                    break
+        one = found.iloc[row]
+        assert (one["criterion"], one["frequency_hz"]) == (criterion, frequency_hz)
+        expected = [np.median(of_cells), min(of_cells), max(of_cells)]
+        np.testing.assert_allclose(one.iloc[3:].to_numpy(float), expected, rtol=0.03)
+
+
+def test_what_even_the_deepest_vibration_does_not_reach_is_no_number(response):
+    deaf = RisingRaParameters(tau_ms=400.0, step_pa=9e5)
+
+    found = thresholds(response, deaf, [40.0], 75.0)
+
+    assert found["amplitude_um"].isna().all()
+    observed = evidence(THRESHOLDS).query("afferent == 'RA' and frequency_hz == 38")
+    assert against_evidence(found.assign(frequency_hz=38), observed)["ratio"].isna().all()
+
+
+def test_frequencies_are_third_octaves_or_a_list():
+    assert frequencies_of("5:12.5") == [5.0, 6.3, 8.0, 10.0, 12.5]
+    assert frequencies_of("10,37") == [10.0, 37.0]
+    for words in ("low", "5:x", "900:1000"):
+        with pytest.raises(UsageError, match=words):
+            frequencies_of(words)
+
+
+@pytest.mark.parametrize("frequency_hz", [1.0, 801.0])
+def test_a_frequency_that_nobody_recorded_is_refused(response, frequency_hz):
+    with pytest.raises(UsageError, match="2 to 800"):
+        thresholds(response, RA, [frequency_hz])
+
+
+def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
+    own = tmp_path / "own.csv"
+    own.write_text("afferent,criterion,frequency_hz,amplitude_um\nPC,absolute,100,1\n")
+    words = ["threshold", "--afferent", "PC", "--hz", "40,250", "--thresholds", str(own)]
+
+    assert cli.main([*words, "-o", str(tmp_path / "out"), "--json"]) == 0
+
+    told = json.loads(capsys.readouterr().out)["thresholds"]
+    table = pd.read_csv(tmp_path / "out/thresholds.csv")
+    assert table["amplitude_um"].tolist() == [row["amplitude_um"] for row in told]
+    assert table["frequency_hz"].tolist() == [40, 40, 250, 250]
+    assert table["amplitude_um"][2] < table["amplitude_um"][0]
+    assert (tmp_path / "out/thresholds.png").stat().st_size > 10_000
+    assert read_thresholds(own)["amplitude_um"].tolist() == [1.0]
