@@ -37,6 +37,7 @@ VALUES = {
     "held_pa": 1.7e4,
     "jump_mv": 2.3,
     "recovery_ms": 41.0,
+    "retraction": 0.8,
 }
 ROWS = [row for models in MODELS.values() for row in models.values()]
 ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
