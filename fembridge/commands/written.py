@@ -350,6 +350,21 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("study.md", "medians over seeds, the best case first"),
         Output("study.png", "errors of all cases"),
     ),
+    "threshold": (
+        Output(
+            "thresholds.csv",
+            "a row a class, criterion and frequency",
+            _columns(
+                _AFFERENT,
+                ("criterion", "", "absolute: first impulse; one_impulse_a_cycle"),
+                ("frequency_hz", "Hz", "of the vibration"),
+                ("amplitude_um", "um", "threshold of the median cell, zero-to-peak"),
+                ("least_um", "um", "of the keenest cell"),
+                ("most_um", "um", "of the dullest cell"),
+            ),
+        ),
+        Output("thresholds.png", "tuning curves, with observed thresholds"),
+    ),
     "validate": (
         Output("index.html", "the page; its figures lie beside it as SVG"),
         Output("validation.toml", "what it was made from"),
