@@ -102,7 +102,7 @@ def encode_units(
                 current = current + step * rng.standard_normal(current.shape)
             rows, membranes = _fired(current, one)
             times_ms = start_ms + (rows + 1.0) * one.dt_ms
-            trial = membranes // mine.size + 1
+            trial = membranes // (current.shape[1] // trials) + 1
             parts.append((mine[membranes % mine.size], trial, np.asarray(times_ms)))
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
@@ -114,7 +114,10 @@ def encode_units(
 def _currents(
     stress: FloatArray, deviate: FloatArray, parameters: AfferentParameters, derivative: str
 ) -> FloatArray:
-    """Current ``(T - 1, unit)`` in mV/ms; that of the last sample would act after the trace."""
+    """Current ``(T - 1, membrane)`` in mV/ms; that of the last sample would act after the trace.
+
+    All first membranes of a two-way model, unit by unit, then all second ones.
+    """
     model = model_of(parameters)
     if model.quantity != "von_mises":
         raise ParameterError(
@@ -123,23 +126,22 @@ def _currents(
         )
     filtered = model.filtered(stress, parameters.dt_ms, derivative)
     values = {one.name: getattr(parameters, one.name) for one in fields(parameters)}
-    coefficients = model.coefficients(values).for_need(np.exp(parameters.spread * deviate))
-    return coefficients.current([each[:-1] for each in filtered])
+    needs = np.exp(parameters.spread * deviate)
+    columns = [each[:-1] for each in filtered]
+    ways = model.membranes(model.coefficients(values), values)
+    return np.concatenate([own.for_need(needs).current(columns) for own in ways], axis=1)
 
 
 def _fired(current: FloatArray, one: AfferentParameters) -> tuple[IntArray, IntArray]:
-    count = current.shape[1]
-    adapts = one.jump_mv > 0
+    count, model = current.shape[1], model_of(one)
+    decay_of_jump = 1.0 if model.until_turn else 1.0 - one.dt_ms / one.recovery_ms
+    adaptation = np.full(count, one.jump_mv / one.dt_ms), np.full(count, decay_of_jump)
     return fire(
         np.array(current),
         np.full(count, 1.0 - one.dt_ms / one.tau_ms),
         np.full(count, one.gap_mv / one.dt_ms),
         np.full(count, refractory_rows(one.refractory_ms, one.dt_ms)),
-        np.full(count, model_of(one).clamped),
-        (
-            np.full(count, one.jump_mv / one.dt_ms),
-            np.full(count, 1.0 - one.dt_ms / one.recovery_ms),
-        )
-        if adapts
-        else None,
+        np.full(count, model.clamped),
+        adaptation=adaptation if one.jump_mv > 0 else None,
+        until_turn=np.full(count, True) if model.until_turn else None,
     )

@@ -11,6 +11,7 @@ from neural.parameters import quantiles
 from neural.units import encode_units
 
 FITTED = parameter_set("fitted").parameters
+PAD = parameter_set("fitted_pad").parameters
 TIME = np.arange(501) * 0.5
 WAVE = 20_000 * (1 + np.sin(2 * np.pi * 0.03 * TIME)) ** 1.3
 
@@ -58,7 +59,7 @@ def test_trials_are_alike_without_noise_and_repeat_with_their_seed():
 def test_noise_has_the_size_that_it_says():
     """Without leak and without a threshold the potential spreads by noise_mv sqrt(t)."""
     rng = np.random.default_rng(0)
-    fired = encode_units(np.zeros((201, 400)), ["RA"] * 400, 0.5, FITTED, noise_mv=2.0, rng=rng)
+    fired = encode_units(np.zeros((201, 400)), ["RA"] * 400, 0.5, PAD, noise_mv=2.0, rng=rng)
     # A walk of 2 mV in 1 ms, clamped at rest, passes 10 mV after some 25 to 50 ms.
     rate = fired.time_ms.size / 400 / 100
     assert 1 / 60 < rate < 1 / 20
