@@ -32,7 +32,6 @@ def _columns(*rows: tuple[str, str, str]) -> tuple[Column, ...]:
 _STIMULUS = ("stimulus", "", "id of the stimulus, as `fembridge stimuli` lists it")
 _AFFERENT = ("afferent", "", "class of the afferent: SA, RA or PC")
 _REPEAT = ("repeat", "", "number of the cell in its population, from 1; 0 of a single one")
-_UNIT = ("unit", "", "number of the unit in the population")
 _SPIKE_TIME = ("spike_time_ms", "ms", "time of a spike; 0 is the start of the stimulus")
 _RATE = ("rate_ips", "impulses/s", "firing rate in the window that is counted, mean of all cells")
 _SPIKES_IN_WINDOW = ("spikes", "", "spikes in the window that is counted, of all cells")
@@ -231,62 +230,6 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("field_CLASS.png", "the field at each depth"),
     ),
     "pad": (Output("FILE.npz", "Green's functions of a finger, which touch --pad takes"),),
-    "touch": (
-        Output(
-            "population.csv",
-            "a row a unit",
-            _columns(
-                _UNIT,
-                _AFFERENT,
-                ("x_mm", "mm", "place across the finger"),
-                ("z_mm", "mm", "place along the finger"),
-                ("depth_mm", "mm", "depth below the skin"),
-                ("deviate", "", "how sensitive the unit is, in standard deviations"),
-            ),
-        ),
-        Output(
-            "spikes.csv",
-            "a row a spike",
-            _columns(_STIMULUS, _AFFERENT, _UNIT, _REPEAT, _SPIKE_TIME),
-        ),
-        Output("rates.csv", "a row a unit", _columns(_STIMULUS, _AFFERENT, _UNIT, _RATE)),
-        Output(
-            "touch.csv",
-            "a row a sample",
-            _columns(
-                _TIME,
-                ("depth_um", "um", "depth of the shape"),
-                ("force_n", "N", "force of the shape on the pad"),
-            ),
-        ),
-        Output("pad.png", "the pad from above: who fires how much, pressure, depth and force"),
-        Output("raster.png", "every unit that fires"),
-    ),
-    "receptive-field": (
-        Output(
-            "areas.csv",
-            "a row a class and depth",
-            _columns(
-                _AFFERENT,
-                ("depth_um", "um", "depth of the probe"),
-                ("area_mm2", "mm2", "area of skin where the probe makes the afferent fire"),
-                ("whole", "", "whether the area ends inside of what was tried"),
-            ),
-        ),
-        Output(
-            "fields.csv",
-            "a row a class, depth and place",
-            _columns(
-                _AFFERENT,
-                ("depth_um", "um", "depth of the probe"),
-                ("x_mm", "mm", "place of the probe across the finger"),
-                ("z_mm", "mm", "place of the probe along the finger"),
-                ("impulses", "", "spikes there"),
-            ),
-        ),
-        Output("field_RA.png", "the maps of a class, and its area against depth"),
-    ),
-    "pad": (Output("pad.npz", "the pad of a finger, which --pad takes"),),
     "sweep": (
         Output(
             "results.csv",
@@ -349,21 +292,6 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         ),
         Output("study.md", "medians over seeds, the best case first"),
         Output("study.png", "errors of all cases"),
-    ),
-    "threshold": (
-        Output(
-            "thresholds.csv",
-            "a row a class, criterion and frequency",
-            _columns(
-                _AFFERENT,
-                ("criterion", "", "absolute: first impulse; one_impulse_a_cycle"),
-                ("frequency_hz", "Hz", "of the vibration"),
-                ("amplitude_um", "um", "threshold of the median cell, zero-to-peak"),
-                ("least_um", "um", "of the keenest cell"),
-                ("most_um", "um", "of the dullest cell"),
-            ),
-        ),
-        Output("thresholds.png", "tuning curves, with observed thresholds"),
     ),
     "validate": (
         Output("index.html", "the page; its figures lie beside it as SVG"),
