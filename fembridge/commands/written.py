@@ -32,6 +32,7 @@ def _columns(*rows: tuple[str, str, str]) -> tuple[Column, ...]:
 _STIMULUS = ("stimulus", "", "id of the stimulus, as `fembridge stimuli` lists it")
 _AFFERENT = ("afferent", "", "class of the afferent: SA, RA or PC")
 _REPEAT = ("repeat", "", "number of the cell in its population, from 1; 0 of a single one")
+_UNIT = ("unit", "", "number of the unit in the population")
 _SPIKE_TIME = ("spike_time_ms", "ms", "time of a spike; 0 is the start of the stimulus")
 _RATE = ("rate_ips", "impulses/s", "firing rate in the window that is counted, mean of all cells")
 _SPIKES_IN_WINDOW = ("spikes", "", "spikes in the window that is counted, of all cells")
@@ -292,6 +293,21 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         ),
         Output("study.md", "medians over seeds, the best case first"),
         Output("study.png", "errors of all cases"),
+    ),
+    "threshold": (
+        Output(
+            "thresholds.csv",
+            "a row a class, criterion and frequency",
+            _columns(
+                _AFFERENT,
+                ("criterion", "", "absolute: first impulse; one_impulse_a_cycle"),
+                ("frequency_hz", "Hz", "of the vibration"),
+                ("amplitude_um", "um", "threshold of the median cell, zero-to-peak"),
+                ("least_um", "um", "of the keenest cell"),
+                ("most_um", "um", "of the dullest cell"),
+            ),
+        ),
+        Output("thresholds.png", "tuning curves, with observed thresholds"),
     ),
     "validate": (
         Output("index.html", "the page; its figures lie beside it as SVG"),
