@@ -63,6 +63,8 @@ _UNITS = _columns(
     ("deviate", "", "q: the unit needs exp(spread q) times the stress of the median"),
 )
 
+_AMPLITUDE = ("amplitude_um", "um", "amplitude of the sinusoid, zero to peak")
+
 _SPIKES = _columns(_STIMULUS, _AFFERENT, _REPEAT, _SPIKE_TIME)
 _RATES = _columns(_STIMULUS, _AFFERENT, _RATE)
 _WAVEFORM = _columns(
@@ -368,6 +370,66 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
                 ("threshold_um", "um", "smallest amplitude with an answer; empty: none"),
             ),
         ),
+        Output(
+            "timing.csv",
+            "timing beside recorded afferents",
+            _columns(
+                _AFFERENT, _FREQUENCY, _AMPLITUDE,
+                ("impulses_per_cycle", "", "recorded impulses in a cycle"),
+                ("strength_f", "", "recorded vector strength at the frequency"),
+                ("strength_2f", "", "recorded vector strength at twice the frequency"),
+                ("model_impulses_per_cycle", "", "of the class, mean of its cells"),
+                ("model_strength_f", "", "of the model, at the frequency"),
+                ("model_strength_2f", "", "of the model, at twice the frequency"),
+                ("model_keenest_impulses", "", "impulses in a cycle of the most sensitive cell"),
+                ("strengths_near", "", "whether both strengths are within 0.25"),
+                ("impulses_near", "", "whether the keenest cell's impulses are within 30 %"),
+            ),
+        ),
+        Output(
+            "phases.csv",
+            "when in a cycle spikes come",
+            _columns(
+                _AFFERENT, _AMPLITUDE,
+                ("phase_ms", "ms", "start of the bin, from the start of a cycle"),
+                ("recorded", "", "share of the recorded spikes"),
+                ("model", "", "share of the model's spikes"),
+            ),
+        ),
+        Output(
+            "tuning.csv",
+            "thresholds beside recorded ones",
+            _columns(
+                _AFFERENT,
+                ("criterion", "", "first impulse, or one a cycle"),
+                _FREQUENCY,
+                ("amplitude_um", "um", "recorded threshold, zero to peak"),
+                ("model_um", "um", "threshold of the model"),
+                ("ratio", "", "model over recorded"),
+            ),
+        ),
+        Output(
+            "tuning_curves.csv",
+            "thresholds against frequency",
+            _columns(
+                _AFFERENT,
+                ("criterion", "", "first impulse, or one a cycle"),
+                _FREQUENCY,
+                ("amplitude_um", "um", "threshold, median of the cells"),
+                ("least_um", "um", "of the most sensitive cell"),
+                ("most_um", "um", "of the least sensitive cell"),
+            ),
+        ),
+        Output(
+            "impulses_in_man.csv",
+            "impulses a cycle beside afferents in man",
+            _columns(
+                _AFFERENT, _FREQUENCY, _AMPLITUDE,
+                ("impulses_per_cycle", "", "recorded impulses in a cycle"),
+                ("model", "", "those of the model"),
+            ),
+        ),
+        Output("ramp_and_hold.csv", "spikes under a ramp and a hold", _SPIKES),
         Output("deflection.csv", "the skin around a thin probe",
                _columns(_MESH, _ELEMENTS, _DISTANCE, _DEFLECTION)),
         Output(

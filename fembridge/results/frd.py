@@ -643,25 +643,25 @@ def having(
     Raises
     ------
     ResultError
-        No output has one of them; or one has some and not all, or one of a step in which
-        others have stress or displacement has it not, and `options.partial` is not set.
+        No output has one of them; or one has some and not all, or stress or displacement
+        is gone after an output of the same step that has it, and `options.partial` is not set.
     """
     path, held = index.file.path, dict.fromkeys(name for output in outputs for name in output)
     keys = [next((block.key for block in output.values()), (0, 0)) for output in outputs]
-    steps = {key[0] for key, out in zip(keys, outputs, strict=True) if any(n in out for n in names)}
-    others = set[int]()
+    had, others = set[int](), set[int]()
     for name in names:
         if name not in held:
             raise ResultError(f"no {name} in it, it holds {', '.join(held) or 'nothing'}", path)
     found = []
     for (step, increment), output in zip(keys, outputs, strict=True):
         absent = [name for name in names if name not in output]
+        lost = step in had and not COMPONENTS.keys().isdisjoint(names)
+        if len(absent) < len(names):
+            had.add(step)
         if not absent:
             found.append({name: output[name] for name in names})
-        elif len(absent) < len(names) or (
-            step in steps and not COMPONENTS.keys().isdisjoint(names)
-        ):
-            # CalculiX writes them at every output of a step, or at none.
+        elif len(absent) < len(names) or lost:
+            # CalculiX writes them at every output of a step from the first that has them.
             words = f"step {step}, increment {increment} has no {absent[0]}"
             if not options.partial:
                 raise ResultError(words, path)

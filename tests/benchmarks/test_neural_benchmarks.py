@@ -31,7 +31,8 @@ def test_encoding_is_timed_against_touchsim(monkeypatch, capsys):
 
     program.main()
 
-    published, fitted = capsys.readouterr().out.splitlines()
+    published, fitted, pad = capsys.readouterr().out.splitlines()
     assert "82 stimuli, 3 cells" in published
     assert "82 stimuli, 15 cells" in fitted
+    assert pad.startswith("fitted_pad")
     assert "x less than TouchSim" in published

@@ -137,7 +137,7 @@ def test_help_shows_an_example_that_runs(here, capsys):
 def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     times_ms = np.arange(501) * 0.5
-    stress_pa = 15e3 + 15e3 * np.sin(2e-3 * np.pi * 50 * times_ms)
+    stress_pa = 40e3 + 40e3 * np.sin(2e-3 * np.pi * 50 * times_ms)
     write_traces(tmp_path / "traces.csv", [StressTrace(stress_pa, 0.5, 1, "RA")])
 
     words = ["traces.csv", "--parameters", "fitted", "--window-ms", "5", "250"]
