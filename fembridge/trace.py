@@ -1,6 +1,6 @@
 """Stress histories: what a solver hands to an afferent."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ MS_PER_S = 1.0e3
 
 # Solvers print times with six to ten digits; a step may be off by that much.
 STEP_TOLERANCE = 1.0e-3
+_MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -100,6 +101,66 @@ def mean_step(times_ms: FloatArray) -> tuple[float, int | None]:
     usual_ms = np.median(steps_ms)
     even = np.abs(steps_ms - usual_ms) <= STEP_TOLERANCE * usual_ms
     return mean_ms, int(even.argmin())
+
+
+def resample(
+    times_ms: FloatArray,
+    values: FloatArray,
+    dt_ms: float,
+    log: Callable[[str], None] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """An uneven history on an even grid: times ``(N,)`` every `dt_ms`, and values ``(N, ...)``.
+
+    PCHIP through the samples: cubic between two of them, and never beyond them. The grid
+    begins at the first sample and ends at the last or less than a step before it, so
+    nothing is extrapolated. `log` gets what is left out at the end, and which gap is
+    longer than a step.
+
+    Parameters
+    ----------
+    times_ms, values
+        ``(T,)``, rising, and ``(T, ...)``, two samples or more, all finite.
+
+    Raises
+    ------
+    TraceError
+        Samples that are no such history; a step that is longer than it, or so short
+        that ten million samples are not enough.
+    """
+    times_ms, values = np.asarray(times_ms, dtype=np.float64), np.asarray(values)
+    if times_ms.ndim != 1 or times_ms.size < 2 or len(values) != times_ms.size:
+        raise TraceError(f"{times_ms.size} samples, expected two or more to resample")
+    if not (np.isfinite(times_ms).all() and np.isfinite(values).all()):
+        raise TraceError("samples that are not finite cannot be resampled")
+    gaps_ms = np.diff(times_ms)
+    if not (gaps_ms > 0).all():
+        row = int(np.argmin(gaps_ms > 0))
+        raise TraceError(
+            f"{times_ms[row + 1]:g} ms comes after {times_ms[row]:g} ms, expected rising times"
+        )
+    first_ms, last_ms = float(times_ms[0]), float(times_ms[-1])
+    span_ms = last_ms - first_ms
+    if not (0 < dt_ms <= span_ms * (1 + STEP_TOLERANCE) and span_ms / dt_ms < _MOST_SAMPLES):
+        raise TraceError(
+            f"a step of {dt_ms:g} ms to resample {first_ms:g} to {last_ms:g} ms, expected "
+            f"{span_ms / _MOST_SAMPLES:g} to {span_ms:g}"
+        )
+    steps = int(span_ms / dt_ms + STEP_TOLERANCE)
+    even_ms = np.minimum(first_ms + np.arange(steps + 1) * dt_ms, last_ms)
+    if log is not None:
+        if last_ms - even_ms[-1] > STEP_TOLERANCE * dt_ms:
+            log(f"resampled {first_ms:g} to {even_ms[-1]:g} ms: no whole step up to {last_ms:g} ms")
+        widest = int(gaps_ms.argmax())
+        if (count := int((gaps_ms > dt_ms * (1 + STEP_TOLERANCE)).sum())) > 0:
+            log(
+                f"interpolated in {count} of {gaps_ms.size} intervals, longer than {dt_ms:g} ms: "
+                f"the widest, {gaps_ms[widest]:g} ms, begins at {times_ms[widest]:g} ms"
+            )
+    from scipy.interpolate import PchipInterpolator  # slow to import
+
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e200
+        found: FloatArray = PchipInterpolator(times_ms, values, axis=0)(even_ms)
+    return even_ms, found
 
 
 class Traces(list[StressTrace]):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from fembridge.errors import ResultError, TraceError
-from fembridge.trace import STEP_TOLERANCE, StressTrace
+from fembridge.trace import STEP_TOLERANCE, StressTrace, resample
 
 FILE = Path("job.frd")
 
@@ -86,3 +87,53 @@ def test_times_that_are_no_even_grid_are_refused(times_ms, message):
 def test_what_is_no_history_is_refused(changed, found):
     with pytest.raises(TraceError, match=f"node 7: .*{found}"):
         StressTrace(**{"stress_pa": [0.0, 1.0], "dt_ms": 0.5, "node": 7, **changed})
+
+
+@given(
+    gaps_ms=st.lists(st.floats(0.01, 40.0), min_size=1, max_size=30),
+    dt_ms=st.floats(0.05, 0.9),
+    seed=st.integers(0, 2**16),
+)
+def test_a_resampled_history_keeps_its_samples_range_and_edges(gaps_ms, dt_ms, seed):
+    """Monotone between samples: no value outside those around it, none beyond the ends."""
+    times_ms = np.cumsum([3.0, *gaps_ms])
+    dt_ms *= float(times_ms[-1] - times_ms[0])
+    values = np.random.default_rng(seed).normal(size=(times_ms.size, 2))
+
+    even_ms, found = resample(times_ms, values, dt_ms)
+
+    assert even_ms[0] == times_ms[0]
+    assert times_ms[-1] - dt_ms * 1.01 < even_ms[-1] <= times_ms[-1]
+    row = np.clip(np.searchsorted(times_ms, even_ms, side="right") - 1, 0, times_ms.size - 2)
+    around = np.stack([values[row], values[row + 1]])
+    assert (found >= around.min(axis=0) - 1e-12).all()
+    assert (found <= around.max(axis=0) + 1e-12).all()
+
+
+def test_resampling_passes_through_the_samples_and_says_edge_and_gap():
+    times_ms = np.array([0.5, 1.0, 2.0, 2.5, 2.9])
+    said: list[str] = []
+
+    even_ms, found = resample(times_ms, times_ms**2, 0.5, said.append)
+
+    assert_allclose(even_ms, [0.5, 1.0, 1.5, 2.0, 2.5], rtol=1e-14)
+    assert_allclose(found[[0, 1, 3, 4]], [0.25, 1.0, 4.0, 6.25], rtol=1e-12)
+    assert "2.5 ms" in said[0] and "2.9 ms" in said[0]
+    assert "1 of 4" in said[1] and "begins at 1 ms" in said[1]
+
+
+@pytest.mark.parametrize(
+    ("times_ms", "dt_ms", "named"),
+    [
+        ([1.0], 0.5, "1 samples"),
+        ([1.0, 3.0, 2.0], 0.5, "2 ms comes after 3 ms"),
+        ([1.0, 1.0], 0.5, "1 ms comes after 1 ms"),
+        ([1.0, 2.0], 2.0, "1 to 2 ms"),
+        ([1.0, 2.0], 0.0, "a step of 0 ms"),
+        ([1.0, np.nan], 0.5, "not finite"),
+        ([0.0, 1e9], 0.5, "0.5 ms"),
+    ],
+)
+def test_what_cannot_be_resampled_is_refused(times_ms, dt_ms, named):
+    with pytest.raises(TraceError, match=named):
+        resample(np.array(times_ms), np.zeros(len(times_ms)), dt_ms)
