@@ -18,6 +18,7 @@ from decks.finger import Finger
 from decks.presets import mesh_of, read_finger
 from decks.probe import Probe
 from decks.stimuli import resolve
+from decks.unit_system import LENGTH_UNITS
 from decks.waveform import make_stimulus
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
@@ -42,9 +43,6 @@ if TYPE_CHECKING:
 Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
 """Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
 PathLike: TypeAlias = str | Path
-
-LENGTH_UNITS = {"mm": (1.0, "MPa"), "m": (1000.0, "Pa")}
-"""Of a deck in N and these: how many mm, and the unit of its stress."""
 
 
 def simulate(
@@ -219,10 +217,10 @@ def build_deck(
         from decks.own_model.request import Request
 
         base = read_base_deck(Path(base_deck), solver)
-        length_mm, stress_unit = LENGTH_UNITS[length_unit]
-        request = Request(amplitude, step, dict(afferents or {}), length_mm, results)
+        units = LENGTH_UNITS[length_unit]
+        request = Request(amplitude, step, dict(afferents or {}), units.length_mm, results)
         changed = [
-            build_own_folder(Path(output) / one.id, base, one, request, stress_unit)
+            build_own_folder(Path(output) / one.id, base, one, request, units.stress_unit)
             for one in stimuli
         ]
         for remark in changed[-1][1]:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from decks.unit_system import UNIT_SYSTEMS
 from fembridge.errors import ResultError, UsageError
-from fembridge.trace import PA_PER_MPA
 from fembridge.typing import FloatArray
 
-PA_PER_UNIT = {"MPa": PA_PER_MPA, "kPa": 1.0e3, "Pa": 1.0}
+PA_PER_UNIT = {one.stress_unit: one.stress_pa for one in UNIT_SYSTEMS.values()}
 METHODS = ("linear", "translate", "average")  # see `fembridge.results.extrapolation`
 VON_MISES = ("tensor", "scalar")
 
