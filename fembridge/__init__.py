@@ -19,7 +19,17 @@ if TYPE_CHECKING:
     from decks.probe import Probe
     from decks.stimuli import resolve
     from decks.waveform import make_stimulus
-    from fembridge.api import build_deck, encode, fit, run, simulate, sweep, thresholds, validate
+    from fembridge.api import (
+        build_deck,
+        encode,
+        fit,
+        plot,
+        run,
+        simulate,
+        sweep,
+        thresholds,
+        validate,
+    )
     from fembridge.errors import FembridgeError
     from fembridge.observed import read_observed as read_observed
     from fembridge.response.response_map import ResponseMap
@@ -48,6 +58,7 @@ __all__ = [
     "encode",
     "fit",
     "make_stimulus",
+    "plot",
     "read",
     "read_fields",
     "receptive_field",
@@ -68,7 +79,17 @@ _HOMES = {
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",
     **dict.fromkeys(
-        ("build_deck", "encode", "fit", "run", "simulate", "sweep", "thresholds", "validate"),
+        (
+            "build_deck",
+            "encode",
+            "fit",
+            "plot",
+            "run",
+            "simulate",
+            "sweep",
+            "thresholds",
+            "validate",
+        ),
         "fembridge.api",
     ),
     "make_stimulus": "decks.waveform",

@@ -30,12 +30,15 @@ from fembridge.trace import StressTrace
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.figure import Figure
 
     from fembridge.fitting.fit import FitRun
     from fembridge.report.validate import Validation
     from fembridge.simulation import Simulation
     from fembridge.solver.verdict import Outcome
     from fembridge.sweeps.sweep import Sweep
+    from fembridge.touching.field import ReceptiveField
+    from fembridge.touching.touch import Touch
     from neural import ParameterSet
     from neural.fit_problem import Target
     from neural.models import Model as AfferentModel
@@ -328,6 +331,44 @@ def encode(
         traces = read_traces(Path(traces))
     chosen = _parameter_set(parameters).parameters
     return spikes_frame(encode_traces(traces, chosen, stimulus, derivative))
+
+
+def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = None) -> "Figure":
+    """The picture of what `simulate`, `touch` or `receptive_field` gave, as `fembridge` draws it.
+
+    Parameters
+    ----------
+    picture
+        Of a touch ``pad`` (the skin from above: who fires how much, the pressure on it) or
+        ``raster``; of a simulation as of its own ``plot``. None: the first of each.
+
+    Raises
+    ------
+    UsageError
+        There is no such picture.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> figure = fb.plot(fb.touch(press_um=200, population="one_each"))
+    """
+    from fembridge.simulation import Simulation
+    from fembridge.touching.touch import Touch
+
+    if isinstance(result, Simulation):
+        return result.plot(picture or "raster")
+    if isinstance(result, Touch):
+        from fembridge.plots.pad import pad_figure, unit_raster_figure
+
+        pictures = {"pad": pad_figure, "raster": unit_raster_figure}
+        if (picture or "pad") not in pictures:
+            raise UsageError(f"picture {picture!r} of a touch, expected {' or '.join(pictures)}")
+        return pictures[picture or "pad"](result)
+    if picture:
+        raise UsageError(f"picture {picture!r}: of a receptive field there is but one")
+    from fembridge.plots.field import field_figure
+
+    return field_figure(result)
 
 
 def _parameter_set(parameters: "str | ParameterSet") -> "ParameterSet":

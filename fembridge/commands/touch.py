@@ -111,6 +111,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     import sys
 
+    from fembridge.api import plot
     from fembridge.errors import UsageError
     from fembridge.touching.api import touch
 
@@ -124,7 +125,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if note := result.origin.get("note"):
         print(note, file=sys.stderr)
     output = Path(args.output)
-    files = result.write(output, plot=not args.no_plot, animate=args.animate)
+    files = result.write(output)
+    if not args.no_plot:
+        from fembridge.plots.style import save_figure
+
+        for picture in ("pad", "raster"):
+            save_figure(plot(result, picture), output / f"{picture}.png")
+            files.append(f"{picture}.png")
+    if args.animate:
+        from fembridge.plots.pad_movie import write_movie
+
+        write_movie(output / args.animate, result)
+        files.append(args.animate)
     classes = result.summary()
     if not args.json:
         print(f"{'class':<6}{'units':>7}{'fire':>7}{'mean':>8}{'most':>8}   impulses/s")

@@ -78,8 +78,8 @@ def touch(
     -------
     Touch
         ``population``, ``spikes`` and ``rates`` (DataFrames), ``stress_pa``, ``force_n``,
-        ``depth_um``; ``plot()`` is the pad from above, ``write(folder)`` the files of the
-        command.
+        ``depth_um``; ``fb.plot(it)`` is the pad from above, ``write(folder)`` the tables
+        of the command.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def receptive_field(
     -------
     ReceptiveField
         ``areas`` is a DataFrame ``afferent, depth_um, area_mm2, whole``; ``impulses``
-        ``(depth, x, z)`` are the maps; ``plot()`` shows them.
+        ``(depth, x, z)`` are the maps; ``fb.plot(it)`` shows them.
 
     Examples
     --------

@@ -89,12 +89,6 @@ class ReceptiveField:
         flat = {name: values.ravel() for name, values in columns.items()}
         return pandas.DataFrame({"afferent": self.afferent, **flat})
 
-    def plot(self) -> Any:  # noqa: ANN401 - a Matplotlib figure, imported when asked for
-        """The maps, one a depth."""
-        from importlib import import_module
-
-        return import_module("fembridge.plots.field").field_figure(self)
-
 
 def receptive_field(
     pad: Pad,

@@ -12,7 +12,6 @@ the shape moves by that. Without it each node that comes into contact would be a
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
 POPULATION_FILE, TOUCH_FILE = "population.csv", "touch.csv"
 SPIKES_FILE, RATES_FILE = "spikes.csv", "rates.csv"
-PAD_FILE, RASTER_FILE = "pad.png", "raster.png"
 
 # Friction of skin on what it touches (Ishizuka et al., 3.1).
 FRICTION = 0.4
@@ -310,10 +308,8 @@ class Touch:
             }
         return found
 
-    def write(
-        self, folder: Path | str, *, plot: bool = True, animate: str | None = None
-    ) -> list[str]:
-        """Write the files of ``fembridge touch``; their names.
+    def write(self, folder: Path | str) -> list[str]:
+        """Write the tables of ``fembridge touch``; their names.
 
         Raises
         ------
@@ -326,21 +322,7 @@ class Touch:
             write_text(folder / name, frame.to_csv(index=False, lineterminator="\n"))
         samples = np.stack([self.way.times_ms, self.depth_um, self.force_n], -1)
         write_table(folder / TOUCH_FILE, ("time_ms", "depth_um", "force_n"), samples.tolist())
-        files = [POPULATION_FILE, SPIKES_FILE, RATES_FILE, TOUCH_FILE]
-        # Pictures know a touch, not a touch its pictures: imported by name.
-        if plot:
-            style, pad = (import_module(f"fembridge.plots.{name}") for name in ("style", "pad"))
-            for name, draw in ((PAD_FILE, pad.pad_figure), (RASTER_FILE, pad.unit_raster_figure)):
-                style.save_figure(draw(self), folder / name)
-                files.append(name)
-        if animate:
-            import_module("fembridge.plots.pad_movie").write_movie(folder / animate, self)
-            files.append(animate)
-        return files
-
-    def plot(self) -> Any:  # noqa: ANN401 - a Matplotlib figure, imported when asked for
-        """The pad from above: who fires how much, where the shape is, its force."""
-        return import_module("fembridge.plots.pad").pad_figure(self)
+        return [POPULATION_FILE, SPIKES_FILE, RATES_FILE, TOUCH_FILE]
 
 
 def touch_skin(

@@ -177,3 +177,13 @@ def test_contact_beyond_the_skin_that_may_be_touched_is_said():
     assert "4.33 mm" in wide.origin["note"]
     near = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=200, hold_ms=20), ONE, FITTED)
     assert "note" not in near.origin
+
+
+def test_pictures_are_drawn_by_name_and_others_refused():
+    touch = fb.touch(press_um=200, hold_ms=50, population="one_each")
+    assert len(fb.plot(touch).axes) > len(fb.plot(touch, "raster").axes) > 3
+    field = fb.receptive_field("SA", depth_um=[200], step_mm=1.0)
+    assert fb.plot(field).axes
+    for one in (touch, field):
+        with pytest.raises(UsageError, match="isi"):
+            fb.plot(one, "isi")
