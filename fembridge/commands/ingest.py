@@ -66,8 +66,8 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
          {"nargs": "?", "const": "", "metavar": "ELSET"}),
     ),
     "from integration points of a .t16 or .t19": (
-        ("--extrapolate", "how values get to the nodes: by the polynomial through the points "
-         "(the default), from the nearest point, or as the element's mean",
+        ("--extrapolate", "how values get to the nodes: in a line from the element's mean through "
+         "the nearest point (the default), from the nearest point, or as the element's mean",
          {"choices": ("linear", "translate", "average")}),
         ("--von-mises", "von Mises stress of the nodal tensor (the default), or of the points, "
          "carried to the nodes as a number, as Mentat plots it",

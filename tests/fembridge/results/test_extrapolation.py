@@ -14,6 +14,7 @@ from fembridge.results.extrapolation import (
     node_weights,
     point_places,
 )
+from fembridge.results.stress import von_mises_pa
 
 ROOT3, ROOT15 = math.sqrt(3), math.sqrt(15)
 FULL = [n for n in ELEMENT_TYPES if ELEMENT_TYPES[n].points > 1]
@@ -40,9 +41,8 @@ def shape_functions(about, places):
     jitter=st.lists(st.floats(-0.25, 0.25), min_size=24, max_size=24),
     field=st.tuples(*[st.floats(-5, 5)] * 4),
 )
-def test_a_linear_field_in_a_distorted_element_comes_out_exactly(number, jitter, field):
-    """Isoparametric: x, y, z are bilinear in xi, eta, so what is linear in them is
-    a polynomial of the fit."""
+def test_a_linear_field_in_a_parallelogram_comes_out_exactly(number, jitter, field):
+    """Quadrilaterals and bricks sheared, the others distorted as they may be."""
     about = ELEMENT_TYPES[number]
     to, here = node_places(about), point_places(about.family, about.points)
     corners = shape_functions(about, to).shape[1]
@@ -53,7 +53,10 @@ def test_a_linear_field_in_a_distorted_element_comes_out_exactly(number, jitter,
         base = np.array([[*p, z] for z in (0, 1) for p in ((0, 0), (1, 0), (0, 1))])
     else:
         base = to[:corners]
-    at_corners = base + np.array(jitter)[: corners * size].reshape(corners, size)
+    sheared = about.family in ("quad", "hex")
+    rows = base if sheared else np.eye(corners)
+    moved = np.array(jitter)[: rows.shape[1] * size].reshape(rows.shape[1], size)
+    at_corners = base + rows @ moved
     value = lambda place: field[0] + place @ np.array(field[1 : 1 + size])  # noqa: E731
 
     found = weights_of(number, "linear") @ value(shape_functions(about, here) @ at_corners)
@@ -74,6 +77,40 @@ def test_points_grow_along_xi_first_then_eta_then_zeta(number):
         assert_allclose(here[:, axis], values * gauss, atol=1e-15)
         at_nodes = weights_of(number, "linear") @ np.array(values)
         assert_allclose(at_nodes, to[:, axis] / gauss, atol=1e-12)
+
+
+# Stress xx yy zz xy yz zx at the integration points of one brick of 5 x 5 x 10, and the
+# same and von Mises stress that Marc printed at corners which no other element has:
+# github.com/nightly/fedes, models/Example-3D-beam-small, element 2 of the .t19 and nodes
+# 1, 2, 4, 3 of Model1-output-Marc.70.
+MARC_POINTS = [
+    [-77.6578, -208.941, -382.990, -2.15086, -324.550, 1.87901],
+    [-50.5174, -142.860, -358.849, -65.5645, -314.374, -3.51541],
+    [52.0788, 47.5861, 342.915, 17.3727, -309.267, 6.44237],
+    [77.7992, 112.330, 363.590, -46.1048, -308.699, 2.50176],
+    [-61.5738, -108.575, -340.881, 29.8893, 145.544, -1.15894],
+    [-63.3622, -109.911, -345.773, -30.6024, 153.599, -6.72720],
+    [78.1614, 152.041, 389.094, 30.1813, 159.389, 1.37250],
+    [75.0017, 149.476, 380.860, -30.3692, 157.851, -2.73947],
+]
+MARC_CORNERS = {
+    0: ([-136.96, -351.24, -666.39, 5.1577, -502.60, 3.4253], 985.24),
+    1: ([-90.179, -237.35, -625.55, -104.60, -485.70, -5.9076], 984.96),
+    2: ([131.85, 204.25, 624.59, -70.874, -475.57, 4.5053], 951.84),
+    3: ([87.590, 92.495, 590.38, 39.038, -477.81, 11.352], 969.66),
+}
+
+
+@pytest.mark.parametrize("corner", MARC_CORNERS)
+def test_linear_is_what_marc_prints_at_the_corners_of_a_brick(corner):
+    printed, mises = MARC_CORNERS[corner]
+    found = (weights_of(7, "linear") @ np.array(MARC_POINTS))[corner]
+    assert_allclose(found, printed, rtol=0, atol=0.0021 * np.abs(printed).max())
+    assert_allclose(von_mises_pa(found), mises, rtol=0.0019)
+    direction = 1.73 / ROOT3 * (found - np.mean(MARC_POINTS, axis=0))
+    direction += np.mean(MARC_POINTS, axis=0)
+    share = direction / np.array(printed)
+    assert_allclose(share, share[2], rtol=6e-5)  # five digits; one factor for all six
 
 
 @pytest.mark.parametrize("number", [11, 27, 54, 125, 7, 21, 57, 127, 136])

@@ -44,8 +44,8 @@ def storage(request):
 
 @pytest.mark.parametrize("kind", [3, 11, 27, 54, 80])
 def test_linear_stress_comes_out_at_every_node(kind, write_post, storage):
-    """A distorted mesh: what is linear in x and y is carried exactly."""
-    nodes, quads = models.grid(3, 2, lambda x, y: (x + 0.2 * math.sin(3 * y), y + 0.15 * x * y))
+    """A sheared mesh: what is linear in x and y is carried exactly."""
+    nodes, quads = models.grid(3, 2, lambda x, y: (x + 0.4 * y, y + 0.15 * x))
     plane = models.Plane(kind, nodes, quads)
     increments = plane.increments(linear_stress, TIMES_S)
     path = write_post(storage, plane.model(), increments)
@@ -64,8 +64,7 @@ def test_linear_stress_comes_out_at_every_node(kind, write_post, storage):
 def test_two_elements_worked_by_hand(write_post):
     """Elements of 2 x 1 side by side; only sxx is not 0; points 1 to 4 as stored.
 
-    At the corner itself the bilinear interpolant weighs its own point with
-    a = 1 + √3/2, the two beside with -1/2, the far one with b = 1 - √3/2.
+    A corner has the mean of four and √3 times what its own point differs from that.
     Node 2 is corner 2 of element 1 and corner 1 of element 2.
     """
     nodes = {1: (0, 0), 2: (2, 0), 3: (4, 0), 4: (0, 1), 5: (2, 1), 6: (4, 1)}
@@ -74,16 +73,15 @@ def test_two_elements_worked_by_hand(write_post):
     element = [[[abs(s), s, 0, 0, 0, 0, 0] for s in row] for row in stored]
     increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
     path = write_post(writer.Storage(), plane.model(), increments)
-    a, b = 1 + math.sqrt(3) / 2, 1 - math.sqrt(3) / 2
 
     def at(node, method):
         options = ReadOptions(extrapolate=method)
         return read_stress_tensor(path, [node], options)[1][0, 0, 0] / 1e6
 
-    in_first = -0.5 * 10 + a * 20 + b * 30 - 0.5 * 44
-    in_second = a * 1 - 0.5 * 2 - 0.5 * 4 + b * 8
+    in_first = 104 / 4 + math.sqrt(3) * (20 - 104 / 4)
+    in_second = 15 / 4 + math.sqrt(3) * (1 - 15 / 4)
     assert at(2, "linear") == pytest.approx((in_first + in_second) / 2, rel=1e-6)
-    assert at(1, "linear") == pytest.approx(a * 10 - 0.5 * 50 + b * 44, rel=1e-6)
+    assert at(1, "linear") == pytest.approx(26 + math.sqrt(3) * (10 - 26), rel=1e-6)
     assert at(2, "translate") == pytest.approx((20 + 1) / 2)
     assert at(5, "translate") == pytest.approx((44 + 4) / 2)
     assert at(2, "average") == pytest.approx((104 / 4 + 15 / 4) / 2)
