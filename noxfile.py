@@ -19,6 +19,7 @@ LOWEST = (
     "meshio==5.3.5",
     "pygmsh==7.1.17",
     "pymoo==0.6.1.3",
+    "numba==0.60.*",
     "pyparsing==3.1.*",  # newer ones warn about matplotlib 3.9
 )
 

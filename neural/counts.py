@@ -2,19 +2,21 @@
 
 The current of 10 000 candidates, 37 conditions and 500 steps would take 1.5 GB; here
 it is made row by row, block by block, and never leaves the cache. Counts equal the
-number of spikes that `neural.lif.fire` finds, to the last one.
+number of spikes that `neural.lif.fire` finds, to the last one. With numba (the extra
+``fast``) plain loops are compiled, else NumPy steps blocks of membranes.
 """
 
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.lif import refractory_rows
 from neural.models import Coefficients
 
@@ -25,6 +27,8 @@ Window: TypeAlias = tuple[ArrayLike, ArrayLike]
 # Membranes stepped together: the 30 bytes that a step touches of each stay in a
 # cache of 1 MiB, and what NumPy costs a call is shared by many.
 BLOCK = 16_384
+
+_NOT_FINITE = "a current that is not finite reached a membrane"
 
 # Bytes are added to the counts before one of them can overflow: 255 is the most.
 _BYTE_ROWS = 255
@@ -83,6 +87,8 @@ def candidate_counts(
         A current that is not finite.
     """
     filtered = [np.asarray(drive, dtype=np.float64) for drive in drives]
+    if not all(np.isfinite(drive).all() for drive in filtered):
+        raise TraceError(_NOT_FINITE)
     rows, conditions = filtered[0].shape
     first, end = (
         np.broadcast_to(edge, conditions) for edge in ((0, rows) if window is None else window)
@@ -108,6 +114,24 @@ def candidate_counts(
         np.broadcast_to(value, candidates).astype(kind) for value in values
     )
     counts = np.empty((candidates, conditions), dtype=np.int64)
+    if step := compiled():
+        drives_of, own = [*filtered], [*per_drive]
+        if len(own) == 1:  # a second one without a share
+            drives_of, own = [*filtered, np.zeros_like(filtered[0])], [*own, np.ones_like(alpha)]
+        threshold, rest = gap_mv / dt_ms, refractory_rows(refractory_ms, dt_ms)
+        step(
+            (np.abs(drives_of) if saturates else np.stack(drives_of)).astype(kind),
+            np.stack([*own, alpha, decay, jump, decay_of_jump]),
+            np.logical_or(saturates or decay < 0.0, _may_reach(threshold, drives_of, own)),
+            (kind(threshold), *(kind(0.0 if one else -np.inf) for one in (clamped, until_turn))),
+            rest,
+            np.stack([first, end]),
+            saturates,
+            counts,
+        )
+        if counts.min(initial=0) < 0:
+            raise TraceError(_NOT_FINITE)
+        return counts
     current = _saturating if saturates else _dot if single else _linear
     # Conditions whose window ends early are not stepped to the end of the others.
     for last in np.unique(end):
@@ -217,7 +241,7 @@ def _tally(
     raised = np.zeros(shape if adaptation else 0, kind)
     # An array: NumPy takes four times as long to compare with a number.
     clamp = np.zeros(shape if clamped else 0, kind)
-    below = np.empty(shape if adaptation and until_turn else 0, np.bool_)
+    ahead = np.empty(shape if adaptation and until_turn else 0, np.bool_)
     zero, fades = kind.type(0.0), adaptation is not None and bool((adaptation[1] != 1.0).any())
     last = max(edges, default=0)
     for row in range(last + 1):
@@ -232,22 +256,99 @@ def _tally(
         potential += current_at(row)
         for membranes in silent:
             flat_potential[membranes] = 0.0
-        if below.size:
-            np.less(potential, zero, out=below)
-            np.copyto(raised, zero, where=below)
+        if ahead.size:
+            raised *= np.greater_equal(potential, zero, out=ahead)
         if clamped:
             np.maximum(potential, clamp, out=potential)
-        if adaptation:
-            if fades:
-                raised *= adaptation[1]
-            np.greater(potential, threshold + raised, out=fired)
-            raised += adaptation[0] * fired
-        else:
-            np.greater(potential, threshold, out=fired)
+        if adaptation and fades:
+            raised *= adaptation[1]
+        np.greater(potential, threshold + raised if adaptation else threshold, out=fired)
         (spiking,) = flat_fired.nonzero()
+        if adaptation:
+            raised.reshape(-1)[spiking] += adaptation[0][spiking % shape[1]]
         flat_potential[spiking] = 0.0
         silent.append(spiking)
         recent += fired.view(np.uint8)
     if not np.isfinite(potential).all():
-        raise TraceError("a current that is not finite reached a membrane")
+        raise TraceError(_NOT_FINITE)
     return until - before
+
+
+@cache
+def compiled() -> Callable[..., None] | None:
+    """`_step_each` as machine code, kept on disk from then on; None without numba."""
+    try:
+        from numba import njit
+    except ImportError:
+        return None
+    try:
+        found: Callable[..., None] = njit(_step_each, cache=True, error_model="numpy")
+    except RuntimeError:  # nowhere to write
+        found = njit(_step_each, error_model="numpy")
+    return found
+
+
+def _may_reach(
+    threshold: float, drives: Sequence[FloatArray], gains: Sequence[FloatArray]
+) -> BoolArray:
+    """Membranes ``(condition, candidate)`` that would reach a threshold without any leak.
+
+    A potential is never above the largest rise of the summed current, of each drive for
+    itself. A thousandth is left for rounding.
+    """
+    most: FloatArray = np.zeros((drives[0].shape[1], gains[0].size))
+    for drive, gain in zip(drives, gains, strict=True):
+        sums = np.cumsum(np.vstack([np.zeros(drive.shape[1]), drive]), axis=0)
+        rise = (sums - np.minimum.accumulate(sums)).max(axis=0)
+        fall = (np.maximum.accumulate(sums) - sums).max(axis=0)
+        most += np.maximum(np.multiply.outer(rise, gain), np.multiply.outer(fall, -gain))
+    return np.asarray(~(most < 0.999 * threshold))
+
+
+def _step_each(
+    drives: FloatArray,
+    values: FloatArray,
+    wanted: BoolArray,
+    limits: tuple[FloatArray, FloatArray, FloatArray],
+    refractory: int,
+    window: IntArray,
+    saturates: bool,
+    counts: IntArray,
+) -> None:
+    """Plain loops over conditions, rows and those candidates that are `wanted`, into `counts`.
+
+    `values` are rows of gains of both drives, alpha, decay, jump and its decay. `limits`
+    are the threshold, where the potential is clamped, and below which the threshold
+    comes back. A count is -1 where the potential is not finite in the end. The innermost
+    loop has no branch but choices between two numbers: it becomes vector instructions.
+    """
+    threshold, lowest, turn = limits
+    zero = values.dtype.type(0)
+    none, one, rest = np.int32(0), np.int32(1), np.int32(refractory)
+    for condition in range(drives.shape[2]):
+        counts[:, condition] = 0
+        which = np.flatnonzero(wanted[condition])
+        of_x, of_y, alpha, decay, jump, decay_of_jump = values[:, which]
+        potential, raised = np.zeros_like(decay), np.zeros_like(decay)
+        silent, fired = np.zeros(which.size, np.int32), np.zeros(which.size, np.int32)
+        first, end = window[0, condition], window[1, condition]
+        for row in range(end):
+            x, y = drives[0, row, condition], drives[1, row, condition]
+            inside = np.int32(row >= first)
+            for k in range(which.size):
+                if saturates:
+                    current = (x / (of_x[k] + x) + y / (of_y[k] + y)) * alpha[k]
+                else:
+                    current = of_x[k] * x + of_y[k] * y
+                now, more, wait = potential[k] * decay[k] + current, raised[k], silent[k]
+                now = zero if wait > none else now
+                more = zero if now < turn else more
+                now = lowest if now < lowest else now
+                more *= decay_of_jump[k]
+                spike = now > threshold + more
+                potential[k] = zero if spike else now
+                raised[k] = more + (jump[k] if spike else zero)
+                fired[k] += inside if spike else none
+                silent[k] = rest if spike else wait - one
+        for k in range(which.size):
+            counts[which[k], condition] = fired[k] if np.isfinite(potential[k]) else -1

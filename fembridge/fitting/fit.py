@@ -34,6 +34,7 @@ from fembridge.store import write_text
 from fembridge.tables import Rate, write_rates, write_table
 from fembridge.typing import FloatArray, Table
 from neural.agreement import Agreement, agreement
+from neural.counts import compiled
 from neural.fit_problem import FitProblem, Target
 from neural.models import Model, model_named
 from neural.parameter_sets import parameters_to_table
@@ -359,6 +360,7 @@ def fit_table(
             "fembridge": __version__,
             "numpy": version("numpy"),
             "pymoo": version("pymoo"),
+            **({"numba": version("numba")} if compiled() else {}),
         },
         "observed": {"file": observed.path.name, "sha256": observed.sha256},
         "response": source.to_table(),

@@ -177,7 +177,7 @@ def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(
     stored = (FOLDER / "quick.toml").read_bytes()
     assert told["response"]["sha256"] == hashlib.sha256(stored).hexdigest()
     assert told["response"]["finger"] == "quick"
-    assert set(told["versions"]) == {"fembridge", "numpy", "pymoo"}
+    assert {*told["versions"]} - {"numba"} == {"fembridge", "numpy", "pymoo"}
     counts = told["SA"]["observed_rates"]
     assert counts["fitted"] == {"20 Hz": 3, "50 Hz": 2, "100 Hz": 2}
     assert counts["unseen"] == {"5-25 Hz": 1}

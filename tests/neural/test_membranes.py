@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError, TraceError
+from neural import counts as counting
 from neural.counts import candidate_counts
 from neural.encoder import afferent_drives, encode
 from neural.lif import fire, refractory_rows
@@ -19,6 +20,18 @@ from neural.rates import spikes_inside, window_rows
 DT_MS, GAP_MV = 0.5, 10.0
 LINEAR = Coefficients(1.0, weights=(1.0,))
 seeds = st.integers(0, 2**32 - 1)
+
+
+@pytest.fixture(scope="module", params=["NumPy", "plain loops", "compiled"])
+def kernel(request):
+    """Each way of stepping the membranes of `candidate_counts`."""
+    compiled = counting.compiled()
+    if request.param == "compiled" and not compiled:
+        pytest.skip("numba is not installed")
+    step = {"NumPy": None, "plain loops": counting._step_each, "compiled": compiled}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(counting, "compiled", lambda: step[request.param])
+        yield request.param
 
 
 def plain_run(
@@ -94,7 +107,7 @@ def test_constant_current_fires_with_the_period_of_the_recurrence(tau_ms, curren
     assert rows == list(range(math.ceil(period) - 1, 500, math.ceil(period)))
 
 
-def test_a_potential_at_the_threshold_is_not_above_it():
+def test_a_potential_at_the_threshold_is_not_above_it(kernel):
     """dt = τ forgets all but the last row, so v = dt I' = 10 mV exactly."""
     at, above = np.full((6, 1), 20.0), np.full((6, 1), np.nextafter(20.0, 21.0))
 
@@ -176,6 +189,7 @@ def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive)
     two=st.booleans(),
 )
 def test_a_batch_counts_what_plain_loops_count(
+    kernel,
     seed,
     candidates,
     conditions,
@@ -230,7 +244,7 @@ def test_a_batch_counts_what_plain_loops_count(
 
 
 @pytest.mark.parametrize("afferent", PUBLISHED)
-def test_the_published_candidate_counts_the_spikes_of_encode(afferent):
+def test_the_published_candidate_counts_the_spikes_of_encode(kernel, afferent):
     published = PUBLISHED[afferent]
     times_ms = 0.5 * np.arange(501)
     stress_pa = 2e4 * np.maximum(np.sin(2e-3 * np.pi * np.outer(times_ms, [20, 50, 100, 300])), 0)
@@ -256,20 +270,21 @@ def test_the_published_candidate_counts_the_spikes_of_encode(afferent):
 
 
 def test_blocks_do_not_show_in_the_batch(monkeypatch):
+    monkeypatch.setattr(counting, "compiled", lambda: None)
     rng = np.random.default_rng(2)
     drives, half = [rng.uniform(0, 9, (80, 4))], rng.uniform(1, 9, 11)
     coefficients = Coefficients(20.0, halves=(half,))
     arguments = {"dt_ms": 0.5, "gap_mv": 10.0, "window": (7, 71)}
     whole = candidate_counts(drives, coefficients, 50.0, **arguments)
 
-    monkeypatch.setattr("neural.counts.BLOCK", 9)
+    monkeypatch.setattr(counting, "BLOCK", 9)
 
     blocked = candidate_counts(drives, coefficients, 50.0, **arguments)
     np.testing.assert_array_equal(blocked, whole)
     assert whole.min() > 0
 
 
-def test_counts_above_a_byte_and_shared_windows():
+def test_counts_above_a_byte_and_shared_windows(kernel):
     current = [np.full((1000, 2), 50.0)]  # a spike every row
     count = {"dt_ms": DT_MS, "gap_mv": GAP_MV}
 
@@ -278,7 +293,7 @@ def test_counts_above_a_byte_and_shared_windows():
     assert part.tolist() == [[20, 20]]
 
 
-def test_single_precision_does_not_see_a_grazed_threshold_and_double_does():
+def test_single_precision_does_not_see_a_grazed_threshold_and_double_does(kernel):
     """τ = dt forgets all but the last row, so v = dt I', 10 mV and a trillionth."""
     grazing = [np.full((6, 2), 20.0 * (1 + 1e-12))]
     arguments = {"dt_ms": DT_MS, "gap_mv": GAP_MV}
@@ -290,6 +305,24 @@ def test_single_precision_does_not_see_a_grazed_threshold_and_double_does():
         single = candidate_counts(grazing, coefficients, DT_MS, **arguments, single=True)
         double = candidate_counts(grazing, coefficients, DT_MS, **arguments)
         assert (single.tolist(), double.tolist()) == ([[0, 0]], [[6, 6]])
+
+
+@settings(max_examples=30)
+@given(seed=seeds, scale=st.floats(0.1, 20.0))
+def test_membranes_that_are_left_out_would_not_have_fired(kernel, seed, scale):
+    """Near the threshold, of either sign: where the largest rise just reaches it or not."""
+    rng = np.random.default_rng(seed)
+    drives = rng.normal(0.0, scale, (2, 60, 3))
+    weights = tuple(rng.uniform(-1.0, 1.0, (2, 5)))
+    tau_ms = rng.uniform(0.3, 1e6, 5)
+
+    counts = candidate_counts(
+        drives, Coefficients(1.0, weights=weights), tau_ms, dt_ms=DT_MS, gap_mv=GAP_MV
+    )
+
+    for k, condition in np.ndindex(counts.shape):
+        current = sum(w[k] * drive[:, condition] for w, drive in zip(weights, drives, strict=True))
+        assert counts[k, condition] == len(plain_run(current, tau_ms[k]))
 
 
 def test_part_of_a_refractory_step_is_a_step():
@@ -304,7 +337,7 @@ def test_a_window_outside_the_rows_is_refused():
 
 
 @pytest.mark.parametrize("bad", [math.nan, -math.inf])
-def test_a_current_that_is_not_finite_is_refused(bad):
+def test_a_current_that_is_not_finite_is_refused(kernel, bad):
     current = np.zeros((10, 2))
     current[3, 1] = bad
 
