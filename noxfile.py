@@ -20,6 +20,9 @@ LOWEST = (
     "pygmsh==7.1.17",
     "pymoo==0.6.1.3",
     "numba==0.60.*",
+    "neo==0.14.*",
+    "pynwb==3.0.*",
+    "h5py==3.11.*",
     "pyparsing==3.1.*",  # newer ones warn about matplotlib 3.9
 )
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     )
     from fembridge.errors import FembridgeError
     from fembridge.observed import read_observed as read_observed
+    from fembridge.recording import Recording
     from fembridge.response.response_map import ResponseMap
     from fembridge.results import read
     from fembridge.results.frd_fields import read_fields
@@ -50,6 +51,7 @@ __all__ = [
     "Finger",
     "Population",
     "Probe",
+    "Recording",
     "ResponseMap",
     "Shape",
     "Stimulus",
@@ -75,6 +77,7 @@ _HOMES = {
     "FembridgeError": "fembridge.errors",
     "Finger": "decks.finger",
     "Probe": "decks.probe",
+    "Recording": "fembridge.recording",
     "ResponseMap": "fembridge.response.response_map",
     "Stimulus": "fembridge.stimulus",
     "StressTrace": "fembridge.trace",

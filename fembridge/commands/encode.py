@@ -59,11 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="backward",
         help="scheme of the stress derivatives (default: backward)",
     )
+    add_options(parser, ("export",))
     add("--no-raster", action="store_true", help="write the tables alone")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each afferent."""
+    from fembridge.recording import Recording, export
     from fembridge.simulation import encode_traces
     from fembridge.store import filling
     from fembridge.tables import Rate, read_traces, write_rates, write_spikes
@@ -109,6 +111,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             window = tuple(args.window_ms) if args.window_ms else None
             figure = raster_figure(trains, span_ms=span_ms, window_ms=window)
             save_figure(figure, draft / "raster.png")
+    if args.export:
+        t_stop_ms = max(float(trace.times_ms[-1]) for trace in traces)
+        nodes = {str(trace.afferent): trace.node for trace in traces}
+        recording = Recording.of_trains(trains, traces[0].dt_ms, t_stop_ms, nodes)
+        files += [args.output / name for name in export(recording, args.output, args.export)]
     if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
         depth = f"the probe {chosen.preindent_um:g} um deep before time 0"
         start = "the traces start without stress"

@@ -78,6 +78,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "RATES.csv",
         "help": "what to fit to: a table stimulus,afferent,rate_ips",
     },
+    "export": {
+        "action": "append",
+        "default": [],
+        "choices": ("npz", "mat", "nwb", "neo", "sonata"),
+        "help": "also write the spikes for other programs, see docs/recording.md; may be repeated",
+    },
     "parameters": {
         "metavar": "NAME",
         "help": "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "

@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, (*STIMULUS, *FINGER, *SOLVING, *LIMITS))
     add_options(parser, ("parameters",), default="fitted")
     add_output_option(parser, default="out")
+    add_options(parser, ("export",))
     add = parser.add_argument
     add(
         "--element",
@@ -66,6 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.api import simulate
     from fembridge.progress import SolverBars
+    from fembridge.recording import Recording, export
     from fembridge.simulation import RASTER_FILE, RATES_FILE, SPIKES_FILE, TRACES_FILE
 
     output = Path(args.output)
@@ -87,12 +89,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             on_progress=bars,
         )
     simulation.write(output, plot=not args.no_plot)
+    exported = export(Recording.of(simulation), output, args.export)
     if args.no_plot and (output / RASTER_FILE).is_file():
         (output / RASTER_FILE).unlink()  # of other spikes than those beside it
     if not args.json:
         _print_rates(simulation)
         raster = "" if args.no_plot else f", {RASTER_FILE}"
-        print(f"{RATES_FILE}, {SPIKES_FILE}, {TRACES_FILE}{raster}: {output}")
+        files = ", ".join((RATES_FILE, SPIKES_FILE, TRACES_FILE, *exported))
+        print(f"{files}{raster}: {output}")
     return {
         "output": str(output),
         "method": simulation.origin["method"],

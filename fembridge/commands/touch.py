@@ -104,6 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="also a moving picture, touch.gif or another .gif or .mp4",
     )
+    add_options(parser, ("export",))
     parser.add_argument("--no-plot", action="store_true", help="draw no pictures")
 
 
@@ -113,6 +114,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.api import plot
     from fembridge.errors import UsageError
+    from fembridge.recording import Recording, export
     from fembridge.touching.api import touch
 
     if args.seed < 0:
@@ -125,7 +127,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if note := result.origin.get("note"):
         print(note, file=sys.stderr)
     output = Path(args.output)
-    files = result.write(output)
+    files = [*result.write(output), *export(Recording.of(result), output, args.export)]
     if not args.no_plot:
         from fembridge.plots.style import save_figure
 

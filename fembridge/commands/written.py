@@ -78,6 +78,10 @@ _TRACES = _columns(
     ("von_mises_pa", "Pa", "von Mises stress there"),
 )
 
+_RECORDING = Output(
+    "spikes.npz", "the spikes for other programs (--export); also .mat, .nwb, .pkl, .h5"
+)
+
 OUTPUTS: dict[str, tuple[Output, ...]] = {
     "stimuli": (
         Output("ID.csv", "waveform of a stimulus (--export csv)", _WAVEFORM),
@@ -172,6 +176,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("spikes.csv", "a row a spike", _SPIKES),
         Output("rates.csv", "a row an afferent", _RATES),
         Output("raster.png", "the spikes, a panel a class"),
+        _RECORDING,
     ),
     "simulate": (
         Output("rates.csv", "a row a stimulus and afferent", _RATES),
@@ -190,6 +195,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("simulation.toml", "how it was computed: method, response, parameters, stimuli"),
         Output("finger.toml", "the whole finger of the response, which --finger takes"),
         Output("raster.png", "the spikes: a panel a class, a row a stimulus"),
+        _RECORDING,
         Output("response/", "what the solver made, where one ran"),
     ),
     "touch": (
@@ -207,6 +213,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         ),
         Output("pad.png", "who fires how much, where the shape is, depth and force over time"),
         Output("raster.png", "spikes of every unit that fires, a panel a class"),
+        _RECORDING,
         Output("touch.gif", "pressure, stress and spikes over time (--animate); .mp4 with ffmpeg"),
     ),
     "receptive-field": (

@@ -1,0 +1,444 @@
+"""Spikes as other programs take them: NWB, Neo, SONATA, MATLAB, NumPy, and simulators.
+
+A recording is units under trials, which share one clock: time 0 is that of the tables, no
+spike is at 0, and `t_stop_ms` is the trace's last sample. Formats of one clock for all
+(NWB, SONATA) have trial after trial, each as long as its samples.
+
+Each library is imported by the function that needs it.
+"""
+
+import hashlib
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fembridge import __version__
+from fembridge.errors import MissingError, UsageError
+from fembridge.store import near_hint, replacing
+from fembridge.tables import SpikeTrain
+from fembridge.typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fembridge.simulation import Simulation
+    from fembridge.touching.touch import Touch
+
+_S_PER_MS = 1.0e-3
+_MM_PER_UM = 1.0e-3
+_COLUMNS = {
+    "afferent": "class of the afferent: SA, RA or PC",
+    "cell": "which cell of the class, from 1, the most sensitive first; 0: a single one",
+    "node": "node of the finite-element model that its stress is of",
+    "x_mm": "place across the finger, mm, 0 in the middle of the pad",
+    "z_mm": "place along the finger towards the tip, mm",
+    "depth_mm": "depth under the skin, mm",
+    "deviate": "needs exp(spread deviate) times the stress of the median unit",
+}
+# What TouchSim calls the classes.
+_TOUCHSIM = {"SA": "SA1", "RA": "RA", "PC": "PC"}
+_SONATA_MAGIC, _SONATA_VERSION = 0x0A7A, (0, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Spikes of `unit` ``(U,)`` in `stimulus` ``(K,)`` trials, in order of trial, unit, time.
+
+    Unit u in trial k has ``time_ms[start[k U + u] : start[k U + u + 1]]``. `repeat` ``(K,)``
+    counts trials of one stimulus from 1, 0 is a single one. `columns` are what is known of
+    each unit. `depth_um` ``(K, T)`` is the stimulus from time 0, every `dt_ms`.
+    """
+
+    unit: tuple[str, ...]
+    afferent: tuple[str, ...]
+    stimulus: tuple[str, ...]
+    repeat: tuple[int, ...]
+    time_ms: FloatArray
+    start: IntArray
+    dt_ms: float
+    t_stop_ms: float
+    columns: Mapping[str, FloatArray | IntArray] = field(default_factory=dict)
+    depth_um: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_ms.size and not 0 < self.time_ms.min() <= self.time_ms.max() <= self.t_stop_ms:
+            raise UsageError(
+                f"spikes from {self.time_ms.min():g} to {self.time_ms.max():g} ms, expected after "
+                f"0 and up to {self.t_stop_ms:g} ms: a recording starts at time 0"
+            )
+
+    # ---- From results
+
+    @classmethod
+    def of(cls, result: "Touch | Simulation") -> "Recording":
+        """The recording of what `fembridge.touch` or `fembridge.simulate` gave.
+
+        A touch has a trial a repeat; a simulation a trial a stimulus, and a unit a cell.
+        """
+        from fembridge.simulation import Simulation
+
+        if isinstance(result, Simulation):
+            nodes = {str(trace.afferent): trace.node for trace in result.traces[0]}
+            depth_um = np.stack([one.displacement_um for one in result.stimuli])
+            first = result.stimuli[0]
+            t_stop_ms = (depth_um.shape[1] - 1) * first.dt_ms
+            return cls.of_trains(result.trains, first.dt_ms, t_stop_ms, nodes, depth_um)
+        units, fired, way = result.population, result.fired, result.way
+        row = (fired.trial - 1) * len(units) + fired.unit
+        order = np.lexsort((fired.time_ms, row))
+        return cls(
+            unit=units.unit,
+            afferent=units.afferent,
+            stimulus=(way.name,) * result.trials,
+            repeat=tuple(range(1, result.trials + 1)) if result.trials > 1 else (0,),
+            time_ms=fired.time_ms[order],
+            start=_starts(row, len(units) * result.trials),
+            dt_ms=way.dt_ms,
+            t_stop_ms=float(way.times_ms[-1]),
+            columns={
+                name: getattr(units, name) for name in ("x_mm", "z_mm", "depth_mm", "deviate")
+            },
+            depth_um=np.tile(result.depth_um, (result.trials, 1)),
+        )
+
+    @classmethod
+    def of_trains(
+        cls,
+        trains: Sequence[SpikeTrain],
+        dt_ms: float,
+        t_stop_ms: float,
+        nodes: Mapping[str, int] | None = None,
+        depth_um: FloatArray | None = None,
+    ) -> "Recording":
+        """A recording of spike trains: a trial a stimulus, a unit a cell of a class."""
+        cells = list(dict.fromkeys((train.afferent, train.repeat) for train in trains))
+        stimuli = list(dict.fromkeys(train.stimulus for train in trains))
+        row = [
+            stimuli.index(train.stimulus) * len(cells) + cells.index((train.afferent, train.repeat))
+            for train in trains
+        ]
+        rows = np.repeat(row, [train.times_ms.size for train in trains]).astype(np.int64)
+        time_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
+        order = np.lexsort((time_ms, rows))
+        columns = {"cell": np.array([cell for _, cell in cells])}
+        if nodes:
+            columns["node"] = np.array([nodes[name] for name, _ in cells])
+        return cls(
+            unit=tuple(f"{name}{cell or ''}" for name, cell in cells),
+            afferent=tuple(name for name, _ in cells),
+            stimulus=tuple(stimuli),
+            repeat=(0,) * len(stimuli),
+            time_ms=time_ms[order],
+            start=_starts(rows, len(cells) * len(stimuli)),
+            dt_ms=dt_ms,
+            t_stop_ms=t_stop_ms,
+            columns=columns,
+            depth_um=depth_um,
+        )
+
+    def spikes_ms(self, unit: int, trial: int = 0) -> FloatArray:
+        """Spikes of the unit and trial of these rows."""
+        row = trial * len(self.unit) + unit
+        return self.time_ms[self.start[row] : self.start[row + 1]]
+
+    @property
+    def trial_ms(self) -> FloatArray:
+        """When each trial begins ``(K,)`` where they follow one another."""
+        return np.arange(len(self.stimulus), dtype=np.float64) * (self.t_stop_ms + self.dt_ms)
+
+    def _one_clock_ms(self, unit: int) -> FloatArray:
+        trials = [start + self.spikes_ms(unit, k) for k, start in enumerate(self.trial_ms)]
+        return np.concatenate(trials)
+
+    # ---- To files
+
+    def write(self, path: Path | str) -> Path:
+        """Write a file of the format of its suffix, as `FORMATS` has them.
+
+        Raises
+        ------
+        UsageError
+            Another suffix.
+        MissingError
+            The format's library is not installed.
+        OutputError
+            The file cannot be written.
+        """
+        path = Path(path)
+        suffixes = dict(FORMATS.values())
+        if path.suffix not in suffixes:
+            raise UsageError(
+                f"{path}: expected a name in {', '.join(suffixes)}"
+                + near_hint(path.suffix, suffixes)
+            )
+        # HDF5 wants the lock that is on a draft, so it writes elsewhere.
+        with replacing(path) as draft, TemporaryDirectory(prefix="fembridge-") as scratch:
+            written = Path(scratch) / path.name
+            suffixes[path.suffix](self, written)
+            shutil.copyfile(written, draft)
+        return path
+
+    def _write_npz(self, path: Path) -> None:
+        own = ("unit", "afferent", "stimulus", "repeat", "time_ms", "start", "dt_ms", "t_stop_ms")
+        arrays: dict[str, Any] = {name: np.array(getattr(self, name)) for name in own}
+        arrays.update(self.columns)
+        if self.depth_um is not None:
+            arrays["depth_um"] = self.depth_um
+        with path.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    def _write_mat(self, path: Path) -> None:
+        """A struct `response`, with the fields of TouchSim's ResponseCollection; seconds."""
+        from scipy.io import savemat
+
+        count, seconds = len(self.unit), self.t_stop_ms * _S_PER_MS
+        responses = np.empty((len(self.stimulus), count), dtype=[("spikes", object), ("rate", "O")])
+        for k, unit in np.ndindex(responses.shape):
+            spikes_s = self.spikes_ms(unit, k) * _S_PER_MS
+            responses[k, unit] = spikes_s, spikes_s.size / seconds
+        nowhere = np.full(count, np.nan)
+        place = [self.columns.get(name, nowhere) for name in ("x_mm", "z_mm")]
+        classes = [_TOUCHSIM.get(name, name) for name in self.afferent]
+        afferents = {
+            "num": count,
+            "class": np.array(classes, dtype=object),
+            "unit": np.array(self.unit, dtype=object),
+            "location": np.stack(place, -1),
+            "depth": self.columns.get("depth_mm", nowhere),
+            **{f"i{name}": np.array([each == name for each in classes]) for name in ("SA1", "RA")},
+            "iPC": np.array([each == "PC" for each in classes]),
+        }
+        stimulus = {
+            "name": np.array(self.stimulus, dtype=object),
+            "repeat": np.array(self.repeat),
+            "sampling_frequency": 1.0 / (self.dt_ms * _S_PER_MS),
+            "duration": seconds,
+        }
+        if self.depth_um is not None:
+            stimulus["trace"] = self.depth_um.T * _MM_PER_UM
+        response = {
+            "affpop": afferents,
+            "responses": responses,
+            "rate": np.vectorize(float)(responses["rate"].T),
+            "duration": seconds,
+            "stimulus": stimulus,
+        }
+        savemat(path, {"response": response}, oned_as="column", do_compression=True)
+
+    def _write_nwb(self, path: Path) -> None:
+        with _library("nwb"):
+            from pynwb import NWBHDF5IO
+        with NWBHDF5IO(path, "w") as file:
+            file.write(self.to_nwb())
+
+    def _write_neo(self, path: Path) -> None:
+        block = self.to_neo()
+        with _library("neo"):
+            from neo.io import PickleIO
+        PickleIO(path).write_block(block)
+
+    def _write_sonata(self, path: Path) -> None:
+        """Spikes and nodes of one population, `afferents`, in one file; trials end to end."""
+        with _library("sonata"):
+            import h5py
+        time_ms = [self._one_clock_ms(unit) for unit in range(len(self.unit))]
+        with h5py.File(path, "w") as file:
+            file.attrs["magic"] = np.uint32(_SONATA_MAGIC)
+            file.attrs["version"] = np.array(_SONATA_VERSION, dtype=np.uint32)
+            spikes = file.create_group("spikes/afferents")
+            ids = np.repeat(np.arange(len(self.unit)), [each.size for each in time_ms])
+            every_ms = np.concatenate(time_ms)
+            order = np.lexsort((ids, every_ms))
+            spikes["timestamps"] = every_ms[order]
+            spikes["timestamps"].attrs["units"] = "ms"
+            spikes["node_ids"] = ids[order].astype(np.uint64)
+            kinds = h5py.enum_dtype({"none": 0, "by_id": 1, "by_time": 2}, basetype="u1")
+            spikes.attrs.create("sorting", 2, dtype=kinds)
+            nodes = file.create_group("nodes/afferents")
+            nodes["node_type_id"] = np.zeros(len(self.unit), dtype=np.int64)
+            nodes["node_group_id"] = np.zeros(len(self.unit), dtype=np.uint64)
+            nodes["node_group_index"] = np.arange(len(self.unit), dtype=np.uint64)
+            texts = {"unit": list(self.unit), "afferent": list(self.afferent)}
+            for name, values in {**texts, **self.columns}.items():
+                nodes[f"0/{name}"] = values
+            trials = file.create_group("trials")
+            trials["stimulus"] = list(self.stimulus)
+            trials["repeat"] = np.array(self.repeat)
+            trials["start_ms"] = self.trial_ms
+            trials["stop_ms"] = self.trial_ms + self.t_stop_ms
+
+    # ---- To other libraries
+
+    def to_neo(self) -> Any:  # noqa: ANN401 - a neo.Block
+        """A `neo.Block`: a segment a trial, a spike train a unit, annotated."""
+        with _library("neo"):
+            import neo
+            import quantities
+        ms = quantities.ms
+        block = neo.Block(name="fembridge", fembridge_version=__version__)
+        for k, (name, repeat) in enumerate(zip(self.stimulus, self.repeat, strict=True)):
+            segment = neo.Segment(name=f"{name} {repeat}", stimulus=name, repeat=repeat, index=k)
+            for u, (unit, afferent) in enumerate(zip(self.unit, self.afferent, strict=True)):
+                segment.spiketrains.append(
+                    neo.SpikeTrain(
+                        self.spikes_ms(u, k) * ms,
+                        t_stop=self.t_stop_ms * ms,
+                        name=unit,
+                        unit=unit,
+                        afferent=afferent,
+                        **{column: values[u].item() for column, values in self.columns.items()},
+                    )
+                )
+            if self.depth_um is not None:
+                segment.analogsignals.append(
+                    neo.AnalogSignal(
+                        self.depth_um[k, :, None] * quantities.um,
+                        sampling_period=self.dt_ms * ms,
+                        name="depth",
+                    )
+                )
+            block.segments.append(segment)
+        return block
+
+    def to_nwb(self, **about: Any) -> Any:  # noqa: ANN401 - words of pynwb, its NWBFile
+        """A `pynwb.NWBFile`; `about` takes the place of what it says of the session.
+
+        Among others `session_start_time`, `experimenter`, `institution` and `subject`, a
+        `pynwb.file.Subject`. Nobody was recorded: the default subject says so.
+        """
+        with _library("nwb"):
+            from pynwb import NWBFile, TimeSeries
+            from pynwb.file import Subject
+            from pynwb.misc import Units
+        seconds = _S_PER_MS * (self.trial_ms[:, None] + (0.0, self.t_stop_ms))
+        digest = hashlib.sha256(self.time_ms.tobytes() + self.start.tobytes())
+        digest.update(repr((self.unit, self.stimulus, self.repeat)).encode())
+        stimuli = ", ".join(dict.fromkeys(self.stimulus))
+        session = {
+            "session_description": f"Simulated afferents of a fingertip under {stimuli}",
+            "identifier": digest.hexdigest(),
+            "session_start_time": datetime.now(UTC),
+            "experimenter": ["Fembridge, simulation"],
+            "institution": "none: simulated",
+            "experiment_description": f"Computed by fembridge {__version__}: stress in the skin "
+            "from finite elements, spikes from models of SA, RA and PC afferents",
+            "keywords": ["touch", "tactile afferents", "simulation"],
+            "subject": Subject(
+                subject_id="simulated",
+                species="Homo sapiens",
+                sex="U",
+                age="P0D/",
+                description="a model of a fingertip; nobody was recorded",
+            ),
+        }
+        found = NWBFile(**{**session, **about})
+        found.units = Units(
+            name="units", description="simulated afferents", resolution=self.dt_ms * _S_PER_MS
+        )
+        texts = {"unit": self.unit, "afferent": self.afferent}
+        for name in ("unit", "afferent", *self.columns):
+            found.add_unit_column(name, _COLUMNS.get(name, "name of the unit"))
+        for u in range(len(self.unit)):
+            found.add_unit(
+                spike_times=self._one_clock_ms(u) * _S_PER_MS,
+                obs_intervals=seconds,
+                **{name: values[u] for name, values in texts.items()},
+                **{name: values[u].item() for name, values in self.columns.items()},
+            )
+        if len(self.stimulus) > 1:  # the inspector takes a table of one row for a mistake
+            found.add_trial_column("stimulus", "name of the stimulus")
+            found.add_trial_column("repeat", "which trial of the stimulus, from 1; 0: the only one")
+            for k, (start_s, stop_s) in enumerate(seconds):
+                found.add_trial(start_s, stop_s, stimulus=self.stimulus[k], repeat=self.repeat[k])
+        if self.depth_um is not None:
+            found.add_stimulus(
+                TimeSeries(
+                    name="depth",
+                    data=self.depth_um.ravel() * 1e-6,
+                    unit="m",
+                    rate=1.0 / (self.dt_ms * _S_PER_MS),
+                    starting_time=0.0,
+                    description=f"depth of what touches, from first touch: {stimuli}",
+                )
+            )
+        return found
+
+    def to_brian2(self, trial: int = 0) -> Any:  # noqa: ANN401 - untyped
+        """A `brian2.SpikeGeneratorGroup` of all units in one trial."""
+        with _library("brian2"):
+            from brian2 import SpikeGeneratorGroup, ms
+        unit, step = self._steps(trial)
+        times = step * self.dt_ms * ms
+        return SpikeGeneratorGroup(len(self.unit), unit, times, sorted=False)
+
+    def to_nest(self, trial: int = 0) -> Any:  # noqa: ANN401 - untyped
+        """A NEST NodeCollection of `spike_generator`, one a unit, that fire as in one trial.
+
+        Times are on NEST's grid; its resolution has to divide `dt_ms`.
+        """
+        with _library("nest"):
+            import nest
+        times = [{"spike_times": self.spikes_ms(u, trial)} for u in range(len(self.unit))]
+        return nest.Create("spike_generator", len(self.unit), params=times)
+
+    def to_torch(self) -> Any:  # noqa: ANN401 - untyped
+        """A float tensor ``(T, K, U)``, 1 where a unit fires: as snnTorch and Norse take it.
+
+        Time is first, trials are the batch; row n is the step that ends at ``n dt_ms``.
+        """
+        with _library("torch"):
+            import torch
+        return torch.from_numpy(self.to_dense())
+
+    def to_dense(self) -> Any:  # noqa: ANN401 - an array of float32
+        """What `to_torch` gives as an array ``(T, K, U)`` of float32."""
+        trials = len(self.stimulus)
+        last = round(self.t_stop_ms / self.dt_ms)
+        found = np.zeros((last + 1, trials, len(self.unit)), dtype=np.float32)
+        for k in range(trials):
+            unit, step = self._steps(k)
+            found[step, k, unit] = 1.0
+        return found
+
+    def _steps(self, trial: int) -> tuple[IntArray, IntArray]:
+        """Unit and time step of each spike of a trial."""
+        first, end = trial * len(self.unit), (trial + 1) * len(self.unit)
+        counts = np.diff(self.start[first : end + 1])
+        time_ms = self.time_ms[self.start[first] : self.start[end]]
+        return np.repeat(np.arange(counts.size), counts), np.rint(time_ms / self.dt_ms).astype(int)
+
+
+FORMATS: Mapping[str, tuple[str, Callable[[Recording, Path], None]]] = {
+    "npz": (".npz", Recording._write_npz),
+    "mat": (".mat", Recording._write_mat),
+    "nwb": (".nwb", Recording._write_nwb),
+    "neo": (".pkl", Recording._write_neo),
+    "sonata": (".h5", Recording._write_sonata),
+}
+"""Suffix and writer of each word of ``--export``."""
+
+
+def export(recording: Recording, folder: Path, formats: Sequence[str]) -> list[str]:
+    """Write ``spikes`` in `formats`; the files' names."""
+    return [recording.write(folder / f"spikes{FORMATS[word][0]}").name for word in formats]
+
+
+@contextmanager
+def _library(name: str) -> "Iterator[None]":
+    try:
+        yield
+    except ImportError as error:
+        line = f"'fembridge[{name}]'" if name in FORMATS else name
+        raise MissingError(f"{error}: install {name} first, pip install {line}") from error
+
+
+def _starts(row: IntArray, count: int) -> IntArray:
+    """Where the spikes of each of `count` rows begin, and the end of the last."""
+    return np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))]).astype(np.int64)
