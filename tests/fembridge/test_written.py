@@ -100,7 +100,8 @@ def test_the_arrays_of_a_simulation_are_those_that_are_told(here):
     assert cli.main(SIMULATE) == 0
     with np.load(here / "out/traces.npz") as arrays:
         assert list(arrays) == columns_of("simulate", "traces.npz")
-    told = {output.file for output in OUTPUTS["simulate"]} - {"raster.png", "response/", "spikes.npz"}
+    told = {output.file for output in OUTPUTS["simulate"]}
+    told -= {"raster.png", "response/", "spikes.npz"}
     assert {path.name for path in (here / "out").iterdir()} == told
 
 
