@@ -4,6 +4,8 @@ A word is an id (``sine_20_250``), the beginning of ids (``sine_20`` is twelve
 stimuli, ``noise_25_250`` five, ``diharm`` twenty) or ``all``. A number that the
 appendix does not have is welcome where the id is complete: ``sine_40_100``,
 ``noise_30_200_7``, and for a diharmonic both amplitudes, ``diharm_10_50_20_20``.
+Ramp-and-hold is a family without a catalogue: ``ramp_300_100_200_100`` goes 300 um deep
+in 100 ms, stays for 200 ms and comes back in 100 ms.
 Numbers may be spelled in any way: ``sine_20_250.00``.
 
 Ids join the family and the numbers without trailing zeros, and say all of a stimulus but
@@ -19,8 +21,9 @@ that tables made elsewhere still find their stimulus. No NumPy here: samples are
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from itertools import groupby
+from itertools import accumulate, groupby
 from math import isfinite
+from pathlib import Path
 from typing import ClassVar, NoReturn, TypeAlias, get_args
 
 from fembridge.errors import StimulusError
@@ -38,11 +41,17 @@ _MOST = 1e9
 MAX_AMPLITUDE_UM = 10_000.0
 """10 mm: more than the thickness of the pad; such a number is no um."""
 
+MAX_SAMPLES = 200_001
+"""100 s: a solver takes a day for as many increments."""
+
 LONG_WINDOW_MS = (5.0, 250.0)
 SHORT_WINDOW_MS = (100.0, 200.0)
 SLOW_SINE_HZ = 50.0
 """Sinusoids below this are counted in the long window: 100 ms of them would hold
 fewer than five periods. The appendix has 20 Hz on one side, 50 Hz on the other."""
+
+REST_MS = 50.0
+"""Before a ramp the probe stands for so long, behind it for twice as long."""
 
 MIN_BAND_HZ = 1.0
 """Least low cutoff and least width of a noise band: less than that cannot be told
@@ -114,6 +123,11 @@ class _Entry:
                 )
             if name.endswith("_um") and number > MAX_AMPLITUDE_UM:
                 raise StimulusError(f"{what} must be at most {MAX_AMPLITUDE_UM:g}, got {number:g}")
+            if name.endswith("_ms") and (number % DT_MS or number > MAX_SAMPLES * DT_MS):
+                raise StimulusError(
+                    f"{what} must be a multiple of {DT_MS:g} up to {MAX_SAMPLES * DT_MS:g}, "
+                    f"got {number:g}"
+                )
             object.__setattr__(self, name, round(float(number), DECIMALS))
 
     def numbers(self) -> dict[str, float]:
@@ -214,7 +228,44 @@ class Noise(_Entry):
         return zlib.crc32(self.id.encode("ascii"))
 
 
-Entry: TypeAlias = Sine | Diharmonic | Noise
+@dataclass(frozen=True, slots=True)
+class Ramp(_Entry):
+    """Ramp and hold: into the skin at one speed, held, and back at another.
+
+    Before it are `REST_MS` of rest and behind it twice as much: the filters see the
+    onset, and what fires late is in the samples.
+    """
+
+    depth_um: float
+    up_ms: float
+    hold_ms: float
+    down_ms: float
+    family: ClassVar[str] = "ramp"
+    example: ClassVar[str] = "ramp_DEPTH_UP_HOLD_DOWN, as in ramp_300_100_200_100 (um and ms)"
+    level_name: ClassVar[str] = "depth_um"
+    title: ClassVar[str] = "Ramps and holds ({}): depths in um"
+    words: ClassVar[str] = "{} um deep in {} ms, held for {} ms, back in {} ms"
+
+    def __post_init__(self) -> None:
+        _Entry.__post_init__(self)
+        if self.window_ms[1] > (MAX_SAMPLES - 1) * DT_MS:
+            raise StimulusError(
+                f"a ramp must end within {(MAX_SAMPLES - 1) * DT_MS:g} ms with its rests, "
+                f"got {self.window_ms[1]:g} ms"
+            )
+
+    @property
+    def corners_ms(self) -> tuple[float, ...]:
+        """When the probe starts, stops, starts back and is back."""
+        return tuple(accumulate((REST_MS, self.up_ms, self.hold_ms, self.down_ms)))
+
+    @property
+    def window_ms(self) -> tuple[float, float]:
+        """Time in which spikes are counted: all of it."""
+        return 0.0, self.corners_ms[-1] + 2 * REST_MS
+
+
+Entry: TypeAlias = Sine | Diharmonic | Noise | Ramp
 _FAMILIES: dict[str, type[Entry]] = {kind.family: kind for kind in get_args(Entry)}
 
 
@@ -237,6 +288,8 @@ CATALOGUE: tuple[Entry, ...] = (
 """Appendices A, B and C in the order they are printed."""
 
 EVERY = "all"
+WAVEFORMS = (".csv", ".wav", ".npy", ".dat")
+"""Suffixes of files that hold a waveform; no id ends in one."""
 
 
 def resolve(words: str | Iterable[str]) -> tuple[Entry, ...]:
@@ -259,6 +312,23 @@ def resolve(words: str | Iterable[str]) -> tuple[Entry, ...]:
     if not names:
         raise StimulusError("no stimulus named; expected an id, or 'all'")
     return tuple(dict.fromkeys(entry for name in names for entry in _named(name)))
+
+
+def named(words: Sequence[str | Path]) -> tuple[Sequence[Path], Sequence[Entry]]:
+    """Files and stimuli of the catalogue that `words` name, each once.
+
+    A word is a path if it has the suffix of a waveform, a folder, or is there: no id is.
+    """
+    found: dict[str | Path, None] = {}
+    for word in words:
+        whole = isinstance(word, Path) or Path(word).is_file()
+        for part in [str(word)] if whole else str(word).split(","):
+            path = Path(part.strip())
+            is_path = whole or path.suffix.lower() in WAVEFORMS or len(path.parts) > 1
+            found[path if is_path or path.is_file() else part] = None
+    files = [one for one in found if isinstance(one, Path)]
+    ids = [one for one in found if isinstance(one, str)]
+    return files, resolve(ids) if any(map(str.strip, ids)) or not files else ()
 
 
 def set_name(entry: Entry) -> str:
@@ -286,6 +356,8 @@ def _named(name: str) -> tuple[Entry, ...]:
         except StimulusError as error:
             raise StimulusError(f"{name}: {error}") from error
     mine = [entry for entry in CATALOGUE if isinstance(entry, kind)]
+    if not mine:
+        raise StimulusError(f"{name!r} needs all its numbers: {kind.example}")
     known = {entry: tuple(entry.numbers().values()) for entry in mine}
     level = tuple(entry for entry, row in known.items() if row[: len(numbers)] == numbers)
     if not level:  # name the numbers that there are at the place where this one is not
@@ -306,6 +378,7 @@ def _refuse(name: str) -> NoReturn:
 
     names = [EVERY, *_FAMILIES, *(entry.id for entry in CATALOGUE), *map(set_name, CATALOGUE)]
     near = get_close_matches(name.lower(), dict.fromkeys(names), n=4)
+    near = near or get_close_matches(name.lower().partition("_")[0], _FAMILIES)
     hint = (
         f"did you mean {', '.join(near)}?"
         if near
@@ -334,7 +407,9 @@ def catalogue_lines() -> list[str]:
     lines += [
         "",
         "Sets: all, sine, diharm, noise, any name above (sine_20).",
-        "Your own: sine_40_100, diharm_10_50_20_20 (both amplitudes), noise_30_200_7.",
+        "Your own: sine_40_100, diharm_10_50_20_20 (both amplitudes), noise_30_200_7,",
+        "ramp_300_100_200_100 (300 um deep in 100 ms, held for 200 ms, back in 100 ms),",
+        "and any waveform in a .csv, .wav or .npy: its path in the place of an id.",
         f"Note: {MISPRINT_NOTE}.",
     ]
     return lines

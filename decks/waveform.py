@@ -1,9 +1,9 @@
-"""Samples of a stimulus: the depth of the probe every 0.5 ms for 250 ms.
+"""Samples of a stimulus: the depth of the probe every 0.5 ms.
 
-Sinusoids start at phase 0. Noise is Gaussian, filtered without delay, and lifted
-from zero in the first 5 ms, which no window counts. Samples are rounded to
-1e-6 um: far below what a solver resolves, far above what two machines'
-arithmetic differs by, so that both write the same bytes.
+Those of the paper take 250 ms, a ramp as long as its id says. Sinusoids start at phase 0.
+Noise is Gaussian, filtered without delay, and lifted from zero in the first 5 ms, which no
+window counts. Samples are rounded to 1e-6 um: far below what a solver resolves, far above
+what two machines' arithmetic differs by, so that both write the same bytes.
 """
 
 import math
@@ -54,7 +54,7 @@ def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = No
     Returns
     -------
     Stimulus
-        501 samples in um, positive into the skin, the first at time 0. `origin`
+        Samples in um, 501 but of a ramp, positive into the skin, the first at time 0. `origin`
         keeps the family, the numbers and, for noise, the seed.
 
     Raises
@@ -144,6 +144,11 @@ WAVES: dict[str, Callable[[Any], FloatArray]] = {
     "diharm": lambda pair: (
         pair.amplitude1_um * _sine(pair.frequency1_hz)
         + pair.amplitude2_um * _sine(pair.frequency2_hz)
+    ),
+    "ramp": lambda ramp: np.interp(
+        np.arange(round(ramp.window_ms[1] / DT_MS) + 1) * DT_MS,
+        ramp.corners_ms,
+        (0.0, ramp.depth_um, ramp.depth_um, 0.0),
     ),
 }
 """Samples in um of the families that are not drawn, ``(T,)`` from time 0."""

@@ -17,14 +17,12 @@ from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.presets import mesh_of, read_finger
 from decks.probe import Probe
-from decks.stimuli import resolve
 from decks.unit_system import LENGTH_UNITS
-from decks.waveform import make_stimulus
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
-from fembridge.stimulus import Stimulus
+from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
 from fembridge.trace import StressTrace
 
@@ -43,8 +41,6 @@ if TYPE_CHECKING:
     from neural.fit_problem import Target
     from neural.models import Model as AfferentModel
 
-Stimuli: TypeAlias = str | Stimulus | Sequence[str | Stimulus]
-"""Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own."""
 PathLike: TypeAlias = str | Path
 
 
@@ -57,6 +53,9 @@ def simulate(
     preindent_um: float | None = None,
     seed: int | None = None,
     slide_mm_per_s: float | None = None,
+    dt_ms: float | None = None,
+    full_scale_um: float | None = None,
+    window_ms: tuple[float, float] | None = None,
     finger: str | Finger = "quick",
     probe: Probe | None = None,
     element: str = "CPE4",
@@ -79,6 +78,13 @@ def simulate(
 
     Parameters
     ----------
+    stimulus
+        An id as ``ramp_300_100_200_100``, a set, a `Stimulus`, or a waveform's path: .csv
+        with ``time_ms,displacement_um``, .wav or .npy, in any step.
+    dt_ms, full_scale_um
+        Of an .npy the time step; of a .wav without its scale what full scale is in um.
+    window_ms
+        Where spikes are counted, in the place of each stimulus's own window.
     method
         ``map``, ``transient``, or ``auto``: the map where stress depends on depth alone.
     stored
@@ -131,7 +137,10 @@ def simulate(
         on_progress=on_progress,
         cache=cache,
     )
-    stimuli = stimuli_of(stimulus, depth_um, seed, slide_mm_per_s)
+    stimuli = stimuli_of(
+        stimulus, depth_um, seed, slide_mm_per_s,
+        dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
+    )  # fmt: skip
     model = _model(finger, probe, Contact(), element, inertia, whole_section, law)
     with ExitStack() as stack:
         if output is None:
@@ -149,10 +158,11 @@ def simulate(
             log=log,
         )
     fitted_um = f"{chosen.preindent_um:g} um deep before time 0"
-    if depth_um != chosen.preindent_um:
+    depths_um = {one.preindent_um for one in stimuli}
+    if depths_um != {chosen.preindent_um}:
         log(
             f"parameters {chosen.name} were fitted with the probe {fitted_um}, "
-            f"here it is at {depth_um:g} um"
+            f"here it is at {', '.join(f'{each:g}' for each in sorted(depths_um))} um"
         )
     elif preindent_um is None and depth_um:
         log(f"parameters {chosen.name}: the probe is {fitted_um}, as in their fit")
@@ -167,6 +177,9 @@ def build_deck(
     preindent_um: float | None = None,
     seed: int | None = None,
     slide_mm_per_s: float | None = None,
+    dt_ms: float | None = None,
+    full_scale_um: float | None = None,
+    window_ms: tuple[float, float] | None = None,
     finger: str | Finger = "quick",
     probe: Probe | None = None,
     element: str | None = None,
@@ -189,6 +202,8 @@ def build_deck(
 
     Parameters
     ----------
+    stimulus, dt_ms, full_scale_um, window_ms
+        As of `simulate`.
     solver
         ``calculix`` (None too), ``marc`` or ``abaqus``. Of a `base_deck`: whose it is,
         where its text leaves that open.
@@ -215,7 +230,10 @@ def build_deck(
     >>> run.folder.name, run.increments
     ('sine_20_250', 500)
     """
-    stimuli = stimuli_of(stimulus, preindent_um or 0.0, seed, slide_mm_per_s)
+    stimuli = stimuli_of(
+        stimulus, preindent_um or 0.0, seed, slide_mm_per_s,
+        dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
+    )  # fmt: skip
     if base_deck is not None:
         from decks.own_model.request import Request
 
@@ -375,32 +393,6 @@ def _parameter_set(parameters: "str | ParameterSet") -> "ParameterSet":
     from neural.parameter_sets import parameter_set_or_file
 
     return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
-
-
-def stimuli_of(
-    stimulus: Stimuli,
-    preindent_um: float = 0.0,
-    seed: int | None = None,
-    slide_mm_per_s: float | None = None,
-) -> list[Stimulus]:
-    """The waveforms that `stimulus` names, each once; those of one's own as they are.
-
-    Raises
-    ------
-    StimulusError, UsageError
-        No such id, a negative seed or depth.
-    """
-    if seed is not None and seed < 0:
-        raise UsageError(f"seed is {seed}, expected 0 or more")
-    named = [stimulus] if isinstance(stimulus, str | Stimulus) else list(stimulus)
-    words = [one for one in named if isinstance(one, str)]
-    found = [one for one in named if isinstance(one, Stimulus)]
-    if words or not found:
-        entries = resolve(words)
-        found += [make_stimulus(entry, preindent_um=preindent_um, seed=seed) for entry in entries]
-    if slide_mm_per_s is None:
-        return found
-    return [one.sliding(slide_mm_per_s) for one in found]
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:

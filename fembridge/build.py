@@ -12,9 +12,9 @@ from decks.dialects import DeckOptions, dialect_named
 from decks.motion import motion_of
 from decks.presets import finger_table
 from fembridge.errors import DeckError
-from fembridge.exports import write_csv
 from fembridge.run_folder import RUN_FILE, STIMULUS_FILE, AfferentNode, RunFolder
 from fembridge.stimulus import Stimulus
+from fembridge.stimulus_file import write_csv
 from fembridge.store import MAX_DECK_BYTES, filling, read_bytes, replacing
 from fembridge.trace import MS_PER_S
 from fembridge.typing import Table

@@ -121,17 +121,20 @@ def _simulation(folder: Path) -> Written:
             depth_um, stress_pa = arrays["displacement_um"], arrays["von_mises_pa"]
         if (len(names), len(afferents)) != (len(depth_um), stress_pa.shape[-1]):
             raise ValueError(f"{len(names)} stimuli, {len(depth_um)} waveforms")
+        sizes = [int(np.isfinite(row).sum()) for row in depth_um]  # NaN behind the end
         traces = tuple(
-            tuple(StressTrace(row[:, k], dt_ms, 0, name) for k, name in enumerate(afferents))
-            for row in stress_pa
+            tuple(StressTrace(row[:size, k], dt_ms, 0, name) for k, name in enumerate(afferents))
+            for row, size in zip(stress_pa, sizes, strict=True)
         )
     except (OSError, KeyError, ValueError, EOFError, MemoryError, BadZipFile) as error:
         raise ResultError(f"not as fembridge simulate writes it: {error}", path) from error
     try:
         known = [table["stimuli"][name] for name in names]
         stimuli = tuple(
-            Stimulus(name, row, dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one)
-            for name, row, one in zip(names, depth_um, known, strict=True)
+            Stimulus(
+                name, row[:size], dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one
+            )
+            for name, row, size, one in zip(names, depth_um, sizes, known, strict=True)
         )
         cells = {
             name: int(one["cells"])

@@ -123,7 +123,8 @@ class Simulation:
         names.
 
         The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
-        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``. All of them,
+        ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``, NaN behind the end of
+        a shorter stimulus. All of them,
         and with `plot` ``raster.png``, are replaced, or, after an `OutputError`, none.
         """
         import tomli_w
@@ -131,7 +132,12 @@ class Simulation:
         stimuli = {stimulus.id: stimulus_inputs(stimulus) for stimulus in self.stimuli}
         for table in stimuli.values():
             del table["id"]
-        stress_pa = [[trace.stress_pa for trace in row] for row in self.traces]
+        most = max(stimulus.displacement_um.size for stimulus in self.stimuli)
+
+        def padded(samples: FloatArray) -> FloatArray:
+            return np.pad(samples, (0, most - samples.size), constant_values=np.nan)
+
+        stress_pa = [[padded(trace.stress_pa) for trace in row] for row in self.traces]
         with filling(Path(folder), last=RECORD_FILE) as draft:
             with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
                 np.savez(
@@ -139,7 +145,7 @@ class Simulation:
                     stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
                     afferent=np.array([trace.afferent for trace in self.traces[0]]),
                     dt_ms=np.array(self.stimuli[0].dt_ms),
-                    displacement_um=np.array([one.displacement_um for one in self.stimuli]),
+                    displacement_um=np.array([padded(one.displacement_um) for one in self.stimuli]),
                     von_mises_pa=np.moveaxis(np.array(stress_pa), 1, -1),
                 )
             write_spikes(draft / SPIKES_FILE, self.trains)
@@ -244,25 +250,31 @@ def encode_all(
     parameters: Parameters,
     origin: Mapping[str, object],
 ) -> Simulation:
-    """Turn the stress of all stimuli into spikes, one batch an afferent.
+    """Turn the stress of all stimuli into spikes, those of one length together.
 
     Raises
     ------
     TraceError, ParameterError
-        Not the same afferents and one time axis for all; a time step that the parameters
+        Not the same afferents and one step for all; a time step that the parameters
         were not made for.
     """
     afferents = [str(trace.afferent) for trace in traces[0]]
     _check_alike(stimuli, traces, afferents, parameters)
-    stress_pa = {
-        afferent: np.stack([row[column].stress_pa for row in traces], -1)
-        for column, afferent in enumerate(afferents)
-    }
-    cells = encode_afferents(stress_pa, traces[0][0].dt_ms, parameters)
+    sizes = [row[0].stress_pa.size for row in traces]
+    fired: dict[tuple[int, str], list[FloatArray]] = {}
+    for size in dict.fromkeys(sizes):
+        alike = [row for row, each in enumerate(sizes) if each == size]
+        stress_pa = {
+            afferent: np.stack([traces[row][column].stress_pa for row in alike], -1)
+            for column, afferent in enumerate(afferents)
+        }
+        cells = encode_afferents(stress_pa, traces[0][0].dt_ms, parameters)
+        for name, by_row in cells.items():
+            fired |= {(row, name): each for row, each in zip(alike, by_row, strict=True)}
     trains, rates = [], []
     for row, stimulus in enumerate(stimuli):
         for afferent in afferents:
-            spikes_ms = cells[afferent][row]
+            spikes_ms = fired[row, afferent]
             trains.extend(_trains_of(stimulus.id, afferent, spikes_ms))
             rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
             rates.append(Rate(stimulus.id, afferent, rate))
@@ -362,8 +374,8 @@ def _check_alike(
     afferents: Sequence[str],
     parameters: Parameters,
 ) -> None:
-    """Refuse traces of other afferents or another time axis than the first stimulus's."""
-    count, dt_ms = stimuli[0].displacement_um.size, stimuli[0].dt_ms
+    """Refuse traces of other afferents or another step than the first stimulus's."""
+    dt_ms = stimuli[0].dt_ms
     near_ms = STEP_TOLERANCE * dt_ms
     expected = afferents if set(afferents) <= set(parameters) else list(parameters)
     for stimulus, row in zip(stimuli, traces, strict=True):
@@ -372,11 +384,12 @@ def _check_alike(
             raise TraceError(
                 f"{stimulus.id}: traces of {', '.join(found)}, expected of {', '.join(expected)}"
             )
+        count = stimulus.displacement_um.size
         axes = [(trace.stress_pa.size, trace.dt_ms, trace.start_ms) for trace in row]
-        axes.append((stimulus.displacement_um.size, stimulus.dt_ms, 0.0))
+        axes.append((count, stimulus.dt_ms, 0.0))
         for size, step_ms, start_ms in axes:
             if size != count or abs(step_ms - dt_ms) > near_ms or abs(start_ms) > near_ms:
                 raise TraceError(
                     f"{stimulus.id}: {size} samples every {step_ms:g} ms from {start_ms:g} ms, "
-                    f"expected as of {stimuli[0].id}: {count} every {dt_ms:g} ms from 0 ms"
+                    f"expected {count} every {dt_ms:g} ms from 0 ms"
                 )

@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if how and args.base_deck is None:
             print(f"run each with your own solver, in its folder: {how}")
     for remark in remarks:
-        print(f"{args.base_deck}: {remark}", file=sys.stderr)
+        print(remark if args.base_deck is None else f"{args.base_deck}: {remark}", file=sys.stderr)
     rows = [
         {
             "stimulus": one.folder.name,

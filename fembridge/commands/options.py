@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from decks.probe import Probe
 
-STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s")
+WAVE = ("dt_ms", "full_scale_um")
+STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s", *WAVE, "window_ms")
 FINGER = ("finger", "probe_shape", "probe_diameter_mm", "probe_fillet_mm", "probe_x_mm")
 SOLVING = ("whole_section", "inertia", "law")
 LIMITS = ("threads", "jobs", "time_limit", "no_cache")
@@ -18,12 +19,42 @@ STORED_FINGER: dict[str, Any] = {
 }
 """What ``--finger`` is where nothing is solved."""
 
+
+def window(word: str) -> tuple[float, float]:
+    """``START:END`` in ms, the time in which spikes are counted."""
+    try:
+        start, end = map(float, word.split(":"))
+    except ValueError:
+        start = end = 0.0
+    if not start < end:
+        raise argparse.ArgumentTypeError(f"expected START:END in ms as 5:250, got {word!r}")
+    return start, end
+
+
 _OPTIONS: dict[str, dict[str, Any]] = {
     "stimulus": {
         "action": "append",
         "required": True,
-        "metavar": "ID",
-        "help": "sine_20_250, a set as noise_25_250 or all; commas or repetition join",
+        "metavar": "ID|FILE",
+        "help": "sine_20_250, a set as noise_25_250 or all, ramp_300_100_200_100 (300 um deep "
+        "in 100 ms, held for 200, back in 100), or a waveform: .csv with time_ms and "
+        "displacement_um, .wav, .npy; commas or repetition join",
+    },
+    "dt_ms": {
+        "type": float,
+        "metavar": "MS",
+        "help": "time between two samples of an .npy waveform",
+    },
+    "full_scale_um": {
+        "type": float,
+        "metavar": "UM",
+        "help": "full scale of a .wav waveform that does not hold it itself",
+    },
+    "window_ms": {
+        "type": window,
+        "metavar": "START:END",
+        "help": "count spikes after START up to END (default: the window of the stimulus; of "
+        "one's own all of it)",
     },
     "preindent_um": {
         "type": float,
@@ -119,7 +150,8 @@ def add_options(
 ) -> None:
     """Add the shared options `names`; `changed` differs from what they share."""
     for name in names:
-        parser.add_argument(option(name), **{**_OPTIONS[name], **changed})
+        also = ("--waveform",) if name == "stimulus" else ()
+        parser.add_argument(option(name), *also, **{**_OPTIONS[name], **changed})
 
 
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:

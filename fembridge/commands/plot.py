@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import FINGER, add_options
+from fembridge.commands.options import FINGER, add_options, window
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,9 +52,8 @@ _OF_SPIKES: dict[str, dict[str, Any]] = {
 }
 _COUNTED = {
     "--window-ms": {
-        "type": float,
-        "nargs": 2,
-        "metavar": ("START", "END"),
+        "type": window,
+        "metavar": "START:END",
         "help": "leave white only the time in which spikes were counted",
     },
     **_PREINDENT,
@@ -166,8 +165,9 @@ _PICTURES: dict[str, tuple[str, str, dict[str, dict[str, Any]]]] = {
         {
             "ids": {
                 "nargs": "+",
-                "metavar": "ID",
-                "help": "sine_20_250, a set as sine_20, noise or all; commas join several",
+                "metavar": "ID|FILE",
+                "help": "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas "
+                "join several",
             },
             "--preindent-um": {
                 "type": float,
@@ -392,9 +392,6 @@ def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     from fembridge.simulation import SPIKES_FILE
     from fembridge.tables import AFFERENTS, read_spikes
 
-    if args.window_ms and not args.window_ms[0] < args.window_ms[1]:
-        start, end = args.window_ms
-        raise UsageError(f"--window-ms {start:g} {end:g}, expected the start before the end")
     path = find_output(args.table, (SPIKES_FILE,), "simulate and encode leave it")
     trains = read_spikes(path)
     tabled = list(dict.fromkeys(train.stimulus for train in trains))
@@ -426,7 +423,7 @@ def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
         "trains": shown,
         "stimuli": rows,
         "afferents": classes,
-        "window_ms": tuple(args.window_ms) if args.window_ms else window_ms,
+        "window_ms": args.window_ms or window_ms,
         "waveform": waveform,
     }
     spikes = sum(train.times_ms.size for train in shown if train.afferent in classes)
@@ -561,7 +558,6 @@ def _sensitivity(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 def _stimuli(
     words: list[str], preindent_um: float = 0.0, seed: int | None = None
 ) -> "list[Stimulus]":
-    from decks.stimuli import resolve
-    from decks.waveform import make_stimulus
+    from fembridge.stimulus_file import stimuli_of
 
-    return [make_stimulus(entry, preindent_um, seed) for entry in resolve(words)]
+    return stimuli_of(words, preindent_um, seed, log=lambda line: print(line, file=sys.stderr))

@@ -1,9 +1,14 @@
 """List the stimuli of the catalogue, or write their waveforms to files.
 
-Without an id the whole catalogue is shown; an id or the name of a set shows
-what it stands for. Amplitudes are zero-to-peak in um, positive into the skin;
-a waveform has a sample every 0.5 ms for 250 ms. Two amplitudes are kept as the
-appendix prints them though they are probably misprints; the list names them.
+Without an id the whole catalogue is shown; an id, the name of a set or the path of a
+waveform shows what it stands for. Amplitudes are zero-to-peak in um, positive into the
+skin; a waveform has a sample every 0.5 ms, those of the paper for 250 ms. Two amplitudes
+are kept as the appendix prints them though they are probably misprints; the list names
+them. ramp_300_100_200_100 is a ramp-and-hold: depth in um, then up, hold and down in ms.
+
+A waveform of one's own is a .csv with time_ms (or time_s) and displacement_um (or
+displacement_mm), a .wav, an .npy with --dt-ms, or what --export wrote. It starts at 0, or
+where the probe stands before time 0; other steps than 0.5 ms are resampled.
 """
 
 import argparse
@@ -11,10 +16,13 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_options, option
+from fembridge.commands.options import WAVE, add_options, option, words_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
+
+    from fembridge.stimulus import Stimulus
 
 EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/"
 
@@ -22,8 +30,9 @@ EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add = parser.add_argument
-    word = "sine_20_250, a set as sine_20, noise or all; commas join several"
-    add("ids", nargs="*", metavar="ID", help=word)
+    word = "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas join several"
+    add("ids", nargs="*", metavar="ID|FILE", help=word)
+    add("--waveform", action="append", default=[], metavar="FILE", help="the same as FILE")
     add(
         "--export",
         choices=("csv", "wav", "npy", "marc-table"),
@@ -31,13 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     place = "file for one stimulus, folder for several (default: current folder)"
     add("-o", "--output", metavar="PATH", help=place)
-    add_options(parser, ("preindent_um", "seed"))
+    add_options(parser, ("preindent_um", "seed", *WAVE))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List or export; the summary holds every stimulus or every file."""
     from fembridge.errors import UsageError
 
+    args.ids += args.waveform
     if args.export:
         return _export(args)
     for name in ("output", "preindent_um", "seed"):
@@ -49,31 +59,49 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _list(args: argparse.Namespace) -> dict[str, Any]:
     from decks import stimuli
 
-    entries = stimuli.resolve(args.ids) if args.ids else stimuli.CATALOGUE
+    files, entries = stimuli.named(args.ids) if args.ids else ((), stimuli.CATALOGUE)
+    own = _made(args, files) if files else []
     if not args.json:
-        lines = stimuli.entry_lines(entries) if args.ids else stimuli.catalogue_lines()
-        print(*lines, sep="\n")
-    return {
-        "count": len(entries),
-        "stimuli": [stimuli.to_record(entry) for entry in entries],
-        "notes": [stimuli.MISPRINT_NOTE],
-    }
+        for one in own:
+            start, end = one.window_ms
+            print(
+                f"{one.id}  {one.displacement_um.size} samples, {one.displacement_um.min():g} to "
+                f"{one.deepest_um:g} um, counted in {start:g}-{end:g} ms  ({one.origin['file']})"
+            )
+        if entries:
+            lines = stimuli.entry_lines(entries) if args.ids else stimuli.catalogue_lines()
+            print(*lines, sep="\n")
+    records: list[dict[str, Any]] = [
+        {"id": one.id, **one.origin, "window_ms": list(one.window_ms), "in_appendix": False}
+        for one in own
+    ]
+    records += map(stimuli.to_record, entries)
+    return {"count": len(records), "stimuli": records, "notes": [stimuli.MISPRINT_NOTE]}
+
+
+def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stimulus]":
+    from fembridge.stimulus_file import stimuli_of
+
+    def log(line: str) -> None:
+        print(line, file=sys.stderr)
+
+    words_given = words_of(args, "seed", *WAVE)
+    return stimuli_of(words, args.preindent_um or 0.0, **words_given, log=log)
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from decks.stimuli import resolve
-    from decks.waveform import make_stimulus
     from fembridge.errors import UsageError
-    from fembridge.exports import write_stimulus
+    from fembridge.stimulus_file import write_stimulus
 
-    entries = resolve(args.ids)
-    if args.seed is not None and all(entry.seed is None for entry in entries):
+    made = _made(args, args.ids)
+    if args.seed is not None and not any("seed" in one.origin for one in made):
         raise UsageError("--seed is for noise, and no noise was named")
+    # All files of one export share their scale: a sound card plays them as loud as they are.
+    peak_um = max(float(abs(one.displacement_um).max()) for one in made)
     files = []
-    paths = _paths([entry.id for entry in entries], args.export, args.output)
-    for entry, path in zip(entries, paths, strict=True):
-        stimulus = make_stimulus(entry, args.preindent_um or 0.0, args.seed)
-        scale_um = write_stimulus(stimulus, path, args.export)
+    paths = _paths([one.id for one in made], args.export, args.output)
+    for stimulus, path in zip(made, paths, strict=True):
+        scale_um = write_stimulus(stimulus, path, args.export, peak_um)
         files.append(
             {
                 "id": stimulus.id,
@@ -98,7 +126,7 @@ def _paths(ids: list[str], format_name: str, output: str | None) -> "list[Path]"
     from pathlib import Path
 
     from fembridge.errors import OutputError
-    from fembridge.exports import FORMATS
+    from fembridge.stimulus_file import FORMATS
 
     suffix, _ = FORMATS[format_name]
     folder = Path(output or ".")

@@ -39,7 +39,7 @@ _SPIKES_IN_WINDOW = ("spikes", "", "spikes in the window that is counted, of all
 _PEAK = ("peak_stress_pa", "Pa", "largest von Mises stress at the afferent")
 _TIME = ("time_ms", "ms", "time; 0 is the start of the stimulus, or of the solver's clock")
 _SOURCE = ("source", "", "whose numbers: a model, TouchSim or observed")
-_FAMILY = ("family", "", "family of stimuli: sine, diharm or noise")
+_FAMILY = ("family", "", "family of stimuli: sine, diharm, noise or ramp")
 _SET = ("set", "", "frequencies or band of the stimuli")
 _MESH = ("mesh", "", "name of the mesh, or of its finger")
 _ELEMENTS = ("elements", "", "elements of the mesh")
@@ -86,7 +86,8 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
     "stimuli": (
         Output("ID.csv", "waveform of a stimulus (--export csv)", _WAVEFORM),
         Output("ID.npy", "its displacement alone in um, a sample every 0.5 ms"),
-        Output("ID.wav", "the same as 16-bit sound; what 32767 is in um is printed"),
+        Output("ID.wav", "the same as 16-bit sound; its comment says what 32767 is in um, the "
+               "same for all files of an export"),
         Output("ID.marc.dat", "the same as a table of a Marc deck, in s and mm"),
     ),
     "build-deck": (
@@ -188,8 +189,8 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
                 ("stimulus", "", "(S,) ids"),
                 ("afferent", "", "(A,) classes"),
                 ("dt_ms", "ms", "() time between samples; the first is at 0"),
-                ("displacement_um", "um", "(S, T) depth of the probe"),
-                ("von_mises_pa", "Pa", "(S, T, A) von Mises stress at the afferents"),
+                ("displacement_um", "um", "(S, T) depth of the probe; NaN behind a shorter one"),
+                ("von_mises_pa", "Pa", "(S, T, A) von Mises stress at the afferents, as long"),
             ),
         ),
         Output("simulation.toml", "how it was computed: method, response, parameters, stimuli"),

@@ -14,7 +14,7 @@ import numpy as np
 
 from decks.presets import read_finger
 from decks.probe import Probe
-from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Sine, number_text, resolve
+from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ParameterError, ResponseError, UsageError
 from fembridge.observed import FAMILIES, ObservedRates
@@ -47,6 +47,8 @@ def group_of(entry: Entry) -> str:
             return f"{numbers[0]}+{numbers[1]} Hz"
         case Noise():
             return f"{numbers[0]}-{numbers[1]} Hz"
+        case Ramp():
+            return entry.family
 
 
 def observed_entries(
@@ -236,6 +238,8 @@ def timing_target(
     stimuli = [make_stimulus(resolve(name)[0], preindent_um=preindent_um) for name in ids]
     models = {model.afferent: model}
     traces = [response.traces(each, models)[column].stress_pa for each in stimuli]
+    if len({each.size for each in traces}) > 1:
+        raise UsageError(f"spikes of stimuli of unequal lengths, expected of one: {', '.join(ids)}")
     return TimingTarget(
         stress_pa=np.stack(traces, -1),
         trains_ms=tuple(

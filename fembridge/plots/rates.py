@@ -60,8 +60,13 @@ def placed(rates: Iterable[Rate]) -> tuple[dict[str, Entry], list[str]]:
     strange = []
     for name in dict.fromkeys(rate.stimulus for rate in rates):
         try:
-            [found[name]] = resolve([name])
+            [entry] = resolve([name])
         except (StimulusError, ValueError):
+            strange.append(name)
+            continue
+        if entry.family in _LEVELS:
+            found[name] = entry
+        else:
             strange.append(name)
     return found, strange
 

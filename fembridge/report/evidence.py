@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from decks.stimuli import Sine, resolve
+from decks.stimuli import Ramp, Sine, resolve
+from decks.waveform import make_stimulus
 from fembridge.evidence import THRESHOLDS, TIMING_COLUMNS, evidence, published_timing
 from fembridge.response.response_map import ResponseMap
 from fembridge.stimulus import Stimulus
@@ -31,7 +32,7 @@ STRENGTH_APART, IMPULSES_APART = 0.25, 0.30
 MOST_TIMES, MEDIAN_TIMES = 4.0, 1.5
 
 # Ramp and hold from first touch: 300 um at 3 mm/s, held for half a second, and back.
-RAMP_UM, RAMP_UM_PER_MS, REST_MS, HOLD_MS = 300.0, 3.0, 50.0, 500.0
+RAMP = Ramp(depth_um=300, up_ms=100, hold_ms=500, down_ms=100)
 
 # Of the curves, in Hz, beside the frequencies that were recorded.
 CURVE_HZ = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 125.0, 200.0, 250.0, 315.0, 400.0, 500.0, 800.0)
@@ -102,7 +103,7 @@ def gather(
         ignore_index=True,
     )
     recorded = timing_of(observed_trains) if observed_trains else published_timing()
-    ramp = ramp_and_hold()
+    ramp = make_stimulus(RAMP)
     return Evidence(
         timing=_timing(recorded, preindent_um, spikes),
         phases=_phases(preindent_um, spikes),
@@ -116,25 +117,6 @@ def gather(
         ),
         ramp_stimulus=ramp,
     )
-
-
-def ramp_and_hold() -> Stimulus:
-    """A probe that goes 300 um into the skin at 3 mm/s, stays, and comes back."""
-    corners_ms = ramp_corners_ms()
-    times_ms = np.arange(round((corners_ms[-1] + 2 * REST_MS) / 0.5) + 1) * 0.5
-    depth_um = np.interp(times_ms, corners_ms, [0.0, RAMP_UM, RAMP_UM, 0.0])
-    return Stimulus("ramp_and_hold", depth_um, 0.5, (0.0, float(times_ms[-1])))
-
-
-def ramp_corners_ms() -> list[float]:
-    """When the probe starts, stops, starts back and is back."""
-    ramp_ms = RAMP_UM / RAMP_UM_PER_MS
-    return [
-        REST_MS,
-        REST_MS + ramp_ms,
-        REST_MS + ramp_ms + HOLD_MS,
-        REST_MS + 2 * ramp_ms + HOLD_MS,
-    ]
 
 
 def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
@@ -270,7 +252,7 @@ def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:
 
 
 def _ramp_shortfalls(trains: Sequence[SpikeTrain]) -> Iterator[str]:
-    start_ms, top_ms, back_ms, end_ms = ramp_corners_ms()
+    start_ms, top_ms, back_ms, end_ms = RAMP.corners_ms
 
     def count(afferent: str, low_ms: float, high_ms: float) -> int:
         mine = [train.times_ms for train in trains if train.afferent == afferent]

@@ -16,7 +16,7 @@ from fembridge.plots.style import (
     new_figure,
     note,
 )
-from fembridge.report.evidence import Evidence, ramp_corners_ms
+from fembridge.report.evidence import RAMP, Evidence
 from fembridge.tables import AFFERENTS
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def ramp_figure(found: Evidence) -> "Figure":
             va="center",
             **class_style(name),
         )
-    for corner_ms in ramp_corners_ms():
+    for corner_ms in RAMP.corners_ms:
         for panel in (above, below):
             panel.axvline(corner_ms, color=INK, linewidth=0.3, alpha=0.4)
     below.set_yticks([])

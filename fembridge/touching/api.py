@@ -55,7 +55,7 @@ def touch(
         A `Shape`, a word such as ``bar:width_mm=1``, or a file of heights (.png, .csv)
         with `pixel_mm` and, of a picture, `relief_mm`.
     stimulus
-        An id of the catalogue or a `Stimulus`: the shape's depth. Else `press_um` or
+        An id, a `Stimulus` or a waveform's path: the shape's depth. Else `press_um` or
         `press_n`: ramp-and-hold, or while it slides.
     slide_mm_per_s, direction_deg, duration_ms
         The shape slides that way, 0 degrees is to the right, 90 towards the tip.
@@ -123,7 +123,7 @@ def touch(
     shape = shape.turned(angle_deg).moved(*at_mm)
     way = _way(
         stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,
-        duration_ms, path, depth_um,
+        duration_ms, path, depth_um, log,
     )  # fmt: skip
     if stimulus is not None and depth_um and preindent_um is None:
         log(
@@ -203,10 +203,10 @@ def _way(
     duration_ms: float,
     path: PathLike | None,
     preindent_um: float,
+    log: Callable[[str], None],
 ) -> Any:  # noqa: ANN401 - a Way, imported late
     """The one way that was asked for."""
-    from decks.stimuli import resolve
-    from decks.waveform import make_stimulus
+    from fembridge.stimulus_file import stimuli_of
     from fembridge.touching.touch import Way
 
     if path is not None:
@@ -218,10 +218,10 @@ def _way(
             raise UsageError("a stimulus says how deep the shape goes: no press or slide beside it")
         if isinstance(stimulus, Stimulus):
             return Way.of_stimulus(stimulus)
-        entries = resolve([stimulus])
-        if len(entries) != 1:
-            raise UsageError(f"stimulus {stimulus!r} names {len(entries)} stimuli, expected one")
-        return Way.of_stimulus(make_stimulus(entries[0], preindent_um=preindent_um))
+        found = stimuli_of(stimulus, preindent_um, log=log)
+        if len(found) != 1:
+            raise UsageError(f"stimulus {stimulus!r} names {len(found)} stimuli, expected one")
+        return Way.of_stimulus(found[0])
     if press_um is None and press_n is None:
         raise UsageError("how is the shape pressed? a stimulus, press_um, press_n, path or pins")
     if slide_mm_per_s is not None:

@@ -210,26 +210,29 @@ class Pins:
         TableError, StimulusError
             Not such a table, or no such stimulus.
         """
-        from decks.stimuli import resolve
-        from decks.waveform import make_stimulus
+        from fembridge.stimulus_file import stimuli_of
 
         table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"))
         if not table.size:
             raise UsageError(f"{path}: a header and no rows, expected pins")
         waves = []
         for row, word in enumerate(table.words("stimulus")):
-            entries = resolve([word])
-            if len(entries) != 1:
-                raise table.error(row, f"stimulus {word!r} names {len(entries)}, expected one")
-            waves.append(make_stimulus(entries[0], preindent_um=preindent_um, seed=seed))
-        depth_um = np.stack([wave.displacement_um for wave in waves], -1)
+            found = stimuli_of(word, preindent_um, seed)
+            if len(found) != 1:
+                raise table.error(row, f"stimulus {word!r} names {len(found)}, expected one")
+            waves += found
+        most = max(wave.displacement_um.size for wave in waves)
+        depth_um = np.stack(  # a pin whose waveform has ended stays where it is
+            [np.pad(w.displacement_um, (0, most - w.displacement_um.size), "edge") for w in waves],
+            -1,
+        )
         return cls(
             table.numbers("x_mm"),
             table.numbers("z_mm"),
             table.numbers("diameter_mm", least=0.01),
             depth_um,
             waves[0].dt_ms,
-            waves[0].window_ms,
+            (min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)),
         )
 
 

@@ -16,6 +16,7 @@ from decks.stimuli import (
     SINE_AMPLITUDES_UM,
     Diharmonic,
     Noise,
+    Ramp,
     Sine,
     entry_lines,
     resolve,
@@ -206,3 +207,30 @@ def test_the_catalogue_is_importable_without_numpy():
     code = "import sys, decks; sys.exit('numpy' in sys.modules)"
     root = Path(decks.__file__).parents[1]
     assert subprocess.run([sys.executable, "-c", code], cwd=root).returncode == 0
+
+
+def test_a_ramp_is_named_by_depth_up_hold_and_down():
+    (ramp,) = resolve("ramp_300_100_200_50")
+    assert ramp == Ramp(depth_um=300, up_ms=100, hold_ms=200, down_ms=50)
+    assert ramp.id == "ramp_300_100_200_50"
+    assert ramp.corners_ms == (50, 150, 350, 400)
+    assert ramp.window_ms == (0, 500)
+    assert not ramp.in_appendix
+    [line, _] = entry_lines([ramp])
+    assert "300 um deep in 100 ms, held for 200 ms, back in 50 ms, counted in 0-500 ms" in line
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("ramp", "needs all its numbers: ramp_DEPTH_UP_HOLD_DOWN"),
+        ("ramp_300_100", "needs all its numbers"),
+        ("ramp_300_100_200_0", "down_ms of a ramp must be > 0"),
+        ("ramp_300_100_200_0.7", "multiple of 0.5"),
+        ("ramp_300_100_99900_100", "must end within 100000 ms"),
+        ("rmp_300_100_200_100", "did you mean ramp"),
+    ],
+)
+def test_a_ramp_that_cannot_be_says_why(word, told):
+    with pytest.raises(StimulusError, match=told):
+        resolve(word)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
-from decks.stimuli import CATALOGUE, Diharmonic, Noise, Sine
+from decks.stimuli import CATALOGUE, Diharmonic, Noise, Sine, resolve
 from decks.waveform import MARGIN_SAMPLES, band_noise, butterworth_power, make_stimulus
 from fembridge.errors import StimulusError
 
@@ -111,3 +111,16 @@ def test_a_negative_seed_is_refused():
 def test_a_stimulus_of_which_sampling_leaves_nothing_is_refused():
     with pytest.raises(StimulusError, match="nothing is left"):
         make_stimulus(Sine(0.001, 0.0001))
+
+
+def test_a_ramp_goes_straight_from_corner_to_corner():
+    """At 1.5 um a sample in, 3 um a sample out, and at rest before and behind."""
+    (entry,) = resolve("ramp_300_100_200_50")
+    wave = make_stimulus(entry, preindent_um=75.0)
+    steps = np.diff(wave.displacement_um)
+    np.testing.assert_allclose(steps[:100], 0.0)
+    np.testing.assert_allclose(steps[100:300], 1.5)
+    np.testing.assert_allclose(steps[300:700], 0.0)
+    np.testing.assert_allclose(steps[700:800], -3.0)
+    np.testing.assert_allclose(steps[800:], 0.0)
+    assert (wave.displacement_um[0], wave.deepest_um, steps.size) == (75.0, 375.0, 1000)

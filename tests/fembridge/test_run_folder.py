@@ -8,9 +8,9 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ResultError
-from fembridge.exports import write_csv
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform
 from fembridge.stimulus import Stimulus
+from fembridge.stimulus_file import write_csv
 
 PLACES = (
     AfferentNode("SA", 25, "epidermis", 0.0, -0.61, 0.61),

@@ -41,7 +41,7 @@ def modules_after(code, cwd):
         "import fembridge",
         "import fembridge; fembridge.Stimulus, fembridge.StressTrace",
         "import fembridge; fembridge.make_stimulus(*fembridge.resolve('noise_5_25_1'))",
-        "import fembridge.exports, fembridge.machine",
+        "import fembridge.stimulus_file, fembridge.machine",
     ],
 )
 def test_import_loads_numpy_and_nothing_heavier(tmp_path, code):

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
-from fembridge.exports import FORMATS, write_marc_table, write_wav
 from fembridge.stimulus import Stimulus
+from fembridge.stimulus_file import FORMATS, write_marc_table, write_wav
 
 
 def depth_of(word, **options):
@@ -189,7 +189,7 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--seed", "1"], "--seed is for --export"),
         (["--preindent-um", "0"], "--preindent-um is for --export"),
         (["--export", "csv", "sine_20_250", "--seed", "1"], "no noise was named"),
-        (["--export", "csv", "noise_5_25_1", "--seed", "-1"], "seed must be >= 0"),
+        (["--export", "csv", "noise_5_25_1", "--seed", "-1"], "expected 0 or more"),
         (["--export", "csv", "sine_20_250", "--preindent-um", "-1"], "--preindent-um"),
         (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
     ],

@@ -1,0 +1,378 @@
+"""A stimulus as a file: for a solver, a shaker, a sound card or another program, and back.
+
+``csv``         ``time_ms,displacement_um``, a row a sample, shortest exact decimals
+``npy``         displacement alone, ``(T,)`` float64 in um, one sample every `dt_ms`
+``wav``         16-bit mono; its comment says how many um 32767 is
+``marc-table``  a ``table`` of a Marc deck: time in s, displacement in mm
+
+Displacement is positive into the skin and holds the whole depth in all four. A waveform
+of one's own comes in by the same four: it may have any length and step, also an uneven
+one; what it becomes are samples every 0.5 ms, as of the stimuli of the catalogue.
+"""
+
+import io
+import re
+import struct
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from decks.stimuli import (
+    DECIMALS,
+    DT_MS,
+    MAX_AMPLITUDE_UM,
+    MAX_SAMPLES,
+    NYQUIST_HZ,
+    named,
+)
+from decks.waveform import make_stimulus
+from fembridge.errors import StimulusError, TraceError, UsageError
+from fembridge.run_folder import COLUMNS
+from fembridge.stimulus import Stimulus
+from fembridge.store import read_bytes, replacing, write_text
+from fembridge.tables import MAX_TABLE_BYTES, read_table
+from fembridge.trace import STEP_TOLERANCE, mean_step, resample
+from fembridge.typing import FloatArray
+
+Stimuli: TypeAlias = str | Path | Stimulus | Sequence[str | Path | Stimulus]
+"""Ids as ``sine_20_250``, sets as ``noise_25_250`` or ``all``, or waveforms of one's own:
+values, or paths of files."""
+
+MM_PER_UM = 1.0e-3
+S_PER_MS = 1.0e-3
+PCM16_PEAK = 32767
+_SCALE = re.compile(rb"fembridge: 32767 is (\S{1,40}) um\0")
+_LONGEST_NAME = 60
+# By so much of a step the last sample may be late, where times are rounded.
+_LATE_SAMPLES = 0.05
+# A share of power above half the rate, from which on a waveform is told to be filtered.
+_FOLDED_SHARE = 0.01
+
+
+def stimuli_of(
+    stimulus: Stimuli,
+    preindent_um: float = 0.0,
+    seed: int | None = None,
+    slide_mm_per_s: float | None = None,
+    *,
+    dt_ms: float | None = None,
+    full_scale_um: float | None = None,
+    window_ms: tuple[float, float] | None = None,
+    log: Callable[[str], None] = lambda line: None,
+) -> list[Stimulus]:
+    """The waveforms that `stimulus` names, each once: values, then files, then ids.
+
+    `dt_ms` and `full_scale_um` are for files (`read_stimulus`); `window_ms` takes the place
+    of each one's own counting window.
+
+    Raises
+    ------
+    StimulusError, UsageError
+        No such id, a negative seed or depth, two waveforms of one name.
+    TableError
+        A file with a row that is no sample.
+    """
+    if seed is not None and seed < 0:
+        raise UsageError(f"seed is {seed}, expected 0 or more")
+    given = [stimulus] if isinstance(stimulus, str | Path | Stimulus) else stimulus
+    made = [one for one in given if isinstance(one, Stimulus)]
+    words = [one for one in given if not isinstance(one, Stimulus)]
+    if words or not made:
+        files, entries = named(words)
+        made += [read_stimulus(one, preindent_um, dt_ms, full_scale_um, log) for one in files]
+        made += [make_stimulus(entry, preindent_um, seed) for entry in entries]
+    names = [one.id for one in made]
+    if len(set(names)) < len(names):
+        raise UsageError(f"two waveforms are named {max(names, key=names.count)}: rename one")
+    if window_ms is not None:
+        made = [replace(one, window_ms=window_ms) for one in made]
+    if slide_mm_per_s is not None:
+        made = [one.sliding(slide_mm_per_s) for one in made]
+    return made
+
+
+def read_stimulus(
+    path: Path,
+    preindent_um: float = 0.0,
+    dt_ms: float | None = None,
+    full_scale_um: float | None = None,
+    log: Callable[[str], None] = lambda line: None,
+) -> Stimulus:
+    """A waveform of one's own, named after its file; spikes are counted in all of it.
+
+    Parameters
+    ----------
+    path
+        A table with ``time_ms`` or ``time_s`` and ``displacement_um`` or ``displacement_mm``
+        (and ``aside_um`` of a probe that slides), a mono WAV, an NPY ``(T,)`` in um, or a
+        Marc table as `write_stimulus` writes it. Time counts from the first sample.
+    preindent_um
+        Depth before time 0, added to a waveform that starts at 0. One that starts deeper
+        holds its whole depth: its first sample is where the probe stands before.
+    dt_ms
+        Of an NPY: the time between two samples.
+    full_scale_um
+        Of a WAV: displacement in um that is its full scale, where it holds none itself.
+    log
+        Gets a line where it is resampled, or starts deeper than 0.
+
+    Raises
+    ------
+    StimulusError, TableError
+        No such file, or not such a waveform.
+    """
+    content = read_bytes(path, MAX_TABLE_BYTES, StimulusError)
+    kind = path.suffix.lower()
+    if kind not in _READERS:
+        expected = ", ".join(_READERS)
+        raise StimulusError(f"{path}: expected a waveform in one of {expected}")
+    try:
+        times_ms, depth_um, aside_um = _READERS[kind](path, content, dt_ms, full_scale_um)
+        samples_um = np.stack([depth_um] if aside_um is None else [depth_um, aside_um], -1)
+        if samples_um.shape[0] < 2:
+            raise StimulusError(f"{samples_um.shape[0]} samples, expected two or more")
+        if not np.isfinite(samples_um).all():
+            raise StimulusError("a sample is not finite")
+        if not times_ms[-1] - times_ms[0] <= (MAX_SAMPLES - 1) * DT_MS * (1 + STEP_TOLERANCE):
+            raise StimulusError(
+                f"{times_ms[-1] - times_ms[0]:g} ms long, expected at most "
+                f"{(MAX_SAMPLES - 1) * DT_MS:g} ms: cut it into parts"
+            )
+        samples_um = _every_half_ms(times_ms, samples_um, lambda line: log(f"{path}: {line}"))
+        depth_um, first_um = samples_um[:, 0], round(float(samples_um[0, 0]), DECIMALS)
+        most_um = float(np.abs(depth_um).max())
+        if not 0 < most_um <= MAX_AMPLITUDE_UM:
+            raise StimulusError(
+                f"goes {most_um:g} um deep, expected more than 0, at most {MAX_AMPLITUDE_UM:g} um"
+            )
+        if first_um < 0:
+            raise StimulusError(
+                f"starts at {first_um:g} um, expected 0 or deeper, where the probe stands before: "
+                "put samples in front that lead there from 0, or take the offset away"
+            )
+    except (StimulusError, TraceError) as error:
+        raise StimulusError(f"{path}: {error}") from error
+    if first_um > 0:
+        log(f"{path}: starts {first_um:g} um deep, so the probe stands there before time 0")
+        preindent_um = first_um
+    else:
+        depth_um = depth_um + preindent_um
+    return Stimulus(
+        id=re.sub(
+            r"[^A-Za-z0-9_.-]", "_", path.name.removesuffix(path.suffix).removesuffix(".marc")
+        )[:_LONGEST_NAME],
+        displacement_um=np.round(depth_um, DECIMALS),
+        dt_ms=DT_MS,
+        window_ms=(0.0, (depth_um.size - 1) * DT_MS),
+        preindent_um=preindent_um,
+        origin={"family": "own", "file": path.name, "sha256": sha256(content).hexdigest()},
+        aside_um=None if aside_um is None else samples_um[:, 1] - samples_um[0, 1],
+    )
+
+
+def write_stimulus(
+    stimulus: Stimulus, path: Path, format_name: str, full_scale_um: float | None = None
+) -> float | None:
+    """Write `stimulus` to `path`, whole or not at all, in one of `FORMATS`.
+
+    Returns
+    -------
+    float or None
+        Of a WAV the displacement in um that 32767 is: `full_scale_um`, by default its own
+        largest.
+    """
+    if format_name == "wav":
+        return write_wav(stimulus, path, full_scale_um)
+    _, write = FORMATS[format_name]
+    write(stimulus, path)
+    return None
+
+
+def write_csv(stimulus: Stimulus, path: Path) -> None:
+    """Write ``time_ms,displacement_um``; reading it back gives the same floats.
+
+    Of a probe that slides ``aside_um`` follows.
+    """
+    columns = [stimulus.times_ms, stimulus.displacement_um]
+    if stimulus.aside_um is not None:
+        columns.append(stimulus.aside_um)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    lines = [",".join(COLUMNS[: len(columns)]), *(",".join(map(repr, r)) for r in rows)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_npy(stimulus: Stimulus, path: Path) -> None:
+    """Write the displacement, ``(T,)`` float64 in um, for ``numpy.load``."""
+    with replacing(path) as draft, draft.open("wb") as file:
+        np.save(file, stimulus.displacement_um, allow_pickle=False)
+
+
+def write_wav(stimulus: Stimulus, path: Path, full_scale_um: float | None = None) -> float:
+    """Write 16-bit mono PCM; the displacement in um that 32767 is, which its comment says."""
+    full_scale_um = full_scale_um or float(np.abs(stimulus.displacement_um).max()) or 1.0  # flat
+    pcm = np.rint(stimulus.displacement_um / full_scale_um * PCM16_PEAK).astype("<i2").tobytes()
+    comment = f"fembridge: 32767 is {full_scale_um!r} um\0".encode()
+    comment += b"\0" * (len(comment) % 2)
+    rate_hz = round(1000.0 / stimulus.dt_ms)
+    chunks = {
+        b"fmt ": struct.pack("<HHIIHH", 1, 1, rate_hz, 2 * rate_hz, 2, 16),
+        b"LIST": b"INFOICMT" + struct.pack("<I", len(comment)) + comment,
+        b"data": pcm,
+    }
+    packed = [name + struct.pack("<I", len(each)) + each for name, each in chunks.items()]
+    content = b"WAVE" + b"".join(packed)
+    with replacing(path) as draft:
+        draft.write_bytes(b"RIFF" + struct.pack("<I", len(content)) + content)
+    return full_scale_um
+
+
+def write_marc_table(stimulus: Stimulus, path: Path) -> None:
+    """Write the ``table`` option of a Marc deck, in extended format.
+
+    The layout is the one Mentat 2021 writes: table 1, one variable (time), one
+    point a sample. A boundary condition multiplies its own value by the table,
+    so that value is 1, or -1 where the deck's axis points out of the skin.
+    """
+    from decks.marc.write import time_table
+
+    lines = [
+        f"$ {stimulus.id}: time in s, displacement of the probe in mm, positive into",
+        "$ the skin, 0 at first touch; reals in extended format (20 columns)",
+        *time_table(
+            stimulus.id, stimulus.times_ms * S_PER_MS, stimulus.displacement_um * MM_PER_UM
+        ),
+    ]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+FORMATS: dict[str, tuple[str, Callable[[Stimulus, Path], object]]] = {
+    "csv": (".csv", write_csv),
+    "wav": (".wav", write_wav),
+    "npy": (".npy", write_npy),
+    "marc-table": (".marc.dat", write_marc_table),
+}
+"""Suffix and writer of each format."""
+
+
+# ---- Reading: times in ms, depth in um, and the way aside if there is one
+
+_Samples: TypeAlias = tuple[FloatArray, FloatArray, FloatArray | None]
+
+
+def _csv(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None) -> _Samples:
+    table = read_table(path)
+
+    def column(name: str, units: dict[str, float]) -> FloatArray:
+        there = [unit for unit in units if f"{name}_{unit}" in table.header]
+        if len(there) != 1 or table.header.count(f"{name}_{there[0]}") > 1:
+            expected = " or ".join(f"{name}_{unit}" for unit in units)
+            raise StimulusError(
+                f"the columns are {','.join(table.header)[:80]}, expected one {expected}"
+            )
+        found: FloatArray = table.numbers(f"{name}_{there[0]}") * units[there[0]]
+        return found
+
+    times_ms = column("time", {"ms": 1.0, "s": 1.0 / S_PER_MS})
+    depth_um = column("displacement", {"um": 1.0, "mm": 1.0 / MM_PER_UM})
+    table.refuse(np.diff(times_ms, prepend=-np.inf) <= 0, lambda row: "time does not rise")
+    aside = COLUMNS[2] in table.header
+    return times_ms, depth_um, table.numbers(COLUMNS[2]) if aside else None
+
+
+def _npy(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None) -> _Samples:
+    try:
+        depth_um = np.load(io.BytesIO(content), allow_pickle=False)
+        if depth_um.ndim != 1 or depth_um.dtype.kind not in "iuf":
+            raise ValueError(f"{depth_um.dtype} {depth_um.shape}, expected numbers (T,)")
+    except (OSError, ValueError, EOFError, MemoryError) as error:
+        raise StimulusError(f"not an NPY of samples in um: {error}") from error
+    if dt_ms is None or not dt_ms > 0:
+        raise StimulusError(
+            "an NPY holds no time step: name it, more than 0, by --dt-ms of simulate, build-deck "
+            "or stimuli (dt_ms=)"
+        )
+    return np.arange(depth_um.size) * dt_ms, depth_um.astype(np.float64), None
+
+
+def _wav(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None) -> _Samples:
+    from scipy.io import wavfile  # slow to import
+
+    try:
+        if content[:4] != b"RIFF" or len(content) < struct.unpack("<I", content[4:8])[0]:
+            raise ValueError("cut, or no RIFF")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # a chunk of others
+            rate_hz, samples = wavfile.read(io.BytesIO(content))
+        if samples.ndim != 1 or not rate_hz > 0:
+            raise ValueError(f"{samples.shape} samples every second {rate_hz}, expected mono")
+    except (ValueError, struct.error, EOFError, MemoryError, UnboundLocalError) as error:
+        raise StimulusError(f"not a WAV: {error}") from error
+    told = _SCALE.search(content)
+    try:
+        scale_um = full_scale_um or float(told[1]) if told else full_scale_um
+    except ValueError:
+        scale_um = None
+    if scale_um is None or not 0 < scale_um < np.inf:
+        raise StimulusError(
+            "a WAV that does not say how many um its full scale is: --full-scale-um of simulate, "
+            "build-deck or stimuli (full_scale_um=), more than 0"
+        )
+    samples, peak = (samples.astype(np.float64), samples.dtype)
+    if peak.kind == "u":  # 8 bits
+        samples -= 128.0
+    peaks = {"u1": 127.0, "i2": float(PCM16_PEAK), "i4": 2.0**31 - 1}
+    depth_um = samples / peaks.get(f"{peak.kind}{peak.itemsize}", 1.0) * scale_um
+    return np.arange(depth_um.size) * (1000.0 / rate_hz), depth_um, None
+
+
+def _marc_table(
+    path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None
+) -> _Samples:
+    from decks.marc.grammar import parse_real
+
+    lines = [line for line in content.decode("latin-1").splitlines() if line[:1] != "$"]
+    try:
+        if not lines[0].startswith("table") or int(lines[2][10:20]) != len(lines) - 3:
+            raise ValueError
+        pairs = [
+            [parse_real(line[:20].strip()), parse_real(line[20:].strip())] for line in lines[3:]
+        ]
+    except (ValueError, IndexError):
+        raise StimulusError("not one whole table as `fembridge stimuli` exports it") from None
+    time_s, depth_mm = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
+    return time_s / S_PER_MS, depth_mm / MM_PER_UM, None
+
+
+_READERS: dict[str, Callable[[Path, bytes, float | None, float | None], _Samples]] = {
+    ".csv": _csv,
+    ".wav": _wav,
+    ".npy": _npy,
+    ".dat": _marc_table,
+}
+
+
+def _every_half_ms(
+    times_ms: FloatArray, samples_um: FloatArray, log: Callable[[str], None]
+) -> FloatArray:
+    """Samples ``(T, column)`` at `times_ms` as they are every 0.5 ms, or by PCHIP."""
+    step_ms, odd = mean_step(times_ms)
+    if odd is None and abs(step_ms / DT_MS - 1.0) * times_ms.size <= _LATE_SAMPLES:
+        return samples_um
+    found: FloatArray = resample(times_ms, samples_um, DT_MS)[1]
+    how = f"one every {step_ms:g} ms" if odd is None else "uneven times"
+    line = f"{times_ms.size} samples, {how}, resampled to {len(found)}, one every {DT_MS:g} ms"
+    if odd is None and step_ms < DT_MS:
+        power = np.abs(np.fft.rfft(samples_um[:, 0] - samples_um[:, 0].mean())) ** 2
+        above = np.fft.rfftfreq(times_ms.size, step_ms * S_PER_MS) > NYQUIST_HZ
+        share = power[above].sum() / power.sum() if power.any() else 0.0
+        if share > _FOLDED_SHARE:
+            line += (
+                f"; {100 * share:.0f} % of its power is above {NYQUIST_HZ:g} Hz: filter it first"
+            )
+    log(line)
+    return found

@@ -1,0 +1,256 @@
+"""Waveforms that come in: what `--export` wrote, and what other people have."""
+
+import json
+import struct
+import tomllib
+import wave
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import fembridge as fb
+from decks.stimuli import MAX_SAMPLES, resolve
+from decks.waveform import make_stimulus
+from fembridge.cli import main
+from fembridge.errors import FembridgeError, StimulusError, TableError, UsageError
+from fembridge.run_folder import read_run_folder, read_waveform
+from fembridge.stimulus_file import FORMATS, read_stimulus, stimuli_of, write_stimulus
+
+TIMES_MS = np.arange(201) * 0.5
+TAP_UM = 200 * np.sin(np.pi * TIMES_MS / 100) ** 2
+
+
+def made(word, preindent_um=0.0):
+    (entry,) = resolve(word)
+    return make_stimulus(entry, preindent_um)
+
+
+def table(path, times, depth, header="time_ms,displacement_um"):
+    rows = (f"{time!r},{value!r}\n" for time, value in np.stack([times, depth], -1).tolist())
+    path.write_text(f"{header}\n{''.join(rows)}")
+    return path
+
+
+@pytest.fixture
+def tap(tmp_path, monkeypatch):
+    """A tap of 200 um, 100 ms long, as ``tap.csv`` in the folder of work."""
+    monkeypatch.chdir(tmp_path)
+    return table(tmp_path / "tap.csv", TIMES_MS, TAP_UM)
+
+
+@pytest.mark.parametrize("format_name", list(FORMATS))
+@pytest.mark.parametrize("preindent_um", [0.0, 75.0])
+def test_what_export_writes_comes_back_in(tmp_path, format_name, preindent_um):
+    """A WAV to half a step of its 16 bits, the others to the last digit of a sample."""
+    out = made("noise_25_250_10", preindent_um)
+    path = tmp_path / f"{out.id}{FORMATS[format_name][0]}"
+    scale_um = write_stimulus(out, path, format_name)
+
+    back = read_stimulus(path, preindent_um, dt_ms=0.5 if format_name == "npy" else None)
+
+    step_um = (scale_um or 0.0) / 32767
+    off_um = 0.5001 * step_um + (1e-9 if format_name == "marc-table" else 0.0)
+    assert_allclose(back.displacement_um, out.displacement_um, rtol=0, atol=off_um)
+    assert_allclose(back.preindent_um, preindent_um, rtol=0, atol=off_um)
+    assert (back.id, back.dt_ms, back.window_ms) == (out.id, 0.5, (0.0, 250.0))
+
+
+def test_all_files_of_an_export_share_the_scale_that_travels_with_them(tmp_path, capsys):
+    words = ["stimuli", "--export", "wav", "sine_20_250", "sine_20_25", "-o", str(tmp_path)]
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["files"]
+    assert [one["full_scale_um"] for one in told] == [250.0, 250.0]
+    with wave.open(str(tmp_path / "sine_20_25.wav"), "rb") as file:
+        pcm = np.frombuffer(file.readframes(501), dtype="<i2")
+    assert abs(pcm).max() == round(32767 / 10)
+    (tmp_path / "other_name.wav").write_bytes((tmp_path / "sine_20_25.wav").read_bytes())
+    weak = read_stimulus(tmp_path / "other_name.wav")
+    assert_allclose(weak.displacement_um, made("sine_20_25").displacement_um, atol=0.004)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bits", "code", "peak"),
+    [("<i2", 16, 1, 32767), ("<i4", 32, 1, 2**31 - 1), ("<f4", 32, 3, 1), ("u1", 8, 1, 127)],
+)
+def test_a_wav_of_others_takes_its_scale_by_option(tmp_path, kind, bits, code, peak):
+    rate_hz, path = 2000, tmp_path / "shaker.wav"
+    samples = TAP_UM / 200 * peak + (128 if kind == "u1" else 0)
+    samples = samples if kind == "<f4" else np.rint(samples)
+    data = samples.astype(kind).tobytes()
+    size = bits // 8
+    form = struct.pack("<HHIIHH", code, 1, rate_hz, rate_hz * size, size, bits)
+    body = b"WAVEfmt " + struct.pack("<I", 16) + form + b"data" + struct.pack("<I", len(data))
+    path.write_bytes(b"RIFF" + struct.pack("<I", len(body) + len(data)) + body + data)
+
+    back = read_stimulus(path, full_scale_um=200.0)
+
+    assert_allclose(back.displacement_um, TAP_UM, rtol=0, atol=100 / min(peak, 32767) + 1e-5)
+    with pytest.raises(StimulusError, match="--full-scale-um"):
+        read_stimulus(path)
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(StimulusError, match="cut"):
+        read_stimulus(path, full_scale_um=200.0)
+
+
+def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_path):
+    """PCHIP between the samples, said in one line; time counts from the first."""
+    rng = np.random.default_rng(5)
+    times_s = 3.0 + np.cumsum(rng.uniform(1e-4, 4e-4, 400))
+    way = np.sin(2 * np.pi * 20 * (times_s - times_s[0]))
+    header = "displacement_mm,note,time_s"
+    path = tmp_path / "robot arm.csv"
+    rows = (f"{0.2 * w!r},x,{t!r}\n" for w, t in zip(way.tolist(), times_s.tolist(), strict=True))
+    path.write_text(f"{header}\n{''.join(rows)}")
+    said = []
+
+    back = read_stimulus(path, log=said.append)
+
+    exact_um = 200 * np.sin(2 * np.pi * 20e-3 * back.times_ms)
+    assert_allclose(back.displacement_um, exact_um, rtol=0, atol=0.1)
+    assert back.id == "robot_arm"
+    assert back.times_ms[-1] == pytest.approx((times_s[-1] - times_s[0]) * 1e3, abs=0.5)
+    (line,) = said
+    assert "400 samples, uneven times, resampled" in line
+
+
+def test_what_lies_above_half_the_rate_is_told(tmp_path):
+    times_ms = np.arange(2000) * 0.05
+    said = []
+    for hz in (100.0, 4000.0):
+        samples = 10 * np.sin(2e-3 * np.pi * hz * times_ms)
+        np.save(tmp_path / "a.npy", samples)
+        read_stimulus(tmp_path / "a.npy", dt_ms=0.05, log=said.append)
+    slow, fast = said
+    assert slow.endswith("one every 0.5 ms")
+    assert "100 % of its power is above 1000 Hz" in fast
+
+
+def test_the_first_sample_is_where_the_probe_stands_before(tmp_path):
+    from_rest = table(tmp_path / "rest.csv", TIMES_MS, TAP_UM)
+    deep = table(tmp_path / "deep.csv", TIMES_MS, TAP_UM + 30)
+    said = []
+
+    rest, stands = stimuli_of([from_rest, deep], 75.0, log=said.append)
+
+    assert (rest.preindent_um, rest.displacement_um[0]) == (75.0, 75.0)
+    assert (stands.preindent_um, stands.displacement_um[0]) == (30.0, 30.0)
+    assert ["starts 30 um deep" in line for line in said] == [True]
+
+
+def test_a_waveform_goes_through_every_verb_that_takes_a_stimulus(tap, capsys):
+    """`simulate` of a file is `simulate` of its samples; the deck holds them."""
+    stimulus = fb.Stimulus("tap", 75 + np.round(TAP_UM, 6), 0.5, (0.0, 100.0), 75.0)
+    expected = fb.simulate(stimulus, stored=True).rates
+    assert fb.simulate("tap.csv", stored=True).rates.equals(expected)
+    assert fb.simulate(tap, stored=True).rates.equals(expected)
+    assert main(["simulate", "--waveform", "tap.csv", "--stored", "-o", "out"]) == 0
+    assert (
+        tomllib.loads((tap.parent / "out/simulation.toml").read_text())["stimuli"]["tap"]["file"]
+        == "tap.csv"
+    )
+
+    assert main(["build-deck", "--waveform", "tap.csv", "--preindent-um", "0"]) == 0
+    run = read_run_folder(tap.parent / "runs/tap")
+    assert run.inputs["stimulus"]["window_ms"] == [0.0, 100.0]
+    assert_allclose(read_waveform(run.folder)[1], TAP_UM, rtol=0, atol=1e-6)
+
+    assert main(["stimuli", "tap.csv", "sine_20_250", "--json"]) == 0
+    assert main(["plot", "stimulus", "tap.csv", "-o", "tap.svg"]) == 0
+    assert main(["plot", "raster", "out", "-o", "raster.svg"]) == 0
+    words = ["touch", "--waveform", "tap.csv", "--population", "one_each", "--no-plot"]
+    assert main([*words, "-o", "touched"]) == 0
+    (tap.parent / "pins.csv").write_text(
+        "x_mm,z_mm,diameter_mm,stimulus\n0,0,1,tap.csv\n3,0,1,ramp_100_20_20_20\n"
+    )
+    assert fb.touch(pins="pins.csv", population="one_each").way.window_ms == (0.0, 210.0)
+    assert "not in the appendix" not in capsys.readouterr().err
+
+
+def test_waveforms_of_any_length_go_together(tap, tmp_path):
+    """Each counts, fires and comes back from `traces.npz` as it does alone."""
+    from fembridge.outputs import read_written
+
+    words = ["tap.csv", "sine_20_250", "ramp_300_100_200_100"]
+    together = fb.simulate(words, stored=True)
+    together.write(tmp_path / "out")
+
+    for k, word in enumerate(words):
+        alone = fb.simulate(word, stored=True)
+        mine = [
+            train.times_ms.tolist()
+            for train in together.trains
+            if train.stimulus == alone.stimuli[0].id
+        ]
+        assert mine == [train.times_ms.tolist() for train in alone.trains]
+        back = read_written(tmp_path / "out")
+        assert_array_equal(back.stimuli[k].displacement_um, alone.stimuli[0].displacement_um)
+        assert_array_equal(back.traces[k][0].stress_pa, alone.traces[0][0].stress_pa)
+
+
+def test_spikes_are_counted_in_the_window_that_is_asked_for(tap):
+    result = fb.simulate(["tap.csv", "sine_100_200"], stored=True, window_ms=(20, 90))
+    for rate in result.mean_rates:
+        trains = [
+            t for t in result.trains if (t.stimulus, t.afferent) == (rate.stimulus, rate.afferent)
+        ]
+        inside = sum(((t.times_ms > 20) & (t.times_ms <= 90)).sum() for t in trains)
+        assert rate.rate_ips == pytest.approx(inside / len(trains) / 0.07)
+
+
+def test_a_long_waveform_is_bounded(tmp_path):
+    path = tmp_path / "long.npy"
+    np.save(path, np.sin(np.arange(MAX_SAMPLES) * 1e-2))
+    assert read_stimulus(path, dt_ms=0.5).displacement_um.size == MAX_SAMPLES
+    with pytest.raises(StimulusError, match="expected at most 100000 ms"):
+        read_stimulus(path, dt_ms=0.6)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "found"),
+    [
+        ("a.csv", "time,displacement_um\n0,0\n", "time_ms or time_s"),
+        ("a.csv", "time_ms,time_s,displacement_um\n0,0,0\n", "time_ms or time_s"),
+        ("a.csv", "time_ms,depth\n0,0\n", "displacement_um or displacement_mm"),
+        ("a.csv", "time_ms,displacement_um\n0,0\n1,x\n", "a.csv:3: displacement_um is 'x'"),
+        ("a.csv", "time_ms,displacement_um\n0,0\n1,1\n1,2\n", "a.csv:4: time does not rise"),
+        ("a.csv", "time_ms,displacement_um\n0,0\n", "1 samples"),
+        ("a.csv", "time_ms,displacement_um\n0,0\n1,0\n", "goes 0 um deep"),
+        ("a.csv", "time_ms,displacement_um\n0,0\n1,20000\n", "at most 10000 um"),
+        ("a.csv", "time_ms,displacement_um\n0,-3\n1,5\n", "starts at -3 um"),
+        ("a.npy", "none", "not an NPY"),
+        ("a.wav", "none", "not a WAV"),
+        ("a.dat", "none", "not one whole table"),
+        ("a.txt", "none", "expected a waveform in one of .csv, .wav, .npy, .dat"),
+    ],
+)
+def test_what_is_no_waveform_is_refused_in_one_line(tmp_path, name, content, found):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises((StimulusError, TableError)) as refused:
+        stimuli_of(str(path), dt_ms=0.5, full_scale_um=1.0)
+    message = str(refused.value).replace(f"{tmp_path}/", "")
+    assert found in message
+    assert len(message) < 300
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "content", [np.zeros((3, 2)), np.array(["a", "b"]), np.array([1j, 2]), np.array([0, np.nan])]
+)
+def test_an_npy_of_something_else_is_refused(tmp_path, content):
+    np.save(tmp_path / "a.npy", content)
+    with pytest.raises(StimulusError, match=r"a\.npy"):
+        read_stimulus(tmp_path / "a.npy", dt_ms=0.5)
+
+
+def test_an_npy_needs_its_step_and_names_are_told_apart(tap, capsys):
+    np.save("tap.npy", TAP_UM)
+    with pytest.raises(StimulusError, match="--dt-ms"):
+        stimuli_of("tap.npy")
+    with pytest.raises(UsageError, match="two waveforms are named tap"):
+        stimuli_of("tap.npy,tap.csv", dt_ms=0.5)
+    with pytest.raises(FembridgeError, match="cannot be read"):
+        stimuli_of("absent/tap")
+    assert main(["simulate", "--stimulus", "tap.csv", "--stored", "--window-ms", "0:200"]) == 2
+    assert "window 0 to 200 ms is not inside 0 to 100 ms" in capsys.readouterr().err
