@@ -491,6 +491,8 @@ def fit(
     thresholds: PathLike | None = None,
     timing: bool = False,
     spikes: PathLike | None = None,
+    spike_distance: str = "van_rossum",
+    held_out: bool = False,
     finger: str | None = None,
     response: PathLike | None = None,
     complete: bool = False,
@@ -520,8 +522,11 @@ def fit(
     timing
         Fit the published vector strengths at 20 Hz beside the rates.
     spikes
-        A table ``stimulus, afferent, repeat, spike_time_ms``: fitted beside the rates, by
-        the van Rossum distance, with a latency.
+        A table ``stimulus, afferent, repeat, spike_time_ms``: fitted beside the rates,
+        with a latency, by `spike_distance`, ``van_rossum`` or ``victor_purpura``.
+    held_out
+        Predict the stimuli of each frequency (each group) by one fit more that did not
+        see them.
     finger, response
         Whose stored response makes the stress; or a response of one's own.
     output
@@ -573,6 +578,7 @@ def fit(
         cells=cells,
         seed=seed,
         rule=rule,
+        held_out=held_out,
         **_given(search),
     )
     rates = read_observed(
@@ -591,7 +597,7 @@ def fit(
         if timing:
             found.append(phase_target(published_timing(), *where))
         if trains is not None:
-            found.append(timing_target(trains, *where))
+            found.append(timing_target(trains, *where, spike_distance))
         return [target for target in found if target is not None]
 
     if output is not None:
@@ -617,6 +623,8 @@ def fit(
         "thresholds": None if thresholds is None else Path(thresholds).name,
         "timing": timing,
         "spikes": None if spikes is None else Path(spikes).name,
+        "spike_distance": None if spikes is None else spike_distance,
+        "held_out": held_out or None,
         "own_response": response is not None,
         "allow_missing": not complete,
     }

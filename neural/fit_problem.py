@@ -21,7 +21,7 @@ from neural.lif import fire, refractory_rows
 from neural.models import Coefficients, Free, Model
 from neural.parameters import AfferentParameters, quantiles
 from neural.rates import window_rows
-from neural.timing import van_rossum_distance
+from neural.timing import van_rossum_distance, victor_purpura_distance
 
 
 class Target(Protocol):
@@ -267,6 +267,9 @@ class ThresholdTarget:
         return errors
 
 
+# How far apart two trains are.
+DISTANCES = ("van_rossum", "victor_purpura")
+
 # Between a receptor of a fingertip and an electrode at the arm.
 LATENCY = Free("latency_ms", 0.0, 20.0, "ms", even=True)
 
@@ -277,32 +280,36 @@ class TimingTarget:
 
     `trains_ms` has, for each column of `stress_pa` ``(T, stimulus)``, the trains that
     were recorded; each is compared with the cell that comes nearest, `latency_ms` later.
-    The error is the squared van Rossum distance over the recorded spikes: about 1/2
-    where no spike has a twin within `tau_ms`.
+    The error is a distance over the recorded spikes: van Rossum's squared, 1/2 where no
+    spike has a twin within `tau_ms`, or Victor's and Purpura's, 1 there, where moving a
+    spike by `tau_ms` costs 1.
     """
 
     stress_pa: FloatArray
     trains_ms: tuple[tuple[FloatArray, ...], ...]
     tau_ms: float
+    distance: str = DISTANCES[0]
     name: str = "spikes"
     free: tuple[Free, ...] = (LATENCY,)
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
-        """Squared distances a recorded spike, ``(candidate,)``."""
+        """Distances a recorded spike, ``(candidate,)``."""
         column = [one.field for one in problem.free].index(LATENCY.field)
         spikes = sum(times.size for trains in self.trains_ms for times in trains)
         errors = np.empty(len(values))
         for row, candidate in enumerate(values):
             found = encode_cells(self.stress_pa, problem.dt_ms, problem.parameters(candidate))
             errors[row] = sum(
-                min(
-                    van_rossum_distance(times, cell + candidate[column], self.tau_ms) ** 2
-                    for cell in cells
-                )
+                min(self._apart(times, cell + candidate[column]) for cell in cells)
                 for cells, trains in zip(found, self.trains_ms, strict=True)
                 for times in trains
             )
         return errors / max(spikes, 1)
+
+    def _apart(self, times_ms: FloatArray, others_ms: FloatArray) -> float:
+        if self.distance == "victor_purpura":
+            return victor_purpura_distance(times_ms, others_ms, 1.0 / self.tau_ms)
+        return van_rossum_distance(times_ms, others_ms, self.tau_ms) ** 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -350,18 +350,17 @@ def cross_validate(
     ParameterError
         A single group: nothing would be left to fit on.
     """
-    names = problem.group_names
-    if len(names) < 2:
-        raise ParameterError(f"only the group {names[0]}, expected two or more to leave one out")
-    settings = (seed, evaluations, population, rule)
-    best = _best(problem, *settings)
-    on_fit("all groups")
-    held_out = np.empty_like(problem.observed_ips)
-    for name in names:
-        inside = np.array([group == name for group in problem.groups])
-        values = _best(problem.part(~inside), *settings)
-        held_out[inside] = problem.part(inside).rates_ips(values)[0]
-        on_fit(f"without {name}")
+
+    def best_of(part: FitProblem, words: str) -> FloatArray:
+        front = search_front(part, seed=seed, evaluations=evaluations, population=population)
+        if not front.finished:
+            raise KeyboardInterrupt
+        on_fit(words)
+        found: FloatArray = front.values[choose(part, front, rule).row]
+        return found
+
+    held_out = held_out_ips(problem, best_of)
+    best = best_of(problem, "all groups")
     fitted = problem.rates_ips(best)[0]
     return Trial(
         seed=seed,
@@ -373,11 +372,24 @@ def cross_validate(
     )
 
 
-def _best(
-    problem: FitProblem, seed: int, evaluations: int, population: int, rule: str
+def held_out_ips(
+    problem: FitProblem, best_of: Callable[[FitProblem, str], FloatArray]
 ) -> FloatArray:
-    front = search_front(problem, seed=seed, evaluations=evaluations, population=population)
-    if not front.finished:
-        raise KeyboardInterrupt
-    best: FloatArray = front.values[choose(problem, front, rule).row]
-    return best
+    """Rate of each stimulus ``(stimulus,)`` by a fit that saw no stimulus of its group.
+
+    `best_of` a problem, and the words for it, are the parameters that are taken.
+
+    Raises
+    ------
+    ParameterError
+        A single group: nothing would be left to fit on.
+    """
+    names = problem.group_names
+    if len(names) < 2:
+        raise ParameterError(f"only the group {names[0]}, expected two or more to leave one out")
+    found = np.empty_like(problem.observed_ips)
+    for name in names:
+        inside = np.array([group == name for group in problem.groups])
+        values = best_of(problem.part(~inside), f"without {name}")
+        found[inside] = problem.part(inside).rates_ips(values)[0]
+    return found

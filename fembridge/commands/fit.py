@@ -21,11 +21,13 @@ INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
 
 LIST = "list"
 EVERY = "all"
-_SEARCH = ("evaluations", "population", "seed", "rule", "thresholds", "timing", "spikes")
+_SEARCH = ("evaluations", "population", "seed", "rule", "held_out")
+_BESIDE = ("thresholds", "timing", "spikes", "spike_distance")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from neural.fit_problem import DISTANCES
     from neural.models import DEFAULT_MODELS
     from neural.parameter_sets import fitted_preindent_um
     from neural.search import EVALUATIONS, POPULATION, RULES
@@ -83,8 +85,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--spikes",
         metavar="FILE.csv",
-        help="fit spike times too, with a latency, by the van Rossum distance: a table "
-        "stimulus,afferent,repeat,spike_time_ms",
+        help="fit spike times too, with a latency: a table stimulus,afferent,repeat,spike_time_ms",
+    )
+    add(
+        "--spike-distance",
+        choices=DISTANCES,
+        default=DISTANCES[0],
+        help="of spike times, both with 5 ms (default: %(default)s)",
+    )
+    add(
+        "--held-out",
+        action="store_true",
+        help="predict each frequency (each group) by one fit more that did not see it; takes as "
+        "many times as long; `fembridge validate` shows them",
     )
     default = f"(default: 0 for published, else {fitted_preindent_um():g})"
     depth = f"depth of the probe before time 0 {default}"
@@ -115,7 +128,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             bar.print(line)
 
         made = api.fit(
-            **words_of(args, "observed", *_SEARCH, "drive", "cells", "family", "preindent_um"),
+            **words_of(
+                args, "observed", *_SEARCH, *_BESIDE, "drive", "cells", "family", "preindent_um"
+            ),
             **words_of(args, "finger", "response", "output"),
             afferents=args.afferent,
             complete=not args.allow_missing,
@@ -156,6 +171,8 @@ def _print_fit(fit: "Fit") -> None:
         print(f"  {one.field} = {value:.5g} {one.unit}".removesuffix(" 1"))
     print(f"  {'':<22}{'n':>4}{'R²':>8}{'RMSE':>9}{'bias':>9}   impulses/s")
     rows = [(_name_of(row), row) for row in fit.agreement_rows()]
+    if fit.held_out:
+        rows.append(("each left out", fit.held_out.total.to_row()))
     for name, row in [*rows, ("Table 2, all", fit.published.total.to_row())]:
         share = "-" if math.isnan(row["r_squared"]) else f"{row['r_squared']:.3f}"
         print(
@@ -186,6 +203,7 @@ def _summary_of(fit: "Fit") -> dict[str, Any]:
         "why": fit.choice.why,
         "parameters": asdict(fit.parameters),
         "agreement": fit.agreement_rows(),
+        "held_out": fit.held_out.total.to_row() if fit.held_out else None,
         "published": fit.published.total.to_row(),
     }
 

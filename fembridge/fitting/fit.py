@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from itertools import compress
@@ -46,6 +46,7 @@ from neural.search import (
     Front,
     Progress,
     choose,
+    held_out_ips,
     search_front,
     total_rmse_ips,
 )
@@ -53,6 +54,7 @@ from neural.search import (
 PARAMETERS_FILE = "fitted.toml"
 RATES_FILE = "fitted_rates.csv"
 PICTURE_FILE = "tradeoffs.png"
+HELD_OUT = "held_out"
 _POPULATIONS = (4, 10_000)
 _FAMILY_WORDS = {"sine": "sinusoids", "diharm": "diharmonics", "noise": "noises"}
 
@@ -65,7 +67,8 @@ class FitSettings:
     """How long is searched, in which stimuli, and which candidate is taken.
 
     `families` of stimuli are fitted; the others are judged only. `cells` is None
-    for as many as each model has.
+    for as many as each model has. With `held_out` each group of stimuli is predicted by
+    one fit more, that did not see it.
     """
 
     families: tuple[str, ...] = FAMILIES[:1]
@@ -75,6 +78,7 @@ class FitSettings:
     population: int = POPULATION
     seed: int = 1
     rule: str = "smallest_error"
+    held_out: bool = False
 
     def __post_init__(self) -> None:
         for name, least, most in (
@@ -143,7 +147,8 @@ class Fit:
     `fitted` are its rates under the stimuli of the fit, `unseen` those under the
     others that were observed (None where there are none), `published` those of
     Table 2 under the stimuli of the fit, with no pre-indentation: as the paper has
-    it. `seconds` is how long the search took.
+    it. `held_out` are rates under the stimuli of the fit, each of a fit that did not see
+    its group. `seconds` is how long the search took.
     """
 
     problem: FitProblem
@@ -154,6 +159,7 @@ class Fit:
     unseen: JudgedRates | None
     published: JudgedRates
     seconds: float
+    held_out: JudgedRates | None = None
 
     @property
     def afferent(self) -> str:
@@ -186,7 +192,9 @@ class FitRun:
     @property
     def finished(self) -> bool:
         """Whether every class is there and was searched to the end."""
-        return len(self.fits) == len(self.asked) and all(fit.front.finished for fit in self.fits)
+        return len(self.fits) == len(self.asked) and all(
+            fit.front.finished and (fit.held_out or not self.settings.held_out) for fit in self.fits
+        )
 
     @property
     def front_files(self) -> list[str]:
@@ -232,20 +240,37 @@ def fit_afferents(
         problem_of(model, families=settings.families, targets=targets_of(model))
         for model in models.values()
     ]
+    for problem in problems:
+        if settings.held_out and len(problem.group_names) < 2:
+            raise UsageError(
+                f"{problem.model.afferent}: rates of {problem.group_names[0]} only, expected two "
+                "groups or more to leave one out; fit without --held-out"
+            )
     others = tuple(name for name in FAMILIES if name not in settings.families)
     fits: list[Fit] = []
+
+    def search(problem: FitProblem, words: str = "") -> tuple[Front, Choice]:
+        name = f"{problem.model.afferent} {words}".strip()
+        front = search_front(
+            problem,
+            evaluations=settings.evaluations,
+            seed=settings.seed,
+            population=settings.population,
+            on_progress=partial(on_progress, name) if on_progress else None,
+        )
+        return front, choose(problem, front, settings.rule)
+
+    def best_of(problem: FitProblem, words: str) -> FloatArray:
+        front, choice = search(problem, words)
+        if not front.finished:
+            raise KeyboardInterrupt
+        return np.asarray(front.values[choice.row])
+
     try:
         for problem in problems:
             model, start_s = problem.model, time.perf_counter()
-            front = search_front(
-                problem,
-                evaluations=settings.evaluations,
-                seed=settings.seed,
-                population=settings.population,
-                on_progress=partial(on_progress, model.afferent) if on_progress else None,
-            )
+            front, choice = search(problem)
             seconds = time.perf_counter() - start_s
-            choice = choose(problem, front, settings.rule)
             values = front.values[choice.row]
             unseen = None
             if observed_entries(observed, model.afferent, others):
@@ -271,6 +296,14 @@ def fit_afferents(
             )
             if not front.finished:
                 break
+            if settings.held_out:
+                left_ips = held_out_ips(problem, best_of)
+                held_out = replace(fit.fitted, predicted_ips=left_ips, seen=False)
+                fits[-1] = replace(fit, held_out=held_out)
+                log(
+                    f"{fit.afferent}, each group predicted without it: RMSE "
+                    f"{held_out.total.rmse_ips:.3g} ips"
+                )
     except KeyboardInterrupt:
         if not fits:
             raise
@@ -401,6 +434,18 @@ def _class_table(fit: Fit) -> Table:
             for judged in fit.judged
         },
         "agreement": [{key: row[key] for key in _AGREEMENT} for row in fit.agreement_rows()],
+        **({HELD_OUT: _held_out_table(fit.held_out)} if fit.held_out else {}),
+    }
+
+
+def _held_out_table(judged: JudgedRates) -> Table:
+    """Rates of stimuli whose groups were left out, rounded: no rate that was observed."""
+    rates = zip(judged.entries, judged.predicted_ips.tolist(), strict=True)
+    row = judged.total.to_row()
+    return {
+        "r_squared": row["r_squared"],
+        "rmse_ips": row["rmse_ips"],
+        "rates_ips": {entry.id: round(rate, 3) for entry, rate in rates},
     }
 
 

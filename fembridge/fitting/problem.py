@@ -24,13 +24,20 @@ from fembridge.store import sha256_of
 from fembridge.tables import SpikeTrain
 from fembridge.tuning import CRITERIA, vibration
 from fembridge.typing import Table
-from neural.fit_problem import FitProblem, PhaseTarget, Target, ThresholdTarget, TimingTarget
+from neural.fit_problem import (
+    DISTANCES,
+    FitProblem,
+    PhaseTarget,
+    Target,
+    ThresholdTarget,
+    TimingTarget,
+)
 from neural.models import DEFAULT_MODELS, MODELS, Model, model_named
 
 if TYPE_CHECKING:
     import pandas
 
-# How precise in time a spike is taken to be, of the van Rossum distance.
+# How precise in time a spike is taken to be.
 SPIKE_TAU_MS = 5.0
 
 EVERY = "all"
@@ -227,7 +234,7 @@ def timing_target(
     response: ResponseMap,
     model: Model,
     preindent_um: float = 0.0,
-    tau_ms: float = SPIKE_TAU_MS,
+    distance: str = DISTANCES[0],
 ) -> TimingTarget | None:
     """Objective of the spike times of a class; None where there are none."""
     mine = [train for train in trains if train.afferent == model.afferent]
@@ -245,7 +252,8 @@ def timing_target(
         trains_ms=tuple(
             tuple(train.times_ms for train in mine if train.stimulus == name) for name in ids
         ),
-        tau_ms=tau_ms,
+        tau_ms=SPIKE_TAU_MS,
+        distance=distance,
     )
 
 

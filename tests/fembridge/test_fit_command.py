@@ -355,3 +355,30 @@ def test_a_class_without_a_rate_to_fit_is_left_out_and_told(call, tmp_path, undr
 
     assert list(summary["afferents"]) == ["SA"]
     assert summary["notes"][0] == "RA left out: no observed rates of family sine"
+
+
+def test_each_frequency_is_predicted_by_a_fit_without_it(call, undrawn, tmp_path, capsys):
+    """As a fit to a table without that frequency predicts it."""
+    call("--afferent", "SA", "--held-out")
+    found = record(tmp_path)["fit"]["SA"]["held_out"]
+    sines = {name: rates[0] for name, rates in RATES.items() if name.startswith("sine")}
+    assert found["rates_ips"].keys() == sines.keys()
+    errors = [found["rates_ips"][name] - rate for name, rate in sines.items()]
+    assert_allclose(found["rmse_ips"], np.sqrt(np.mean(np.square(errors))), rtol=1e-3)
+    assert "each left out" in capsys.readouterr().out
+
+    part, out = tmp_path / "part.csv", tmp_path / "part"
+    write_rates(part, [Rate(one, "SA", r) for one, r in sines.items() if "sine_20_" not in one])
+    assert main(["fit", "--observed", str(part), "-o", str(out), *SHORT]) == 0
+    asked = [name for name in sines if "sine_20_" in name]
+    words = ["--parameters", str(out / "fitted.toml"), "-o", str(tmp_path / "sim"), "--stored"]
+    assert main(["simulate", "--stimulus", ",".join(asked), *words]) == 0
+    rates = read_rates(tmp_path / "sim/rates.csv")
+    predicted = [rate.rate_ips for rate in rates if rate.afferent == "SA"]
+    assert_allclose([found["rates_ips"][name] for name in asked], predicted, atol=1e-3)
+
+
+def test_one_frequency_cannot_be_left_out(call, tmp_path):
+    write_rates(tmp_path / "one.csv", [Rate("sine_20_250", "SA", 12.0)])
+    with pytest.raises(UsageError, match="SA: rates of 20 Hz only, expected two"):
+        call("--observed", tmp_path / "one.csv", "--held-out")

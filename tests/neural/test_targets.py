@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from neural.encoder import encode_cells
-from neural.fit_problem import FitProblem, PhaseTarget, ThresholdTarget, TimingTarget
+from neural.fit_problem import DISTANCES, FitProblem, PhaseTarget, ThresholdTarget, TimingTarget
 from neural.models import model_named
 from neural.search import choose, from_unit, search_front
 from neural.threshold import vector_strength
@@ -62,10 +62,12 @@ def test_a_threshold_outside_all_amplitudes_is_half_a_step_beyond(step_pa, edge)
     np.testing.assert_allclose(error, np.log(edge / 2000.0) ** 2, rtol=1e-12)
 
 
-def test_spikes_of_the_same_cell_some_ms_later_are_no_error_at_that_latency():
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_spikes_of_the_same_cell_some_ms_later_are_no_error_at_that_latency(distance):
+    """6 ms off cost Victor and Purpura 6/5 a spike, a silent cell 1, and van Rossum less."""
     truth = problem_of(cells=1)
     [[train]] = encode_cells(truth.stress_pa, DT_MS, truth.parameters([20.0, 6000.0]))
-    target = TimingTarget(truth.stress_pa, ((train + 3.0, train + 3.0),), tau_ms=5.0)
+    target = TimingTarget(truth.stress_pa, ((train + 3.0, train + 3.0),), 5.0, distance)
     problem = problem_of(target)
     assert [one.field for one in problem.free] == ["tau_ms", "step_pa", "latency_ms"]
 
@@ -75,8 +77,11 @@ def test_spikes_of_the_same_cell_some_ms_later_are_no_error_at_that_latency():
 
     assert train.size > 3
     assert right == 0.0
-    assert late > 0.1
-    assert silent > 0.2
+    if distance == "victor_purpura":
+        assert (late, silent) == (pytest.approx(1.2), 1.0)
+    else:
+        assert 0.1 < late < 1.0
+        assert 0.2 < silent < 1.0
 
 
 def test_a_search_minimises_targets_too_and_rates_come_first():
