@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fembridge.recording import Recording
     from fembridge.response.response_map import ResponseMap
     from fembridge.results import read
-    from fembridge.results.frd_fields import read_fields
+    from fembridge.results.fields import read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
     from fembridge.touching.api import receptive_field, touch
@@ -100,7 +100,7 @@ _HOMES = {
     "Shape": "fembridge.touching.shape",
     **dict.fromkeys(("receptive_field", "touch"), "fembridge.touching.api"),
     "read": "fembridge.results",
-    "read_fields": "fembridge.results.frd_fields",
+    "read_fields": "fembridge.results.fields",
     "read_observed": "fembridge.observed",
     "resolve": "decks.stimuli",
     "touchsim_rates": "fembridge.touchsim",

@@ -1,23 +1,34 @@
-"""A file read at offsets, and the lines of a text file.
+"""A file read at offsets, the lines of a text file, and its numbers in fields of fixed width.
 
 Read and not mapped: a mapped file that another process cuts short kills the reader with
 SIGBUS; here it is an error with words. The size is taken once, when the file is opened: a
 run that is still writing does not move the end, and `change` says that it was.
 """
 
+import math
 import os
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from difflib import get_close_matches
-from functools import partial
+from fractions import Fraction
+from functools import cache, partial
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fembridge.errors import ResultError
+from fembridge.typing import BoolArray, FloatArray, IntArray
+
+Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
 LONGEST_LINE = 1 << 16
+_LEAST_POWER, _MOST_POWER, _HEAD_BITS = -105, 94, 29  # of E-99 behind six decimals
+_PLAIN = b" +-.0123456789E\n"
+_IS_PLAIN = np.isin(np.arange(256), np.frombuffer(_PLAIN[:-1], np.uint8))
 
 
 class ByteFile(AbstractContextManager["ByteFile"]):
@@ -154,15 +165,104 @@ def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
         for number, line in enumerate(file.lines(), start=1):
             if line[-1:] == b"\n":
                 yield number, line.decode("latin-1").rstrip("\r\n"), True
-            elif len(line) <= LONGEST_LINE:
-                yield number, line.decode("latin-1"), False
             else:
-                raise ResultError(
-                    f"a line of more than {LONGEST_LINE} bytes beginning with "
-                    f"{line[:12]!r}: no text of a solver",
-                    path,
-                    number,
-                )
+                _refuse_long(line, path, number)
+                yield number, line.decode("latin-1"), False
+
+
+def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
+    """As `text_lines`; but lines of plain numbers, as long as the one before, come together.
+
+    They are a table ``(line, byte)``, line ends among them, with the number of the first.
+    """
+    with ByteFile(path) as file:
+        text, at, begin, number = b"", 0, 0, 1  # `begin` is the offset of `text`
+        while begin + at < file.size:
+            end = text.find(b"\n", at, at + LONGEST_LINE + 1)
+            if end < 0 and begin + len(text) < file.size and len(text) - at <= LONGEST_LINE:
+                begin += at
+                text, at = file.take(begin, min(CHUNK_BYTES, file.size - begin)), 0
+                continue
+            if end < 0:
+                _refuse_long(text[at:], path, number)
+                yield number, text[at:].decode("latin-1"), False
+                return
+            yield number, text[at:end].decode("latin-1").rstrip("\r"), True
+            size, at, number, look = end + 1 - at, end + 1, number + 1, 16
+            while text[at + size - 1 : at + size] == b"\n" and size > 1:
+                some = min(look, (len(text) - at) // size)
+                block, same = text[at : at + some * size], some
+                table = np.frombuffer(block, np.uint8).reshape(some, size)
+                ends = table[:, -1] == ord("\n")
+                if not ends.all() or block.count(b"\n") > some or block.translate(None, _PLAIN):
+                    fine = _IS_PLAIN[table[:, :-1]].all(axis=1) & ends
+                    same = some if fine.all() else int(np.argmin(fine))
+                if same:
+                    yield number, table[:same], True
+                at, number, look = at + same * size, number + same, look * 4
+                if same < some:
+                    break
+
+
+def _refuse_long(line: bytes, path: Path, number: int) -> None:
+    if len(line) > LONGEST_LINE:
+        raise ResultError(
+            f"a line of more than {LONGEST_LINE} bytes beginning with "
+            f"{line[:12]!r}: no text of a solver",
+            path,
+            number,
+        )
+
+
+def fixed_integers(characters: Characters) -> tuple[IntArray, BoolArray]:
+    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``, and which rows are such."""
+    value = np.zeros(len(characters), dtype=np.int64)
+    begun = np.zeros(len(characters), dtype=np.bool_)
+    fine = np.ones(len(characters), dtype=np.bool_)
+    columns = np.ascontiguousarray(characters.T)
+    for column in columns[(columns != ord(" ")).any(axis=1).argmax() :]:
+        number = column - ord("0")  # wraps below 0
+        digit = number < 10
+        fine &= digit | (column == ord(" ")) & ~begun
+        begun |= digit
+        value *= 10
+        value += np.where(digit, number, 0)
+    return value, fine & begun
+
+
+def fixed_floats(fields: Characters) -> tuple[FloatArray, BoolArray]:
+    """E12.5, E13.6 and the like, ``(field, width)`` -> ``(field,)``, and which are of that form.
+
+    The form is a sign or a blank, a digit, a point, at most six digits, E, a sign, two digits.
+    """
+    decimals = fields.shape[1] - 7
+    columns = np.ascontiguousarray(fields.T)
+    sign, turn = columns[0], columns[-3]
+    digits = columns[[1, *range(3, 3 + decimals), -2, -1]] - ord("0")  # wraps below 0
+    usual = (digits < 10).all(axis=0) & (columns[2] == ord(".")) & (columns[-4] | 32 == ord("e"))
+    usual &= (sign == ord(" ")) | (sign == ord("+")) | (sign == ord("-"))
+    usual &= (turn == ord("+")) | (turn == ord("-"))
+    whole = digits[0].astype(np.float64)
+    for digit in digits[1:-2]:
+        whole = 10.0 * whole + digit
+    power = (10 * digits[-2] + digits[-1]).astype(np.int64)
+    power = np.where(turn == ord("-"), -power, power) - decimals
+    # Seven digits times the head of a power are exact; its tail leaves one rounding.
+    head, tail = _powers_of_ten()
+    place = np.where(usual, power, 0) - _LEAST_POWER
+    values: FloatArray = whole * head[place] + whole * tail[place]
+    values[sign == ord("-")] *= -1.0
+    return values, usual
+
+
+@cache
+def _powers_of_ten() -> tuple[FloatArray, FloatArray]:
+    """Powers from `_LEAST_POWER` on as sums of a head of few bits and a tail."""
+    powers = [Fraction(10) ** k for k in range(_LEAST_POWER, _MOST_POWER + 1)]
+    parts = [math.frexp(float(power)) for power in powers]
+    heads = [math.ldexp(math.floor(math.ldexp(x, _HEAD_BITS)), e - _HEAD_BITS) for x, e in parts]
+    tails = [float(power - Fraction(head)) for power, head in zip(powers, heads, strict=True)]
+    return np.array(heads), np.array(tails)
 
 
 def _near(path: Path) -> str:

@@ -5,8 +5,8 @@ views on whole fields (`read_field`, `nodes.near_nodes`, `vtu`) know no format.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -134,6 +134,9 @@ class FieldSource(AbstractContextManager["FieldSource"], Protocol):
     def field(self, quantity: str, key: Key) -> Field:
         """`quantity` at one of its `keys`."""
 
+    def fields(self, quantity: str) -> Iterator[Field]:
+        """`quantity` at each of its outputs; what is absent is refused at once."""
+
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
 
@@ -155,6 +158,60 @@ def open_source(path: Path | str, options: ReadOptions) -> FieldSource:
     reader = reader_of(path)
     found: FieldSource = reader.load(reader.source, path, options)(path, options)
     return found
+
+
+def read_fields(
+    path: Path | str,
+    quantity: str = "STRESS",
+    *,
+    partial: bool = False,
+    across_materials: bool = False,
+    stress_unit: str = "MPa",
+    extrapolate: str | None = None,
+    log: Callable[[str], None] | None = None,
+) -> Iterator[Field]:
+    """One quantity, an increment at a time, in file order.
+
+    Stress comes in Pa; CalculiX's nodal stress is, at the boundary of two materials, a
+    mean over both: `one_sided.one_sided_stress` gives each side's.
+
+    Parameters
+    ----------
+    path
+        A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
+    quantity
+        Its name in the file: "STRESS", "DISP", "TOSTRAIN", "FORC", ...; of a Marc file
+        "Displacement", "Stress", or a beginning that is one quantity's alone, case-blind.
+    partial
+        Take what is whole of a run that did not end well; `log` gets what was left
+        out.
+    across_materials, extrapolate
+        As for `fembridge.read`, of a Marc file.
+    stress_unit
+        Unit of the file: "MPa" (N and mm), "kPa" or "Pa".
+
+    Raises
+    ------
+    ResultError
+        At once: the file is absent, foreign, cut, or has no such quantity. While
+        it is read: a record or a number is none, or is not finite.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> field = next(fb.read_fields("runs/sine_20_250", "DISP"))
+    >>> field.time_ms, field.components, field.units
+    (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
+    """
+    options = ReadOptions(partial, across_materials, stress_unit, log, extrapolate)
+    with ExitStack() as opened:
+        source = opened.enter_context(open_source(path, options))
+        return _closing(source.fields(quantity), opened.pop_all())
+
+
+def _closing(fields: Iterator[Field], opened: ExitStack) -> Iterator[Field]:
+    with opened:
+        yield from fields
 
 
 def read_field(

@@ -26,20 +26,22 @@ CalculiX has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
-import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
-from fembridge.results.byte_file import CHUNK_BYTES, ByteFile
+from fembridge.results.byte_file import (
+    CHUNK_BYTES,
+    ByteFile,
+    Characters,
+    fixed_floats,
+    fixed_integers,
+)
 from fembridge.results.fields import Key, rows_of
 from fembridge.results.printed import StaRow, read_sta
 from fembridge.results.read_options import NotFiniteError, ReadOptions, in_pa
@@ -66,14 +68,12 @@ _STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
 _MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
 _REALS = {2: "<f4", 3: "<f8"}  # by flag
-_LEAST_POWER, _HEAD_BITS = -104, 33  # of E-99 behind five decimals
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _MESH_BYTES = 1 << 17  # of printed elements at a time
 _DEFAULTS = ReadOptions()
 
 Output = dict[str, "FrdBlock"]  # blocks of one increment, by quantity
-Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 
 
 @dataclass(slots=True)
@@ -321,12 +321,7 @@ class FrdIndex:
                 raise FrdDamageError(f"{kind} block: cut: its end line -3 is missing", at)
             present, end = file.count(b"\n -1", after - 1, closed[0]), last[1]
             layers = present // announced if kind == "element" and announced > 0 else 0
-            if layers > 1 and present == layers * announced:
-                self.remarks.append(
-                    f"element block announces {announced} elements and holds "
-                    f"{layers} times as many: layers of composite shells"
-                )
-            elif announced not in (-1, present):
+            if announced not in (-1, present) and present != layers * announced:
                 problem = f"{announced} records announced, {present} present"
         elif flag > 3 or after + 16 * announced > file.size:
             raise FrdDamageError(f"{kind} block: cut: {announced} {kind}s announced", at)
@@ -334,11 +329,21 @@ class FrdIndex:
             end = after + announced * (28 if flag == 3 else 16)
             if kind == "element":
                 try:
-                    end = max([after, *(end for _, end in packed_elements(file, after, announced))])
+                    end = packed_end(file, after, announced)
+                    while announced and not self._boundary(end):  # one more layer of composites
+                        end, present = packed_end(file, end, announced), present + announced
                 except ResultError as error:
+                    if present > announced:
+                        words = f"{kind} block: its count does not lead to its end"
+                        raise FrdDamageError(words, at) from error
                     raise FrdDamageError(error.problem, at) from error
             if not self._boundary(end):
                 raise FrdDamageError(f"{kind} block: its count does not lead to its end", at)
+        if kind == "element" and not problem and present > announced > 0:
+            self.remarks.append(
+                f"element block announces {announced} elements and holds "
+                f"{present // announced} times as many: layers of composite shells"
+            )
         if problem:  # the mesh cannot be used, what follows can
             self.damage.append(FrdDamageError(f"{kind} block: {problem}", at))
         elif kind == "node":
@@ -734,7 +739,7 @@ def record_ids(
         fine: BoolArray = ids > 0
     else:
         width, mark = 10 if block.flag else 5, b" -1"
-        ids, fine = _integers(characters[:, _MARK : _MARK + width])
+        ids, fine = fixed_integers(characters[:, _MARK : _MARK + width])
         for start, end in block.spans:
             for place, character in enumerate(mark, start=start - width - _MARK):
                 fine &= characters[:, place] == character
@@ -812,21 +817,6 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     return np.array(nodes, dtype=np.int64), values.reshape(-1, count)
 
 
-def _integers(characters: Characters) -> tuple[IntArray, BoolArray]:
-    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``, and which rows are such."""
-    value = np.zeros(len(characters), dtype=np.int64)
-    begun = np.zeros(len(characters), dtype=np.bool_)
-    fine = np.ones(len(characters), dtype=np.bool_)
-    for column in np.ascontiguousarray(characters.T):
-        number = column - ord("0")  # wraps below 0
-        digit = number < 10
-        fine &= digit | (column == ord(" ")) & ~begun
-        begun |= digit
-        value *= 10
-        value += np.where(digit, number, 0)
-    return value, fine & begun
-
-
 def _floats(fields: Characters) -> FloatArray:
     """E12.5 fields, ``(row, column, 12)`` -> ``(row, column)``; NaN and INF are read as such.
 
@@ -835,39 +825,13 @@ def _floats(fields: Characters) -> FloatArray:
     ValueError
         A field is no number: its row, its column, and what it is.
     """
-    text = fields.tobytes()
-    columns = np.ascontiguousarray(fields.reshape(-1, _FIELD).T)
-    sign, turn = columns[0], columns[9]
-    digits = columns[[1, 3, 4, 5, 6, 7, 10, 11]] - ord("0")  # wraps below 0
-    usual = (digits < 10).all(axis=0) & (columns[2] == ord(".")) & (columns[8] | 32 == ord("e"))
-    usual &= (sign == ord(" ")) | (sign == ord("+")) | (sign == ord("-"))
-    usual &= (turn == ord("+")) | (turn == ord("-"))
-    whole = digits[0].astype(np.float64)
-    for digit in digits[1:6]:
-        whole = 10.0 * whole + digit
-    power = (10 * digits[6] + digits[7]).astype(np.int64)
-    power = np.where(turn == ord("-"), -power, power) - 5
-    # Six digits times the head of a power are exact; its tail leaves one rounding.
-    head, tail = _powers_of_ten()
-    place = np.where(usual, power, 0) - _LEAST_POWER
-    values: FloatArray = whole * head[place] + whole * tail[place]
-    values[sign == ord("-")] *= -1.0
+    values, usual = fixed_floats(fields.reshape(-1, _FIELD))
     for row in np.flatnonzero(~usual).tolist():
         try:
-            values[row] = _number(text[row * _FIELD : (row + 1) * _FIELD])
+            values[row] = _number(fields.reshape(-1, _FIELD)[row].tobytes())
         except ValueError as error:
             raise ValueError(*divmod(row, fields.shape[1]), str(error)) from error
     return values.reshape(fields.shape[:2])
-
-
-@cache
-def _powers_of_ten() -> tuple[FloatArray, FloatArray]:
-    """Powers from `_LEAST_POWER` to 94 as sums of a head of few bits and a tail."""
-    powers = [Fraction(10) ** k for k in range(_LEAST_POWER, 95)]
-    parts = [math.frexp(float(power)) for power in powers]
-    heads = [math.ldexp(math.floor(math.ldexp(x, _HEAD_BITS)), e - _HEAD_BITS) for x, e in parts]
-    tails = [float(power - Fraction(head)) for power, head in zip(powers, heads, strict=True)]
-    return np.array(heads), np.array(tails)
 
 
 class ElementRows(NamedTuple):
@@ -937,6 +901,11 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
             look *= 4
 
 
+def packed_end(file: ByteFile, offset: int, records: int) -> int:
+    """The offset behind packed elements."""
+    return max([offset, *(end for _, end in packed_elements(file, offset, records))])
+
+
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
     """Printed elements: a line `` -1`` of id, type, group, material; lines `` -2`` of nodes."""
     table = np.array(lines)
@@ -945,15 +914,15 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     marks = table.astype(f"S{_MARK}")
     heads, tails = marks == b" -1", marks == b" -2"
     at_type = _MARK + width
-    ids, fine = _integers(characters[heads, _MARK:at_type])
-    kind, good = _integers(characters[heads, at_type : at_type + 5])
-    material, known = _integers(characters[heads, at_type + 10 : at_type + 15])
+    ids, fine = fixed_integers(characters[heads, _MARK:at_type])
+    kind, good = fixed_integers(characters[heads, at_type : at_type + 5])
+    material, known = fixed_integers(characters[heads, at_type + 10 : at_type + 15])
     material[~known] = UNKNOWN_MATERIAL
     # Fields of a line that are not blank, and to which element they belong.
     fields = characters[tails, _MARK : _MARK + 10 * width].reshape(-1, width)
     text = fields.tobytes().translate(_NO_LINE_END)
     filled = np.frombuffer(text, f"S{width}") != b" " * width
-    nodes, whole = _integers(fields[filled])
+    nodes, whole = fixed_integers(fields[filled])
     element = np.repeat(np.cumsum(heads)[tails] - 1, 10)[filled]
     counts = np.bincount(element[element >= 0], minlength=kind.size)
     checks = (heads[:1], heads | tails, fine, good, whole, counts > 0)

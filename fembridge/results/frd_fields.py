@@ -1,8 +1,5 @@
 """Whole fields of a ``.frd``, and its mesh: every node, one increment at a time.
 
->>> for field in read_fields("job.frd", "STRESS"):  # doctest: +SKIP
-...     print(field.time_ms, field.component("SXX").max())
-
 In memory are the increment that is read and, as long as the caller keeps it, the one
 before, whatever the size of the file. Times are the solver's, over all steps.
 
@@ -12,7 +9,7 @@ the reader's options say. What leaves here is Pa for stresses and for energy den
 with the unit "".
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
@@ -70,74 +67,6 @@ _UNIT_OF_COMPONENT = {
     "CPRESS": _PA, "CSHEAR1": _PA, "CSHEAR2": _PA,
 }  # fmt: skip
 _UNIT_OF_MAGNITUDE = {"PDISP": "mm", "PSTRESS": _PA}
-
-
-def read_fields(
-    path: Path | str,
-    quantity: str = STRESS,
-    *,
-    partial: bool = False,
-    stress_unit: str = "MPa",
-    log: Callable[[str], None] | None = None,
-) -> Iterator[Field]:
-    """One quantity, an increment at a time, in file order.
-
-    Stress comes in Pa; it is CalculiX's nodal stress, which at the boundary of two
-    materials is a mean over both: `one_sided.one_sided_stress` gives each side's.
-
-    Parameters
-    ----------
-    path
-        A ``.frd`` file, or a run folder.
-    quantity
-        Its name in the file: "STRESS", "DISP", "TOSTRAIN", "FORC", ...
-    partial
-        Take what is whole of a run that did not end well; `log` gets what was left
-        out.
-    stress_unit
-        Unit of the file: "MPa" (N and mm), "kPa" or "Pa".
-
-    Raises
-    ------
-    ResultError
-        At once: the file is absent, foreign, cut, or has no such quantity. While
-        it is read: a record or a number is none, or is not finite.
-
-    Examples
-    --------
-    >>> import fembridge as fb
-    >>> field = next(fb.read_fields("runs/sine_20_250", "DISP"))
-    >>> field.time_ms, field.components, field.units
-    (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
-    """
-    path = result_file(path)
-    options = ReadOptions(partial=partial, stress_unit=stress_unit, log=log)
-    with ByteFile(path) as file:
-        index = FrdIndex(file)
-        wanted = having(index, outputs_of(index, options), (quantity,), options)
-        size = file.size
-    blocks = [output[quantity] for output in wanted]
-    return _fields(path, size, blocks, options)
-
-
-def _fields(
-    path: Path, size: int, blocks: Sequence[FrdBlock], options: ReadOptions
-) -> Iterator[Field]:
-    with ByteFile(path) as file:
-        if file.size != size:
-            raise ResultError(f"had {size} bytes, now {file.size}: it changes", path)
-        np.empty(_KEPT_BYTES, dtype=np.uint8)
-        nodes = np.empty(0, dtype=np.int64)
-        for block in blocks:
-            try:
-                field = _field(file, block, options, nodes)
-            except NotFiniteError as error:
-                _drop(block, error, options)
-                continue
-            nodes = field.nodes
-            yield field
-            del field  # kept by the caller alone
-        check_unchanged(file, options)
 
 
 def read_mesh(path: Path | str) -> Scene:
@@ -213,6 +142,26 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         """`quantity` at one of its `keys`."""
         block = [one for one in self._index.named(quantity) if one.key == key][-1]
         return _field(self._file, block, self._options)
+
+    def fields(self, quantity: str) -> Iterator[Field]:
+        """`quantity` at each of its outputs; what is absent is refused at once."""
+        outputs = outputs_of(self._index, self._options)
+        wanted = having(self._index, outputs, (quantity,), self._options)
+        return self._fields([output[quantity] for output in wanted])
+
+    def _fields(self, blocks: Sequence[FrdBlock]) -> Iterator[Field]:
+        np.empty(_KEPT_BYTES, dtype=np.uint8)
+        nodes = np.empty(0, dtype=np.int64)
+        for block in blocks:
+            try:
+                field = _field(self._file, block, self._options, nodes)
+            except NotFiniteError as error:
+                _drop(block, error, self._options)
+                continue
+            nodes = field.nodes
+            yield field
+            del field  # kept by the caller alone
+        check_unchanged(self._file, self._options)
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""

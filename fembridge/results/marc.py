@@ -474,6 +474,7 @@ class MarcSource:
         self.path, self._options = path, options
         self._post = PostFile(path)
         self._checked = False
+        self._said: set[str] = set()
 
     def __enter__(self) -> "MarcSource":
         return self
@@ -514,6 +515,19 @@ class MarcSource:
             nodes, values = self._one_value_a_node(self._values(one, found))
         self._check_finite(found, one, nodes, values)
         return _field(found, one, nodes, values)
+
+    def fields(self, quantity: str) -> Iterator[Field]:
+        """`quantity` at each of its outputs; what is absent is refused at once."""
+        return self._fields(quantity, self.keys(quantity))
+
+    def _fields(self, quantity: str, keys: Sequence[Key]) -> Iterator[Field]:
+        for key in keys:
+            try:
+                yield self.field(quantity, key)
+            except NotFiniteError as error:
+                if not self._options.partial:
+                    raise
+                self._options.note(f"dropped increment {key[1]}: {error.problem}")
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Yield nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
@@ -610,7 +624,7 @@ class MarcSource:
         between = points.met > 1
         if between.any() and not self._options.across_materials:
             count = np.unique(points.rows[between]).size
-            self._options.note(
+            self._once(
                 f"left out: {count} nodes lie between layers, where a mean belongs to none; "
                 "--across-materials takes it"
             )
@@ -649,9 +663,15 @@ class MarcSource:
     def _note_mesh(self) -> None:
         if self._points.unknown_types:
             types = ", ".join(map(str, self._points.unknown_types))
-            self._options.note(f"left out: elements of unknown type {types}")
+            self._once(f"left out: elements of unknown type {types}")
         if not self._points.layers.known:
-            self._options.note(UNKNOWN_LAYERS)
+            self._once(UNKNOWN_LAYERS)
+
+    def _once(self, words: str) -> None:
+        """Note what holds for every increment the first time."""
+        if words not in self._said:
+            self._options.note(words)
+        self._said.add(words)
 
 
 def _field(quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray) -> Field:

@@ -30,7 +30,13 @@ from typing import Any
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.byte_file import text_lines
+from fembridge.results.byte_file import (
+    Characters,
+    fixed_floats,
+    fixed_integers,
+    text_lines,
+    text_runs,
+)
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.store import replacing
@@ -120,6 +126,8 @@ def _progress(
     for number, line, ended in text_lines(path):
         if number > header_lines and ended and line.strip():
             try:
+                if rest := line[columns[-1][1] :].strip():
+                    raise ValueError(f"{rest[:20]!r} behind the last column")
                 rows.append(kind(*(convert(line[at:to]) for at, to, convert in columns)))
             except ValueError as error:
                 raise ResultError(f"no row: {error}: {line[:80]!r}", path, number) from error
@@ -201,8 +209,7 @@ _PARTS_OF_STATISTICS = {
 }
 _LONGEST_HEADER = 400
 _VALUE_WIDTH, _ROWS_AT_ONCE = 14, 1 << 12
-_DIGITS = [2, 4, 5, 6, 7, 8, 9, 12, 13]  # of "  1.234567E-03"
-_SIGNS, _FIXED = np.frombuffer(b" -+", np.uint8), np.frombuffer(b" .E", np.uint8)
+_LONGEST_LABEL = 18
 _VALUE = re.compile(r" +[+-]?\d?\.\d+(E[+-]\d{2}|[+-]\d{3})")
 _ODD_VALUE = re.compile(r" +[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _LABEL = re.compile(r"\d{1,18}")
@@ -271,10 +278,14 @@ def dat_sections(
         a line, and `options.partial` is not set.
     """
     now: DatSection | None = None  # the wanted section that is being read
-    records: list[tuple[int, str]] = []
+    records: list[tuple[int, str | Characters]] = []
     statistics: re.Match[str] | None = None
     mode, over_time, foreign = None, True, ""
-    for number, line, ended in text_lines(path):
+    for number, line, ended in text_runs(path):
+        if not isinstance(line, str):
+            if now is not None:
+                records.append((number, line))
+            continue
         if not ended:
             words = f"cut inside a line: {line[:40]!r}"
             if not options.partial:
@@ -356,50 +367,53 @@ def _part(text: str, head: re.Match[str]) -> Opened | None:
     return None
 
 
-def _filled(section: DatSection, lines: Sequence[tuple[int, str]], path: Path) -> DatSection:
-    """`section` with the records on `lines`, numbered; at once where they are alike."""
-    alike = _alike([line for _, line in lines], section) if len(lines) > 1 else None
-    if alike is not None:
-        return section.filled(*alike)
-    records: list[tuple[list[int], list[float]]] = []
-    for number, line in lines:
-        row = _record(line, section, len(records[0][1]) if records else None)
-        if row is None:
-            raise ResultError(f"no record of {section.quantity}: {line[:80]!r}", path, number)
-        records.append(row)
-    labels = np.array([row[0] for row in records], dtype=np.int64)
-    values = np.array([row[1] for row in records], dtype=np.float64)
-    count = len(records[0][1]) if records else 1
-    return section.filled(
-        labels.reshape(len(records), len(section.label_names)), values.reshape(-1, count)
-    )
+def _filled(
+    section: DatSection, pieces: Sequence[tuple[int, str | Characters]], path: Path
+) -> DatSection:
+    """`section` with the records of `pieces`, each with the number of its first line."""
+    names, count = len(section.label_names), None
+    labels = [np.empty((0, names), dtype=np.int64)]
+    values: list[FloatArray] = []
+    for number, piece in pieces:
+        alike = None if isinstance(piece, str) or not count else _alike(piece, section, count)
+        if alike is None:
+            text = piece if isinstance(piece, str) else piece.tobytes().decode("latin-1")
+            rows = []
+            for at, line in enumerate(text.splitlines()):
+                if line.strip():
+                    rows.append(_record(line, section, count))
+                    if rows[-1] is None:
+                        problem = f"no record of {section.quantity}: {line[:80]!r}"
+                        raise ResultError(problem, path, number + at)
+                    count = len(rows[-1][1])
+            found = [row for row in rows if row is not None]
+            alike = np.array([row[0] for row in found]), np.array([row[1] for row in found])
+        labels.append(alike[0].astype(np.int64).reshape(len(alike[1]), names))
+        values.append(alike[1].reshape(-1, count or 1))
+    together = np.concatenate(values) if values else np.empty((0, 1))
+    return section.filled(np.concatenate(labels), together)
 
 
-def _alike(lines: Sequence[str], section: DatSection) -> tuple[IntArray, FloatArray] | None:
-    """Labels and values of records of one length and the usual form of numbers; else None."""
-    row = _record(lines[0], section, None)
-    size = len(lines[0])
-    if row is None or any(len(line) != size for line in lines):
-        return None
-    names, count = len(section.label_names), len(row[1])
-    head = size - count * _VALUE_WIDTH
+def _alike(
+    records: Characters, section: DatSection, count: int
+) -> tuple[IntArray, FloatArray] | None:
+    """Labels and values of records with `count` numbers of the usual form each; else None."""
+    head, names = records.shape[1] - 1 - count * _VALUE_WIDTH, len(section.label_names)
     if head < 0 or section.quantity.startswith("total number"):
         return None
-    characters = np.frombuffer("".join(lines).encode("latin-1"), np.uint8).reshape(-1, size)
-    fields = characters[:, head:].reshape(-1, _VALUE_WIDTH)
-    signs = np.isin(fields[:, [1, 11]], _SIGNS).all()
-    digits = fields[:, _DIGITS] - ord("0") < 10  # wraps below 0
-    fixed = (fields[:, [0, 3, 10]] == _FIXED).all()
-    front = characters[:, :head]
-    plain = ((front - ord("0") < 10) | (front == ord(" "))).all()
-    if not (signs and fixed and digits.all() and plain and (fields[:, 11] != ord(" ")).all()):
+    fields, front = records[:, head:-1].reshape(-1, _VALUE_WIDTH), records[:, :head]
+    values, usual = fixed_floats(fields[:, 1:])
+    usual &= fields[:, 0] == ord(" ")
+    # Labels end where those of the first record do.
+    ends = [word.end() for word in _LABEL.finditer(front[0].tobytes().decode("latin-1"))]
+    if not usual.all() or len(ends) != names or (front[:, max([0, *ends]) :] != ord(" ")).any():
         return None
-    labels = [line[:head].split() for line in lines]
-    if any(len(words) != names or max(map(len, words), default=0) > 18 for words in labels):
-        return None
-    values = np.ascontiguousarray(fields).view(f"S{_VALUE_WIDTH}")[:, 0].astype(np.float64)
-    numbers = np.array([int(word) for words in labels for word in words], dtype=np.int64)
-    return numbers.reshape(len(lines), names), values.reshape(-1, count)
+    labels = np.empty((len(records), names), dtype=np.int64)
+    for column, (begin, end) in enumerate(pairwise([0, *ends])):
+        labels[:, column], fine = fixed_integers(front[:, begin:end])
+        if end - begin > _LONGEST_LABEL or not fine.all():
+            return None
+    return labels, values.reshape(-1, count)
 
 
 def _record(

@@ -18,8 +18,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge.errors import FembridgeError, ResultError, TraceError
 from fembridge.results import frd, read
 from fembridge.results.byte_file import ByteFile
+from fembridge.results.fields import read_fields
 from fembridge.results.frd import FrdIndex
-from fembridge.results.frd_fields import read_fields
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import read_cvg, read_sta, read_total_force
 from fembridge.results.read_options import ReadOptions

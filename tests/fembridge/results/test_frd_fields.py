@@ -2,6 +2,7 @@
 
 import csv
 import re
+import subprocess
 import weakref
 
 import numpy as np
@@ -11,10 +12,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.results import frd
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fields import column_names, read_field, write_field
+from fembridge.results.fields import column_names, read_field, read_fields, write_field
 from fembridge.results.frd import NODES_OF_TYPE
-from fembridge.results.frd_fields import KIND_OF_TYPE, read_fields, read_mesh
+from fembridge.results.frd_fields import KIND_OF_TYPE, read_mesh
 from fembridge.results.read_options import ReadOptions
 
 TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
@@ -441,3 +443,51 @@ def test_names_of_columns_are_words(samples):
     assert column_names(contact)[:2] == ["copen_mm", "cslip1_mm"]
     error = read_field(samples / "cpe4_ascii.frd", "ERROR")
     assert column_names(error) == ["str_percent"]
+
+
+SHELL = """*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 0, 1, 0
+4, 1, 1, 0
+5, .5, 0, 0
+6, .5, 1, 0
+7, 0, .5, 0
+8, 1, .5, 0
+*ELEMENT, TYPE=S8R, ELSET=E
+1, 1, 2, 4, 3, 5, 8, 6, 7
+*MATERIAL, NAME=A
+*ELASTIC
+1000, .3
+*ORIENTATION, NAME=O
+1, 0, 0, 0, 1, 0
+*SHELL SECTION, ELSET=E, COMPOSITE
+.1, , A, O
+.2, , A, O
+*BOUNDARY
+1, 1, 6
+3, 1, 6
+7, 1, 6
+*STEP
+*STATIC
+*CLOAD
+2, 3, -.001
+*NODE FILE, OUTPUT=3D
+U
+*END STEP
+"""
+
+
+@pytest.mark.solver
+def test_layers_of_a_composite_shell_are_the_same_packed_as_printed(tmp_path):
+    meshes = []
+    for name, deck in (("text", SHELL), ("packed", SHELL.replace("FILE", "OUTPUT"))):
+        (tmp_path / f"{name}.inp").write_text(deck)
+        subprocess.run(["ccx", name], cwd=tmp_path, check=True, capture_output=True)
+        held = frd.describe(tmp_path / f"{name}.frd")
+        assert (held["elements"], held["problem"]) == (2, None)
+        assert "holds 2 times as many" in held["remarks"][0]
+        meshes.append(read_mesh(tmp_path / f"{name}.frd"))
+    printed, packed = (mesh.cells[0] for mesh in meshes)
+    assert np.array_equal(printed.rows, packed.rows)
+    assert np.array_equal(printed.ids, packed.ids)

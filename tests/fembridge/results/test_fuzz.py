@@ -14,7 +14,7 @@ import pytest
 
 from fembridge.errors import FembridgeError
 from fembridge.results import frd, read
-from fembridge.results.frd_fields import read_fields
+from fembridge.results.fields import read_fields
 from fembridge.results.nodes import near_nodes, read_node_sets
 from fembridge.results.printed import (
     describe_print,

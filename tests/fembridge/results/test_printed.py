@@ -60,6 +60,16 @@ def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, na
         assert read_rows(path) == rows[:complete]
 
 
+@pytest.mark.parametrize(
+    ("name", "read_rows"), [("cpe4_ascii.sta", read_sta), ("cpe4_ascii.cvg", read_cvg)]
+)
+def test_text_behind_the_last_column_is_refused(samples, tmp_path, name, read_rows):
+    path = tmp_path / name
+    path.write_text((samples / name).read_text().rstrip("\n") + "  0.1\n")
+    with pytest.raises(ResultError, match=r"'0\.1' behind the last column"):
+        read_rows(path)
+
+
 def test_iterations_of_a_run_are_listed(samples):
     rows = read_cvg(samples / "cpe4_ascii.cvg")
     assert rows[0] == CvgRow(1, 1, 1, 1, 112, 412.6, 100.0, 0.0, 0.0)

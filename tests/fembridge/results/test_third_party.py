@@ -18,8 +18,8 @@ from numpy.testing import assert_array_equal
 from fembridge.errors import ResultError
 from fembridge.results import frd
 from fembridge.results.byte_file import ByteFile
+from fembridge.results.fields import read_fields
 from fembridge.results.frd import FrdIndex, node_ids
-from fembridge.results.frd_fields import read_fields
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import dat_sections
 from fembridge.results.read_options import ReadOptions

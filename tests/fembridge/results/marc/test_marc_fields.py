@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge import read, write_vtu_series
+from fembridge import read, read_fields, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
 from fembridge.results.fields import column_names, read_field
@@ -85,6 +85,17 @@ def test_a_field_and_the_traces_of_its_nodes_are_the_same_numbers(
     assert every.nodes.size == len(plane.bearing)
     found = read_stress_tensor(path, every.nodes.tolist(), mean)[1]
     assert_allclose(every.values, found[0], rtol=1e-9, atol=1e-3)
+
+
+def test_fields_one_by_one_are_those_of_each_increment(path):
+    said = []
+    fields = list(read_fields(path, "stress", log=said.append))
+    assert [one.increment for one in fields] == [0, 1, 2]
+    assert len([words for words in said if words.startswith("left out")]) == 1
+    for one in fields:
+        assert_array_equal(one.values, read_field(path, "Stress", str(one.increment)).values)
+    with pytest.raises(ResultError, match="no heat in it"):
+        read_fields(path, "heat")
 
 
 def test_a_nodal_field_has_all_nodes_but_those_of_pressure(path, plane):
