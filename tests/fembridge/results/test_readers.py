@@ -64,7 +64,7 @@ def test_what_is_no_result_file_and_a_choice_of_no_nodes_are_refused(samples, tm
         with pytest.raises(ResultError):
             read(samples / "cpe4_ascii.frd", nodes)
     with pytest.raises(UsageError):
-        read(samples / "cpe4_ascii.frd", [11], stress_unit="psi")
+        read(samples / "cpe4_ascii.frd", [11], stress_unit="bar")
 
 
 def plug(monkeypatch, value):
