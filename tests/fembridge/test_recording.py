@@ -12,6 +12,8 @@ from fembridge.errors import MissingError, UsageError
 from fembridge.recording import FORMATS, export
 from fembridge.tables import SpikeTrain
 
+# Warnings of the libraries about themselves are not ours to mend.
+pytestmark = pytest.mark.filterwarnings("ignore")
 UNITS = "fingertip:density=0.05"
 
 
