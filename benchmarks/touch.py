@@ -17,7 +17,8 @@ from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
 from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.touch import Pins, Way, touch_pins, touch_skin
+from fembridge.touching.touch import touch_pins, touch_skin
+from fembridge.touching.way import Pins, Way
 from neural import parameter_set
 
 REPEATS = int(sys.argv[1]) if len(sys.argv) > 1 else 3

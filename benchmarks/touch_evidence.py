@@ -12,7 +12,8 @@ from decks.stimuli import DT_MS
 from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.touch import Way, touch_skin
+from fembridge.touching.touch import touch_skin
+from fembridge.touching.way import Way
 from neural import parameter_set
 
 PAD = pad_named("reference")

@@ -38,9 +38,10 @@ if TYPE_CHECKING:
     from fembridge.results.fields import read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
-    from fembridge.touching.api import receptive_field, touch
+    from fembridge.touching.field import receptive_field
     from fembridge.touching.population import Population
     from fembridge.touching.shape import Shape
+    from fembridge.touching.touch import touch
     from fembridge.touchsim import touchsim_rates as touchsim_rates
     from fembridge.trace import StressTrace
 
@@ -98,7 +99,8 @@ _HOMES = {
     "make_stimulus": "decks.waveform",
     "Population": "fembridge.touching.population",
     "Shape": "fembridge.touching.shape",
-    **dict.fromkeys(("receptive_field", "touch"), "fembridge.touching.api"),
+    "receptive_field": "fembridge.touching.field",
+    "touch": "fembridge.touching.touch",
     "read": "fembridge.results",
     "read_fields": "fembridge.results.fields",
     "read_observed": "fembridge.observed",

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.api import plot
     from fembridge.plots.style import save_figure
     from fembridge.store import write_text
-    from fembridge.touching.api import receptive_field
+    from fembridge.touching.field import receptive_field
     from fembridge.touching.pad import pad_named
 
     pad = pad_named(args.pad)

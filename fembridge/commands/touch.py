@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.api import plot
     from fembridge.errors import UsageError
     from fembridge.recording import Recording, export
-    from fembridge.touching.api import touch
+    from fembridge.touching.touch import touch
 
     if args.seed < 0:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")

@@ -15,12 +15,13 @@ import numpy as np
 from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
 from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
-from fembridge.touching.pad import Pad
+from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import influence_pa, von_mises_pa
-from fembridge.touching.touch import MOST_UM, Way, between, first_touch_mm
+from fembridge.touching.touch import PAD, PARAMETERS, between, first_touch_mm, parameters_of
+from fembridge.touching.way import MOST_UM, Way
 from fembridge.typing import FloatArray, IntArray
-from neural.parameters import Parameters
+from neural.parameter_sets import ParameterSet
 from neural.units import encode_units
 
 if TYPE_CHECKING:
@@ -91,26 +92,50 @@ class ReceptiveField:
 
 
 def receptive_field(
-    pad: Pad,
-    afferent: str,
-    parameters: Parameters,
+    afferent: str = "RA",
+    *,
     probe_diameter_mm: float = 0.5,
     depth_um: Sequence[float] = (100.0, 200.0, 300.0, 400.0, 500.0),
-    *,
     times_threshold: Sequence[float] = (),
     criterion: float = 0.1,
     frequency_hz: float | None = None,
     step_mm: float = 0.25,
+    pad: str | Pad = PAD,
+    parameters: str | ParameterSet = PARAMETERS,
 ) -> ReceptiveField:
-    """Map the field of the median afferent of a class at the middle of the pad.
+    """Where a probe makes the median afferent of a class fire, and over what area.
+
+    Parameters
+    ----------
+    depth_um
+        Depths of a ramp-and-hold press, or with `frequency_hz` amplitudes of a sinusoid.
+    times_threshold
+        Further depths, as multiples of the least that fires it at its hot spot.
+    criterion
+        Share of the impulses at the hot spot that counts as an answer, one at least.
+
+    Returns
+    -------
+    ReceptiveField
+        ``areas`` is a DataFrame ``afferent, depth_um, area_mm2, whole``; ``impulses``
+        ``(depth, x, z)`` are the maps; ``fb.plot(it)`` shows them.
 
     Raises
     ------
     UsageError
         No such class, or numbers that mean nothing.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> field = fb.receptive_field("SA", depth_um=[200], step_mm=1.0)
+    >>> list(field.areas.columns)
+    ['afferent', 'depth_um', 'area_mm2', 'whole']
     """
-    if afferent not in parameters or afferent not in pad.finger.afferents:
-        raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(parameters)}")
+    skin = pad if isinstance(pad, Pad) else pad_named(pad)
+    own = parameters_of(parameters).parameters
+    if afferent not in own or afferent not in skin.finger.afferents:
+        raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(own)}")
     if not 0 < criterion <= 1:
         raise UsageError(f"criterion is {criterion:g}, expected a share, 0 to 1")
     if not 0.1 <= step_mm <= 2:
@@ -119,10 +144,10 @@ def receptive_field(
     for each in (*depths, *times_threshold):
         if not 0 < each <= MOST_UM:
             raise UsageError(f"depth {each:g}, expected 0 to {MOST_UM:g} um")
-    half_mm = pad.reach_mm - 0.5 * probe_diameter_mm
+    half_mm = skin.reach_mm - 0.5 * probe_diameter_mm
     across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
     along = np.arange(0, int(_HALF_LENGTH_MM / step_mm) + 1.0) * step_mm
-    site = pad.finger.afferents[afferent]
+    site = skin.finger.afferents[afferent]
     wave = _wave(frequency_hz)
     deepest = MOST_UM if times_threshold else max(depths, default=0.0)
     probe = Shape.punch(probe_diameter_mm)
@@ -130,21 +155,21 @@ def receptive_field(
     def curves(x_mm: float, z_mm: FloatArray) -> FloatArray:
         """Stress ``(level, z)`` under a probe at `x_mm`."""
         here = probe.moved(x_mm, 0.0)
-        nodes = skin_nodes(pad)
-        gap_mm = gaps_mm(nodes, here) - first_touch_mm(pad, here)
+        nodes = skin_nodes(skin)
+        gap_mm = gaps_mm(nodes, here) - first_touch_mm(skin, here)
         near = gap_mm < level_um[-1] * 1e-3
         nodes, gap_mm = nodes.subset(near), gap_mm[near]
         contact = Contact.of(nodes)
         forces = np.stack([contact.press(level * 1e-3 - gap_mm) for level in level_um])
         count = z_mm.size
         places = np.zeros(count), z_mm, np.full(count, site.depth_mm)
-        return von_mises_pa(influence_pa(pad, nodes, [site.layer] * count, *places), forces)
+        return von_mises_pa(influence_pa(skin, nodes, [site.layer] * count, *places), forces)
 
     def impulses(stress: FloatArray, depth: float) -> IntArray:
         """Impulses ``(place,)`` of stress ``(level, place)`` at one depth."""
         trace = between(level_um, stress, np.maximum(depth * wave, 0.0))
         classes = [afferent] * stress.shape[1]
-        fired = encode_units(trace, classes, DT_MS, parameters)
+        fired = encode_units(trace, classes, DT_MS, own)
         return np.bincount(fired.unit, minlength=stress.shape[1])
 
     level_um = deepest * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5

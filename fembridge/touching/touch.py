@@ -9,7 +9,7 @@ A scan is resolved to one node of the skin: forces are averaged over the time in
 the shape moves by that. Without it each node that comes into contact would be a tap.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,17 +17,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
 from fembridge.stimulus import Stimulus
 from fembridge.store import write_text
-from fembridge.tables import read_table, write_table
+from fembridge.tables import write_table
 from fembridge.touching.contact import Contact, SkinNodes, gaps_mm, skin_height_mm, skin_nodes
-from fembridge.touching.pad import Pad
-from fembridge.touching.population import Population
-from fembridge.touching.shape import Shape
+from fembridge.touching.pad import Pad, pad_named
+from fembridge.touching.population import Population, population_named
+from fembridge.touching.shape import Shape, shape_named
 from fembridge.touching.stress import influence_pa, von_mises_pa
+from fembridge.touching.way import MOST_UM, Pins, Way, way_of
 from fembridge.typing import FloatArray, IntArray, SingleArray, Table
+from neural.parameter_sets import ParameterSet, parameter_set_or_file
 from neural.parameters import Parameters
 from neural.units import UnitSpikes, encode_units
 
@@ -48,192 +49,8 @@ _MOST_EVERY = 20
 _FIRST_REACH_MM = 0.25
 _MM_PER_UM = 1.0e-3
 _MS_PER_S = 1.0e3
-# The deepest that superposition of small strains is meant for.
-MOST_UM = 2_000.0
-_MOST_N = 20.0
-_MOST_SAMPLES = 200_001
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Way:
-    """How a shape moves: samples every `dt_ms` from time 0.
-
-    `depth_um` ``(T,)`` below first touch, or `force_n` ``(T,)``; the other is None.
-    `x_mm`, `z_mm` ``(T,)`` are its way over the skin, None where it does not slide.
-    `window_ms` is when spikes are counted.
-    """
-
-    name: str
-    dt_ms: float
-    window_ms: tuple[float, float]
-    depth_um: FloatArray | None = None
-    force_n: FloatArray | None = None
-    x_mm: FloatArray | None = None
-    z_mm: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        if (self.depth_um is None) == (self.force_n is None):
-            raise UsageError("a shape is pressed to a depth or with a force, one of both")
-        if self.pressed.size > _MOST_SAMPLES:
-            raise UsageError(f"{self.pressed.size} samples, expected at most {_MOST_SAMPLES}")
-        most, unit = (MOST_UM, "um") if self.force_n is None else (_MOST_N, "N")
-        if not self.pressed.max() <= most:
-            raise UsageError(f"pressed by {self.pressed.max():g} {unit}, expected at most {most:g}")
-
-    @property
-    def pressed(self) -> FloatArray:
-        """Depth in um or force in N, ``(T,)``."""
-        if self.depth_um is not None:
-            return self.depth_um
-        return np.zeros(0) if self.force_n is None else self.force_n
-
-    @property
-    def slides(self) -> bool:
-        """Whether the shape moves over the skin."""
-        return self.x_mm is not None
-
-    @property
-    def times_ms(self) -> FloatArray:
-        """Time of each sample, ``(T,)``."""
-        times: FloatArray = np.arange(self.pressed.size, dtype=np.float64) * self.dt_ms
-        return times
-
-    @classmethod
-    def of_stimulus(cls, stimulus: Stimulus) -> "Way":
-        """The way of a stimulus of the catalogue; its way aside is along x."""
-        aside = stimulus.aside_um
-        still = None if aside is None else np.zeros(aside.size)
-        return cls(
-            stimulus.id,
-            stimulus.dt_ms,
-            stimulus.window_ms,
-            depth_um=np.asarray(stimulus.displacement_um),
-            x_mm=None if aside is None else aside * _MM_PER_UM,
-            z_mm=still,
-        )
-
-    @classmethod
-    def hold(
-        cls,
-        press_um: float | None = None,
-        press_n: float | None = None,
-        ramp_ms: float = 50.0,
-        hold_ms: float = 500.0,
-    ) -> "Way":
-        """Ramp, hold and ramp back; the ramps are raised cosines."""
-        level, name = _level(press_um, press_n)
-        if not (DT_MS <= ramp_ms <= 10_000 and DT_MS <= hold_ms <= 60_000):
-            raise UsageError(f"ramp {ramp_ms:g} ms, hold {hold_ms:g} ms: expected 0.5 ms and more")
-        ramp = 0.5 * (1 - np.cos(np.pi * np.arange(round(ramp_ms / DT_MS)) * DT_MS / ramp_ms))
-        rest = np.zeros(20)  # 10 ms before, so that the onset is one
-        held = np.ones(round(hold_ms / DT_MS) + 1)
-        shape = np.concatenate([rest, ramp, held, ramp[::-1], rest])
-        end_ms = (shape.size - 1) * DT_MS
-        return cls(f"hold {name}", DT_MS, (0.0, end_ms), **_pressed(level * shape, press_um))
-
-    @classmethod
-    def slide(
-        cls,
-        speed_mm_per_s: float,
-        press_um: float | None = None,
-        press_n: float | None = None,
-        duration_ms: float = 1000.0,
-        direction_deg: float = -90.0,
-        start_mm: tuple[float, float] = (0.0, 0.0),
-    ) -> "Way":
-        """Over the skin at one speed, pressed all the time; -90 degrees is towards -z."""
-        level, name = _level(press_um, press_n)
-        if not (np.isfinite(speed_mm_per_s) and 0 < speed_mm_per_s <= 1000):
-            raise UsageError(f"slides at {speed_mm_per_s:g} mm/s, expected 0 to 1000")
-        if not 10 <= duration_ms <= 60_000:
-            raise UsageError(f"slides for {duration_ms:g} ms, expected 10 to 60000")
-        times_ms = np.arange(round(duration_ms / DT_MS) + 1) * DT_MS
-        way_mm = speed_mm_per_s * times_ms / _MS_PER_S
-        turn = np.radians(direction_deg)
-        return cls(
-            f"slide {speed_mm_per_s:g} mm/s {name}",
-            DT_MS,
-            (0.0, float(times_ms[-1])),
-            x_mm=start_mm[0] + np.cos(turn) * way_mm,
-            z_mm=start_mm[1] + np.sin(turn) * way_mm,
-            **_pressed(np.full(times_ms.size, level), press_um),
-        )
-
-    @classmethod
-    def read(cls, path: Path | str) -> "Way":
-        """A path: a table ``time_ms,x_mm,z_mm`` with ``depth_um`` or ``force_n``.
-
-        Rows may be at any rising times; between them the path is straight.
-
-        Raises
-        ------
-        TableError, UsageError
-            Not such a table.
-        """
-        path = Path(path)
-        table = read_table(path, ("time_ms", "x_mm", "z_mm"))
-        pressed = [name for name in ("depth_um", "force_n") if name in table.header]
-        if len(pressed) != 1 or table.size < 2:
-            raise UsageError(f"{path}: expected two rows or more with either depth_um or force_n")
-        at_ms = table.numbers("time_ms")
-        table.refuse(np.diff(at_ms, prepend=at_ms[0] - 1) <= 0, lambda row: "time_ms does not rise")
-        times_ms = np.arange(int((at_ms[-1] - at_ms[0]) / DT_MS + 1e-9) + 1) * DT_MS
-        x_mm, z_mm, level = (
-            np.interp(times_ms + at_ms[0], at_ms, table.numbers(name))
-            for name in ("x_mm", "z_mm", pressed[0])
-        )
-        end_ms = float(times_ms[-1])
-        depth = {pressed[0]: level}
-        return cls(path.stem, DT_MS, (0.0, end_ms), x_mm=x_mm, z_mm=z_mm, **depth)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pins:
-    """Flat round pins, each with its own waveform: an array ``(pin,)`` of places.
-
-    `depth_um` is ``(T, pin)``; each pin's is counted from its own first touch.
-    """
-
-    x_mm: FloatArray
-    z_mm: FloatArray
-    diameter_mm: FloatArray
-    depth_um: FloatArray
-    dt_ms: float
-    window_ms: tuple[float, float]
-
-    @classmethod
-    def read(cls, path: Path | str, preindent_um: float = 0.0, seed: int | None = None) -> "Pins":
-        """A table ``x_mm,z_mm,diameter_mm,stimulus``: an id of the catalogue a pin.
-
-        Raises
-        ------
-        TableError, StimulusError
-            Not such a table, or no such stimulus.
-        """
-        from fembridge.stimulus_file import stimuli_of
-
-        table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"))
-        if not table.size:
-            raise UsageError(f"{path}: a header and no rows, expected pins")
-        waves = []
-        for row, word in enumerate(table.words("stimulus")):
-            found = stimuli_of(word, preindent_um, seed)
-            if len(found) != 1:
-                raise table.error(row, f"stimulus {word!r} names {len(found)}, expected one")
-            waves += found
-        most = max(wave.displacement_um.size for wave in waves)
-        depth_um = np.stack(  # a pin whose waveform has ended stays where it is
-            [np.pad(w.displacement_um, (0, most - w.displacement_um.size), "edge") for w in waves],
-            -1,
-        )
-        return cls(
-            table.numbers("x_mm"),
-            table.numbers("z_mm"),
-            table.numbers("diameter_mm", least=0.01),
-            depth_um,
-            waves[0].dt_ms,
-            (min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)),
-        )
+# What is touched, and the parameters that were fitted on it.
+PAD, PARAMETERS = "reference", "fitted_pad"
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,6 +143,114 @@ class Touch:
         samples = np.stack([self.way.times_ms, self.depth_um, self.force_n], -1)
         write_table(folder / TOUCH_FILE, ("time_ms", "depth_um", "force_n"), samples.tolist())
         return [POPULATION_FILE, SPIKES_FILE, RATES_FILE, TOUCH_FILE]
+
+
+def touch(
+    shape: str | Shape = "punch",
+    *,
+    stimulus: str | Stimulus | None = None,
+    press_um: float | None = None,
+    press_n: float | None = None,
+    ramp_ms: float = 50.0,
+    hold_ms: float = 500.0,
+    slide_mm_per_s: float | None = None,
+    direction_deg: float = -90.0,
+    duration_ms: float = 1000.0,
+    path: Path | str | None = None,
+    pins: Path | str | None = None,
+    at_mm: tuple[float, float] = (0.0, 0.0),
+    angle_deg: float = 0.0,
+    pixel_mm: float | None = None,
+    relief_mm: float | None = None,
+    friction: float = FRICTION,
+    population: str | Population = "fingertip",
+    pad: str | Pad = PAD,
+    parameters: str | ParameterSet = PARAMETERS,
+    preindent_um: float | None = None,
+    repeats: int = 1,
+    noise_mv: float = 0.0,
+    seed: int = 0,
+    log: Callable[[str], None] = lambda line: None,
+) -> Touch:
+    """Press, vibrate or slide a shape on a whole fingertip: every afferent's spikes.
+
+    Parameters
+    ----------
+    shape
+        A `Shape`, a word such as ``bar:width_mm=1``, or a file of heights (.png, .csv)
+        with `pixel_mm` and, of a picture, `relief_mm`.
+    stimulus
+        An id, a `Stimulus` or a waveform's path: the shape's depth. Else `press_um` or
+        `press_n`: ramp-and-hold, or while it slides.
+    slide_mm_per_s, direction_deg, duration_ms
+        The shape slides that way, 0 degrees is to the right, 90 towards the tip.
+    path
+        A table ``time_ms,x_mm,z_mm`` with ``depth_um`` or ``force_n``.
+    pins
+        In place of a shape, a table ``x_mm,z_mm,diameter_mm,stimulus``.
+    at_mm, angle_deg
+        Where the shape's middle is at first, and how far it is turned.
+    population
+        A `Population`, ``fingertip``, ``grid``, ``line``, ``one_each``, or a table.
+    pad
+        ``reference``, a file that ``fembridge pad`` made, or a `Pad`.
+    preindent_um
+        Depth before time 0 of a stimulus. None: as in the fit of the parameters.
+    repeats, noise_mv, seed
+        Trials, the noise of the membrane in mV after 1 ms, and its seed.
+
+    Returns
+    -------
+    Touch
+        ``population``, ``spikes`` and ``rates`` (DataFrames), ``stress_pa``, ``force_n``,
+        ``depth_um``; ``fb.plot(it)`` is the pad from above, ``write(folder)`` the tables
+        of the command.
+
+    Raises
+    ------
+    UsageError, StimulusError, TableError
+        Words, numbers or files that mean nothing, or a shape beside the pad.
+    ResponseError
+        A pad that was altered.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> result = fb.touch("punch:diameter_mm=1", press_um=200, population="one_each")
+    >>> result.rates["afferent"].tolist()
+    ['SA', 'RA', 'PC']
+    """
+    skin = pad if isinstance(pad, Pad) else pad_named(pad)
+    chosen = parameters_of(parameters)
+    units = population
+    if not isinstance(units, Population):
+        units = population_named(units, skin.finger)
+    depth_um = chosen.preindent_um if preindent_um is None else preindent_um
+    common: dict[str, Any] = {
+        "trials": repeats,
+        "noise_mv": noise_mv,
+        "seed": seed,
+        "origin": {"parameter_set": chosen.name, "seed": seed},
+    }
+    if pins is not None:
+        others = (stimulus, press_um, press_n, slide_mm_per_s, path)
+        if any(each is not None for each in others):
+            raise UsageError("pins have waveforms of their own: no other way beside them")
+        array = Pins.read(pins, preindent_um=depth_um)
+        return touch_pins(skin, array, units, chosen.parameters, **common)
+    if not isinstance(shape, Shape):
+        shape = shape_named(shape, pixel_mm, relief_mm)
+    shape = shape.turned(angle_deg).moved(*at_mm)
+    way = way_of(
+        stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,
+        duration_ms, path, depth_um, log,
+    )  # fmt: skip
+    if stimulus is not None and depth_um and preindent_um is None:
+        log(
+            f"parameters {chosen.name}: the shape is {depth_um:g} um deep before time 0, as "
+            "in their fit"
+        )
+    return touch_skin(skin, shape, way, units, chosen.parameters, friction=friction, **common)
 
 
 def touch_skin(
@@ -657,15 +582,6 @@ def between(knots: FloatArray, values: FloatArray | SingleArray, at: FloatArray)
     return found
 
 
-def _level(press_um: float | None, press_n: float | None) -> tuple[float, str]:
-    """What a shape is pressed with, and its name."""
-    if (press_um is None) == (press_n is None):
-        raise UsageError("a shape is pressed to a depth or with a force, one of both")
-    level = press_um if press_um is not None else press_n
-    if level is None or not (np.isfinite(level) and level > 0):
-        raise UsageError(f"pressed by {level}, expected more than 0")
-    return level, f"{level:g} um" if press_um is not None else f"{level:g} N"
-
-
-def _pressed(samples: FloatArray, press_um: float | None) -> dict[str, Any]:
-    return {"depth_um" if press_um is not None else "force_n": samples}
+def parameters_of(parameters: str | ParameterSet) -> ParameterSet:
+    """The set of a name, a file, or as it is."""
+    return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters

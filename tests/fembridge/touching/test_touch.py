@@ -15,7 +15,8 @@ from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.response import pad_response
 from fembridge.touching.shape import Shape
-from fembridge.touching.touch import Pins, Way, touch_pins, touch_skin
+from fembridge.touching.touch import touch_pins, touch_skin
+from fembridge.touching.way import Pins, Way
 from neural import parameter_set
 
 PAD = pad_named("reference")

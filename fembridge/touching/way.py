@@ -1,0 +1,250 @@
+"""How a shape moves: depth or force, and place, over time; and arrays of moving pins."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from decks.stimuli import DT_MS
+from fembridge.errors import UsageError
+from fembridge.stimulus import Stimulus
+from fembridge.stimulus_file import stimuli_of
+from fembridge.tables import read_table
+from fembridge.typing import FloatArray
+
+_MM_PER_UM = 1.0e-3
+_MS_PER_S = 1.0e3
+# The deepest that superposition of small strains is meant for.
+MOST_UM = 2_000.0
+_MOST_N = 20.0
+_MOST_SAMPLES = 200_001
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """How a shape moves: samples every `dt_ms` from time 0.
+
+    `depth_um` ``(T,)`` below first touch, or `force_n` ``(T,)``; the other is None.
+    `x_mm`, `z_mm` ``(T,)`` are its way over the skin, None where it does not slide.
+    `window_ms` is when spikes are counted.
+    """
+
+    name: str
+    dt_ms: float
+    window_ms: tuple[float, float]
+    depth_um: FloatArray | None = None
+    force_n: FloatArray | None = None
+    x_mm: FloatArray | None = None
+    z_mm: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if (self.depth_um is None) == (self.force_n is None):
+            raise UsageError("a shape is pressed to a depth or with a force, one of both")
+        if self.pressed.size > _MOST_SAMPLES:
+            raise UsageError(f"{self.pressed.size} samples, expected at most {_MOST_SAMPLES}")
+        most, unit = (MOST_UM, "um") if self.force_n is None else (_MOST_N, "N")
+        if not self.pressed.max() <= most:
+            raise UsageError(f"pressed by {self.pressed.max():g} {unit}, expected at most {most:g}")
+
+    @property
+    def pressed(self) -> FloatArray:
+        """Depth in um or force in N, ``(T,)``."""
+        if self.depth_um is not None:
+            return self.depth_um
+        return np.zeros(0) if self.force_n is None else self.force_n
+
+    @property
+    def slides(self) -> bool:
+        """Whether the shape moves over the skin."""
+        return self.x_mm is not None
+
+    @property
+    def times_ms(self) -> FloatArray:
+        """Time of each sample, ``(T,)``."""
+        times: FloatArray = np.arange(self.pressed.size, dtype=np.float64) * self.dt_ms
+        return times
+
+    @classmethod
+    def of_stimulus(cls, stimulus: Stimulus) -> "Way":
+        """The way of a stimulus of the catalogue; its way aside is along x."""
+        aside = stimulus.aside_um
+        still = None if aside is None else np.zeros(aside.size)
+        return cls(
+            stimulus.id,
+            stimulus.dt_ms,
+            stimulus.window_ms,
+            depth_um=np.asarray(stimulus.displacement_um),
+            x_mm=None if aside is None else aside * _MM_PER_UM,
+            z_mm=still,
+        )
+
+    @classmethod
+    def hold(
+        cls,
+        press_um: float | None = None,
+        press_n: float | None = None,
+        ramp_ms: float = 50.0,
+        hold_ms: float = 500.0,
+    ) -> "Way":
+        """Ramp, hold and ramp back; the ramps are raised cosines."""
+        level, name = _level(press_um, press_n)
+        if not (DT_MS <= ramp_ms <= 10_000 and DT_MS <= hold_ms <= 60_000):
+            raise UsageError(f"ramp {ramp_ms:g} ms, hold {hold_ms:g} ms: expected 0.5 ms and more")
+        ramp = 0.5 * (1 - np.cos(np.pi * np.arange(round(ramp_ms / DT_MS)) * DT_MS / ramp_ms))
+        rest = np.zeros(20)  # 10 ms before, so that the onset is one
+        held = np.ones(round(hold_ms / DT_MS) + 1)
+        shape = np.concatenate([rest, ramp, held, ramp[::-1], rest])
+        end_ms = (shape.size - 1) * DT_MS
+        return cls(f"hold {name}", DT_MS, (0.0, end_ms), **_pressed(level * shape, press_um))
+
+    @classmethod
+    def slide(
+        cls,
+        speed_mm_per_s: float,
+        press_um: float | None = None,
+        press_n: float | None = None,
+        duration_ms: float = 1000.0,
+        direction_deg: float = -90.0,
+        start_mm: tuple[float, float] = (0.0, 0.0),
+    ) -> "Way":
+        """Over the skin at one speed, pressed all the time; -90 degrees is towards -z."""
+        level, name = _level(press_um, press_n)
+        if not (np.isfinite(speed_mm_per_s) and 0 < speed_mm_per_s <= 1000):
+            raise UsageError(f"slides at {speed_mm_per_s:g} mm/s, expected 0 to 1000")
+        if not 10 <= duration_ms <= 60_000:
+            raise UsageError(f"slides for {duration_ms:g} ms, expected 10 to 60000")
+        times_ms = np.arange(round(duration_ms / DT_MS) + 1) * DT_MS
+        way_mm = speed_mm_per_s * times_ms / _MS_PER_S
+        turn = np.radians(direction_deg)
+        return cls(
+            f"slide {speed_mm_per_s:g} mm/s {name}",
+            DT_MS,
+            (0.0, float(times_ms[-1])),
+            x_mm=start_mm[0] + np.cos(turn) * way_mm,
+            z_mm=start_mm[1] + np.sin(turn) * way_mm,
+            **_pressed(np.full(times_ms.size, level), press_um),
+        )
+
+    @classmethod
+    def read(cls, path: Path | str) -> "Way":
+        """A path: a table ``time_ms,x_mm,z_mm`` with ``depth_um`` or ``force_n``.
+
+        Rows may be at any rising times; between them the path is straight.
+
+        Raises
+        ------
+        TableError, UsageError
+            Not such a table.
+        """
+        path = Path(path)
+        table = read_table(path, ("time_ms", "x_mm", "z_mm"))
+        pressed = [name for name in ("depth_um", "force_n") if name in table.header]
+        if len(pressed) != 1 or table.size < 2:
+            raise UsageError(f"{path}: expected two rows or more with either depth_um or force_n")
+        at_ms = table.numbers("time_ms")
+        table.refuse(np.diff(at_ms, prepend=at_ms[0] - 1) <= 0, lambda row: "time_ms does not rise")
+        times_ms = np.arange(int((at_ms[-1] - at_ms[0]) / DT_MS + 1e-9) + 1) * DT_MS
+        x_mm, z_mm, level = (
+            np.interp(times_ms + at_ms[0], at_ms, table.numbers(name))
+            for name in ("x_mm", "z_mm", pressed[0])
+        )
+        end_ms = float(times_ms[-1])
+        depth = {pressed[0]: level}
+        return cls(path.stem, DT_MS, (0.0, end_ms), x_mm=x_mm, z_mm=z_mm, **depth)
+
+
+def way_of(
+    stimulus: str | Stimulus | None,
+    press_um: float | None,
+    press_n: float | None,
+    ramp_ms: float,
+    hold_ms: float,
+    slide_mm_per_s: float | None,
+    direction_deg: float,
+    duration_ms: float,
+    path: Path | str | None,
+    preindent_um: float,
+    log: Callable[[str], None],
+) -> Way:
+    """The one way that was asked for."""
+    if path is not None:
+        if any(each is not None for each in (stimulus, press_um, press_n, slide_mm_per_s)):
+            raise UsageError("a path says how the shape moves: nothing else beside it")
+        return Way.read(path)
+    if stimulus is not None:
+        if press_um is not None or press_n is not None or slide_mm_per_s is not None:
+            raise UsageError("a stimulus says how deep the shape goes: no press or slide beside it")
+        if isinstance(stimulus, Stimulus):
+            return Way.of_stimulus(stimulus)
+        found = stimuli_of(stimulus, preindent_um, log=log)
+        if len(found) != 1:
+            raise UsageError(f"stimulus {stimulus!r} names {len(found)} stimuli, expected one")
+        return Way.of_stimulus(found[0])
+    if press_um is None and press_n is None:
+        raise UsageError("how is the shape pressed? a stimulus, press_um, press_n, path or pins")
+    if slide_mm_per_s is not None:
+        return Way.slide(slide_mm_per_s, press_um, press_n, duration_ms, direction_deg)
+    return Way.hold(press_um, press_n, ramp_ms, hold_ms)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pins:
+    """Flat round pins, each with its own waveform: an array ``(pin,)`` of places.
+
+    `depth_um` is ``(T, pin)``; each pin's is counted from its own first touch.
+    """
+
+    x_mm: FloatArray
+    z_mm: FloatArray
+    diameter_mm: FloatArray
+    depth_um: FloatArray
+    dt_ms: float
+    window_ms: tuple[float, float]
+
+    @classmethod
+    def read(cls, path: Path | str, preindent_um: float = 0.0, seed: int | None = None) -> "Pins":
+        """A table ``x_mm,z_mm,diameter_mm,stimulus``: an id of the catalogue a pin.
+
+        Raises
+        ------
+        TableError, StimulusError
+            Not such a table, or no such stimulus.
+        """
+        table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"))
+        if not table.size:
+            raise UsageError(f"{path}: a header and no rows, expected pins")
+        waves = []
+        for row, word in enumerate(table.words("stimulus")):
+            found = stimuli_of(word, preindent_um, seed)
+            if len(found) != 1:
+                raise table.error(row, f"stimulus {word!r} names {len(found)}, expected one")
+            waves += found
+        most = max(wave.displacement_um.size for wave in waves)
+        depth_um = np.stack(  # a pin whose waveform has ended stays where it is
+            [np.pad(w.displacement_um, (0, most - w.displacement_um.size), "edge") for w in waves],
+            -1,
+        )
+        return cls(
+            table.numbers("x_mm"),
+            table.numbers("z_mm"),
+            table.numbers("diameter_mm", least=0.01),
+            depth_um,
+            waves[0].dt_ms,
+            (min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)),
+        )
+
+
+def _level(press_um: float | None, press_n: float | None) -> tuple[float, str]:
+    """What a shape is pressed with, and its name."""
+    if (press_um is None) == (press_n is None):
+        raise UsageError("a shape is pressed to a depth or with a force, one of both")
+    level = press_um if press_um is not None else press_n
+    if level is None or not (np.isfinite(level) and level > 0):
+        raise UsageError(f"pressed by {level}, expected more than 0")
+    return level, f"{level:g} um" if press_um is not None else f"{level:g} N"
+
+
+def _pressed(samples: FloatArray, press_um: float | None) -> dict[str, Any]:
+    return {"depth_um" if press_um is not None else "force_n": samples}
