@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from decks.analysis import LAWS, Contact, Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
-from decks.presets import mesh_of, read_finger
+from decks.presets import finger_id, finger_table, mesh_of, read_finger
 from decks.probe import Probe
 from decks.unit_system import LENGTH_UNITS
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
@@ -24,7 +24,7 @@ from fembridge.run_folder import RunFolder
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
-from fembridge.trace import StressTrace
+from fembridge.trace import StressTrace, Traces
 
 if TYPE_CHECKING:
     import pandas
@@ -127,6 +127,7 @@ def simulate(
     ['stimulus', 'afferent', 'rate_ips']
     """
     from fembridge.simulation import simulate as simulate_model
+    from fembridge.simulation import unlike_the_fit
 
     chosen = _parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
@@ -153,19 +154,17 @@ def simulate(
             stored=stored,
             parameters=chosen.parameters,
             parameters_name=chosen.name,
+            parameters_table=chosen.to_table(),
             settings=settings,
             yes=yes,
             log=log,
         )
-    fitted_um = f"{chosen.preindent_um:g} um deep before time 0"
     depths_um = {one.preindent_um for one in stimuli}
-    if depths_um != {chosen.preindent_um}:
-        log(
-            f"parameters {chosen.name} were fitted with the probe {fitted_um}, "
-            f"here it is at {', '.join(f'{each:g}' for each in sorted(depths_um))} um"
-        )
+    if unlike := unlike_the_fit(chosen, finger_id(finger_table(model.finger)), depths_um):
+        log(unlike)
     elif preindent_um is None and depth_um:
-        log(f"parameters {chosen.name}: the probe is {fitted_um}, as in their fit")
+        depth = f"{depth_um:g} um deep before time 0"
+        log(f"parameters {chosen.name}: the probe is {depth}, as in their fit")
     return result
 
 
@@ -174,6 +173,7 @@ def build_deck(
     output: PathLike = "runs",
     *,
     solver: str | None = None,
+    parameters: "str | ParameterSet" = "fitted",
     preindent_um: float | None = None,
     seed: int | None = None,
     slide_mm_per_s: float | None = None,
@@ -207,6 +207,11 @@ def build_deck(
     solver
         ``calculix`` (None too), ``marc`` or ``abaqus``. Of a `base_deck`: whose it is,
         where its text leaves that open.
+    parameters
+        By which its stress is to be encoded: ``run.toml`` names them, `encode` takes them.
+    preindent_um
+        Depth of the probe before time 0. None: as in the fit of `parameters`, and 0 of a
+        `base_deck`, which has a way of its own to where it stands.
     contact, stiffness_mpa_per_mm, friction, results
         As the options of the command; None: what the solver's decks have.
     base_deck
@@ -228,10 +233,13 @@ def build_deck(
     >>> import fembridge as fb
     >>> [run] = fb.build_deck("sine_20_250", "runs", solver="marc")
     >>> run.folder.name, run.increments
-    ('sine_20_250', 500)
+    ('sine_20_250', 520)
     """
+    chosen = _parameter_set(parameters)
+    if preindent_um is None:
+        preindent_um = chosen.preindent_um if base_deck is None else 0.0
     stimuli = stimuli_of(
-        stimulus, preindent_um or 0.0, seed, slide_mm_per_s,
+        stimulus, preindent_um, seed, slide_mm_per_s,
         dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
     )  # fmt: skip
     if base_deck is not None:
@@ -241,7 +249,9 @@ def build_deck(
         units = LENGTH_UNITS[length_unit]
         request = Request(amplitude, step, dict(afferents or {}), units.length_mm, results)
         changed = [
-            build_own_folder(Path(output) / one.id, base, one, request, units.stress_unit)
+            build_own_folder(
+                Path(output) / one.id, base, one, request, units.stress_unit, chosen.to_table()
+            )
             for one in stimuli
         ]
         for remark in changed[-1][1]:
@@ -262,7 +272,14 @@ def build_deck(
     model = _model(finger, probe, of_contact, element, inertia, whole_section, law)
     options = DeckOptions(results, probe_body)
     return [
-        build_run_folder(Path(output) / one.id, model, one, solver=solver, options=options)
+        build_run_folder(
+            Path(output) / one.id,
+            model,
+            one,
+            solver=solver,
+            options=options,
+            parameters=chosen.to_table(),
+        )
         for one in stimuli
     ]
 
@@ -311,9 +328,10 @@ def run(
 def encode(
     traces: PathLike | Sequence[StressTrace],
     *,
-    parameters: "str | ParameterSet" = "published",
-    stimulus: str = "traces",
+    parameters: "str | ParameterSet | None" = None,
+    stimulus: str | None = None,
     derivative: str = "backward",
+    log: Callable[[str], None] = lambda line: None,
 ) -> "pandas.DataFrame":
     """Spikes of stress histories: ``stimulus, afferent, repeat, spike_time_ms``, a row a spike.
 
@@ -323,10 +341,13 @@ def encode(
         Each with the class of its afferent, a sample every 0.5 ms; or the path of their
         table. `repeat` numbers the cells of a population from 1, and is 0 for one cell.
     parameters
-        ``published`` (Table 2 of the paper), ``fitted`` (for traces of a probe that was
-        75 um deep before time 0), a TOML file or a set.
+        ``fitted`` (for traces of a probe that was 75 um deep before time 0), ``published``
+        (Table 2 of the paper), a TOML file or a set. None: those that the run of the traces
+        names, else ``fitted``.
     stimulus
-        What the table calls the stimulus.
+        What the table calls the stimulus. None: as the run, else ``traces``.
+    log
+        Called with a line where the parameters were fitted on another finger or depth.
 
     Raises
     ------
@@ -338,7 +359,7 @@ def encode(
     --------
     >>> import fembridge as fb
     >>> result = fb.simulate("sine_20_250", stored=True)
-    >>> spikes = fb.encode(result.traces[0], parameters="fitted", stimulus="sine_20_250")
+    >>> spikes = fb.encode(result.traces[0], stimulus="sine_20_250")
     >>> spikes.equals(result.spikes)
     True
     """
@@ -346,9 +367,36 @@ def encode(
     from fembridge.tables import read_traces
 
     if isinstance(traces, str | Path):
-        traces = read_traces(Path(traces))
-    chosen = _parameter_set(parameters).parameters
-    return spikes_frame(encode_traces(traces, chosen, stimulus, derivative))
+        traces = read_traces(Path(traces), log)
+    chosen = parameters_for(traces, parameters, log)
+    if stimulus is None:
+        origin = traces.origin if isinstance(traces, Traces) else None
+        stimulus = origin.stimulus if origin else "traces"
+    return spikes_frame(encode_traces(traces, chosen.parameters, stimulus, derivative))
+
+
+def parameters_for(
+    traces: Sequence[StressTrace],
+    parameters: "str | ParameterSet | None",
+    log: Callable[[str], None],
+) -> "ParameterSet":
+    """The set that `traces` are encoded by; `log` gets what its fit had otherwise."""
+    from fembridge.simulation import unlike_the_fit
+    from neural.parameter_sets import parameter_set_of
+
+    origin = traces.origin if isinstance(traces, Traces) else None
+    if parameters is not None:
+        chosen = _parameter_set(parameters)
+    elif origin and origin.parameters:
+        chosen = parameter_set_of(origin.parameters, origin.stimulus, "the run of the traces")
+    else:
+        chosen = _parameter_set("fitted")
+    # Of an unknown run: what starts without stress was not pre-indented.
+    pressed = any(trace.stress_pa[0] > 0 for trace in traces)
+    depths_um = {origin.preindent_um} if origin else set() if pressed else {0.0}
+    if unlike := unlike_the_fit(chosen, origin.finger if origin else {}, depths_um):
+        log(unlike)
+    return chosen
 
 
 def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = None) -> "Figure":

@@ -33,10 +33,12 @@ def build_run_folder(
     *,
     solver: str = "calculix",
     options: DeckOptions = DeckOptions(),  # noqa: B008 - frozen
+    parameters: Table | None = None,
 ) -> RunFolder:
     """Write deck, waveform and ``run.toml`` into `folder`.
 
-    `solver` names one of `decks.dialects.DIALECTS`. ``run.toml`` takes its place
+    `solver` names one of `decks.dialects.DIALECTS`, `parameters` is the set by which its
+    stress is to be encoded, as `neural.ParameterSet.to_table` has it. ``run.toml`` takes its place
     last: a folder that has one is whole. Where the same files are already,
     nothing is touched.
 
@@ -55,6 +57,8 @@ def build_run_folder(
         inputs["drive"] = analysis.support
         why = analysis.why_whole
         inputs["section"] = f"whole: {why}" if why else "half"
+    if parameters:
+        inputs["parameters"] = parameters
     return build_analysis_folder(folder, analysis, stimulus, inputs, solver=solver, options=options)
 
 
@@ -166,6 +170,7 @@ def build_own_folder(
     stimulus: Stimulus,
     request: "Request",
     stress_unit: str = "MPa",
+    parameters: Table | None = None,
 ) -> tuple[RunFolder, tuple[str, ...]]:
     """Write `base` with `stimulus` in it, as `build_run_folder`: the run, and what was changed.
 
@@ -226,6 +231,7 @@ def build_own_folder(
                 "changes": list(rebased.remarks),
             },
             "stimulus": stimulus_inputs(stimulus),
+            **({"parameters": parameters} if parameters else {}),
         },
     )
     _write(run, stimulus, files)

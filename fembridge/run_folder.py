@@ -18,8 +18,10 @@ from typing import Any
 
 from decks.dialects import dialect_of
 from decks.finger import AFFERENT_NAME
+from decks.presets import finger_id
 from fembridge.errors import ResultError
 from fembridge.store import read_toml, structure, write_text
+from fembridge.trace import Origin
 from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
@@ -109,6 +111,30 @@ class RunFolder:
         names = dialect_of(self.solver).results
         paths = [self.folder / name for name in names]
         return next((path for path in paths if path.exists()), paths[0])
+
+    def origin(self) -> Origin | None:
+        """What its traces are to be encoded by; None where it names no stimulus.
+
+        Raises
+        ------
+        ResultError
+            Its inputs are not as fembridge writes them.
+        """
+        path = self.folder / RUN_FILE
+        stimulus, finger = self.inputs.get("stimulus"), self.inputs.get("finger")
+        if not isinstance(stimulus, Mapping) or "id" not in stimulus:
+            return None
+        if isinstance(base := self.inputs.get("base_deck"), Mapping):
+            known = {"name": base.get("file", ""), "sha256": base.get("sha256", "")}
+        else:
+            known = finger_id(finger) if isinstance(finger, Mapping) else {}
+        table = {
+            "stimulus": stimulus["id"],
+            **{key: stimulus[key] for key in ("window_ms", "preindent_um") if key in stimulus},
+            "parameters": self.inputs.get("parameters", {}),
+            "finger": known,
+        }
+        return structure(table, Origin, lambda words: ResultError(f"inputs: {words}", path))
 
     def node_of(self) -> dict[str, int]:
         """Node of each afferent by its name."""

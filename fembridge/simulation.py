@@ -8,7 +8,7 @@
                `fembridge.response.solve.why_no_map`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from decks.analysis import Contact, Model
+from decks.presets import PRESETS, finger_id, finger_table
 from fembridge import __version__
 from fembridge.build import stimulus_inputs
 from fembridge.errors import MissingError, ResponseError, TraceError, UsageError
@@ -36,7 +37,7 @@ from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
 from neural import PUBLISHED, Parameters, encode_afferents, encode_cells, mean_rate_ips
-from neural.parameter_sets import parameters_to_table
+from neural.parameter_sets import ParameterSet, parameters_to_table
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -172,6 +173,7 @@ def simulate(
     stored: bool = False,
     parameters: Parameters = PUBLISHED,
     parameters_name: str = "",
+    parameters_table: Table | None = None,
     ladder: Sequence[Contact] = LADDER,
     response: ResponseMap | None = None,
     settings: SolverSettings = DEFAULTS,
@@ -181,8 +183,9 @@ def simulate(
     """Compute stress and spikes; what a solver makes is kept below `folder`.
 
     As `fembridge.simulate`, and `parameters_name` is what the record calls the
-    `parameters`; `ladder` are the contact models to try, in this order; `response` is
-    what was accepted for `model` with its contact before, taken and not solved.
+    `parameters`, `parameters_table` what is in the run folder of a transient; `ladder` are
+    the contact models to try, in this order; `response` is what was accepted for `model`
+    with its contact before, taken and not solved.
     """
     if method not in (AUTO, *METHODS):
         raise UsageError(f"method {method!r}, expected {AUTO}, {' or '.join(METHODS)}")
@@ -223,7 +226,14 @@ def simulate(
             closure_percent = slip.closure_percent
     if response is None or method == "transient":
         traces, origin["contacts"] = solve_transients(
-            stimuli, model, folder, settings, log, ladder, slips=closure_percent is not None
+            stimuli,
+            model,
+            folder,
+            settings,
+            log,
+            ladder,
+            slips=closure_percent is not None,
+            parameters=parameters_table,
         )
     else:
         method = "map"
@@ -303,6 +313,32 @@ def encode_traces(
         )
         trains += _trains_of(stimulus, name, cells_ms)
     return trains
+
+
+def unlike_the_fit(
+    chosen: ParameterSet,
+    finger: Mapping[str, str],
+    depths_um: Collection[float],
+) -> str:
+    """What was otherwise where the numbers of `chosen` were fitted, in a line; "": nothing.
+
+    `finger` has ``name`` and ``sha256`` of the model that gave the stress, `depths_um` are
+    those of its probe before time 0; empty: not known.
+    """
+    found, fitted = [], chosen.finger
+    if fitted:
+        preset = PRESETS.get(fitted["name"])
+        whole = finger_id(finger_table(preset)) if preset else fitted
+        if any(finger.get(key) != whole[key] for key in whole):
+            here = finger.get("name", "not known")
+            here = "another of that name" if here == fitted["name"] else here
+            found.append(f"on finger {fitted['name']!r} (here: {here})")
+    if set(depths_um) != {chosen.preindent_um} and (depths_um or chosen.preindent_um):
+        here = ", ".join(f"{each:g}" for each in sorted(depths_um))
+        here = f"{here} um" if here else "not known"
+        depth = f"{chosen.preindent_um:g} um deep"
+        found.append(f"with the probe {depth} before time 0 (here: {here})")
+    return f"parameters {chosen.name} were fitted {', '.join(found)}" if found else ""
 
 
 def _trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> list[SpikeTrain]:

@@ -25,8 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import TableError, TraceError
-from fembridge.store import read_bytes, replacing
-from fembridge.trace import StressTrace, mean_step
+from fembridge.store import (
+    read_bytes,
+    read_toml,
+    remove_file,
+    replacing,
+    sha256_of,
+    structure,
+    unstructure,
+    write_text,
+)
+from fembridge.trace import Origin, StressTrace, Traces, mean_step
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -74,8 +83,8 @@ class Rate:
     rate_ips: float
 
 
-def read_traces(path: Path, log: Callable[[str], None] | None = None) -> list[StressTrace]:
-    """Traces of a table, in the order in which their nodes first appear.
+def read_traces(path: Path, log: Callable[[str], None] | None = None) -> Traces:
+    """Traces of a table, in the order in which their nodes first appear, and their run.
 
     `log` gets a remark where the table does not end in a line end: its last number may be
     cut.
@@ -86,7 +95,7 @@ def read_traces(path: Path, log: Callable[[str], None] | None = None) -> list[St
             file.seek(-1, os.SEEK_END)
             if file.read(1) not in b"\r\n":
                 log(f"{path}: no line end behind the last number, which may be cut")
-    traces = []
+    traces = Traces(origin=_origin_of(path, log))
     for _, part in samples.groupby(["afferent", "node"], sort=False, observed=True):
         afferent, node = part["afferent"].iloc[0], part["node"].iloc[0]
         who, rows = f"{afferent} node {node}".strip(), part.index.to_numpy()
@@ -177,14 +186,43 @@ def _plain_samples(
     return samples, lambda row, problem: TableError(problem, path, int(row) + 2)
 
 
+def origin_file(path: Path) -> Path:
+    """Where it is kept which run the traces of the table `path` are of."""
+    return path.with_name(f"{path.name}.toml")
+
+
+def _origin_of(path: Path, log: Callable[[str], None] | None) -> Origin | None:
+    """The run that the traces of the table `path` are of, if that is known."""
+    record = origin_file(path)
+    if not record.is_file():
+        return None
+
+    def failed(problem: str) -> TableError:
+        return TableError(problem.removeprefix(f"{record}: "), record)
+
+    table = read_toml(record, failed)
+    if table.pop("traces_sha256", None) == sha256_of(path):
+        return structure(table, Origin, failed)
+    if log is not None:
+        log(f"{record}: of another table than {path.name}, not used")
+    return None
+
+
 def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:
-    """Write a table of traces, one after the other."""
+    """Write a table of traces, one after the other; of which run they are goes beside it."""
+    import tomli_w
+
     rows = (
         (time_ms, trace.afferent or "", trace.node, stress_pa)
         for trace in traces
         for time_ms, stress_pa in np.stack([trace.times_ms, trace.stress_pa], 1).tolist()
     )
     write_table(path, TRACE_COLUMNS, rows)
+    if isinstance(traces, Traces) and traces.origin is not None:
+        table = {"traces_sha256": sha256_of(path), **unstructure(traces.origin)}
+        write_text(origin_file(path), tomli_w.dumps(table))
+    else:
+        remove_file(origin_file(path))  # of an earlier table
 
 
 def read_spikes(path: Path) -> list[SpikeTrain]:

@@ -1,9 +1,9 @@
 """Stress histories: what a solver hands to an afferent."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -163,8 +163,35 @@ def resample(
     return even_ms, found
 
 
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Of which run traces are: what `fembridge.encode` takes where nobody says otherwise.
+
+    `window_ms` is where spikes count, `preindent_um` the depth of the probe before time 0,
+    `parameters` the set as `neural.ParameterSet.to_table` has it, and `finger` ``name`` and
+    ``sha256`` of the model; {} where unknown.
+    """
+
+    stimulus: str
+    window_ms: tuple[float, ...]
+    preindent_um: float = 0.0
+    parameters: dict[str, Any] = field(default_factory=dict)
+    finger: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.window_ms) != 2:
+            raise ValueError(f"window_ms has {len(self.window_ms)} numbers, expected two")
+
+
 class Traces(list[StressTrace]):
-    """Stress histories, as `fembridge.read` gives them: a list that can become a table."""
+    """Stress histories, as `fembridge.read` gives them: a list that can become a table.
+
+    `origin` is the run that they are of, None where there is none.
+    """
+
+    def __init__(self, traces: Iterable[StressTrace] = (), origin: Origin | None = None) -> None:
+        super().__init__(traces)
+        self.origin = origin
 
     def to_frame(self) -> "pandas.DataFrame":
         """Table ``time_ms, afferent, node, von_mises_pa``, a row a sample, trace by trace."""

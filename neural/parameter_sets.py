@@ -2,19 +2,20 @@
 
 ::
 
-    preindent_um = 75.0
+    base = "fitted"
 
     [RA]
     drive = "rising"
     tau_ms = 300.0
     step_pa = 7000.0
 
-``base`` names the set that a file starts from: ``published`` if it is absent, or
-``fitted``. What a file leaves out, a section, a key of one, `preindent_um`, is as there.
-A section with another ``drive``, a name of `neural.models`, than its base takes all of
-that model's keys. `preindent_um` is the depth of the probe before time 0 when the
-numbers were fitted. ``name``, and tables ``fit`` and ``study``, describe the origin:
-they are kept and not read. All else is refused.
+``base`` names the set that a file starts from. What such a file leaves out, a section, a
+key of one, `preindent_um`, is as there. A section with another ``drive``, a name of
+`neural.models`, than its base takes all of that model's keys. A file without a ``base``
+has every class and every key, but for those that the paper has for all: one that was cut
+is refused. `preindent_um` is the depth of the probe before time 0 when the numbers were
+fitted. ``name``, and tables ``fit`` and ``study``, describe the origin: they are kept, and
+of the fit only the finger is read. All else is refused.
 """
 
 import math
@@ -48,7 +49,8 @@ _ORIGIN_KEYS = ("name", "fit", "study")
 class ParameterSet:
     """Parameters of all classes, and what they hold for.
 
-    `preindent_um`, >= 0, is the depth of the probe before time 0 in the fit;
+    `preindent_um`, >= 0, is the depth of the probe before time 0 in the fit, `finger` on
+    whose stress that was: ``name``, and ``sha256`` of what is no preset; empty of Table 2.
     `origin` says how the numbers came about.
     """
 
@@ -56,13 +58,25 @@ class ParameterSet:
     parameters: Parameters
     preindent_um: float = 0.0
     origin: Mapping[str, object] = field(default_factory=dict)
+    finger: Mapping[str, str] = field(default_factory=dict)
+
+    def to_table(self) -> Table:
+        """As a run keeps it: a shipped set by its name, another one whole."""
+        if self.name in SET_NAMES and parameter_set(self.name) is self:
+            return {"name": self.name}
+        return {
+            "name": self.name,
+            "preindent_um": self.preindent_um,
+            **parameters_to_table(self.parameters),
+            **({"fit": {"response": _response_table(self.finger)}} if self.finger else {}),
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class _Head:
     name: str
     preindent_um: float
-    base: str = "published"
+    base: str = ""
 
 
 @cache
@@ -110,15 +124,25 @@ def read_parameter_set(path: Path) -> ParameterSet:
     ParameterError
         No such file, not TOML, an unknown section or key, or a value outside its meaning.
     """
-    table = read_toml(path, ParameterError)
+    return parameter_set_of(read_toml(path, ParameterError), path.stem, str(path))
+
+
+def parameter_set_of(table: Table, name: str, source: str) -> ParameterSet:
+    """The set of a table as a file has it, or `ParameterSet.to_table` gives it.
+
+    `name` is for one without; errors, as of `read_parameter_set`, begin with `source`.
+    """
+    if set(table) == {"name"}:
+        return parameter_set(str(table["name"]))
     place = ""
     try:
-        base = str(table.get("base", SET_NAMES[0]))
-        if base not in SET_NAMES:
+        base = table.get("base")
+        if base is not None and base not in SET_NAMES:
             raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
-        start = parameter_set(base)
+        whole = base is None
+        start = parameter_set(base or SET_NAMES[0])
         head = {key: table[key] for key in _HEAD_KEYS if key in table}
-        known = changed(_Head(path.stem, start.preindent_um), head, ParameterError)
+        known = changed(_Head(name, start.preindent_um), head, ParameterError)
         chosen = dict(start.parameters)
         if not (math.isfinite(known.preindent_um) and known.preindent_um >= 0):
             raise ParameterError(f"preindent_um is {known.preindent_um}, expected a number >= 0")
@@ -133,14 +157,37 @@ def read_parameter_set(path: Path) -> ParameterSet:
             based = chosen[afferent]
             drive = section.get("drive", based.drive) if isinstance(section, dict) else based.drive
             kind = model_named(str(drive), afferent).parameters
-            if kind is type(based):
+            if not whole and kind is type(based):
                 chosen[afferent] = changed(based, section, ParameterError)
             else:
-                chosen[afferent] = structure(section, kind, ParameterError)
+                chosen[afferent] = structure(
+                    section, kind, _incomplete if whole else ParameterError
+                )
+        place = ""
+        if whole and (absent := [f"section {one}" for one in AFFERENTS if one not in table]):
+            raise _incomplete(f"{' and '.join(absent)}: absent")
     except ParameterError as error:
-        raise ParameterError(f"{path}: {place}{str(error).removeprefix(place)}") from error
+        raise ParameterError(f"{source}: {place}{str(error).removeprefix(place)}") from error
     origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
-    return ParameterSet(known.name, MappingProxyType(chosen), known.preindent_um, origin)
+    fit = table.get("fit")
+    response = fit.get("response") if isinstance(fit, dict) else None
+    finger = start.finger
+    if isinstance(response, dict) and "finger" in response:
+        there = {"name": response["finger"], "sha256": response.get("finger_sha256")}
+        finger = {key: str(value) for key, value in there.items() if value is not None}
+    parameters = MappingProxyType(chosen)
+    return ParameterSet(known.name, parameters, known.preindent_um, origin, finger)
+
+
+def _incomplete(problem: str) -> ParameterError:
+    """What is wrong with a file without a base, which perhaps lacks one."""
+    if problem.endswith(": absent"):
+        problem += '; a file of some classes or keys begins with base = "fitted" or "published"'
+    return ParameterError(problem)
+
+
+def _response_table(finger: Mapping[str, str]) -> Table:
+    return {"finger" if key == "name" else f"finger_{key}": word for key, word in finger.items()}
 
 
 def parameters_to_table(parameters: Parameters) -> Table:

@@ -32,6 +32,9 @@ EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add_options(parser, STIMULUS)
+    whose = "neural parameters that encode takes of the run: fitted, published (Table 2 of the "
+    whose += "paper) or a TOML file; the probe is as deep before time 0 as in their fit"
+    add_options(parser, ("parameters",), default="fitted", help=f"{whose} (default: fitted)")
     parser.add_argument("--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)")
     add_output_option(parser, default="runs")
     _add_deck_options(parser.add_argument_group("the deck of our finger"))
@@ -110,7 +113,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         names = ("finger", "element", "contact", "stiffness_mpa_per_mm", "friction", "probe_body")
         words = {"probe": probe_from(args), **words_of(args, *SOLVING, *names)}
     built = build_deck(
-        **words_of(args, *STIMULUS, "output", "solver", "results"),
+        **words_of(args, *STIMULUS, "parameters", "output", "solver", "results"),
         **words,
         log=remarks.append,
     )

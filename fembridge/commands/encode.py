@@ -5,10 +5,11 @@ PC afferent (one of each at most, every 0.5 ms) and writes into the output folde
   spikes.csv  stimulus,afferent,repeat,spike_time_ms
   rates.csv   stimulus,afferent,rate_ips
   raster.png  the spikes, a panel for each class
-The parameters are those published by Ishizuka et al., Table 2, unless --parameters
-names others. Those fitted on the reference finger hold for traces of a probe that
-stood some depth in the skin before time 0 (75 um); of a population of cells every one
-is written, numbered by repeat, and the rate is their mean.
+What ingest wrote beside the table (CSV.toml) says of which run it is: the name of the
+stimulus, the window in which spikes count, the parameters. Of a table without it the
+parameters are fitted, which hold for a probe that stood 75 um deep before time 0;
+published are those of Ishizuka et al., Table 2. Of a population of cells every one is
+written, numbered by repeat, and the rate is their mean.
 """
 
 import argparse
@@ -37,8 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder to write into (default: encoded)",
     )
-    add_options(parser, ("parameters",), default="published")
-    named = "what the tables call the stimulus (default: the file's name)"
+    whose = "fitted, published (Table 2 of the paper) or a TOML file (default: those that the "
+    add_options(parser, ("parameters",), help=f"{whose}run of the traces names, else fitted)")
+    named = "what the tables call the stimulus (default: as its run, else the file's name)"
     add("--stimulus", metavar="ID", help=named)
     add(
         "--afferent",
@@ -51,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=("START", "END"),
-        help="count spikes after START up to END (default: the whole trace)",
+        help="count spikes after START up to END (default: as in its run, else the whole trace)",
     )
     add(
         "--derivative",
@@ -65,21 +67,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each afferent."""
+    from fembridge.api import parameters_for
     from fembridge.recording import Recording, export
     from fembridge.simulation import encode_traces
     from fembridge.store import filling
     from fembridge.tables import Rate, read_traces, write_rates, write_spikes
-    from neural import mean_rate_ips, parameter_set_or_file
+    from neural import mean_rate_ips
     from neural.rates import spikes_inside
 
-    chosen = parameter_set_or_file(args.parameters)
-    traces = _one_of_each(
-        read_traces(args.traces, lambda words: print(words, file=sys.stderr)),
-        args.afferent,
-        args.traces,
-    )
-    windows_ms = [_window(trace, args.window_ms) for trace in traces]
-    stimulus = args.stimulus or args.traces.stem
+    def log(line: str) -> None:
+        print(line, file=sys.stderr)
+
+    found = read_traces(args.traces, log)
+    origin = found.origin
+    traces = _one_of_each(found, args.afferent, args.traces)
+    window_asked = args.window_ms or (list(origin.window_ms) if origin else None)
+    windows_ms = [_window(trace, window_asked) for trace in traces]
+    stimulus = args.stimulus or (origin.stimulus if origin else args.traces.stem)
+    notes: list[str] = []
+    chosen = parameters_for(found, args.parameters, notes.append)
     trains = encode_traces(traces, chosen.parameters, stimulus, args.derivative)
     rates: list[Rate] = []
     afferents: dict[str, dict[str, Any]] = {}
@@ -108,7 +114,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 min(trace.start_ms for trace in traces),
                 max(float(trace.times_ms[-1]) for trace in traces),
             )
-            window = tuple(args.window_ms) if args.window_ms else None
+            window = tuple(window_asked) if window_asked else None
             figure = raster_figure(trains, span_ms=span_ms, window_ms=window)
             save_figure(figure, draft / "raster.png")
     if args.export:
@@ -116,12 +122,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         nodes = {str(trace.afferent): trace.node for trace in traces}
         recording = Recording.of_trains(trains, traces[0].dt_ms, t_stop_ms, nodes)
         files += [args.output / name for name in export(recording, args.output, args.export)]
-    if chosen.preindent_um > 0 and not any(trace.stress_pa[0] > 0 for trace in traces):
-        depth = f"the probe {chosen.preindent_um:g} um deep before time 0"
-        start = "the traces start without stress"
-        print(f"parameters {chosen.name} were fitted with {depth}; {start}", file=sys.stderr)
-    if args.window_ms is None:
-        print("rates over the whole trace; narrow it with --window-ms START END", file=sys.stderr)
+    for note in notes:
+        log(note)
+    if window_asked is None:
+        log("rates over the whole trace; narrow it with --window-ms START END")
     if not args.json:
         print(f"{'afferent':<9}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
         for name, row in afferents.items():

@@ -59,8 +59,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "preindent_um": {
         "type": float,
         "metavar": "DEPTH",
-        "help": "depth of the probe before time 0 (default: 0; of simulate that of the "
-        "parameters' fit)",
+        "help": "depth of the probe before time 0 (default: as in the fit of the parameters; "
+        "of a --base-deck 0)",
     },
     "seed": {"type": int, "help": "draw other noise than the catalogue's (>= 0)"},
     "slide_mm_per_s": {

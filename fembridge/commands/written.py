@@ -103,6 +103,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
     ),
     "ingest": (
         Output("NAME_traces.csv", "stress at nodes or points", _TRACES),
+        Output("NAME_traces.csv.toml", "of which run they are, which encode reads"),
         Output(
             "NAME_sides.csv",
             "stress at a node in each material there (--one-sided)",

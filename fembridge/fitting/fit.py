@@ -361,8 +361,10 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
         for entry, rate_ips in zip(judged.entries, judged.predicted_ips.tolist(), strict=True)
     ]
     write_rates(folder / RATES_FILE, rates)
+    whole = len(run.fits) == len(PUBLISHED)
     table = {
         "name": name,
+        **({} if whole else {"base": "published"}),
         "preindent_um": float(run.settings.preindent_um),
         **parameters_to_table({fit.afferent: fit.parameters for fit in run.fits}),
         "fit": run.provenance,

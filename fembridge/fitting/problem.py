@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from decks.presets import read_finger
+from decks.presets import finger_id, read_finger
 from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
 from decks.waveform import make_stimulus
@@ -269,11 +269,13 @@ class ResponseSource:
         """Where the stress comes from, for TOML and without any path."""
         origin, closure_percent = self.response.origin, self.response.closure_percent
         finger = origin.get("finger")
+        known = finger_id(finger) if isinstance(finger, dict) else {}
         table = {
             "source": "stored response" if self.stored else "solved response",
             "file": self.path.name,
             "sha256": sha256_of(self.path),
-            "finger": finger.get("name") if isinstance(finger, dict) else None,
+            "finger": known.get("name"),
+            "finger_sha256": known.get("sha256"),
             **{key: origin.get(key) for key in ("solver", "element", "deck_sha256")},
             "closure_percent": None if math.isnan(closure_percent) else closure_percent,
         }

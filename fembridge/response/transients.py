@@ -63,6 +63,7 @@ def solve_transients(
     ladder: Sequence[Contact],
     *,
     slips: bool = False,
+    parameters: Table | None = None,
 ) -> tuple[list[list[StressTrace]], Table]:
     """Traces of each waveform, and by stimulus the contact that it was solved with.
 
@@ -70,7 +71,7 @@ def solve_transients(
     next one of the ladder, after an indentation accepted that. What skin that slips
     under friction makes of an indentation speaks against a map, not against the
     contact. Where skin is known to slip (`slips`) or the probe slides, contacts of
-    another friction are no choice.
+    another friction are no choice. `parameters` is for the ``run.toml`` of each.
     """
     deepest_um = max(stimulus.deepest_um for stimulus in stimuli)
     waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}
@@ -91,7 +92,10 @@ def solve_transients(
             except ResponseError as error:
                 log(f"left {contact}: {error}")
                 continue
-        runs = [build_run_folder(place, model, each) for place, each in waiting.items()]
+        runs = [
+            build_run_folder(place, model, each, parameters=parameters)
+            for place, each in waiting.items()
+        ]
         try:
             outcomes = run_folders(runs, settings.shared_by(min(settings.jobs, len(runs))))
         except KeyboardInterrupt:

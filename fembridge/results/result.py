@@ -103,7 +103,7 @@ class Result:
             if not options.partial:
                 raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
             options.note(words)
-        return Traces(_in_stimulus_time(trace, run, path) for trace in traces)
+        return Traces((_in_stimulus_time(trace, run, path) for trace in traces), run.origin())
 
 
 def open_result(

@@ -19,9 +19,9 @@ FINGERS = {
     "no end": 'name = "' + 900_000 * "a",
 }
 PARAMETERS = {
-    "nan": "[SA]\ntau_ms = nan",
-    "huge count": "[SA]\ncells = 1000000000000",
-    "python": "[SA]\ndrive = \"__import__('os')\"",
+    "nan": "base = 'fitted'\n[SA]\ntau_ms = nan",
+    "huge count": "base = 'fitted'\n[SA]\ncells = 1000000000000",
+    "python": "base = 'fitted'\n[SA]\ndrive = \"__import__('os')\"",
     "key": '__import__ = "os"',
 }
 RUNS = {

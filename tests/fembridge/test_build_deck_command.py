@@ -27,7 +27,7 @@ def test_a_set_gives_a_folder_a_level(here, capsys):
 
     streams = capsys.readouterr()
     folders = [f"runs/noise_25_250_{level}" for level in LEVELS]
-    assert streams.out.splitlines() == [f"{folder}  500 increments of 0.5 ms" for folder in folders]
+    assert streams.out.splitlines() == [f"{folder}  520 increments of 0.5 ms" for folder in folders]
     assert streams.err == ""
     assert sorted(path.name for path in (here / "runs").iterdir()) == sorted(
         folder.removeprefix("runs/") for folder in folders
@@ -60,7 +60,7 @@ def test_the_summary_lists_the_folders(here, capsys):
             {
                 "stimulus": "sine_20_250",
                 "folder": "runs/sine_20_250",
-                "increments": 500,
+                "increments": 520,
                 "deck_sha256": run.deck_sha256,
             }
         ],

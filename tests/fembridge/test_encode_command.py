@@ -10,6 +10,7 @@ from fembridge.tables import read_rates, read_spikes, write_traces
 from fembridge.trace import StressTrace
 from neural import PUBLISHED, encode
 
+OURS = ["--parameters", "published"]
 GAIN_PA = {"SA": 2e4, "RA": 4e4, "PC": 1e3}
 
 
@@ -31,7 +32,7 @@ def here(tmp_path, monkeypatch):
 
 
 def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
-    assert main(["encode", "sine_50_250.csv", "--window-ms", "100", "200"]) == 0
+    assert main(["encode", "sine_50_250.csv", *OURS, "--window-ms", "100", "200"]) == 0
 
     told = capsys.readouterr()
     trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
@@ -49,7 +50,7 @@ def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
 
 
 def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, capsys):
-    assert main(["encode", "sine_50_250.csv", "--json", "--no-raster"]) == 0
+    assert main(["encode", "sine_50_250.csv", *OURS, "--json", "--no-raster"]) == 0
 
     told = capsys.readouterr()
     summary = json.loads(told.out)
@@ -65,10 +66,12 @@ def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, caps
 
 
 def test_own_parameters_change_their_class_alone(here):
-    (here / "own.toml").write_text("[SA]\nalpha_mv_per_ms = 3.58\n", encoding="utf-8")
+    (here / "own.toml").write_text(
+        "base = 'published'\n[SA]\nalpha_mv_per_ms = 3.58\n", encoding="utf-8"
+    )
     words = ["encode", "sine_50_250.csv", "--no-raster"]
 
-    main([*words, "-o", "published"])
+    main([*words, "-o", "published", *OURS])
     main([*words, "-o", "own", "--parameters", "own.toml"])
 
     published, own = (
@@ -80,7 +83,7 @@ def test_own_parameters_change_their_class_alone(here):
 
 
 def test_the_derivative_is_passed_on(here):
-    main(["encode", "sine_50_250.csv", "--derivative", "forward", "--no-raster"])
+    main(["encode", "sine_50_250.csv", *OURS, "--derivative", "forward", "--no-raster"])
 
     trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
     [_, _, pc] = traces()
@@ -115,7 +118,7 @@ def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
     [trace] = traces(["SA"], start_ms=0.5)
     write_traces(here / "increments.csv", [trace])
 
-    words = ["encode", "increments.csv", "--no-raster", "--window-ms", "0"]
+    words = ["encode", "increments.csv", *OURS, "--no-raster", "--window-ms", "0"]
     assert main([*words, "250"]) == 0
     assert main([*words, "250.6"]) == 2
     [times_ms] = encode(trace.stress_pa, 0.5, PUBLISHED["SA"])
@@ -153,8 +156,10 @@ def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
 
 
 def test_traces_that_start_unloaded_are_named_where_the_fit_had_a_pre_indentation(here, capsys):
-    assert main(["encode", "sine_50_250.csv", "--parameters", "fitted", "--no-raster"]) == 0
-    assert "the traces start without stress" in capsys.readouterr().err
+    assert main(["encode", "sine_50_250.csv", "--no-raster"]) == 0
+    [line] = [one for one in capsys.readouterr().err.splitlines() if "fitted" in one]
+    assert "finger 'quick' (here: not known)" in line
+    assert "75 um deep before time 0 (here: 0 um)" in line
 
 
 def test_files_are_replaced_all_or_none(here, capsys):
@@ -186,7 +191,9 @@ def test_files_are_replaced_all_or_none(here, capsys):
 def test_what_cannot_be_encoded_ends_in_one_line_and_no_files(
     here, capsys, table, words, code, message
 ):
-    (here / "energy.toml").write_text('[SA]\ndrive = "energy"\n', encoding="utf-8")
+    (here / "energy.toml").write_text(
+        'base = "published"\n[SA]\ndrive = "energy"\n', encoding="utf-8"
+    )
     write_traces(here / "table.csv", table)
 
     assert main(["encode", "table.csv", *words]) == code

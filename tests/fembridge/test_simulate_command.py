@@ -162,8 +162,8 @@ def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     assert main(["simulate", *words, "--preindent-um", "0"]) == 0
     first, second = capsys.readouterr().err.splitlines()
     assert first == "stored response of finger 'paper'"
-    assert "75 um deep" in second
-    assert second.endswith("here it is at 0 um")
+    assert "on finger 'quick' (here: paper)" in second
+    assert second.endswith("75 um deep before time 0 (here: 0 um)")
 
 
 def test_help_shows_an_example_that_runs(here, capsys):
@@ -278,7 +278,7 @@ def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, capsys, wo
     ],
 )
 def test_a_file_that_is_wrong_is_named(here, capsys, option, word, expected, found):
-    (here / "wrong.toml").write_text("[SA]\ntau = 3.0\n", encoding="utf-8")
+    (here / "wrong.toml").write_text("base = 'fitted'\n[SA]\ntau = 3.0\n", encoding="utf-8")
     (here / "never.toml").write_text("[SA\n", encoding="utf-8")
     code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", option, word)
     assert (code, found in line) == (expected, True), line

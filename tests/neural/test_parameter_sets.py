@@ -2,6 +2,7 @@
 
 import math
 import re
+import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +16,7 @@ from neural.parameter_sets import (
     DEFAULT_SET,
     FITTED_FILE,
     parameter_set,
+    parameter_set_of,
     parameter_set_or_file,
     parameters_to_table,
     read_parameter_set,
@@ -62,7 +64,8 @@ def odd_parameters(row):
     )
 
 
-def parameters_from_table(table):
+def parameters_from_table(table, base="published"):
+    table = {"base": base, **table} if base else table
     with TemporaryDirectory() as folder:
         path = Path(folder) / "own.toml"
         path.write_text(tomli_w.dumps(table), encoding="utf-8")
@@ -84,7 +87,7 @@ def test_a_model_survives_a_file_to_the_last_digit(row):
     own = {**PUBLISHED, row.afferent: odd_parameters(row)}
     table = parameters_to_table(own)
 
-    read = parameters_from_table(table)
+    read = parameters_from_table(table, base=None)
 
     assert dict(read) == own
     assert type(read[row.afferent]) is row.parameters
@@ -128,7 +131,7 @@ def test_parameters_of_another_model_are_refused_by_their_class():
 
 def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
     path = file_of(
-        'name = "mine"\npreindent_um = 75\n'
+        'base = "published"\nname = "mine"\npreindent_um = 75\n'
         "[RA]\ndrive = 'rising'\ntau_ms = 300\nstep_pa = 7000\n"
         "[fit]\nseed = 3\nsources = ['a.csv', 'b.csv']\n[study.RA]\nrank = 1\n"
     )
@@ -146,7 +149,7 @@ def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
 
 
 def test_a_set_without_a_name_has_that_of_its_file(file_of):
-    own = read_parameter_set(file_of("", "keen cells.toml"))
+    own = read_parameter_set(file_of("base = 'published'", "keen cells.toml"))
 
     assert (own.name, own.preindent_um, dict(own.origin)) == ("keen cells", 0.0, {})
     assert dict(own.parameters) == dict(PUBLISHED)
@@ -163,6 +166,36 @@ def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
     assert own.parameters["RA"] == fitted.parameters["RA"]
     with pytest.raises(ParameterError, match="'mine'"):
         read_parameter_set(file_of("base = 'mine'"))
+
+
+WHOLE = tomli_w.dumps({**parameters_to_table(PUBLISHED), "RA": RISING_RA}).splitlines(keepends=True)
+
+
+def test_a_whole_set_needs_no_base(file_of):
+    assert read_parameter_set(file_of("".join(WHOLE))).parameters["PC"] == PUBLISHED["PC"]
+
+
+@pytest.mark.parametrize("lines", [k for k in range(len(WHOLE)) if WHOLE[k] != "\n"])
+def test_a_set_that_was_cut_is_never_completed_from_another(file_of, lines):
+    with pytest.raises(ParameterError, match=r'own\.toml: .*base = "fitted"'):
+        read_parameter_set(file_of("".join(WHOLE[:lines])))
+
+
+@pytest.mark.parametrize("name", ["published", "fitted", "fitted_pad"])
+def test_a_shipped_set_travels_by_its_name(name):
+    assert parameter_set(name).to_table() == {"name": name}
+    assert parameter_set_of({"name": name}, "run", "run.toml") is parameter_set(name)
+
+
+def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
+    own = read_parameter_set(file_of("base = 'fitted'\nname = 'fitted'\n[SA]\ntau_ms = 50.0"))
+
+    table = tomllib.loads(tomli_w.dumps(own.to_table()))
+    back = parameter_set_of(table, "run", "run.toml")
+
+    assert (back.name, back.preindent_um, dict(back.finger)) == ("fitted", 75.0, {"name": "quick"})
+    assert dict(back.parameters) == dict(own.parameters)
+    assert back.parameters["SA"].tau_ms == 50.0
 
 
 def test_published_is_table_2_without_a_preindentation():
@@ -204,7 +237,7 @@ def test_a_word_that_names_nothing_is_refused(tmp_path, monkeypatch, word):
 
 @pytest.mark.parametrize("name", ["own.toml", "own", "own.txt"])
 def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch, name):
-    text = tomli_w.dumps({"SA": parameters_to_table(PUBLISHED)["SA"]})
+    text = tomli_w.dumps(parameters_to_table(PUBLISHED))
     (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
 
@@ -215,7 +248,7 @@ def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch,
 
 
 def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
-    (tmp_path / "published").write_text("[SA]\ntau_ms = 1.0\n", encoding="utf-8")
+    (tmp_path / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
 
     assert parameter_set_or_file("published").parameters is PUBLISHED
@@ -258,7 +291,7 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
 )
 def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named):
     with pytest.raises(ParameterError, match=r"own\.toml: .*" + named) as caught:
-        read_parameter_set(file_of(text))
+        read_parameter_set(file_of(f"base = 'published'\n{text}"))
 
     assert "\n" not in str(caught.value)
 

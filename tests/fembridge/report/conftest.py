@@ -12,7 +12,7 @@ from fembridge.report.validation_page import write_report
 from fembridge.tables import Rate, write_rates
 from fembridge.touchsim import touchsim_rates
 
-OWN = "[SA]\nalpha_mv_per_ms = 1.2\n[RA]\ntau_ms = 40.0\n"
+OWN = "base = 'published'\n[SA]\nalpha_mv_per_ms = 1.2\n[RA]\ntau_ms = 40.0\n"
 COMMAND = "fembridge validate -o report --observed rates.csv --parameters own.toml"
 
 

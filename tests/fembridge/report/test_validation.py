@@ -330,6 +330,6 @@ def test_a_file_is_judged_under_its_name_and_the_published_model_comes_after(own
 @pytest.mark.parametrize("name", [OBSERVED, TOUCHSIM, "published"])
 def test_a_file_cannot_take_the_name_of_another_source(tmp_path, name):
     path = tmp_path / f"{name}.toml"
-    path.write_text("[SA]\ntau_ms = 30.0\n", encoding="utf-8")
+    path.write_text("base = 'published'\n[SA]\ntau_ms = 30.0\n", encoding="utf-8")
     with pytest.raises(UsageError, match=name):
         judged_models(str(path))

@@ -1,0 +1,186 @@
+"""build-deck, run, ingest and encode, without options, against simulate."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+
+import fembridge as fb
+from fembridge.cli import main
+from fembridge.run_folder import read_run_folder
+from fembridge.tables import read_rates, read_spikes, read_traces
+from neural import parameter_set
+
+RECORDED = Path(__file__).parents[2] / "fixtures/transient_sine"
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.solver
+def test_four_verbs_without_options_are_one(here):
+    """From Python and by commands; the transient of the chain against the map of simulate."""
+    preindent_um = parameter_set("fitted").preindent_um
+    wave_um = preindent_um + 60.0 * np.sin(2e-3 * np.pi * 100.0 * 0.5 * np.arange(61))
+    stimulus = fb.Stimulus("mine", wave_um, 0.5, (5.0, 25.0), preindent_um)
+    at_once = fb.simulate(stimulus)
+    assert at_once.origin["method"] == "map"
+
+    [run] = fb.build_deck(stimulus)
+    [outcome] = fb.run(run)
+    assert outcome.accepted
+    spikes = fb.encode(fb.read(run))
+    assert main(["ingest", str(run.folder), "-o", "traces.csv"]) == 0
+    assert main(["encode", "traces.csv", "--no-raster", "-o", "encoded"]) == 0
+
+    assert len(spikes) > 10
+    pandas.testing.assert_frame_equal(spikes, at_once.spikes)
+    at_once.write("out")
+    for table in ("spikes.csv", "rates.csv"):
+        assert (here / "encoded" / table).read_bytes() == (here / "out" / table).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "depth_um", "name"),
+    [
+        ([], 75.0, "fitted"),
+        (["--parameters", "published"], 0.0, "published"),
+        (["--preindent-um", "10"], 10.0, "fitted"),
+        (["--parameters", "mine.toml"], 75.0, "mine"),
+    ],
+)
+def test_run_toml_names_set_and_depth(here, words, depth_um, name):
+    (here / "mine.toml").write_text("base = 'fitted'\n[SA]\ntau_ms = 50.0\n", encoding="utf-8")
+
+    assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 0
+
+    origin = read_run_folder(here / "runs/sine_20_250").origin()
+    assert (origin.preindent_um, origin.parameters["name"]) == (depth_um, name)
+    assert (origin.stimulus, origin.finger["name"]) == ("sine_20_250", "quick")
+    assert (len(origin.parameters) > 1) == (name == "mine")  # of ones own all of it
+
+
+def test_a_deck_of_ones_own_stays_where_it_is(here):
+    assert main(["build-deck", "--stimulus", "sine_20_250", "--parameters", "published"]) == 0
+    base = here / "runs/sine_20_250/job.inp"
+
+    words = ["--base-deck", str(base), "--afferent", "SA=461", "-o", "own"]
+    assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 0
+
+    origin = read_run_folder(here / "own/sine_20_250").origin()
+    assert (origin.preindent_um, origin.parameters) == (0.0, {"name": "fitted"})
+    assert origin.finger["name"] == "job.inp"
+
+
+@pytest.fixture
+def recorded(here):
+    """A recorded run, whose ``run.toml`` names Table 2 as the set."""
+    folder = here / "run"
+    shutil.copytree(RECORDED, folder)
+    with (folder / "run.toml").open("a", encoding="utf-8") as file:
+        file.write('\n[inputs.parameters]\nname = "published"\n')
+    return folder
+
+
+def encoded(*words):
+    assert main(["encode", "traces.csv", "--no-raster", *words]) == 0
+    return read_spikes(Path("encoded/spikes.csv")), read_rates(Path("encoded/rates.csv"))
+
+
+@pytest.mark.usefixtures("recorded")
+def test_what_the_run_names_travels_with_the_table(here, capsys):
+    assert main(["ingest", "run", "-o", "traces.csv"]) == 0
+    traces = read_traces(here / "traces.csv")
+    assert traces.origin == fb.read("run").origin
+    capsys.readouterr()
+
+    trains, rates = encoded()
+
+    assert capsys.readouterr().err == ""  # no other finger, no other depth, a window
+    assert {train.stimulus for train in trains} == {traces.origin.stimulus}
+    first, last = traces.origin.window_ms
+    for rate in rates:
+        [mine] = [train.times_ms for train in trains if train.afferent == rate.afferent] or [[]]
+        inside = sum(first < time <= last for time in mine)
+        assert rate.rate_ips == pytest.approx(1000.0 * inside / (last - first))
+    other, _ = encoded("--parameters", "fitted", "--stimulus", "else")
+    assert {train.stimulus for train in other} == {"else"}
+    assert max(train.repeat for train in other) == 5
+
+
+@pytest.mark.usefixtures("recorded")
+def test_a_table_that_was_changed_is_of_no_run(here, capsys):
+    assert main(["ingest", "run", "-o", "traces.csv"]) == 0
+    with (here / "traces.csv").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    capsys.readouterr()
+
+    encoded()
+
+    told = capsys.readouterr().err
+    assert "traces.csv.toml: of another table than traces.csv, not used" in told
+    assert "(here: not known)" in told
+
+
+@pytest.mark.usefixtures("recorded")
+def test_a_table_of_no_run_takes_an_old_record_away(here):
+    assert main(["ingest", "run", "-o", "traces.csv"]) == 0
+    shutil.copy("run/job.frd", "alone.frd")
+    node = fb.read("run")[0].node
+
+    assert main(["ingest", "alone.frd", "--node", str(node), "-o", "traces.csv"]) == 0
+
+    assert not (here / "traces.csv.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('name = "published"', 'name = "other"', "no parameter set 'other'"),
+        ('name = "published"', "tau_ms = 3", "unknown section 'tau_ms'"),
+        ("window_ms = [", "window_ms = [1.0, ", "run.toml: inputs: "),
+        ("preindent_um = ", "preindent_um = '1' #", "run.toml: inputs: "),
+    ],
+)
+def test_a_run_that_names_what_is_nothing_is_one_line(recorded, capsys, old, new, told):
+    text = (recorded / "run.toml").read_text(encoding="utf-8")
+    assert old in text
+    (recorded / "run.toml").write_text(text.replace(old, new), encoding="utf-8")
+
+    codes = [main(["ingest", "run", "-o", "traces.csv"])]
+    if codes == [0]:
+        capsys.readouterr()
+        codes.append(main(["encode", "traces.csv"]))
+
+    assert codes[-1] in (1, 2)
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+    assert len(error) <= 301
+
+
+def test_another_finger_is_named_where_a_set_is_used(here, capsys):
+    (here / "quick.toml").write_text("name = 'quick'\n[materials.dermis]\nyoung_mpa = 0.06\n")
+    words = ["--stimulus", "sine_20_250", "--finger", "quick.toml"]
+    assert main(["build-deck", *words, "-o", "runs"]) == 0
+    run = read_run_folder(here / "runs/sine_20_250")
+    traces = fb.read(RECORDED)
+    traces.origin = run.origin()
+    said = []
+
+    fb.encode(traces, log=said.append)
+
+    assert said == ["parameters fitted were fitted on finger 'quick' (here: another of that name)"]
+
+
+def test_the_summary_of_a_simulation_names_another_finger(capsys):
+    words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot", "--json"]
+    assert main(["simulate", *words]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert "parameters fitted were fitted on finger 'quick' (here: paper)" in notes
