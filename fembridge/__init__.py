@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from fembridge.observed import read_observed as read_observed
     from fembridge.recording import Recording
     from fembridge.response.response_map import ResponseMap
-    from fembridge.results import read
+    from fembridge.results import read, read_history
     from fembridge.results.fields import read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
@@ -64,6 +64,7 @@ __all__ = [
     "plot",
     "read",
     "read_fields",
+    "read_history",
     "receptive_field",
     "resolve",
     "run",
@@ -101,7 +102,7 @@ _HOMES = {
     "Shape": "fembridge.touching.shape",
     "receptive_field": "fembridge.touching.field",
     "touch": "fembridge.touching.touch",
-    "read": "fembridge.results",
+    **dict.fromkeys(("read", "read_history"), "fembridge.results"),
     "read_fields": "fembridge.results.fields",
     "read_observed": "fembridge.observed",
     "resolve": "decks.stimuli",

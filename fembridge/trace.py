@@ -86,7 +86,7 @@ class StressTrace:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise ResultError(
                 f"node {node}: uneven time step, {before_ms:g} to {after_ms:g} ms "
-                f"where {dt_ms:g} ms is the mean",
+                f"where {dt_ms:g} ms is the mean; --resample-ms 0.5 (resample_ms=0.5) evens it",
                 path,
             )
         return cls(stress_pa, dt_ms, node, afferent, start_ms=float(times_ms[0]))

@@ -3,8 +3,11 @@
 Traces: beside a run.toml of fembridge they are those of its afferents, on the
 clock of the stimulus: time 0 is its start, and the first sample is the state
 before it moves. Of any other .frd (CalculiX), .t16 or .t19 (Marc) choose nodes:
---node, --set, --near; of a .dat integration points: --point; of a history plot saved
-from Mentat (.txt) its curves. Fields: --field writes one increment, --vtu all of them
+--node, --set, --near; without them the file is listed, with a command that takes a
+trace. What it holds is written as it is, one increment or uneven ones, several steps or
+modes; --resample-ms makes the even step that encode needs. --quantity takes another
+than von Mises stress. Of a .dat choose integration points: --point; a history plot saved
+from Mentat (.txt) has its curves. Fields: --field writes one increment, --vtu all of them
 for ParaView. Tables: a .dat, .sta, .cvg or .sts becomes a long CSV, and so does a
 path plot. --list shows what a file holds. A run that did not end normally is refused,
 unless --partial takes what is whole.
@@ -18,10 +21,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fembridge.results import Result
-    from fembridge.trace import StressTrace
 
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
+ALL = "all"  # nodes
+_SHOWN = 12  # nodes, a line each
+
+
+def node(text: str) -> int | str:
+    """A number, or ``all``."""
+    return text if text == ALL else int(text)
 
 
 def place(text: str) -> tuple[float, ...]:
@@ -46,12 +55,17 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--list", "show what the file holds, write nothing", _YES),
         ("--output", "table to write (default: RESULT's name and what it is, here); for --field "
          ".npz or .csv", {"type": Path, "metavar": "FILE"}),
-        ("--stress-unit", "unit of the file's stress (default: MPa, which is N and mm)",
-         {"choices": ("MPa", "kPa", "Pa")}),
+        ("--quantity", "of nodes: von-mises (the default), stress (the tensor), principal, "
+         "displacement, reaction-force, strain, temperature, or the file's name of any other; "
+         "with --vtu only these; of a .dat the one of its table", {"metavar": "NAME", **_MANY}),
+        ("--stress-unit", "unit of the file's stress (default: that of its heading or "
+         "--length-unit, else MPa, which is N and mm)", {"choices": ("MPa", "kPa", "Pa", "psi")}),
+        ("--length-unit", "unit of the file's lengths (default: that of its heading, else mm)",
+         {"choices": ("mm", "m", "in")}),
         ("--partial", "read the complete part of a run that did not end normally", _YES),
     ),
     "traces at nodes of a .frd, .t16 or .t19": (
-        ("--node", "nodes by number", {"type": int, "metavar": "N", **_MANY}),
+        ("--node", "nodes by number, or all", {"type": node, "metavar": "N", **_MANY}),
         ("--set", "nodes of a set: of the file, or of its deck",
          {"metavar": "NAME", "dest": "sets", **_MANY}),
         ("--near", "the node with results nearest to a place in mm of the undeformed mesh; "
@@ -61,6 +75,11 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--afferents", "the nodes of run.toml's afferents (the default where there is one)", _YES),
         ("--across-materials",
          "allow nodes between two materials, where stress is a mean over both", _YES),
+        ("--resample-ms", "an even step, by PCHIP of the stress tensor or of the --quantity; "
+         "nothing before the first or after the last increment is made up",
+         {"type": float, "metavar": "DT"}),
+        ("--modes", "the modes of frequency and buckling steps, of a file that has times too",
+         _YES),
         ("--one-sided", "of such --node, the stress in each material separately; of a .frd from "
          "the points that the .dat beside it prints of this element set",
          {"nargs": "?", "const": "", "metavar": "ELSET"}),
@@ -81,8 +100,6 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
          {"type": Path, "metavar": "FOLDER"}),
         ("--derived", "what --vtu computes beside them: von_mises (the default), principal, "
          "max_shear, mean_stress, strain_energy_density", {"metavar": "NAME", **_MANY}),
-        ("--quantity", "only these: of a .frd for --vtu, of a .dat one for its table",
-         {"metavar": "NAME", **_MANY}),
     ),
     "printed results in a .dat": (
         ("--point", "stress traces at integration points, which no averaging has touched; in the "
@@ -107,7 +124,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List, or read and write; the summary says what was written."""
+    from fembridge.errors import UsageError
     from fembridge.results import open_result
+    from fembridge.results.nodes import sets_beside
     from fembridge.results.printed import PRINTS, describe_print
 
     result = open_result(
@@ -115,6 +134,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         partial=args.partial,
         across_materials=args.across_materials,
         stress_unit=args.stress_unit,
+        length_unit=args.length_unit,
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
         log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
@@ -126,11 +146,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if is_marc_deck(path):
             return _deck(args, path)
     kind = _kind(args, path, suffix in PRINTS)
-    if kind == "list":
+    if kind == "list" or (kind == "traces" and _nothing_chosen(args, result)):
         held = describe_print(path) if suffix in PRINTS else result.describe()
+        if suffix == ".frd" and (sets := sets_beside(path)):
+            held["sets"] = sets
+        ways = [] if kind == "list" else _ways(args, result)
         if not args.json:
             _show(path, held)
-        return held
+            print(*ways, sep="\n", end="\n" if ways else "")
+        return held | ({"commands": ways} if ways else {})
+    if args.output and kind not in ("field", "vtu") and args.output.suffix.lower() != ".csv":
+        raise UsageError(f"{args.output}: a table is written as .csv, name it so")
     write = {
         "traces": _traces, "point": _traces, "sides": _sides, "table": _table, "plot": _plot,
         "field": _field, "vtu": _vtu,
@@ -143,6 +169,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         unit = f"; stress in the file taken as {result.options.stress_unit}"
         if args.stress_unit is None and (kind != "traces" or result.run is None):
             unit += " (--stress-unit says otherwise)"
+        if "mm" in summary.get("units", ()):
+            summary["length_unit"] = result.options.length_unit
+            unit = f"; lengths in the file taken as {result.options.length_unit}"
+            unit += " (--length-unit says otherwise)" if args.length_unit is None else ""
+        elif summary.get("units", ("Pa",))[0] != "Pa":
+            unit = ""
     if not args.json:
         print(f"{summary['output']}: {words}{unit}", *(f"  {row}" for row in rows), sep="\n")
     return summary
@@ -198,54 +230,124 @@ Written = tuple[dict[str, Any], str, list[str]]
 
 
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
-    """Traces at chosen nodes or integration points, or of the afferents of ``run.toml``."""
-    from fembridge.tables import write_traces
+    """A quantity at chosen nodes, or traces at points, or of the afferents of ``run.toml``."""
+    from fembridge.errors import UsageError
+    from fembridge.results.history import VON_MISES, of_traces
+    from fembridge.store import remove_file
+    from fembridge.tables import origin_file, write_table, write_traces
 
-    found: Sequence[StressTrace]
+    quantity, traces = _one_quantity(args, result.path), None
     if args.point:
         from fembridge.results.printed import read_point_traces
 
-        found = read_point_traces(result.path, args.point, args.print_set, result.options)
+        found = of_traces(
+            read_point_traces(result.path, args.point, args.print_set, result.options)
+        )
     else:
-        nodes: Sequence[int] | None = args.node
+        every = args.node == [ALL]
+        if ALL in (args.node or ()) and not every:
+            raise UsageError(f"{result.path}: --node all or numbers, not both")
+        nodes: Sequence[int] | None = None if every else args.node
         if result.run is None and not (args.node or args.sets or args.near):
             nodes = result.named_nodes()
-            if not nodes:
-                _refuse_without_nodes(args, result)
-        found = result.traces(nodes, sets=args.sets or (), near_mm=args.near or (), deck=args.deck)
-    output: Path = args.output or Path(f"{result.path.stem}_traces.csv")
-    write_traces(output, found)
-    first = found[0]
-    rows = [
-        {"afferent": one.afferent, "node": one.node, "peak_pa": float(one.stress_pa.max())}
-        for one in found
-    ]
+        where: dict[str, Any] = {"sets": args.sets or (), "near_mm": args.near or ()}
+        where |= {"deck": args.deck, "resample_ms": args.resample_ms}
+        if result.run is not None and not (every or quantity or args.modes):
+            traces = result.traces(nodes, **where)
+            found = of_traces(traces)
+        else:
+            found = result.history(nodes, quantity=quantity, every=every, modes=args.modes, **where)
+    table = found.columns()
+    kind = "traces" if found.quantity == VON_MISES else found.quantity.lower().replace(" ", "_")
+    kind = f"modes_{kind}" if not found.over_time else kind
+    output: Path = args.output or Path(f"{result.path.stem}_{kind}.csv")
+    if traces is not None:
+        write_traces(output, traces)
+    else:
+        rows_of = zip(*(column.tolist() for column in table.values()), strict=True)
+        write_table(output, list(table), rows_of)
+        remove_file(origin_file(output))  # of an earlier table
+    places = list(
+        zip(found.afferents or [None] * len(found.nodes), found.nodes, found.peaks(), strict=True)
+    )
+    plain = kind == "traces"
     summary = {
         "output": str(output),
-        "dt_ms": first.dt_ms,
-        "start_ms": first.start_ms,
-        "samples": int(first.stress_pa.size),
-        "traces": rows,
+        "quantity": found.quantity,
+        "columns": list(table),
+        "units": list(dict.fromkeys(found.units)),
+        "axis": found.axis,
+        "dt_ms": found.dt_ms,
+        "start_ms": float(found.at[0]) if found.over_time else None,
+        "samples": int(found.at.size),
+        "traces": [
+            {"afferent": afferent, "node": number}
+            | ({"peak_pa": peak} if plain else {"peak": peak, "column": name})
+            for afferent, number, (name, peak) in places
+        ],
     }
-    words = (
-        f"{len(found)} trace{'s' * (len(found) > 1)}, {first.start_ms:g} to "
-        f"{first.times_ms[-1]:g} ms every {first.dt_ms:g} ms"
-    )
-    who = [f"{row['afferent'] or ''} node {row['node']}".lstrip() for row in rows]
-    peaks = [f"peak {row['peak_pa']:.6g} Pa" for row in rows]
-    return summary, words, [f"{one}: {peak}" for one, peak in zip(who, peaks, strict=True)]
+    count = _counted(len(places), "trace" if plain else "node")
+    words = f"{count}, {found.form}" if plain else f"{found.quantity} of {count}, {found.form}"
+    if plain and found.uneven:
+        words += f"; --resample-ms {found.resample_ms:g} makes the even step that encode needs"
+    rows = [
+        f"{afferent or ''} node {number}: ".lstrip()
+        + (f"peak {peak:.6g} Pa" if plain else f"largest {name} {peak:.6g}")
+        for afferent, number, (name, peak) in places[:_SHOWN]
+    ]
+    if len(places) > _SHOWN:
+        rows.append(f"and {len(places) - _SHOWN} more")
+    return summary, words, rows
 
 
-def _refuse_without_nodes(args: argparse.Namespace, result: "Result") -> None:
+def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
     from fembridge.errors import UsageError
 
-    held = result.describe()
-    if not args.json:
-        _show(result.path, held)
-    wants = "choose with --node N, --set NAME or --near X,Y"
+    if args.quantity and len(args.quantity) > 1:
+        raise UsageError(f"{path}: --quantity takes one name here, got {', '.join(args.quantity)}")
+    return args.quantity[0] if args.quantity else None
+
+
+def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
+    """Whether a foreign file was named and no nodes: it is listed then."""
+    from fembridge.errors import UsageError
+
+    if args.point or args.node or args.sets or args.near or result.run is not None:
+        return False
+    if result.named_nodes():
+        return False
+    wants = "choose with --node N or all, --set NAME or --near X,Y"
     if args.afferents:
         wants = "--afferents needs one"
-    raise UsageError(f"{result.path}: no run.toml beside it; {wants}")
+    if args.afferents or args.output or args.quantity or args.resample_ms or args.modes:
+        raise UsageError(f"{result.path}: no run.toml beside it; {wants}")
+    return True
+
+
+def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
+    """What to say of how something is taken out of `result`: commands that were tried."""
+    import shlex
+    from dataclasses import replace
+
+    from fembridge.errors import FembridgeError
+
+    command = f"fembridge ingest {shlex.quote(str(args.result))}"
+    for option, given in (("stress", args.stress_unit), ("length", args.length_unit)):
+        command += f" --{option}-unit {given}" if given else ""
+    problem = ""
+    for partial in dict.fromkeys((result.options.partial, True)):
+        options = replace(result.options, partial=partial, log=None)
+        try:
+            number, across, found = replace(result, options=options).telling_node()
+        except FembridgeError as error:
+            problem = problem or str(error)
+            continue
+        command += f" --node {number}" + " --partial" * partial + " --across-materials" * across
+        lines = [f"{found.quantity} where it is largest:", f"  {command}"]
+        if found.uneven:
+            lines.append(f"  {command} --resample-ms {found.resample_ms:g}")
+        return lines
+    return [f"nothing at nodes to take: {problem}"]
 
 
 def _sides(args: argparse.Namespace, result: "Result") -> Written:
@@ -287,10 +389,10 @@ def _table(args: argparse.Namespace, result: "Result") -> Written:
     from fembridge.results.printed import PRINTS, write_print_table
 
     path, suffix = result.path, result.path.suffix.lower()
-    if args.quantity and (len(args.quantity) > 1 or suffix != ".dat"):
-        raise UsageError(f"{path}: --quantity takes one name, and of a .dat")
+    quantity = _one_quantity(args, path)
+    if quantity and suffix != ".dat":
+        raise UsageError(f"{path}: --quantity is of a .dat")
     output: Path = args.output or Path(f"{path.stem}_{suffix[1:]}.csv")
-    quantity = args.quantity[0] if args.quantity else None
     columns, rows = write_print_table(path, output, result.options, quantity)
     summary = {
         "output": str(output),

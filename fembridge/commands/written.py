@@ -105,6 +105,27 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("NAME_traces.csv", "stress at nodes or points", _TRACES),
         Output("NAME_traces.csv.toml", "of which run they are, which encode reads"),
         Output(
+            "NAME_displacement.csv",
+            "another quantity at nodes (--quantity), output by output",
+            _columns(
+                _TIME,
+                ("afferent", "", "class that sits at the node; empty for a plain node"),
+                ("node", "", "node of the solver"),
+                ("step, increment", "", "of the output; absent where resampled"),
+                ("<component>", "in the name", "component, such as sxx_pa or d1_mm"),
+            ),
+        ),
+        Output(
+            "NAME_modes_displacement.csv",
+            "modes of a frequency or buckling step; also of a file that has no times",
+            _columns(
+                ("step, mode", "", "numbers of the step and of its mode"),
+                ("frequency_hz", "Hz", "its frequency; or buckling_factor, or number"),
+                ("node", "", "node of the solver"),
+                ("<component>", "in the name", "component, such as von_mises_pa or d1_mm"),
+            ),
+        ),
+        Output(
             "NAME_sides.csv",
             "stress at a node in each material there (--one-sided)",
             _columns(

@@ -5,7 +5,7 @@ questions, is a `fembridge.results.result.Result`.
 """
 
 from fembridge.results.readers import ENTRY_POINTS, READERS, Reader, reader_of, result_file
-from fembridge.results.result import Result, describe, open_result, read
+from fembridge.results.result import Result, describe, open_result, read, read_history
 
 __all__ = [
     "ENTRY_POINTS",
@@ -15,6 +15,7 @@ __all__ = [
     "describe",
     "open_result",
     "read",
+    "read_history",
     "reader_of",
     "result_file",
 ]

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.results import history
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import reader_of, result_file
 from fembridge.store import replacing
@@ -25,7 +26,6 @@ Key = tuple[int, int]  # step and increment
 LAST = "last"
 FIELD_SUFFIXES = (".npz", ".csv")
 _INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
-_UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,6 +142,18 @@ class FieldSource(AbstractContextManager["FieldSource"], Protocol):
 
     def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Increments one by one; the file is looked through at once."""
+
+    def history(
+        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
+    ) -> "history.History":
+        """Each output of a quantity at `nodes`, as it is.
+
+        `nodes` None takes all that an output has; of a stress without those between
+        materials, unless the options allow them. `quantity` is a word of `history.NAMES` or
+        the file's name; None takes stress, without one displacement, else the first there
+        is. `modes` takes those of frequency and buckling steps where there are times, too;
+        `last` the last output alone.
+        """
 
 
 def open_source(path: Path | str, options: ReadOptions) -> FieldSource:
@@ -264,6 +276,40 @@ def read_field(
         return source.field(quantity, keys[-1])
 
 
+def history_of(fields: Sequence[Field], nodes: Sequence[int] | None = None) -> history.History:
+    """The history of one quantity at `nodes`, of its `fields`; None takes every node of any."""
+    first = fields[0]
+    if nodes is None:
+        wanted = first.nodes
+        for one in fields:
+            if one.nodes is not first.nodes:
+                wanted = np.union1d(wanted, one.nodes)
+        wanted = np.unique(wanted)
+    else:
+        wanted = np.array(nodes, dtype=np.int64)
+    values = np.full((len(fields), wanted.size, len(first.components)), np.nan)
+    for row, one in enumerate(fields):
+        if one.components != first.components:
+            held, expected = (", ".join(each.components) for each in (one, first))
+            words = f"{one.name} of step {one.step}, increment {one.increment} has {held}"
+            raise UsageError(f"{words}, an output before it {expected}")
+        if nodes is not None:
+            one.at(nodes)  # which names a node that is absent
+        rows = rows_of(wanted, one.nodes)
+        values[row, rows >= 0] = one.values[rows[rows >= 0]]
+    timed = first.axis == history.TIME
+    return history.History(
+        quantity=history.word_of(first.name),
+        components=first.components,
+        units=first.units,
+        nodes=tuple(wanted.tolist()),
+        at=np.array([one.time_ms if timed else one.axis_value for one in fields]),
+        values=values,
+        keys=np.array([one.key for one in fields], dtype=np.int64),
+        axis=first.axis,
+    )
+
+
 def write_field(path: Path, field: Field) -> None:
     """Write `field` as ``.npz`` or ``.csv``, as the suffix says.
 
@@ -289,12 +335,7 @@ def write_field(path: Path, field: Field) -> None:
 
 def column_names(field: Field) -> list[str]:
     """A name for each component that carries its unit: ``sxx_pa``."""
-    names = []
-    for component, unit in zip(field.components, field.units, strict=True):
-        word = _UNIT_WORDS.get(unit, unit.lower())
-        plain = re.sub(r"\W+", "_", component.lower()).strip("_")
-        names.append(f"{plain}_{word}" if word else plain)
-    return names
+    return history.column_names(field.components, field.units)
 
 
 def rows_of(wanted: IntArray, held: IntArray) -> IntArray:

@@ -70,6 +70,7 @@ _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
 _REALS = {2: "<f4", 3: "<f8"}  # by flag
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
+_FEW_NODES = 64  # whose elements are sought before they are converted
 _MESH_BYTES = 1 << 17  # of printed elements at a time
 _DEFAULTS = ReadOptions()
 
@@ -272,6 +273,8 @@ class FrdIndex:
                 raise FrdDamageError(f"bytes after the end line: {rest[:12]!r}", at)
             return file.size
         line, after = self._line(at)
+        if not line:  # some builds leave one behind the materials
+            return after
         if line.startswith(b"  100C"):
             return self._block(line, at, after)
         if line.startswith((b"    2C", b"    3C")):
@@ -533,16 +536,7 @@ def read_history(
     with ByteFile(path) as file:
         index = FrdIndex(file)
         outputs = _over_time(index, outputs_of(index, options), tuple(nodes_of), options)
-        values = {
-            name: _at_nodes(file, [output[name] for output in outputs], nodes)
-            for name, nodes in nodes_of.items()
-        }
-        if not all(np.isfinite(found).all() for found in values.values()):
-            keep = _finite(path, outputs, values, nodes_of, options)
-            outputs = [output for output, fine in zip(outputs, keep, strict=True) if fine]
-            values = {name: found[keep] for name, found in values.items()}
-        if not outputs:
-            raise ResultError("no whole, converged increment is left", path)
+        outputs, values = values_at(index, outputs, nodes_of, options)
         firsts = [next(iter(output.values())) for output in outputs]
         times_ms = np.array([block.time_ms for block in firsts])
         back = np.flatnonzero(~(np.diff(times_ms) > 0))
@@ -553,18 +547,47 @@ def read_history(
                 f"{times_ms[row]:g} ms comes after {times_ms[row - 1]:g} ms: times do not rise",
                 path,
             )
-        check_unchanged(file, options)
-        if STRESS in nodes_of:
-            nodes = [int(node) for node in nodes_of[STRESS]]
-            if not options.across_materials:
-                _check_materials(index, nodes, options.branches)
-            # In relaxing skin the sum over branches, not their mean; on the axis of a
-            # half no shear: see `ReadOptions`.
-            branches = np.array([options.branches.get(node, 1) for node in nodes], dtype=np.float64)
-            summed = values[STRESS] * branches[:, None]
-            summed[:, [node in options.on_axis for node in nodes], 3] = 0.0
-            values[STRESS] = in_pa(summed, options, path)
         return times_ms, values
+
+
+def values_at(
+    index: FrdIndex,
+    outputs: Sequence[Output],
+    nodes_of: Mapping[str, Sequence[int]],
+    options: ReadOptions,
+    components: Sequence[str] = (),
+) -> tuple[list[Output], dict[str, FloatArray]]:
+    """Those `outputs` that are finite at the nodes of each quantity, and their values there.
+
+    STRESS in Pa, others as the file has them; of `components`, without any those of
+    `COMPONENTS`.
+    """
+    file = index.file
+    values = {
+        name: _at_nodes(file, [output[name] for output in outputs], nodes, components)
+        for name, nodes in nodes_of.items()
+    }
+    if not all(np.isfinite(found).all() for found in values.values()):
+        keep = _finite(file.path, outputs, values, nodes_of, options, components)
+        outputs = [output for output, fine in zip(outputs, keep, strict=True) if fine]
+        values = {name: found[keep] for name, found in values.items()}
+    if not outputs:
+        raise ResultError("no whole, converged increment is left", file.path)
+    check_unchanged(file, options)
+    if STRESS in nodes_of:
+        nodes = [int(node) for node in nodes_of[STRESS]]
+        if not options.across_materials:
+            _check_materials(index, nodes, options.branches)
+        # In relaxing skin the sum over branches, not their mean; on the axis of a
+        # half no shear: see `ReadOptions`.
+        branches = np.array([options.branches.get(node, 1) for node in nodes], dtype=np.float64)
+        summed = values[STRESS] * branches[:, None]
+        if options.on_axis:
+            summed[:, [node in options.on_axis for node in nodes], 3] = 0.0
+        values[STRESS] = in_pa(summed, options, file.path)
+    if DISPLACEMENT in nodes_of:
+        values[DISPLACEMENT] *= options.length_mm
+    return list(outputs), values
 
 
 def describe(path: Path) -> Table:
@@ -977,8 +1000,13 @@ def _over_time(
     return found
 
 
-def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
-    """Values of STRESS or DISP at `nodes`, ``(T, node, component)``.
+def _at_nodes(
+    file: ByteFile,
+    blocks: Sequence[FrdBlock],
+    nodes: Sequence[int],
+    names: Sequence[str] = (),
+) -> FloatArray:
+    """Values of the components `names` of one quantity at `nodes`, ``(T, node, component)``.
 
     Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
     wanted nodes are found once and tried on the next block; the id in front of each
@@ -986,7 +1014,7 @@ def _at_nodes(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
     one form are converted together.
     """
     wanted = np.array([int(node) for node in nodes], dtype=np.int64)
-    names = COMPONENTS[blocks[0].name]
+    names = names or COMPONENTS[blocks[0].name]
     values = np.empty((len(blocks), wanted.size, len(names)))
     if not wanted.size:
         return values
@@ -1050,6 +1078,7 @@ def _finite(
     values: Mapping[str, FloatArray],
     nodes_of: Mapping[str, Sequence[int]],
     options: ReadOptions,
+    components: Sequence[str] = (),
 ) -> BoolArray:
     """Which `outputs` hold finite values alone; without `partial` the others are refused."""
     keep = np.ones(len(outputs), dtype=np.bool_)
@@ -1058,7 +1087,7 @@ def _finite(
             block = outputs[row][name]
             problem = (
                 f"node {nodes_of[name][node]} at {block.time_ms:g} ms: {name} "
-                f"{COMPONENTS[name][column]} is {found[row, node, column]}"
+                f"{(components or COMPONENTS[name])[column]} is {found[row, node, column]}"
             )
             if not options.partial:
                 raise NotFiniteError(problem, path)
@@ -1070,17 +1099,12 @@ def _finite(
 
 def _check_materials(index: FrdIndex, nodes: Collection[int], branches: Mapping[int, int]) -> None:
     """Refuse nodes with elements of more materials than their stress has branches."""
-    if index.elements is None or not nodes:
-        return
-    materials: dict[int, set[int]] = {node: set() for node in nodes}
-    for rows in element_rows(index.file, index.elements, nodes):
-        for node, numbers in materials.items():
-            touching = (rows.corners == node).any(axis=1)
-            numbers.update(rows.material[touching].tolist())
-    for node, numbers in materials.items():
-        if len(numbers) > branches.get(node, 1):
+    met = materials_at(index, nodes)
+    held, counts = np.unique(met[:, 0], return_counts=True)
+    for node in held[counts > 1].tolist():
+        if (numbers := met[met[:, 0] == node, 1]).size > branches.get(node, 1):
             names = " and ".join(
-                index.materials.get(number, f"material {number}") for number in sorted(numbers)
+                index.materials.get(number, f"material {number}") for number in numbers.tolist()
             )
             raise ResultError(
                 f"node {node} is between {names}: its stress is a mean over both "
@@ -1088,6 +1112,18 @@ def _check_materials(index: FrdIndex, nodes: Collection[int], branches: Mapping[
                 "it with --across-materials (across_materials=True)",
                 index.file.path,
             )
+
+
+def materials_at(index: FrdIndex, nodes: Collection[int]) -> IntArray:
+    """Each of `nodes` with each material of an element there, ``(M, 2)``, rising."""
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    wanted = np.unique(np.array(list(nodes), dtype=np.int64))
+    if index.elements is not None and wanted.size:
+        few = wanted.tolist() if wanted.size <= _FEW_NODES else ()
+        for rows in element_rows(index.file, index.elements, few):
+            element, corner = np.nonzero(np.isin(rows.corners, wanted))
+            pairs.append(np.stack([rows.corners[element, corner], rows.material[element]], 1))
+    return np.unique(np.concatenate(pairs), axis=0)
 
 
 def _quantity(index: FrdIndex, name: str) -> Table:

@@ -11,14 +11,25 @@ with the unit "".
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fields import Field, Frame, Key, Scene, SceneCells, rows_of, spread
+from fembridge.results.fields import (
+    Field,
+    Frame,
+    Key,
+    Scene,
+    SceneCells,
+    history_of,
+    rows_of,
+    spread,
+)
 from fembridge.results.frd import (
+    COMPONENTS,
     NODES_OF_TYPE,
     STRESS,
     FrdBlock,
@@ -30,13 +41,16 @@ from fembridge.results.frd import (
     element_rows,
     having,
     irregular_records,
+    materials_at,
     no_records,
     node_ids,
     outputs_of,
     record_ids,
     record_values,
+    values_at,
 )
-from fembridge.results.read_options import PA_PER_UNIT, NotFiniteError, ReadOptions
+from fembridge.results.history import FREQUENCY, NAMES, TIME, History, name_in, one_axis, word_of
+from fembridge.results.read_options import NotFiniteError, ReadOptions
 from fembridge.results.readers import result_file
 from fembridge.results.stress import DERIVED, derived_of
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -81,7 +95,7 @@ def read_mesh(path: Path | str) -> Scene:
         return _mesh(FrdIndex(file))
 
 
-def _mesh(index: FrdIndex) -> Scene:
+def _mesh(index: FrdIndex, length_mm: float = 1.0) -> Scene:
     """Nodes in file order, elements by kind; of plane ones (tr3, tr6, qu4, qu8) z is 0."""
     file = index.file
     if index.nodes is None or index.elements is None:
@@ -90,7 +104,7 @@ def _mesh(index: FrdIndex) -> Scene:
         raise ResultError(f"no whole block of {kind}{words and ': '}{words}", file.path)
     if not index.nodes.records:
         raise ResultError("node block: no nodes", file.path)
-    nodes, points_mm = _table(file, _node_block(file, index.nodes))
+    nodes, points_mm = _table(file, _node_block(file, index.nodes), (length_mm,))
     if np.unique(nodes).size != nodes.size:
         raise ResultError("node block: a node is duplicate", file.path)
     parts: dict[int, list[tuple[IntArray, IntArray, IntArray]]] = {}
@@ -164,17 +178,104 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         check_unchanged(self._file, self._options)
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
-        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
+        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress, or without any results."""
         file, index = self._file, self._index
-        blocks = [block for block in index.named(STRESS) if block.records]
+        blocks = [block for block in index.named(STRESS) or index.blocks if block.records]
         if not blocks:
             held = ", ".join(index.names) or "nothing"
-            raise ResultError(f"no {STRESS} in it, it holds {held}", self.path)
+            raise ResultError(f"no results at nodes, it holds {held}", self.path)
         if index.nodes is None or not index.nodes.records:
             raise ResultError("no node block, so no coordinates", self.path)
         held_by = np.unique(node_ids(file, blocks[0]))
-        nodes, at_mm = _table(file, _node_block(file, index.nodes))
+        nodes, at_mm = _table(file, _node_block(file, index.nodes), (self._options.length_mm,))
         yield nodes, at_mm, np.isin(nodes, held_by)
+
+    def history(
+        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
+    ) -> History:
+        """`quantity` at `nodes` as it is, see `fembridge.results.fields.FieldSource`."""
+        index, options = self._index, self._options
+        outputs = outputs_of(index, options)
+        held = tuple(dict.fromkeys(name for output in outputs for name in output))
+        name = self._default_name(held)
+        if quantity is not None:
+            name = name_in(held, quantity, self.path)
+        imaginary = {block.key for block in index.named(f"{name}I")}
+        outputs = having(index, outputs, (name,), options)
+        found = [output[name] for output in outputs]
+        axes = [FREQUENCY if one.over_time and one.key in imaginary else one.axis for one in found]
+        axis = one_axis(name, axes, modes, options)
+        if imaginary:
+            options.note(f"{name} is the real part of amplitudes, {name}I their imaginary part")
+        found = [one for one, of in zip(found, axes, strict=True) if of == axis]
+        blocks = [one for one in found if one.records]
+        if not blocks:
+            raise no_records(found[0], self.path)
+        if len(blocks) < len(found):
+            options.note(f"left out: {len(found) - len(blocks)} outputs of {name} without records")
+        blocks = blocks[-1:] if last else blocks
+        components = COMPONENTS.get(name, blocks[0].components)
+        if not set(components) <= set(blocks[0].components):
+            components = blocks[0].components
+        for block in blocks:
+            if absent := set(components) - set(block.components):
+                words = f"{block} has no component {min(absent)}, an output before it has"
+                raise ResultError(words, self.path)
+        if nodes is None:
+            return self._everywhere(blocks, axis)
+        wanted = [int(node) for node in nodes]
+        outputs, values_of = values_at(
+            index, [{name: one} for one in blocks], {name: wanted}, options, components
+        )
+        blocks, values = [output[name] for output in outputs], values_of[name]
+        if name not in COMPONENTS:
+            values *= [options.scale(_unit(name, one)) for one in components]
+        return History(
+            quantity=word_of(name),
+            components=components,
+            units=tuple(_unit(name, one) for one in components),
+            nodes=tuple(wanted),
+            at=np.array([one.time_ms if axis == TIME else one.value for one in blocks]),
+            values=values,
+            keys=np.array([one.key for one in blocks], dtype=np.int64),
+            axis=axis,
+        )
+
+    def _default_name(self, held: Sequence[str]) -> str:
+        """Stress, but for the real part of a complex one, else displacement, else the first."""
+        names = [one for one in held if any(block.records for block in self._index.named(one))]
+        if STRESS in names and f"{STRESS}I" not in held:
+            block = self._index.named(STRESS)[0]
+            if set(COMPONENTS[STRESS]) <= set(block.components):
+                return STRESS
+        return next((one for one in NAMES["displacement"] if one in names), (*names, *held)[0])
+
+    def _everywhere(self, blocks: Sequence[FrdBlock], axis: str) -> History:
+        """All nodes that any of `blocks` has, but for stress between materials."""
+        options, ids = self._options, np.empty(0, dtype=np.int64)
+        fields = []
+        for block in blocks:
+            one = _field(self._file, block, options, ids)
+            fields.append(replace(one, axis=axis))
+            ids = one.nodes
+        found = history_of(fields)
+        if blocks[0].name == STRESS and not options.across_materials:
+            held, counts = np.unique(
+                materials_at(self._index, found.nodes)[:, 0], return_counts=True
+            )
+            inside = ~np.isin(found.nodes, held[counts > 1])
+            if not inside.any():
+                raise ResultError("no node with stress lies inside one material", self.path)
+            if not inside.all():
+                options.note(
+                    f"left out: {(~inside).sum()} of {inside.size} nodes, between materials, where "
+                    "stress is a mean over them; --across-materials (across_materials=True) "
+                    "takes it"
+                )
+            nodes = tuple(np.array(found.nodes)[inside].tolist())
+            found = replace(found, nodes=nodes, values=found.values[:, inside])
+        check_unchanged(self._file, options)
+        return found
 
     def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Increments one by one; the file is looked through at once."""
@@ -182,7 +283,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         outputs = outputs_of(index, options)
         if quantities is not None:
             outputs = having(index, outputs, quantities, options)
-        scene = _mesh(index)
+        scene = _mesh(index, options.length_mm)
         between = int((scene.met > 1).sum())
         if between:
             options.note(
@@ -250,7 +351,7 @@ def _field(
     if block.records == 0:
         raise no_records(block, file.path)
     units = tuple(_unit(block.name, component) for component in block.components)
-    scales = [PA_PER_UNIT[options.stress_unit] if unit == _PA else 1.0 for unit in units]
+    scales = [options.scale(unit) for unit in units]
     nodes, values = _table(file, block, scales)
     return Field(
         name=block.name,

@@ -26,7 +26,18 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import Field, Frame, Key
+from fembridge.results.fields import Field, Frame, Key, history_of
+from fembridge.results.history import (
+    FREQUENCY,
+    OF_STRESS,
+    STRESS,
+    TENSOR_COMPONENTS,
+    TIME,
+    VON_MISES,
+    History,
+    name_in,
+    one_axis,
+)
 from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints, Plan, plan
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement, PostMesh
 from fembridge.results.mentat import read_sts
@@ -529,6 +540,43 @@ class MarcSource:
                     raise
                 self._options.note(f"dropped increment {key[1]}: {error.problem}")
 
+    def history(
+        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
+    ) -> History:
+        """Each increment of a quantity at `nodes`, see `fields.FieldSource`."""
+        self._check_whole()
+        options, stress = self._options, quantity in (None, STRESS, *OF_STRESS)
+        held = list(
+            dict.fromkeys(name for one in self._post.increments for name in self._quantities(one))
+        )
+        if quantity is None and not any(one.has_element_values for one in self._post.increments):
+            stress = False
+        if stress and nodes is not None and not modes:
+            if options.von_mises == "scalar" and quantity in (None, VON_MISES):
+                times_ms, values = _scalar_history(self._post, nodes, options)
+                values, components = values[:, :, None], OF_STRESS[VON_MISES][1]
+            else:
+                times_ms, values, _ = _tensor_history(self._post, nodes, options)
+                components = TENSOR_COMPONENTS
+            return History(
+                STRESS if len(components) > 1 else VON_MISES,
+                components,
+                (PA,) * len(components),
+                tuple(int(node) for node in nodes),
+                _unrounded_ms(times_ms, self._post),
+                values,
+                np.empty((0, 2), dtype=np.int64),
+            )
+        name = held[0] if quantity is None else name_in(held, quantity, self.path)
+        if stress:
+            name = stress_tensor(self._post.codes, self.path).name
+        increments = [one for one in self._post.increments if name in self._quantities(one)]
+        axes = [FREQUENCY if one.harmonic else TIME for one in increments]
+        axis = one_axis(name, axes, modes, options)
+        keys = [_key(one) for one, of in zip(increments, axes, strict=True) if of == axis]
+        fields = [self.field(name, key) for key in (keys[-1:] if last else keys)]
+        return history_of(fields, nodes)
+
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Yield nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
         mesh, points = self._post.mesh, self._points
@@ -677,7 +725,10 @@ class MarcSource:
 def _field(quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray) -> Field:
     units = (quantity.unit,) * len(quantity.components)
     time_ms = one.time_s * MS_PER_S
-    return Field(quantity.name, *_key(one), time_ms, quantity.components, units, nodes, values)
+    over = (FREQUENCY, one.frequency) if one.harmonic else (TIME, time_ms / MS_PER_S)
+    return Field(
+        quantity.name, *_key(one), time_ms, quantity.components, units, nodes, values, *over
+    )
 
 
 def _key(one: PostIncrement) -> Key:

@@ -3,11 +3,11 @@
 Sets are in the result file, or in a deck beside it: a Marc post file has its own; a
 ``.frd`` has none, and its deck is asked. The deck's suffix says whose it is: ``.inp``
 CalculiX's (or Abaqus's), ``.dat`` Marc's. Places are coordinates of the undeformed
-mesh, as the file holds them: the deck's length unit, mm in ours.
+mesh in mm.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,7 @@ def choose_nodes(
     sets: Sequence[str] = (),
     near_mm: Sequence[Sequence[float]] = (),
     deck: Path | None = None,
-    log: Callable[[str], None] | None = None,
+    options: ReadOptions = ReadOptions(),  # noqa: B008 - frozen
 ) -> list[int]:
     """Numbers of nodes, of the `sets` and near the places `near_mm`, each once.
 
@@ -38,8 +38,8 @@ def choose_nodes(
     deck
         Holds the sets; None takes those of the result file where it has sets, else the
         deck with its stem beside it.
-    log
-        Gets what a set or place came to.
+    options
+        Its unit of length, and who gets what a set or place came to.
 
     Raises
     ------
@@ -55,12 +55,11 @@ def choose_nodes(
         shown = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
         count = f"{len(members)} node{'s' * (len(members) != 1)}"
         words.append(f"set {name} of {place.name}: {count}, {shown}")
-    for node, said in near_nodes(path, near_mm) if len(near_mm) else ():
+    for node, said in near_nodes(path, near_mm, options) if len(near_mm) else ():
         found.append(node)
         words.append(said)
-    if log is not None:
-        for line in words:
-            log(line)
+    for line in words:
+        options.note(line)
     return list(dict.fromkeys(found))
 
 
@@ -81,6 +80,15 @@ def node_set(path: Path, name: str, deck: Path | None) -> tuple[list[int], Path]
                 return list(dict.fromkeys(int(node) for piece in pieces for node in piece)), file
         missing.append(f"{file}: no node set {name!r}; it has {', '.join(sets) or 'none'}")
     raise UsageError("; ".join(missing))
+
+
+def sets_beside(path: Path) -> dict[str, int]:
+    """How many nodes each set has of the deck beside a result file; none without a deck."""
+    try:
+        sets = read_node_sets(path.with_suffix(".inp"))
+    except ResultError:
+        return {}
+    return {name: sum(map(len, pieces)) for name, pieces in sets.items()}
 
 
 def read_node_sets(deck: Path) -> dict[str, list[range]]:
@@ -141,7 +149,11 @@ def _bytes(deck: Path) -> bytes:
         raise ResultError(str(error).removeprefix(f"{deck}: "), deck) from error
 
 
-def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[tuple[int, str]]:
+def near_nodes(
+    path: Path,
+    places_mm: Sequence[Sequence[float]],
+    options: ReadOptions = ReadOptions(),  # noqa: B008 - frozen
+) -> list[tuple[int, str]]:
     """The node nearest to each place that has a stress, of equals the lowest; and its words.
 
     A place is x, y or x, y, z. Without z the mesh has to be in one plane of z. The words
@@ -158,7 +170,7 @@ def near_nodes(path: Path, places_mm: Sequence[Sequence[float]]) -> list[tuple[i
     for place in places_mm:
         if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
             raise UsageError(f"place {', '.join(map(str, place))}: expected x,y or x,y,z")
-    with open_source(path, ReadOptions(partial=True)) as source:
+    with open_source(path, ReadOptions(partial=True, length_unit=options.length_unit)) as source:
         nodes, at_mm, held = map(np.concatenate, zip(*source.places(), strict=True))
     lowest, highest = float(at_mm[:, 2].min()), float(at_mm[:, 2].max())
     flat = highest - lowest <= 1e-9 * max(1.0, abs(lowest), abs(highest))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.unit_system import UNIT_SYSTEMS
+from decks.unit_system import LENGTH_UNITS, UNIT_SYSTEMS
 from fembridge.errors import ResultError, UsageError
 from fembridge.typing import FloatArray
 
@@ -27,7 +27,8 @@ class ReadOptions:
     `partial` takes what is whole of a run that did not end well, and says to `log`
     what it dropped; without it such a file is refused. `across_materials` allows the
     stress of a node on a layer boundary. `stress_unit` is the unit of the file:
-    CalculiX and Marc have none, the deck decides; N and mm give MPa.
+    CalculiX and Marc have none, the deck decides; N and mm give MPa. `length_unit` is that
+    of its coordinates and displacements, "mm", "m" or "in".
 
     Of a file that holds integration points (Marc's): `extrapolate` is how their
     values are carried to nodes, one of `METHODS`, None for the first.
@@ -53,10 +54,12 @@ class ReadOptions:
     since_ms: float = -math.inf
     branches: Mapping[int, int] = field(default_factory=dict)
     on_axis: Collection[int] = ()
+    length_unit: str = "mm"
 
     def __post_init__(self) -> None:
         for what, value, known in (
             ("stress unit", self.stress_unit, PA_PER_UNIT),
+            ("length unit", self.length_unit, LENGTH_UNITS),
             ("extrapolation", self.extrapolate or METHODS[0], METHODS),
             ("von Mises of", self.von_mises or VON_MISES[0], VON_MISES),
         ):
@@ -67,6 +70,22 @@ class ReadOptions:
     def method(self) -> str:
         """How values are carried from integration points to nodes."""
         return self.extrapolate or METHODS[0]
+
+    @property
+    def length_mm(self) -> float:
+        """The file's unit of length."""
+        return LENGTH_UNITS[self.length_unit].length_mm
+
+    def scale(self, unit: str) -> float:
+        """What a number of the file is times, to be in `unit`; 1 in one that has no dimension.
+
+        A force is a stress times a length squared, Pa m² is N; of lengths in mm it is taken
+        as N whatever the stress is in.
+        """
+        stress_pa, length_mm = PA_PER_UNIT[self.stress_unit], self.length_mm
+        force_n = 1.0 if length_mm == 1.0 else stress_pa * (length_mm / 1000.0) ** 2
+        scales = {"Pa": stress_pa, "mm": length_mm, "mm/s": length_mm, "N": force_n}
+        return scales.get(unit, 1.0)
 
     def kept(self, times_ms: FloatArray) -> slice:
         """The samples, of increasing times ``(T,)``, that a trace is made of."""

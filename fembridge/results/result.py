@@ -8,10 +8,15 @@ result file has no sample of the start itself.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
 from fembridge.errors import FembridgeError, ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.fields import open_source
+from fembridge.results.history import STRESS, VON_MISES, History, of_traces
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import Reader, reader_of, result_file
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
@@ -19,6 +24,10 @@ from fembridge.store import read_toml, sha256_of
 from fembridge.trace import STEP_TOLERANCE, StressTrace, Traces
 from fembridge.typing import Table
 
+if TYPE_CHECKING:
+    import pandas
+
+_HEADING_BYTES = 4096  # of a result file, in which a heading is sought
 _BEFORE_STEPS = 0.25  # of a step that may be lost to rounding
 
 
@@ -60,20 +69,125 @@ class Result:
         sets: Sequence[str] = (),
         near_mm: Sequence[Sequence[float]] = (),
         deck: Path | None = None,
+        resample_ms: float | None = None,
     ) -> Traces:
         """Stress traces at the chosen nodes, without a choice at the run's afferents."""
-        path, run, options = self.path, self.run, self.options
+        path, run = self.path, self.run
         reader = reader_of(path)
-        load = reader.load(reader.target, path, options)
+        load = reader.load(reader.target, path, self.options)
+        places, options = self._places(nodes, sets, near_mm, deck)
+        if resample_ms is not None:
+            held = self._history(places, options, None, False)
+            if run is not None:
+                held = held.from_start(run.start_ms, STEP_TOLERANCE * run.dt_ms)
+            held = _derived(held, VON_MISES, resample_ms, options)
+            traces = [held.trace(row, path) for row in range(len(places))]
+        else:
+            found = load(path, [node for _, node in places], options)
+            traces = [
+                replace(trace, afferent=afferent)
+                for trace, (afferent, _) in zip(found, places, strict=True)
+            ]
+        if run is None:
+            return Traces(traces)
+        last_ms = float(traces[0].times_ms[-1])
+        if abs(last_ms - run.end_ms) > STEP_TOLERANCE * run.dt_ms * 10:
+            words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
+            if not options.partial:
+                raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
+            options.note(words)
+        if resample_ms is not None:
+            traces = [replace(one, start_ms=one.start_ms - run.start_ms) for one in traces]
+            return Traces(traces, run.origin())
+        return Traces((_in_stimulus_time(trace, run, path) for trace in traces), run.origin())
+
+    def history(
+        self,
+        nodes: Sequence[int] | None = None,
+        *,
+        quantity: str | None = None,
+        every: bool = False,
+        modes: bool = False,
+        resample_ms: float | None = None,
+        sets: Sequence[str] = (),
+        near_mm: Sequence[Sequence[float]] = (),
+        deck: Path | None = None,
+    ) -> History:
+        """`quantity` at the chosen nodes, at `every` one, or at the run's afferents, as it is.
+
+        Beside a ``run.toml`` time 0 is the start of the stimulus; no rest sample is added.
+        """
+        if every:
+            places, options = None, self.options
+        else:
+            places, options = self._places(nodes, sets, near_mm, deck)
+        held = self._history(places, options, quantity, modes)
+        if self.run is not None and held.over_time:
+            held = replace(held, at=held.at - self.run.start_ms)
+        word = quantity or (VON_MISES if held.quantity == STRESS else held.quantity)
+        return _derived(held, word, resample_ms, options)
+
+    def telling_node(self) -> tuple[int, bool, History]:
+        """The node where what is taken by default is largest at the end, and its history.
+
+        Inside one material where there is such a node; whether it is not comes second.
+        """
+        for across in (False, True):
+            options = replace(self.options, across_materials=across)
+            try:
+                with open_source(self.path, options) as source:
+                    last = source.history(None, None, False, last=True)
+            except ResultError:
+                if across:
+                    raise
+                continue
+            last = last.derived(VON_MISES if last.quantity == STRESS else last.quantity)
+            sizes = [abs(value) for _, value in last.peaks()]
+            node = last.nodes[sizes.index(max(sizes))]
+            return node, across, replace(self, options=options).history([node])
+        raise AssertionError
+
+    def _history(
+        self, places: "_Places | None", options: ReadOptions, quantity: str | None, modes: bool
+    ) -> History:
+        """What the reader gives, at `places`; None takes every node."""
+        reader = self.reader
+        if self.trouble is not None:
+            raise self.trouble
+        nodes = None if places is None else [node for _, node in places]
+        if reader.source:
+            with open_source(self.path, options) as source:
+                held = source.history(nodes, quantity, modes)
+        else:
+            if nodes is None or modes or quantity not in (None, VON_MISES):
+                raise UsageError(
+                    f"{self.path}: {reader.name} gives von Mises stress at named nodes"
+                )
+            held = of_traces(
+                reader.load(reader.target, self.path, options)(self.path, nodes, options)
+            )
+        if places is not None:
+            held = replace(held, afferents=tuple(afferent for afferent, _ in places))
+        return held
+
+    def _places(
+        self,
+        nodes: Sequence[int] | None,
+        sets: Sequence[str],
+        near_mm: Sequence[Sequence[float]],
+        deck: Path | None,
+    ) -> tuple["_Places", ReadOptions]:
+        """Class and node of each chosen node, and the options that its run adds."""
+        path, run, options = self.path, self.run, self.options
         if self.trouble is not None:
             raise self.trouble
         if nodes is not None or sets or len(near_mm):
             if sets or len(near_mm):
                 from fembridge.results.nodes import choose_nodes
 
-                nodes = choose_nodes(path, nodes or (), sets, near_mm, deck, options.log)
+                nodes = choose_nodes(path, nodes or (), sets, near_mm, deck, options)
             chosen = dict.fromkeys(int(node) for node in nodes or ())
-            places: list[tuple[str | None, int]] = [(None, node) for node in chosen]
+            places: _Places = [(None, node) for node in chosen]
         elif run is not None:
             places = [(place.afferent, place.node) for place in run.afferents]
         else:
@@ -90,20 +204,18 @@ class Result:
             if run.before_ms:
                 since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms
                 options = replace(options, since_ms=since_ms)
-        found = load(path, [node for _, node in places], options)
-        traces = [
-            replace(trace, afferent=afferent)
-            for trace, (afferent, _) in zip(found, places, strict=True)
-        ]
-        if run is None:
-            return Traces(traces)
-        last_ms = float(traces[0].times_ms[-1])
-        if abs(last_ms - run.end_ms) > STEP_TOLERANCE * run.dt_ms * 10:
-            words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
-            if not options.partial:
-                raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
-            options.note(words)
-        return Traces((_in_stimulus_time(trace, run, path) for trace in traces), run.origin())
+        return places, options
+
+
+_Places = list[tuple[str | None, int]]
+"""Class and number of nodes."""
+
+
+def _derived(held: History, word: str, resample_ms: float | None, options: ReadOptions) -> History:
+    """What follows from `held`, resampled before: the tensor, where it is at hand."""
+    if resample_ms is not None:
+        held = held.resampled(resample_ms, options.log)
+    return held.derived(word)
 
 
 def open_result(
@@ -112,6 +224,7 @@ def open_result(
     partial: bool = False,
     across_materials: bool = False,
     stress_unit: str | None = None,
+    length_unit: str | None = None,
     extrapolate: str | None = None,
     von_mises: str | None = None,
     log: Callable[[str], None] | None = None,
@@ -132,9 +245,21 @@ def open_result(
                 run = read_run_folder(path.parent)
         except ResultError as error:
             trouble = error
-    unit = stress_unit or (run.stress_unit if run is not None else "MPa")
-    options = ReadOptions(partial, across_materials, unit, log, extrapolate, von_mises)
-    return Result(path, options, run, trouble)
+    stress, length = _units(path, run, stress_unit, length_unit)
+    options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
+    return Result(path, replace(options, length_unit=length), run, trouble)
+
+
+def _units(
+    path: Path, run: RunFolder | None, stress_unit: str | None, length_unit: str | None
+) -> tuple[str, str]:
+    """Units of stress and length: as asked, as the run or the file's heading says, MPa and mm."""
+    held = LENGTH_UNITS.get(length_unit or "mm", MM)
+    if length_unit is None and path.suffix.lower() == ".frd" and path.is_file():
+        with ByteFile(path) as file:  # ccx copies the heading to the start of its results
+            held = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1")) or held
+    stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
+    return stress, length_unit or held.length_unit
 
 
 def describe(path: Path | str) -> Table:
@@ -152,6 +277,8 @@ def read(
     partial: bool = False,
     across_materials: bool = False,
     stress_unit: str | None = None,
+    length_unit: str | None = None,
+    resample_ms: float | None = None,
     extrapolate: str | None = None,
     von_mises: str | None = None,
     log: Callable[[str], None] | None = None,
@@ -159,7 +286,8 @@ def read(
     """Read stress traces, in Pa over ms, from a result file.
 
     With a ``run.toml`` of fembridge beside the file, time 0 is the start of the
-    stimulus, and the traces begin with the rest sample.
+    stimulus, and the traces begin with the rest sample. A trace has one time step;
+    `read_history` gives any rows as they are, and other quantities.
 
     Parameters
     ----------
@@ -182,8 +310,14 @@ def read(
     across_materials
         Allow nodes on a layer boundary.
     stress_unit
-        Unit of the file: "MPa" (N and mm), "kPa" or "Pa". None is the one in
-        ``run.toml``, without one MPa.
+        Unit of the file: "MPa" (N and mm), "kPa", "Pa" or "psi". None is the one in
+        ``run.toml``, else that of the unit system that the file's heading names, else of
+        `length_unit`, else MPa.
+    length_unit
+        That of its coordinates, "mm", "m" or "in". None is the heading's, else mm.
+    resample_ms
+        Make an even step of this many ms by PCHIP of the stress tensor, from the first
+        sample on: of a file with uneven increments.
     extrapolate
         Of a Marc file: how stress is carried from integration points to nodes,
         "linear" (None too), "translate" or "average".
@@ -209,6 +343,7 @@ def read(
         partial=partial,
         across_materials=across_materials,
         stress_unit=stress_unit,
+        length_unit=length_unit,
         extrapolate=extrapolate,
         von_mises=von_mises,
         log=log,
@@ -218,7 +353,67 @@ def read(
         sets=() if node_set is None else (node_set,),
         near_mm=near_mm,
         deck=None if deck is None else Path(deck),
+        resample_ms=resample_ms,
     )
+
+
+def read_history(
+    path: Path | str | RunFolder,
+    nodes: Sequence[int] | str | None = None,
+    *,
+    quantity: str | None = None,
+    node_set: str | None = None,
+    near_mm: Sequence[Sequence[float]] = (),
+    deck: Path | str | None = None,
+    modes: bool = False,
+    resample_ms: float | None = None,
+    **options: Any,  # noqa: ANN401 - those of `read`
+) -> "pandas.DataFrame":
+    """A quantity at nodes as the file has it, whatever its rows are: a long table.
+
+    One increment, uneven ones, several steps, modes: a row an output and node, units in the
+    names of the columns (``time_ms``, ``sxx_pa``, ``d1_mm``; ``frequency_hz`` of modes).
+
+    Parameters
+    ----------
+    path, node_set, near_mm, deck, resample_ms
+        As for `read`.
+    nodes
+        Numbers of nodes, or "all".
+    quantity
+        "von-mises", "stress" (the tensor), "principal", "displacement", "reaction-force",
+        "strain", "temperature", or the file's name of any other. None takes von Mises
+        stress, without stress in the file the displacement, else what comes first.
+    modes
+        The modes of frequency and buckling steps, of a file that has times, too.
+    **options
+        `partial`, `across_materials`, `stress_unit`, `length_unit`, `extrapolate`,
+        `von_mises` and `log` of `read`.
+
+    Raises
+    ------
+    ResultError
+        The file is absent, cut, foreign, or does not hold what was asked for.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> list(fb.read_history("runs/sine_20_250", quantity="displacement"))[:4]
+    ['time_ms', 'afferent', 'node', 'step']
+    """
+    if isinstance(nodes, str) and nodes != "all":
+        raise UsageError(f"nodes {nodes!r}, expected numbers or 'all'")
+    found = open_result(path, **options).history(
+        None if isinstance(nodes, str) else nodes,
+        quantity=quantity,
+        every=isinstance(nodes, str),
+        modes=modes,
+        resample_ms=resample_ms,
+        sets=() if node_set is None else (node_set,),
+        near_mm=near_mm,
+        deck=None if deck is None else Path(deck),
+    )
+    return found.to_frame()
 
 
 def _in_stimulus_time(trace: StressTrace, run: RunFolder, path: Path) -> StressTrace:

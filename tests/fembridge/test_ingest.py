@@ -83,13 +83,19 @@ def test_the_unit_of_the_file_can_be_told(here):
     assert kpa == pytest.approx(mpa / 1e3, rel=1e-9)
 
 
-def test_without_nodes_the_file_is_listed_and_nothing_written(here, capsys):
-    assert main(["ingest", str(SAMPLES / "cpe4_ascii.frd")]) == 2
+def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys):
+    assert main(["ingest", ASCII]) == 0
     heard = capsys.readouterr()
     assert "STRESS: SXX, SYY, SZZ, SXY, SYZ, SZX; 4 increments" in heard.out
     assert "47 nodes, 1 to 47; ASCII" in heard.out
-    assert "choose with --node N, --set NAME or --near X,Y" in heard.err
+    assert "sets: NALL 47, NBOT 7, NTOP 4, PROBES 3" in heard.out
     assert list(here.iterdir()) == []
+    command = heard.out.splitlines()[-1].split()
+    assert command[0] == "fembridge"
+    assert main(command[1:]) == 0
+    assert len(rows_of(here / "cpe4_ascii_traces.csv")) == 4
+    assert main(["ingest", ASCII, "-o", "traces.csv"]) == 2  # asked for, and nothing chosen
+    assert "choose with --node N or all, --set NAME or --near X,Y" in capsys.readouterr().err
 
 
 def test_afferents_of_a_foreign_file_are_misuse(here, capsys):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import read
 from fembridge.results.nodes import choose_nodes, near_nodes, read_node_sets
+from fembridge.results.read_options import ReadOptions
 
 KINDS = ["cpe4_ascii", "cpe4_bin_f32", "cpe4_bin_f64", "cpe4_2step_mixed"]
 
@@ -72,7 +73,8 @@ def test_any_place_gives_what_a_plain_search_gives(block, write_frd, seed, mesh_
 def test_numbers_sets_and_places_go_together_each_node_once(samples):
     heard = []
     path = samples / "cpe4_ascii.frd"
-    found = choose_nodes(path, [25, 1], ["probes"], [(1.5, 0.3)], log=heard.append)
+    options = ReadOptions(log=heard.append)
+    found = choose_nodes(path, [25, 1], ["probes"], [(1.5, 0.3)], options=options)
     assert found == [25, 1, 11, 18]
     assert heard[0] == "set probes of cpe4_ascii.inp: 3 nodes, 11, 18, 25"
     assert heard[1].startswith("near 1.5, 0.3: node 11")

@@ -109,7 +109,7 @@ def test_a_nodal_field_has_all_nodes_but_those_of_pressure(path, plane):
 
 def test_nodes_of_a_set_of_the_file_are_found_case_blind(path):
     said = []
-    assert choose_nodes(path, sets=["PROBES"], log=said.append) == [3, 9]
+    assert choose_nodes(path, sets=["PROBES"], options=ReadOptions(log=said.append)) == [3, 9]
     assert said == [f"set PROBES of {path.name}: 2 nodes, 3, 9"]
     with pytest.raises(ResultError, match="set empty has 0 nodes"):
         choose_nodes(path, sets=["empty"])

@@ -1,0 +1,260 @@
+"""A quantity at nodes over the outputs of a solver: what there is, row by row.
+
+Unlike a `StressTrace` its rows may be uneven in time, one alone, of several steps, or the
+modes of a frequency or buckling step. The module of a `Reader` may have
+``history(path, nodes, quantity, options, modes)``; of other formats there are their traces.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.stress import TENSOR, principal_stresses_pa, von_mises_pa
+from fembridge.trace import STEP_TOLERANCE, StressTrace, mean_step, resample
+from fembridge.typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import pandas
+
+STRESS, VON_MISES = "stress", "von-mises"
+# By word: the names that formats have for it, the first that a file has.
+NAMES = {
+    STRESS: ("STRESS", "Cauchy Stress", "Stress"),
+    "displacement": ("DISP", "DISPR", "Displacement"),
+    "reaction-force": ("FORC", "Reaction Force"),
+    "strain": ("TOSTRAIN", "MESTRAIN", "Total Strain", "Elastic Strain"),
+    "temperature": ("NDTEMP", "TOTEMP", "Temperature"),
+}
+TENSOR_COMPONENTS = tuple(f"S{place.upper()}" for place in TENSOR)
+# By word: what is computed of the tensor, and its components.
+OF_STRESS: dict[str, tuple[Callable[[FloatArray], FloatArray], tuple[str, ...]]] = {
+    VON_MISES: (lambda tensor: von_mises_pa(tensor)[..., None], ("von_mises",)),
+    "principal": (principal_stresses_pa, ("principal_1", "principal_2", "principal_3")),
+}
+QUANTITIES = (*OF_STRESS, *NAMES)
+TIME, FREQUENCY = "total time", "frequency in cycles per time"
+_AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
+_UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """`values` ``(T, node, component)`` of `quantity` at `nodes`; NaN where a node has none.
+
+    A row is an output, of the step and increment, or mode, in `keys` ``(T, 2)``. `at`
+    ``(T,)`` is its time in ms, or what `axis` says of a mode. `units` has one word a
+    component. `afferents` are the classes that sit at the nodes, where these are known.
+    """
+
+    quantity: str
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    nodes: tuple[int, ...]
+    at: FloatArray
+    values: FloatArray
+    keys: IntArray
+    axis: str = TIME
+    afferents: tuple[str | None, ...] = ()
+
+    @property
+    def over_time(self) -> bool:
+        """Whether rows are of times, not modes."""
+        return self.axis == TIME
+
+    @property
+    def dt_ms(self) -> float | None:
+        """The step of an even time axis; None of any other."""
+        if not self.over_time or self.at.size < 2:
+            return None
+        dt_ms, odd = mean_step(self.at)
+        return dt_ms if odd is None else None
+
+    @property
+    def uneven(self) -> bool:
+        """Whether resampling would make an even time axis of it."""
+        rising = self.over_time and self.at.size > 1 and bool((np.diff(self.at) > 0).all())
+        return rising and self.dt_ms is None
+
+    @property
+    def form(self) -> str:
+        """What the rows are, in words."""
+        count, at = self.at.size, self.at
+        if not self.over_time:
+            span = f"{at[0]:g} to {at[-1]:g}" if count > 1 else f"{at[0]:g}"
+            return f"{count} mode{'s' * (count > 1)}, {self.axis} {span}"
+        if count == 1:
+            return f"one increment, at {at[0]:g} ms"
+        span = f"{count} increments, {at.min():g} to {at.max():g} ms"
+        if self.dt_ms is not None:
+            return f"{at[0]:g} to {at[-1]:g} ms every {self.dt_ms:g} ms"
+        steps_ms = np.diff(at)
+        if (back := np.flatnonzero(steps_ms <= 0)).size:
+            row = int(back[0]) + 1
+            return f"{span}; times do not rise: {at[row]:g} ms comes after {at[row - 1]:g} ms"
+        if steps_ms.size > 1 and np.ptp(steps_ms[:-1]) <= STEP_TOLERANCE * steps_ms[0]:
+            return f"{span}, every {steps_ms[0]:g} ms, the last after {steps_ms[-1]:g} ms"
+        return f"{span}, uneven: {steps_ms.min():g} to {steps_ms.max():g} ms apart"
+
+    @property
+    def resample_ms(self) -> float:
+        """A step to resample with: an encoder's, or of a shorter history a twentieth or less."""
+        span_ms = float(np.ptp(self.at))
+        return 0.5 if span_ms >= 1.0 else float(10.0 ** np.floor(np.log10(span_ms / 10.0)))
+
+    def peaks(self) -> list[tuple[str, float]]:
+        """By node the column with the value that is largest without its sign, and that value."""
+        names = column_names(self.components, self.units)
+        flat = np.nan_to_num(self.values.transpose(1, 0, 2)).reshape(len(self.nodes), -1)
+        places = np.abs(flat).argmax(axis=1)
+        return [
+            (names[place % len(names)], float(flat[row, place]))
+            for row, place in enumerate(places.tolist())
+        ]
+
+    def derived(self, word: str) -> "History":
+        """The quantity `word` that follows from a stress tensor."""
+        if word not in OF_STRESS or word == self.quantity:
+            return self
+        if not set(TENSOR_COMPONENTS) <= set(self.components):
+            raise UsageError(
+                f"{word} takes a stress tensor, {self.quantity} has {', '.join(self.components)}"
+            )
+        function, components = OF_STRESS[word]
+        with np.errstate(over="ignore", invalid="ignore"):
+            columns = [self.components.index(one) for one in TENSOR_COMPONENTS]
+            values = function(np.nan_to_num(self.values[:, :, columns]))
+        values[np.isnan(self.values).any(axis=-1)] = np.nan
+        units = ("Pa",) * len(components)
+        return replace(self, quantity=word, components=components, units=units, values=values)
+
+    def resampled(self, dt_ms: float, log: Callable[[str], None] | None = None) -> "History":
+        """Every `dt_ms` by PCHIP, see `fembridge.trace.resample`."""
+        if not self.over_time:
+            raise UsageError(f"modes ({self.axis}) cannot be resampled over time")
+        if np.isnan(self.values).any():
+            raise UsageError("nodes that some outputs lack cannot be resampled: name nodes")
+        at, values = resample(self.at, self.values, dt_ms, log)
+        return replace(self, at=at, values=values, keys=np.empty((0, 2), dtype=np.int64))
+
+    def from_start(self, start_ms: float, slack_ms: float) -> "History":
+        """The rows from `start_ms` on; those of time 0 are stress-free, if it has none."""
+        kept = self.at >= start_ms - slack_ms
+        at, values = self.at[kept], self.values[kept]
+        if start_ms == 0.0 and at.size and at[0] > slack_ms:
+            at = np.concatenate([[0.0], at])
+            values = np.concatenate([np.zeros_like(values[:1]), values])
+        return replace(self, at=at, values=values)
+
+    def trace(self, row: int, path: Path) -> StressTrace:
+        """Von Mises stress of the node at `row`, on an even grid."""
+        samples = np.stack([self.at, self.values[:, row, 0]], -1)
+        afferent = self.afferents[row] if self.afferents else None
+        return StressTrace.on_grid(self.nodes[row], samples, path, afferent)
+
+    def columns(self) -> dict[str, Any]:
+        """A long table by column, node by node: units in the names, von Mises as traces have it."""
+        rows, count = self.at.size, len(self.nodes)
+        held = ~np.isnan(self.values).all(axis=2).T  # (node, T)
+        table: dict[str, Any] = {}
+
+        def add(name: str, values: Any) -> None:  # noqa: ANN401 - of (T,) or (node, 1)
+            table[name] = np.broadcast_to(values, (count, rows))[held]
+
+        steps, numbers = self.keys.T
+        if not self.over_time:
+            add("step", steps)
+            add("mode", numbers)
+        add(_AXES.get(self.axis, "number"), self.at)
+        if self.over_time:
+            classes = self.afferents or (None,) * count
+            add("afferent", np.array([one or "" for one in classes], dtype=object)[:, None])
+        add("node", np.array(self.nodes, dtype=np.int64)[:, None])
+        if self.over_time and self.quantity != VON_MISES and steps.size:
+            add("step", steps)
+            add("increment", numbers)
+        for column, name in enumerate(column_names(self.components, self.units)):
+            add(name, self.values[:, :, column].T)
+        return table
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """The table as a DataFrame."""
+        import pandas
+
+        return pandas.DataFrame(self.columns())
+
+
+def column_names(components: Sequence[str], units: Sequence[str]) -> list[str]:
+    """A name for each component that carries its unit: ``sxx_pa``."""
+    names = []
+    for component, unit in zip(components, units, strict=True):
+        word = _UNIT_WORDS.get(unit, unit.lower())
+        plain = re.sub(r"\W+", "_", component.lower()).strip("_")
+        names.append(f"{plain}_{word}" if word else plain)
+    return names
+
+
+def name_in(held: Sequence[str], word: str, path: Path) -> str:
+    """The name among those of a file that `word` stands for, case-blind and as short as is clear.
+
+    Raises
+    ------
+    ResultError
+        The file has none, or `word` may be several.
+    """
+    wanted = STRESS if word in OF_STRESS else word
+    plain = {name: name.casefold() for name in held}
+    for one in (*NAMES.get(wanted.casefold(), ()), wanted):
+        if same := [name for name in held if plain[name] == one.casefold()]:
+            return same[0]
+    close = [name for name in held if plain[name].startswith(wanted.casefold())]
+    if len(close) == 1:
+        return close[0]
+    what = f"{word!r} may be {' or '.join(close)}" if close else f"no {word} in it"
+    raise ResultError(f"{what}; it holds {', '.join(held) or 'nothing'}", path)
+
+
+def word_of(name: str) -> str:
+    """The word for a file's `name` of a quantity; the name itself where there is none."""
+    return next((word for word, names in NAMES.items() if name in names), name)
+
+
+def one_axis(name: str, axes: Sequence[str], modes: bool, options: ReadOptions) -> str:
+    """The axis to take of those of the outputs of `name`: time, or `modes`; the others are noted.
+
+    Raises
+    ------
+    ResultError
+        There are no modes.
+    """
+    counts = Counter(axes)
+    others = [axis for axis in counts if axis != TIME]
+    if modes and not others:
+        raise UsageError(f"no modes of {name} in it, it is over time: without --modes")
+    axis = others[0] if others and (modes or TIME not in counts) else TIME
+    for left in counts.keys() - {axis}:
+        words = f"left out: {counts[left]} outputs of {name} over {left}"
+        take = "; --modes (modes=True) takes them" if axis == TIME else ""
+        options.note(words + take)
+    return axis
+
+
+def of_traces(traces: Sequence[StressTrace]) -> History:
+    """The history of `traces`, which are on one grid."""
+    first = traces[0]
+    return History(
+        quantity=VON_MISES,
+        components=OF_STRESS[VON_MISES][1],
+        units=("Pa",),
+        nodes=tuple(trace.node for trace in traces),
+        at=first.times_ms,
+        values=np.stack([trace.stress_pa for trace in traces], 1)[..., None],
+        keys=np.empty((0, 2), dtype=np.int64),
+        afferents=tuple(trace.afferent for trace in traces),
+    )
