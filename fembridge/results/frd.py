@@ -659,7 +659,11 @@ def outputs_of(index: FrdIndex, options: ReadOptions) -> list[Output]:
             options.note(f"dropped step {last[0]}, increment {last[1]}: not converged")
             outputs.pop()
     if not outputs:
-        raise ResultError("no whole, converged increment in it", file.path)
+        words = "no whole, converged increment in it"
+        if not index.blocks:  # and yet it ended well
+            words = "a mesh and no results: the deck has no *NODE FILE or *EL FILE; its prints, "
+            words += f"where it asks for any, are in {file.path.stem}.dat"
+        raise ResultError(words, file.path)
     return outputs
 
 
