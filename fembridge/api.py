@@ -418,18 +418,16 @@ def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = No
     >>> import fembridge as fb
     >>> figure = fb.plot(fb.touch(press_um=200, population="one_each"))
     """
+    from fembridge.plots.pad import PICTURES
     from fembridge.simulation import Simulation
     from fembridge.touching.touch import Touch
 
     if isinstance(result, Simulation):
         return result.plot(picture or "raster")
     if isinstance(result, Touch):
-        from fembridge.plots.pad import pad_figure, unit_raster_figure
-
-        pictures = {"pad": pad_figure, "raster": unit_raster_figure}
-        if (picture or "pad") not in pictures:
-            raise UsageError(f"picture {picture!r} of a touch, expected {' or '.join(pictures)}")
-        return pictures[picture or "pad"](result)
+        if (picture or "pad") not in PICTURES:
+            raise UsageError(f"picture {picture!r} of a touch, expected {' or '.join(PICTURES)}")
+        return PICTURES[picture or "pad"](result)
     if picture:
         raise UsageError(f"picture {picture!r}: of a receptive field there is but one")
     from fembridge.plots.field import field_figure

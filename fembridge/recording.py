@@ -82,9 +82,9 @@ class Recording:
 
         A touch has a trial a repeat; a simulation a trial a stimulus, and a unit a cell.
         """
-        from fembridge.simulation import Simulation
+        from fembridge.touching.touch import Touch
 
-        if isinstance(result, Simulation):
+        if not isinstance(result, Touch):
             nodes = {str(trace.afferent): trace.node for trace in result.traces[0]}
             depth_um = np.stack([one.displacement_um for one in result.stimuli])
             first = result.stimuli[0]

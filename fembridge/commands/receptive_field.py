@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Map the fields; the summary holds areas and thresholds."""
     import pandas
 
-    from fembridge.api import plot
+    from fembridge.plots.field import field_figure
     from fembridge.plots.style import save_figure
     from fembridge.store import write_text
     from fembridge.touching.field import receptive_field
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             ),
         )
         fields.append(field)
-        save_figure(plot(field), output / f"field_{name}.png")
+        save_figure(field_figure(field), output / f"field_{name}.png")
     areas = pandas.concat([field.areas for field in fields], ignore_index=True)
     maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
     write_text(output / "areas.csv", areas.to_csv(index=False))

@@ -45,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--angle-deg", type=float, default=0.0, help="how far it is turned")
     what.add_argument("--pixel-mm", type=float, metavar="MM", help="of a height map")
     what.add_argument(
-        "--relief-mm", type=float, metavar="MM", help="white over black in a picture (default: 0.5)"
+        "--relief-mm",
+        type=float,
+        metavar="MM",
+        help="white over black in a picture, negative: black over white (default: 0.5)",
     )
     what.add_argument("--friction", type=float, default=0.4, help="while it slides (default: 0.4)")
     what.add_argument(
@@ -112,9 +115,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     import sys
 
-    from fembridge.api import plot
     from fembridge.errors import UsageError
-    from fembridge.recording import Recording, export
     from fembridge.touching.touch import touch
 
     if args.seed < 0:
@@ -127,12 +128,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if note := result.origin.get("note"):
         print(note, file=sys.stderr)
     output = Path(args.output)
-    files = [*result.write(output), *export(Recording.of(result), output, args.export)]
+    files = result.write(output)
+    if args.export:
+        from fembridge.recording import Recording, export
+
+        files += export(Recording.of(result), output, args.export)
     if not args.no_plot:
+        from fembridge.plots.pad import PICTURES
         from fembridge.plots.style import save_figure
 
-        for picture in ("pad", "raster"):
-            save_figure(plot(result, picture), output / f"{picture}.png")
+        for picture, draw in PICTURES.items():
+            save_figure(draw(result), output / f"{picture}.png")
             files.append(f"{picture}.png")
     if args.animate:
         from fembridge.plots.pad_movie import write_movie

@@ -126,6 +126,10 @@ def unit_raster_figure(touch: Touch) -> "Figure":
     return figure
 
 
+PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
+"""Pictures of a touch by their names."""
+
+
 def view_mm(touch: Touch) -> tuple[float, float]:
     """Half width and half length of what is shown: units and contact."""
     across = [np.abs(touch.population.x_mm).max(), np.abs(touch.nodes.x_mm).max(initial=1.0)]

@@ -248,10 +248,18 @@ class Shape:
         return cls(name, height)
 
     @classmethod
-    def read(cls, path: Path | str, pixel_mm: float, relief_mm: float = 0.5) -> "Shape":
+    def read(
+        cls,
+        path: Path | str,
+        pixel_mm: float,
+        relief_mm: float = 0.5,
+        log: Callable[[str], None] = lambda line: None,
+    ) -> "Shape":
         """A height map: a picture, white raised by `relief_mm` over black, or a CSV in mm.
 
-        A CSV holds a height a pixel, rows from the tip down, empty where there is a hole.
+        With a negative `relief_mm` black is raised over white. What is transparent is low;
+        where all that is drawn has one colour, it is raised. A CSV holds a height a pixel,
+        rows from the tip down, empty where there is a hole.
 
         Raises
         ------
@@ -265,7 +273,7 @@ class Shape:
             raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
         if path.suffix.lower() in (".csv", ".txt"):
             return cls.of_grid(_table(path, content), pixel_mm, path.name)
-        _check(relief_mm=relief_mm)
+        _check(relief_mm=abs(relief_mm))
         import io
 
         from matplotlib.image import imread
@@ -277,13 +285,21 @@ class Shape:
                 f"{path}: not a picture of heights: {error}; expected .png or .csv"
             ) from error
         grey = picture.astype(np.float64) / (255.0 if picture.dtype == np.uint8 else 1.0)
-        if grey.ndim == 3:
-            solid = grey[..., 3] if grey.shape[2] in (2, 4) else 1.0
-            colour = grey[..., :3] @ (0.299, 0.587, 0.114) if grey.shape[2] > 2 else grey[..., 0]
-            grey = colour * solid
-        if np.ptp(grey) == 0:
+        solid = grey[..., 3] if grey.ndim == 3 and grey.shape[2] == 4 else np.ones(grey.shape[:2])
+        light = grey if grey.ndim == 2 else grey[..., :3] @ (0.299, 0.587, 0.114)
+        drawn = light[solid > 0.5]
+        if drawn.size and np.ptp(drawn) == 0:
+            light = np.full_like(light, float(relief_mm > 0))
+        raised = (light if relief_mm > 0 else 1.0 - light) * solid
+        if np.ptp(raised) == 0:
             raise UsageError(f"{path}: one grey all over, expected white where it is raised")
-        return cls.of_grid(relief_mm * grey, pixel_mm, path.name)
+        rim = np.concatenate([raised[[0, -1]].ravel(), raised[:, [0, -1]].ravel()])
+        if np.median(rim) > 0.5 * raised.max():
+            log(
+                f"{path.name}: its rim is raised, a plate with holes; --relief-mm {-relief_mm:g} "
+                f"raises {'dark' if relief_mm > 0 else 'light'} parts instead"
+            )
+        return cls.of_grid(abs(relief_mm) * raised, pixel_mm, path.name)
 
 
 SHAPES: Mapping[str, Callable[..., Shape]] = {
@@ -295,7 +311,12 @@ SHAPES: Mapping[str, Callable[..., Shape]] = {
 }  # fmt: skip
 
 
-def shape_named(word: str, pixel_mm: float | None = None, relief_mm: float | None = None) -> Shape:
+def shape_named(
+    word: str,
+    pixel_mm: float | None = None,
+    relief_mm: float | None = None,
+    log: Callable[[str], None] = lambda line: None,
+) -> Shape:
     """The shape of a word such as ``sphere:diameter_mm=4``, or of a file of heights.
 
     Raises
@@ -309,7 +330,7 @@ def shape_named(word: str, pixel_mm: float | None = None, relief_mm: float | Non
         if path.suffix or path.exists():
             if pixel_mm is None:
                 raise UsageError(f"{word}: give the size of a pixel, --pixel-mm")
-            return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm)
+            return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, log)
         raise UsageError(
             f"shape {name!r}, expected {', '.join(SHAPES)} or a file .png or .csv"
             + near_hint(name, SHAPES)

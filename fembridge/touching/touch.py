@@ -239,7 +239,7 @@ def touch(
         array = Pins.read(pins, preindent_um=depth_um)
         return touch_pins(skin, array, units, chosen.parameters, **common)
     if not isinstance(shape, Shape):
-        shape = shape_named(shape, pixel_mm, relief_mm)
+        shape = shape_named(shape, pixel_mm, relief_mm, log)
     shape = shape.turned(angle_deg).moved(*at_mm)
     way = way_of(
         stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,

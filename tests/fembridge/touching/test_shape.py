@@ -91,3 +91,27 @@ def test_words_name_the_sizes_of_a_shape():
     assert_allclose(heights(shape_named("bar:width_mm=2,length_mm=3"), (1.4, 0.9)), [0])
     assert shape_named("letters:text=Ab,size_mm=4").name == "letters 'Ab'"
     assert heights(shape_named("letters:text=I,size_mm=4"), (0, 0), (0, 1.5)).max() == 0
+
+
+def test_a_drawing_works_at_the_first_try_in_ink_on_paper_and_on_nothing(tmp_path):
+    """The same dot: white on black, black on white, and in ink on a transparent sheet."""
+    from matplotlib.image import imsave
+
+    dot = np.zeros((40, 40))
+    dot[15:25, 15:25] = 1.0
+    ink = np.zeros((40, 40, 4))
+    ink[..., 3] = dot
+    imsave(tmp_path / "chalk.png", dot, cmap="gray")
+    imsave(tmp_path / "paper.png", 1 - dot, cmap="gray")
+    imsave(tmp_path / "nothing.png", ink)
+    said = []
+    chalk, paper, nothing = (
+        Shape.read(tmp_path / f"{name}.png", 0.1, relief, said.append)
+        for name, relief in (("chalk", 0.5), ("paper", -0.5), ("nothing", 0.5))
+    )
+    assert not said
+    x, z = np.meshgrid(np.linspace(-1.9, 1.9, 30), np.linspace(-1.9, 1.9, 30))
+    assert_allclose(paper.height_mm(x, z), chalk.height_mm(x, z))
+    assert_allclose(nothing.height_mm(x, z), chalk.height_mm(x, z))
+    Shape.read(tmp_path / "paper.png", 0.1, 0.5, said.append)
+    assert "--relief-mm -0.5" in said[0]
