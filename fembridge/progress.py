@@ -1,4 +1,4 @@
-"""Bars on a terminal: one line each with a name, a share and words; all go at the end."""
+"""How far it is: bars on a terminal, which go at the end, and elsewhere a line now and then."""
 
 import sys
 import threading
@@ -12,20 +12,27 @@ if TYPE_CHECKING:
     import rich.progress
 
 PATIENCE_S = 2.0
+# Of a batch system's log: how long nothing is written about a run.
+QUIET_S = 30.0
 LONGEST_NAME = 28
 
 
 class Bars:
-    """Bars on stderr, from `patience_s` on; nothing where there is no terminal.
+    """Bars on stderr, from `patience_s` on; without a terminal a line each `quiet_s`.
 
     A context manager. Calls may come from several threads. rich is imported when the
     first bar is due.
     """
 
-    def __init__(self, patience_s: float = PATIENCE_S, *, shows: bool = True) -> None:
+    def __init__(
+        self, patience_s: float = PATIENCE_S, *, quiet_s: float = QUIET_S, shows: bool = True
+    ) -> None:
         self.on_terminal = shows and sys.stderr.isatty()
-        self._shows = self.on_terminal
-        self._due_s = perf_counter() + patience_s
+        self._shows = shows
+        self._quiet_s = quiet_s
+        self._begin_s = perf_counter()
+        self._due_s = self._begin_s + patience_s
+        self._line_s: dict[str, float] = {}
         self._lock = threading.Lock()
         self._bars: rich.progress.Progress | None = None
         self._rows: dict[str, rich.progress.TaskID] = {}
@@ -42,7 +49,13 @@ class Bars:
     def show(self, name: str, share: float, words: str = "") -> None:
         """Move the bar `name` to `share`, 0 to 1; a new one where there is none."""
         with self._lock:
-            if not self._shows or perf_counter() < self._due_s:
+            now_s = perf_counter()
+            if not self._shows or now_s < self._due_s:
+                return
+            if not self.on_terminal:
+                if now_s >= self._line_s.get(name, self._begin_s) + self._quiet_s:
+                    self._line_s[name] = now_s
+                    self.print(f"{name}: {share:.0%}{words and ', '}{words}")
                 return
             if self._bars is None:
                 self._bars = _start()

@@ -19,7 +19,7 @@ from decks.analysis import Contact, Model
 from decks.presets import PRESETS, finger_id, finger_table
 from fembridge import __version__
 from fembridge.build import stimulus_inputs
-from fembridge.errors import MissingError, ResponseError, TraceError, UsageError
+from fembridge.errors import FembridgeError, MissingError, ResponseError, TraceError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import ResponseMap, reading_energy, stored_response
 from fembridge.response.solve import (
@@ -32,7 +32,7 @@ from fembridge.response.solve import (
 from fembridge.response.transients import RESPONSE_FOLDER, check_cost, solve_transients
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, replacing, write_text
+from fembridge.store import filling, read_toml, remove_file, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
@@ -139,6 +139,10 @@ class Simulation:
             return np.pad(samples, (0, most - samples.size), constant_values=np.nan)
 
         stress_pa = [[padded(trace.stress_pa) for trace in row] for row in self.traces]
+        record = {**self.origin, "stimuli": stimuli}
+        response = record.get("response")
+        finger = response.get("finger") if isinstance(response, Mapping) else None
+        old_finger = not isinstance(finger, Mapping) and _has_finger(Path(folder))
         with filling(Path(folder), last=RECORD_FILE) as draft:
             with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
                 np.savez(
@@ -151,17 +155,26 @@ class Simulation:
                 )
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.mean_rates)
-            record = {**self.origin, "stimuli": stimuli}
-            response = record.get("response")
-            if isinstance(response, Mapping) and isinstance(response.get("finger"), Mapping):
-                write_text(draft / FINGER_FILE, tomli_w.dumps(response["finger"]))
-                name = response["finger"].get("name", "")
-                record["response"] = {**response, "finger": name, "finger_file": FINGER_FILE}
+            if isinstance(response, Mapping) and isinstance(finger, Mapping):
+                write_text(draft / FINGER_FILE, tomli_w.dumps(finger))
+                names = {"finger": finger.get("name", ""), "finger_file": FINGER_FILE}
+                record["response"] = {**response, **names}
             write_text(draft / RECORD_FILE, tomli_w.dumps(record))
             if plot:
                 from fembridge.plots.style import save_figure
 
                 save_figure(self.plot(), draft / RASTER_FILE)
+        if old_finger:
+            remove_file(Path(folder) / FINGER_FILE)
+
+
+def _has_finger(folder: Path) -> bool:
+    """Whether an earlier simulation left the file of its finger in `folder`."""
+    try:
+        response = read_toml(folder / RECORD_FILE, FembridgeError).get("response")
+    except FembridgeError:
+        return False
+    return isinstance(response, dict) and response.get("finger_file") == FINGER_FILE
 
 
 def simulate(

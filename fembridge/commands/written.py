@@ -63,6 +63,24 @@ _UNITS = _columns(
     ("deviate", "", "q: the unit needs exp(spread q) times the stress of the median"),
 )
 
+_EFFECT = (
+    ("parameter", "", "what was varied, such as skin.dermis_mm"),
+    ("low", "in the parameter", "its low end"),
+    ("base", "in the parameter", "its value in the base"),
+    ("high", "in the parameter", "its high end"),
+    _AFFERENT,
+    ("quantity", "", "rate_ips or peak_stress_pa"),
+    ("stimuli", "", "the set whose mean it is, or all"),
+)
+
+
+def _of_increment_and_job(*counts: tuple[str, str]) -> list[tuple[str, str, str]]:
+    return [
+        *((name, "", f"{words} of the increment") for name, words in counts),
+        *((f"total_{name}", "", f"{words} since the job began") for name, words in counts),
+    ]
+
+
 _AMPLITUDE = ("amplitude_um", "um", "amplitude of the sinusoid, zero to peak")
 
 _SPIKES = _columns(_STIMULUS, _AFFERENT, _REPEAT, _SPIKE_TIME)
@@ -190,7 +208,24 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
                 ("temperature_correction_percent", "%", "the same of a temperature"),
             ),
         ),
-        Output("NAME_sts.csv", "increments of Marc; times in ms, counts else"),
+        Output(
+            "NAME_sts.csv",
+            "increments of Marc",
+            _columns(
+                ("load_case", "", "load case of the job"),
+                _INCREMENT,
+                *_of_increment_and_job(
+                    ("cycles", "iterations"),
+                    ("separations", "separations of contact"),
+                    ("cut_backs", "cut-backs"),
+                ),
+                ("remeshings", "", "remeshings"),
+                ("increment_time_ms", "ms", "length of the increment"),
+                ("total_time_ms", "ms", "time since the job began"),
+                ("displacement_min_mm", "mm", "least length of a displacement"),
+                ("displacement_max_mm", "mm", "greatest length of one"),
+            ),
+        ),
         Output("NAME_plot.csv", "a plot saved from Mentat, number by number, units as there"),
         Output("FOLDER/*.vtu, *.pvd", "every increment for ParaView (--vtu); Pa and mm"),
     ),
@@ -488,8 +523,39 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
     ),
     "plot": (
         Output("PICTURE.png", "the picture; the suffix of -o chooses the format"),
-        Output("--table FILE", "sensitivity: effects, a row a parameter, answer and set"),
-        Output("--fingers FILE.csv", "sensitivity: a row a finger, parameters and mean answers"),
+        Output(
+            "--table FILE",
+            "sensitivity: of one parameter at a time the effects, a row a parameter and answer",
+            _columns(
+                *_EFFECT,
+                ("at_low", "unit of quantity", "answer at the low end"),
+                ("at_base", "unit of quantity", "answer of the base"),
+                ("at_high", "unit of quantity", "answer at the high end"),
+                ("change", "unit of quantity", "at_high less at_low"),
+                ("change_percent", "%", "of the answer of the base"),
+                ("monotone", "", "yes where the answer goes one way"),
+            ),
+        ),
+        Output(
+            "--table FILE of drawn fingers",
+            "sensitivity: the regression, a row a parameter and answer",
+            _columns(
+                *(row for row in _EFFECT if row[0] != "base"),
+                ("coefficient", "", "standardised: standard deviations of the answer for one"),
+                ("low_95", "", "lower end of its interval of 95 %"),
+                ("high_95", "", "upper end"),
+                ("r_squared", "", "of the regression of this answer on all parameters"),
+                ("adjusted_r_squared", "", "the same, for the number of parameters"),
+            ),
+        ),
+        Output(
+            "--fingers FILE.csv",
+            "sensitivity: a row a finger",
+            _columns(
+                ("<parameter>", "in the name", "what differs between fingers"),
+                ("<class>:<quantity>:<set>", "in the name", "mean answer: SA:rate_ips:sine_20"),
+            ),
+        ),
     ),
 }  # fmt: skip
 """By verb; one that is not here writes no file."""

@@ -99,7 +99,23 @@ def test_the_first_seconds_show_nothing_and_after_the_end_nothing_comes(terminal
     assert stream.getvalue() == ""
 
 
-def test_where_there_is_no_terminal_nothing_is_shown(capsys):
+def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monkeypatch):
+    clock_s = [0.0]
+    monkeypatch.setattr("fembridge.progress.perf_counter", lambda: clock_s[0])
+    with SolverBars() as bars, SolverBars(shows=False) as silent:
+        for clock_s[0] in range(100):
+            bars(progress(elapsed_s=clock_s[0], increment=5 * clock_s[0]))
+            silent(progress(elapsed_s=clock_s[0]))
+        bars(progress(folder="runs/next"))
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == [
+        *("runs/sine_20_250: 30%", "runs/sine_20_250: 60%", "runs/sine_20_250: 90%"),
+        "runs/next: 1%",
+    ]
+    assert lines[0].endswith("150/500 increments, 17 iterations, 1:10 left")
+
+
+def test_what_ends_soon_gets_no_line_without_a_terminal(capsys):
     with SolverBars(0) as bars:
         bars(progress())
     assert capsys.readouterr().err == ""

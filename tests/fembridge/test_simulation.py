@@ -69,6 +69,22 @@ def test_windows_may_differ_from_stimulus_to_stimulus():
     assert inside.any()
 
 
+@pytest.mark.parametrize("mine", [False, True])
+def test_the_finger_of_an_earlier_simulation_goes_and_one_of_ones_own_stays(
+    tmp_path, simulation, mine
+):
+    if mine:
+        (tmp_path / "finger.toml").write_text("base = 'quick'\n", encoding="utf-8")
+    else:
+        finger = {"response": {"finger": {"name": "quick"}}}
+        dataclasses.replace(simulation, origin=finger).write(tmp_path)
+        assert (tmp_path / "finger.toml").exists()
+
+    simulation.write(tmp_path)  # no response, no finger
+
+    assert (tmp_path / "finger.toml").exists() == mine
+
+
 def test_the_files_hold_the_simulation(tmp_path, simulation):
     simulation.write(tmp_path / "out")
 

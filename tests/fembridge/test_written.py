@@ -47,6 +47,10 @@ def here(tmp_path, monkeypatch):
 
 SIMULATE = ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o", "out"]
 RUN = str(QUICK)
+INTERFACE = str(ROOT / "fixtures/frd_samples/interface_cpe8r.frd")
+SWEPT = ROOT / "docs/studies"
+SENSITIVITY = ["plot", "sensitivity", "-o", "out/a.png", "--table", "out/t.csv"]
+SENSITIVITY += ["--fingers", "out/f.csv"]
 FRD = str(QUICK / "job.frd")
 FIT = ["fit", "--observed", "observed.csv", "--evaluations", "20", "--population", "4", "-o", "out"]
 TABLES = [
@@ -65,6 +69,23 @@ TABLES = [
     *(
         (["ingest", str(QUICK / f"job.{kind}"), "-o", "out/a.csv"], "a.csv", f"NAME_{kind}.csv")
         for kind in ("dat", "sta", "cvg")
+    ),
+    (
+        ["ingest", INTERFACE, "--node", "23", "--one-sided", "EALL", "-o", "out/a.csv"],
+        "a.csv",
+        "NAME_sides.csv",
+    ),
+    (
+        ["ingest", str(ROOT / "fixtures/marc_samples/nour_plastic.sts"), "-o", "out/a.csv"],
+        "a.csv",
+        "NAME_sts.csv",
+    ),
+    ([*SENSITIVITY, str(SWEPT / "sensitivity_one_at_a_time.csv")], "t.csv", "--table FILE"),
+    ([*SENSITIVITY, str(SWEPT / "sensitivity_one_at_a_time.csv")], "f.csv", "--fingers FILE.csv"),
+    (
+        [*SENSITIVITY, str(SWEPT / "sensitivity_hypercube.csv")],
+        "t.csv",
+        "--table FILE of drawn fingers",
     ),
     (SIMULATE, "rates.csv", "rates.csv"),
     (SIMULATE, "spikes.csv", "spikes.csv"),
