@@ -134,6 +134,21 @@ def pyvista_last_step(path: Path, held: Held) -> Task:
     return task
 
 
+def ours_conversion(path: Path, held: Held) -> Task:
+    """``fembridge.write_vtu_series`` with what ccx2paraview derives, too."""
+    import fembridge
+
+    def task() -> Answer:
+        with tempfile.TemporaryDirectory() as folder:
+            fembridge.write_vtu_series(path, folder, derived=("von_mises", "principal"))
+            found = len(list(Path(folder).glob("*.vtu")))
+        if found != increments_in(path, held):
+            raise ValueError(f"{path}: {found} .vtu files")
+        return []
+
+    return task
+
+
 def ccx2paraview_conversion(path: Path, held: Held) -> Task:
     """Convert all increments to ``.vtu``, in a folder that is removed after."""
     import logging
@@ -205,6 +220,7 @@ JOBS = {
         one_increment=True,
         **PYVISTA,
     ),
+    "convert": Job("fembridge", "all to .vtu", "short", ours_conversion),
     "convert_ccx2paraview": Job(
         "ccx2paraview", "all to .vtu", "short", ccx2paraview_conversion, **CCX2PARAVIEW
     ),

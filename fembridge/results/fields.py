@@ -24,6 +24,7 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 Key = tuple[int, int]  # step and increment
 
 LAST = "last"
+VERTEX = "vertex"  # kind of a cell that is a node alone
 FIELD_SUFFIXES = (".npz", ".csv")
 _INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
 
@@ -115,7 +116,8 @@ class Scene:
 class Frame:
     """One increment: `time_ms`, or the value of its axis, and values at the points.
 
-    Each of `values` is ``(P,)`` or ``(P, component)``, NaN where there is none.
+    Each of `values` is ``(P,)`` or ``(P, component)``, NaN where there is none; its name
+    carries the unit, as `arrays_of` makes it.
     """
 
     time_ms: float
@@ -336,6 +338,16 @@ def write_field(path: Path, field: Field) -> None:
 def column_names(field: Field) -> list[str]:
     """A name for each component that carries its unit: ``sxx_pa``."""
     return history.column_names(field.components, field.units)
+
+
+def arrays_of(field: Field) -> dict[str, FloatArray]:
+    """`field` as arrays whose names carry the unit; of several units one a component."""
+    if len(set(field.units)) == 1:
+        word = _UNIT_WORDS.get(field.units[0], field.units[0].lower())
+        values = field.values[:, 0] if len(field.units) == 1 else field.values
+        return {f"{field.name}_{word}" if word else field.name: values}
+    columns = zip(column_names(field), field.values.T, strict=True)
+    return {f"{field.name}_{name}": column for name, column in columns}
 
 
 def rows_of(wanted: IntArray, held: IntArray) -> IntArray:

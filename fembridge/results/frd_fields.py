@@ -19,11 +19,13 @@ import numpy as np
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
+    VERTEX,
     Field,
     Frame,
     Key,
     Scene,
     SceneCells,
+    arrays_of,
     history_of,
     rows_of,
     spread,
@@ -32,6 +34,7 @@ from fembridge.results.frd import (
     COMPONENTS,
     NODES_OF_TYPE,
     STRESS,
+    UNKNOWN_MATERIAL,
     FrdBlock,
     FrdIndex,
     MeshBlock,
@@ -283,7 +286,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         outputs = outputs_of(index, options)
         if quantities is not None:
             outputs = having(index, outputs, quantities, options)
-        scene = _mesh(index, options.length_mm)
+        scene = self._drawn(outputs, _mesh(index, options.length_mm))
         between = int((scene.met > 1).sum())
         if between:
             options.note(
@@ -292,6 +295,40 @@ class FrdSource(AbstractContextManager["FrdSource"]):
                 "to none"
             )
         return self._frames(outputs, scene, derived)
+
+    def _drawn(self, outputs: Sequence[Output], scene: Scene) -> Scene:
+        """`scene`; or its nodes that have values alone, where no element has them at all nodes.
+
+        What is left out, or has no value, is noted once for the file.
+        """
+        blocks: dict[tuple[str, int], FrdBlock] = {}
+        for output in outputs:
+            for name, one in output.items():
+                blocks.setdefault((name, one.records), one)
+        held = {key: node_ids(self._file, one) for key, one in blocks.items() if one.records}
+        every = [np.isin(scene.nodes, ids) for ids in held.values()]
+        there = np.logical_or.reduce([np.zeros(scene.nodes.size, dtype=np.bool_), *every])
+        note, size = self._options.note, scene.nodes.size
+        for block in blocks.values():
+            if not block.records:
+                note(f"left out: {block} has 0 records")
+        for (name, _), ids in held.items():
+            strange = ids[~np.isin(ids, scene.nodes)]
+            if strange.size:
+                note(
+                    f"left out: {name} has {strange.size} nodes that the mesh has not, "
+                    f"{strange[0]} among them"
+                )
+        if there.any() and not any(there[cells.rows].all(axis=1).any() for cells in scene.cells):
+            note(f"values at {there.sum()} of {size} nodes, at no element's all: nodes alone")
+            ids = np.arange(there.sum())
+            cells = SceneCells(VERTEX, ids, np.full(ids.size, UNKNOWN_MATERIAL), ids[:, None])
+            at_mm, nodes, met = scene.points_mm[there], scene.nodes[there], scene.met[there]
+            return Scene(at_mm, nodes, (cells,), met, {})
+        for (name, _), has in zip(held, every, strict=True):
+            if not has.all():
+                note(f"{name} has {has.sum()} of {size} nodes; the others are NaN")
+        return scene
 
     def _frames(
         self, outputs: Sequence[Output], scene: Scene, derived: Sequence[str]
@@ -302,40 +339,30 @@ class FrdSource(AbstractContextManager["FrdSource"]):
                 for name, block in output.items():
                     if block.records:
                         fields[name] = _field(self._file, block, self._options)
-                    else:
-                        self._options.note(f"left out: {block} has 0 records")
             except NotFiniteError as error:
                 _drop(block, error, self._options)
                 continue
             if fields:
                 first = next(iter(output.values()))
                 time = first.value if first.modal else first.time_ms
-                yield Frame(time, scene, self._at_points(fields, scene, derived))
+                yield Frame(time, scene, _at_points(fields, scene, derived))
 
-    def _at_points(
-        self, fields: Mapping[str, Field], scene: Scene, derived: Sequence[str]
-    ) -> dict[str, FloatArray]:
-        """All values of an increment at the nodes of the mesh."""
-        points, rows, size = {}, {}, scene.nodes.size
-        for name, one in fields.items():
-            rows[name] = rows_of(one.nodes, scene.nodes)
-            points[name] = spread(one.values, rows[name], size)
-            held = np.unique(rows[name][rows[name] >= 0]).size
-            where = f"{name} of step {one.step}, increment {one.increment}"
-            if held < size:
-                self._options.note(f"{where} has {held} of {size} nodes; the others are NaN")
-            strange = one.nodes[rows[name] < 0]
-            if strange.size:
-                self._options.note(
-                    f"left out: {where} has {strange.size} nodes that the mesh has not, "
-                    f"{strange[0]} among them"
-                )
-        for name in derived:
-            takes = DERIVED[name][0]
-            if all(quantity in fields for quantity in takes):
-                with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
-                    points[name] = spread(derived_of(name, fields), rows[takes[0]], size)
-        return points
+
+def _at_points(
+    fields: Mapping[str, Field], scene: Scene, derived: Sequence[str]
+) -> dict[str, FloatArray]:
+    """All values of an increment at the nodes of the mesh."""
+    points, size = {}, scene.nodes.size
+    rows = {name: rows_of(one.nodes, scene.nodes) for name, one in fields.items()}
+    for name, one in fields.items():
+        for word, values in arrays_of(one).items():
+            points[word] = spread(values, rows[name], size)
+    for name in derived:
+        takes = DERIVED[name][0]
+        if all(quantity in fields for quantity in takes):
+            with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
+                points[f"{name}_pa"] = spread(derived_of(name, fields), rows[takes[0]], size)
+    return points
 
 
 def _drop(block: FrdBlock, error: NotFiniteError, options: ReadOptions) -> None:

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import Field, Frame, Key, history_of
+from fembridge.results.fields import Field, Frame, Key, arrays_of, history_of
 from fembridge.results.history import (
     FREQUENCY,
     OF_STRESS,
@@ -593,10 +593,6 @@ class MarcSource:
         """
         self._check_whole()
         names = None if quantities is None else [self._name(one) for one in quantities]
-        for name in derived:
-            if (takes := DERIVED[name][0]) != ("STRESS",):
-                words = f"{name} takes {' and '.join(takes)}: of a Marc file it is post code 48"
-                raise UsageError(words)
         every = [self._quantities(one) for one in self._post.increments]
         for name in names or dict.fromkeys(name for held in every for name in held):
             self._note_without(name, [name in held for held in every])
@@ -627,16 +623,17 @@ class MarcSource:
                     raise
                 self._options.note(f"dropped increment {one.increment}: {error.problem}")
                 continue
+            arrays: dict[str, FloatArray] = {}
+            for name, quantity in found.items():
+                arrays |= arrays_of(_field(quantity, one, points.nodes, values[name]))
             best = next((tensors[code] for code in STRESS_CODES if code in tensors), None)
             if best is not None:
                 field = _field(best, one, points.nodes, values[best.name])
                 with np.errstate(over="ignore", invalid="ignore"):
-                    values |= {name: derived_of(name, {"STRESS": field}) for name in derived}
-            flat = {
-                name: value[:, 0] if value.ndim == 2 and value.shape[1] == 1 else value
-                for name, value in values.items()
-            }
-            yield Frame(one.time_s * MS_PER_S, scene, flat)
+                    for name in derived:
+                        if DERIVED[name][0] == ("STRESS",):
+                            arrays[f"{name}_pa"] = derived_of(name, {"STRESS": field})
+            yield Frame(one.time_s * MS_PER_S, scene, arrays)
 
     def _values(self, one: PostIncrement, quantity: Quantity) -> FloatArray:
         """A quantity at all nodes, or of element values at all points of the mesh."""
