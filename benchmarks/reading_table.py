@@ -113,7 +113,7 @@ def report(rounds: Rounds, held: Held, facts: Mapping[str, Any]) -> str:
         "reader in a fresh process, in turn, with the file in the page cache. Where "
         "a cell has three numbers, they are the median, the least and the most. "
         "pyvista-frd-reader and ccx2paraview also derive von Mises and principal "
-        "stress, which our files hold, too; ccx2paraview writes files; neither can be asked not to.",
+        "stress, as our .vtu hold, and ccx2paraview writes files; neither can be asked not to.",
         "; ".join(f"{name} {value}" for name, value in facts.items()) + ".",
     ]
     if size_mb < GOALS_FROM_MB:

@@ -227,7 +227,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
             ),
         ),
         Output("NAME_plot.csv", "a plot saved from Mentat, number by number, units as there"),
-        Output("FOLDER/*.vtu, *.pvd", "every increment for ParaView (--vtu); units in the names of arrays"),
+        Output("FOLDER/*.vtu, *.pvd", "every increment for ParaView (--vtu); units in array names"),
     ),
     "marc-export-script": (Output("FILE", "the script; its table is that of ingest's traces"),),
     "encode": (

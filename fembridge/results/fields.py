@@ -343,9 +343,8 @@ def column_names(field: Field) -> list[str]:
 def arrays_of(field: Field) -> dict[str, FloatArray]:
     """`field` as arrays whose names carry the unit; of several units one a component."""
     if len(set(field.units)) == 1:
-        word = _UNIT_WORDS.get(field.units[0], field.units[0].lower())
         values = field.values[:, 0] if len(field.units) == 1 else field.values
-        return {f"{field.name}_{word}" if word else field.name: values}
+        return {field.name + history.unit_ending(field.units[0]): values}
     columns = zip(column_names(field), field.values.T, strict=True)
     return {f"{field.name}_{name}": column for name, column in columns}
 

@@ -194,10 +194,15 @@ def column_names(components: Sequence[str], units: Sequence[str]) -> list[str]:
     """A name for each component that carries its unit: ``sxx_pa``."""
     names = []
     for component, unit in zip(components, units, strict=True):
-        word = _UNIT_WORDS.get(unit, unit.lower())
         plain = re.sub(r"\W+", "_", component.lower()).strip("_")
-        names.append(f"{plain}_{word}" if word else plain)
+        names.append(plain + unit_ending(unit))
     return names
+
+
+def unit_ending(unit: str) -> str:
+    """What a name ends in to carry `unit`: ``_pa``."""
+    word = _UNIT_WORDS.get(unit, unit.lower())
+    return f"_{word}" if word else ""
 
 
 def name_in(held: Sequence[str], word: str, path: Path) -> str:
