@@ -14,6 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fembridge.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from decks.finger import Finger
     from decks.probe import Probe
@@ -44,8 +46,6 @@ if TYPE_CHECKING:
     from fembridge.touching.touch import touch
     from fembridge.touchsim import touchsim_rates as touchsim_rates
     from fembridge.trace import StressTrace
-
-__version__ = "0.1.0"
 
 __all__ = [
     "FembridgeError",

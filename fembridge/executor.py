@@ -21,7 +21,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, Any
 
-import fembridge
 from fembridge.errors import MissingError, UsageError
 from fembridge.solver.ccx import GRACE_S, signals_as_exits
 
@@ -115,7 +114,7 @@ class LocalExecutor(Executor):
         worker: subprocess.Popen[bytes] | None = getattr(self._own, "worker", None)
         if worker is not None:
             return worker
-        above = str(Path(fembridge.__file__).parents[1])
+        above = str(Path(__file__).parents[1])
         paths = [above, *filter(None, [os.environ.get("PYTHONPATH")])]
         with self._lock:
             if self._stopped:

@@ -12,14 +12,21 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from decks.analysis import Contact, Model
 from decks.presets import PRESETS, finger_id, finger_table
-from fembridge import __version__
 from fembridge.build import stimulus_inputs
-from fembridge.errors import FembridgeError, MissingError, ResponseError, TraceError, UsageError
+from fembridge.errors import (
+    FembridgeError,
+    MissingError,
+    ResponseError,
+    ResultError,
+    TraceError,
+    UsageError,
+)
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import ResponseMap, reading_energy, stored_response
 from fembridge.response.solve import (
@@ -30,12 +37,14 @@ from fembridge.response.solve import (
     why_no_map,
 )
 from fembridge.response.transients import RESPONSE_FOLDER, check_cost, solve_transients
+from fembridge.run_folder import RUN_FILE, read_run_folder, read_waveform
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, remove_file, replacing, write_text
 from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
 from fembridge.trace import STEP_TOLERANCE, StressTrace
 from fembridge.typing import FloatArray, Table
+from fembridge.version import __version__
 from neural import PUBLISHED, Parameters, encode_afferents, encode_cells, mean_rate_ips
 from neural.parameter_sets import ParameterSet, parameters_to_table
 
@@ -52,6 +61,8 @@ RECORD_FILE = "simulation.toml"
 RASTER_FILE = "raster.png"
 FINGER_FILE = "finger.toml"
 PICTURES = ("raster", "psth", "isi", "rates")
+# A file that is asked for is looked for so many folders below; so many are named.
+_DEPTH, _MOST_NAMED = 2, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -442,3 +453,130 @@ def _check_alike(
                     f"{stimulus.id}: {size} samples every {step_ms:g} ms from {start_ms:g} ms, "
                     f"expected {count} every {dt_ms:g} ms from 0 ms"
                 )
+
+
+def find_file(place: Path, names: Sequence[str], made_by: str) -> Path:
+    """`place` itself, or where it is a folder the file in it that has one of `names`.
+
+    The first of `names` that is there; where none is, the only one in folders at most
+    two levels below.
+
+    Raises
+    ------
+    ResultError
+        The folder has none; the message says what is `made_by` which verb.
+    UsageError
+        More than one folder below has one.
+    """
+    if not place.is_dir():
+        return place
+    for name in names:
+        if (place / name).is_file():
+            return place / name
+    for depth in range(1, _DEPTH + 1):
+        below = "*/" * depth
+        found = sorted({one.parent: one for n in names for one in place.glob(below + n)}.values())
+        if len(found) == 1:
+            return found[0]
+        if found:
+            some = ", ".join(str(one) for one in found[:_MOST_NAMED])
+            more = ", ..." if len(found) > _MOST_NAMED else ""
+            raise UsageError(f"{place}: {len(found)} folders in it have one, name it: {some}{more}")
+    raise ResultError(f"no {' or '.join(names)} in this folder: {made_by}", place)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FolderStimuli:
+    """Stimuli as a folder has them, with its file `path`; `traces` and `cells` where known.
+
+    `traces` has those of each stimulus, `cells` how many each class has.
+    """
+
+    path: Path
+    stimuli: tuple[Stimulus, ...]
+    traces: tuple[tuple[StressTrace, ...], ...] = ()
+    cells: Mapping[str, int] = field(default_factory=dict)
+
+    def of(self, stimulus: str) -> Stimulus | None:
+        """The stimulus of that id, None where there is none."""
+        return next((one for one in self.stimuli if one.id == stimulus), None)
+
+    def with_silent(self, trains: Sequence[SpikeTrain]) -> list[SpikeTrain]:
+        """`trains`, and an empty one for each cell that has no row in a table of spikes."""
+        there = {(train.stimulus, train.afferent, train.repeat) for train in trains}
+        silent = [
+            SpikeTrain(stimulus.id, afferent, np.empty(0), repeat)
+            for stimulus in self.stimuli
+            for afferent, count in self.cells.items()
+            for repeat in (range(1, count + 1) if count > 1 else [0])
+            if (stimulus.id, afferent, repeat) not in there
+        ]
+        return [*trains, *silent]
+
+
+def stimuli_in(folder: Path) -> FolderStimuli | None:
+    """Stimuli of a simulation's folder, or of a run folder; None of any other folder.
+
+    Raises
+    ------
+    ResultError
+        A file of the folder is cut short or of another kind.
+    """
+    if (folder / RECORD_FILE).is_file() and (folder / TRACES_FILE).is_file():
+        return _simulation(folder)
+    if (folder / RUN_FILE).is_file():
+        run, (times_ms, depth_um) = read_run_folder(folder), read_waveform(folder)
+        known = run.inputs.get("stimulus", {})
+        try:
+            stimulus = Stimulus(
+                str(known.get("id", folder.name)),
+                depth_um,
+                float(times_ms[1] - times_ms[0]),
+                tuple(known.get("window_ms", times_ms[[0, -1]])),
+                float(known.get("preindent_um", 0.0)),
+                known,
+            )
+        except (AttributeError, TypeError, ValueError, FembridgeError) as error:
+            raise ResultError(f"inputs.stimulus: {error}", folder / RUN_FILE) from error
+        return FolderStimuli(folder / RUN_FILE, (stimulus,))
+    return None
+
+
+def _simulation(folder: Path) -> FolderStimuli:
+    """Waveforms and stress of ``traces.npz``, windows of ``simulation.toml``."""
+    path, record = folder / TRACES_FILE, folder / RECORD_FILE
+
+    def failed(problem: str) -> ResultError:
+        return ResultError(problem.removeprefix(f"{record}: "), record)
+
+    table = read_toml(record, failed)
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            dt_ms, names = float(arrays["dt_ms"]), arrays["stimulus"].tolist()
+            afferents = arrays["afferent"].tolist()
+            depth_um, stress_pa = arrays["displacement_um"], arrays["von_mises_pa"]
+        if (len(names), len(afferents)) != (len(depth_um), stress_pa.shape[-1]):
+            raise ValueError(f"{len(names)} stimuli, {len(depth_um)} waveforms")
+        sizes = [int(np.isfinite(row).sum()) for row in depth_um]  # NaN behind the end
+        traces = tuple(
+            tuple(StressTrace(row[:size, k], dt_ms, 0, name) for k, name in enumerate(afferents))
+            for row, size in zip(stress_pa, sizes, strict=True)
+        )
+    except (OSError, KeyError, ValueError, EOFError, MemoryError, BadZipFile) as error:
+        raise ResultError(f"not as fembridge simulate writes it: {error}", path) from error
+    try:
+        known = [table["stimuli"][name] for name in names]
+        stimuli = tuple(
+            Stimulus(
+                name, row[:size], dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one
+            )
+            for name, row, size, one in zip(names, depth_um, sizes, known, strict=True)
+        )
+        cells = {
+            name: int(one["cells"])
+            for name, one in table.get("parameters", {}).items()
+            if name in afferents
+        }
+    except (AttributeError, KeyError, TypeError, ValueError, FembridgeError) as error:
+        raise failed(f"stimuli or parameters: {error}") from error
+    return FolderStimuli(record, stimuli, traces, cells)

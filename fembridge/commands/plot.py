@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from fembridge.outputs import Written
+    from fembridge.simulation import FolderStimuli
     from fembridge.stimulus import Stimulus
     from fembridge.tables import Rate
     from fembridge.trace import StressTrace
@@ -289,15 +289,15 @@ def _response(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     from decks.presets import read_finger
     from decks.probe import Probe
     from fembridge.errors import UsageError
-    from fembridge.outputs import find_output
     from fembridge.plots.response import response_figure
     from fembridge.response.response_map import MAP_FILE, read_map, stored_response
+    from fembridge.simulation import find_file
 
     if args.file is None:
         response = stored_response(read_finger(args.finger or "quick"), Probe(), "CPE4")
     elif args.finger is None:
         made_by = "fembridge simulate leaves it where it solves a response map"
-        response = read_map(find_output(args.file, (MAP_FILE,), made_by))
+        response = read_map(find_file(args.file, (MAP_FILE,), made_by))
     else:
         raise UsageError(f"{args.file} and --finger {args.finger}: expected one")
     return response_figure(response), {
@@ -332,16 +332,15 @@ def _trace(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimulus | None]":
     """Traces of a table or folder, and the stimulus that made them, if that is known."""
     from fembridge.errors import UsageError
-    from fembridge.outputs import find_output, read_written
     from fembridge.results import read
     from fembridge.run_folder import RUN_FILE
-    from fembridge.simulation import TRACES_FILE
+    from fembridge.simulation import TRACES_FILE, find_file, stimuli_in
     from fembridge.tables import read_traces
 
     made_by = "simulate and run leave stress in a folder, `ingest -o traces.csv` in a table"
     names = (TRACES_FILE, "traces.csv", RUN_FILE)
-    path = find_output(args.table, names, made_by)
-    written = read_written(path.parent)
+    path = find_file(args.table, names, made_by)
+    written = stimuli_in(path.parent)
     if path.name == TRACES_FILE and written is not None:
         there = [stimulus.id for stimulus in written.stimuli]
         name = args.stimulus or there[0]
@@ -388,14 +387,13 @@ def _isi(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """What is drawn of a table of spikes, as arguments of a figure; and the summary."""
     from fembridge.errors import UsageError
-    from fembridge.outputs import find_output, read_written
-    from fembridge.simulation import SPIKES_FILE
+    from fembridge.simulation import SPIKES_FILE, find_file, stimuli_in
     from fembridge.tables import AFFERENTS, read_spikes
 
-    path = find_output(args.table, (SPIKES_FILE,), "simulate and encode leave it")
+    path = find_file(args.table, (SPIKES_FILE,), "simulate and encode leave it")
     trains = read_spikes(path)
     tabled = list(dict.fromkeys(train.stimulus for train in trains))
-    written = read_written(path.parent)
+    written = stimuli_in(path.parent)
     if written is not None and all(map(written.of, tabled)):
         trains = written.with_silent(trains)
         rows = [stimulus.id for stimulus in written.stimuli]
@@ -440,7 +438,7 @@ def _rows_named(words: list[str], there: list[str], *, whole: bool) -> list[str]
     return list(dict.fromkeys(rows))
 
 
-def _waveform(args: argparse.Namespace, word: str, written: "Written | None") -> "Stimulus":
+def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli | None") -> "Stimulus":
     """The stimulus as it is recorded, else as the catalogue and --preindent-um have it."""
     from fembridge.errors import UsageError
 
@@ -468,14 +466,13 @@ def _as_recorded(args: argparse.Namespace, stimulus: "Stimulus", path: Path) -> 
 
 def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     from fembridge.observed import read_observed
-    from fembridge.outputs import find_output
     from fembridge.plots.rates import placed, rates_figure
-    from fembridge.simulation import RATES_FILE
+    from fembridge.simulation import RATES_FILE, find_file
     from fembridge.sweeps.sweep import RESULTS_FILE
     from fembridge.touchsim import touchsim_rates
 
     made_by = "simulate, encode and sweep leave it"
-    path = find_output(args.table, (RATES_FILE, RESULTS_FILE), made_by)
+    path = find_file(args.table, (RATES_FILE, RESULTS_FILE), made_by)
     rates = _rates_in(path)
     entries, strange = placed(rates)
     if strange and entries:
@@ -522,14 +519,14 @@ def _sensitivity(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     """Draw, and write the tables; the summary holds every number of them."""
     from fembridge import sensitivity
     from fembridge.errors import UsageError
-    from fembridge.outputs import find_output
     from fembridge.plots.sensitivity import effects_figure, regressions_figure
+    from fembridge.simulation import find_file
     from fembridge.store import write_text
     from fembridge.sweeps.sweep import RESULTS_FILE
 
     if args.effects is not None and args.effects.suffix.lower() not in _TABLES:
         raise UsageError(f"{args.effects}: expected {' or '.join(_TABLES)}")
-    path = find_output(args.table, (RESULTS_FILE,), "sweep leaves it when nothing is left to do")
+    path = find_file(args.table, (RESULTS_FILE,), "sweep leaves it when nothing is left to do")
     swept = sensitivity.read_swept(path)
     for cause in swept.causes:
         print(f"{path}: a finger is left out: {cause}", file=sys.stderr)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge import __version__
 from fembridge.evidence import citation, evidence
 from fembridge.plots.deflection import deflection_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
@@ -47,6 +46,7 @@ from fembridge.store import filling, sha256_of, write_text
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
 from fembridge.touchsim import TABLE
 from fembridge.typing import Table
+from fembridge.version import __version__
 from neural import threshold
 from neural.parameter_sets import parameters_to_table
 

@@ -9,7 +9,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fembridge import __version__
 from fembridge.errors import MissingError, SolverError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, send
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
@@ -21,6 +20,7 @@ from fembridge.solver.ccx import signals_as_exits
 from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
+from fembridge.version import __version__
 
 if TYPE_CHECKING:
     from pandas import DataFrame

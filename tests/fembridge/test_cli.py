@@ -99,7 +99,7 @@ def test_an_unknown_verb_is_misuse_and_tells_the_near_one(capsys, word, told):
         (["plot", "rastr"], "did you mean raster"),
         (["stimuli", "--export", "cvs"], "one of csv, wav, npy, marc-table; did you mean csv?"),
         (["simulate", "--method", "mpa"], "one of auto, map, transient; did you mean map?"),
-        (["simulate"], "required: --stimulus; see fembridge simulate --help"),
+        (["simulate"], "required: --stimulus/--waveform; see fembridge simulate --help"),
         (["simulate", "--stimulus", "sine_20_250", "--jobs", "0"], "--jobs is 0, expected"),
         (["run", ".", "--stall-limit", "-3"], "--stall-limit is -3.0, expected"),
     ],

@@ -169,7 +169,7 @@ def test_a_waveform_goes_through_every_verb_that_takes_a_stimulus(tap, capsys):
 
 def test_waveforms_of_any_length_go_together(tap, tmp_path):
     """Each counts, fires and comes back from `traces.npz` as it does alone."""
-    from fembridge.outputs import read_written
+    from fembridge.simulation import stimuli_in
 
     words = ["tap.csv", "sine_20_250", "ramp_300_100_200_100"]
     together = fb.simulate(words, stored=True)
@@ -183,7 +183,7 @@ def test_waveforms_of_any_length_go_together(tap, tmp_path):
             if train.stimulus == alone.stimuli[0].id
         ]
         assert mine == [train.times_ms.tolist() for train in alone.trains]
-        back = read_written(tmp_path / "out")
+        back = stimuli_in(tmp_path / "out")
         assert_array_equal(back.stimuli[k].displacement_um, alone.stimuli[0].displacement_um)
         assert_array_equal(back.traces[k][0].stress_pa, alone.traces[0][0].stress_pa)
 

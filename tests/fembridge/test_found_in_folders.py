@@ -10,8 +10,7 @@ from numpy.testing import assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResultError, UsageError
-from fembridge.outputs import find_output, read_written
-from fembridge.simulation import encode_all
+from fembridge.simulation import encode_all, find_file, stimuli_in
 from fembridge.tables import read_spikes
 from fembridge.trace import StressTrace
 from neural.parameter_sets import parameter_set
@@ -43,7 +42,7 @@ def out(tmp_path, simulation):
 
 
 def test_a_simulation_comes_back_with_the_probe_as_it_was(out, simulation):
-    written = read_written(out)
+    written = stimuli_in(out)
 
     assert [one.id for one in written.stimuli] == ["sine_20_250", "sine_20_6.71"]
     for read, made in zip(written.stimuli, simulation.stimuli, strict=True):
@@ -64,18 +63,18 @@ def test_cells_that_are_in_no_row_of_the_table_come_back_silent(out, simulation)
     tabled = read_spikes(out / "spikes.csv")
 
     assert len(tabled) < len(simulation.trains)
-    assert keys(read_written(out).with_silent(tabled)) == keys(simulation.trains)
+    assert keys(stimuli_in(out).with_silent(tabled)) == keys(simulation.trains)
 
 
 def test_a_run_folder_has_its_own_waveform():
-    [stimulus] = read_written(RUN).stimuli
+    [stimulus] = stimuli_in(RUN).stimuli
 
     assert stimulus.id == "sine_50_250_first_60_ms"
     assert (stimulus.dt_ms, stimulus.displacement_um.max()) == (0.5, 250.0)
 
 
 def test_any_other_folder_has_none(tmp_path):
-    assert read_written(tmp_path) is None
+    assert stimuli_in(tmp_path) is None
 
 
 @pytest.mark.parametrize(
@@ -87,25 +86,25 @@ def test_a_cut_file_is_named(out, name, share):
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(ResultError) as caught:
-        read_written(out)
+        stimuli_in(out)
     assert caught.value.path == path
 
 
 def test_a_file_is_itself_and_a_folder_has_the_first_name_that_is_there(out):
-    assert find_output(out / "spikes.csv", ("rates.csv",), "") == out / "spikes.csv"
-    assert find_output(out, ("nothing.csv", "rates.csv"), "") == out / "rates.csv"
+    assert find_file(out / "spikes.csv", ("rates.csv",), "") == out / "spikes.csv"
+    assert find_file(out, ("nothing.csv", "rates.csv"), "") == out / "rates.csv"
 
 
 def test_the_only_one_below_is_taken_and_of_more_all_are_named(out):
-    assert find_output(out.parent, ("rates.csv",), "") == out / "rates.csv"
+    assert find_file(out.parent, ("rates.csv",), "") == out / "rates.csv"
     shutil.copytree(out, out.parent / "again")
     with pytest.raises(UsageError) as caught:
-        find_output(out.parent, ("rates.csv",), "")
+        find_file(out.parent, ("rates.csv",), "")
     assert str(out / "rates.csv") in str(caught.value)
     assert str(out.parent / "again" / "rates.csv") in str(caught.value)
 
 
 def test_none_anywhere_says_what_makes_one(tmp_path):
     with pytest.raises(ResultError, match=r"rates\.csv.*simulate leaves it") as caught:
-        find_output(tmp_path, ("rates.csv",), "simulate leaves it")
+        find_file(tmp_path, ("rates.csv",), "simulate leaves it")
     assert caught.value.path == tmp_path
