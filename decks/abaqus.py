@@ -22,14 +22,15 @@ _CARDS = {
 
 def abaqus_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     """The deck under its name in a run folder; `options` leave no choice."""
-    return {DIALECTS["abaqus"].deck: abaqus_deck(analysis)}
+    return {DIALECTS["abaqus"].deck: abaqus_deck(analysis, options.frames)}
 
 
-def abaqus_deck(analysis: Analysis) -> str:
+def abaqus_deck(analysis: Analysis, frames: int = 0) -> str:
     """Write `analysis` as a deck for Abaqus/Standard.
 
     Displacement and stress go to the ``.odb`` in every increment; von Mises
-    stress, averaged at the nodes around each afferent, is printed to the ``.dat``.
+    stress, averaged at the nodes around each afferent, is printed to the ``.dat``. Every
+    `frames` samples the whole field goes to the ``.odb`` too.
     """
     model = analysis.whole()
     large_strain = ", NLGEOM=YES" if model.large_strain else ", NLGEOM=NO"
@@ -38,7 +39,7 @@ def abaqus_deck(analysis: Analysis) -> str:
         _around(model),
         _materials(model),
         parts.contact_lines(model, _interaction(model.contact)),
-        parts.steps(model, _CARDS, large_strain, _output, Moved()),
+        parts.steps(model, _CARDS, large_strain, lambda _: _output(model, frames), Moved()),
     )
     return "\n".join(line for block in blocks for line in block) + "\n"
 
@@ -84,7 +85,7 @@ def _interaction(contact: Contact) -> Iterator[str]:
         yield f"{real(contact.friction)},"
 
 
-def _output(model: Analysis) -> Iterator[str]:
+def _output(model: Analysis, frames: int) -> Iterator[str]:
     every = model.motion.phases[-1].every
     yield f"*OUTPUT, FIELD, FREQUENCY={every}"
     yield f"*NODE OUTPUT, NSET={OUTPUT_SET}"
@@ -92,12 +93,16 @@ def _output(model: Analysis) -> Iterator[str]:
     for name in model.afferent:
         yield f"*ELEMENT OUTPUT, ELSET=AROUND_{name.upper()}"
         yield "S"
+    if frames:
+        yield f"** the whole field every {frames} samples"
+        yield f"*OUTPUT, FIELD, FREQUENCY={frames * every}"
+        yield from ("*NODE OUTPUT", "U", "*ELEMENT OUTPUT", "S")
     for name in model.afferent:
         yield (
             f"*EL PRINT, ELSET=AROUND_{name.upper()}, POSITION=AVERAGED AT NODES, "
             f"FREQUENCY={every}, SUMMARY=NO"
         )
         yield "MISES"
-    yield "** force of the skin on the probe"
+    yield "** force that holds the probe in the skin: along -y where it presses"
     yield f"*NODE PRINT, NSET=PROBE, TOTALS=YES, FREQUENCY={every}, SUMMARY=NO"
     yield "RF2"

@@ -18,7 +18,7 @@ from decks.analysis import Analysis, Contact, ElementSet
 from decks.dialects import DIALECTS, DeckOptions
 from decks.keyword_deck import OUTPUT_SET, Moved, element_lines, fixed, list_lines, material, real
 from decks.material import Material
-from fembridge.errors import DeckError
+from fembridge.errors import DeckError, UsageError
 from fembridge.typing import IntArray
 
 _DIALECT = DIALECTS["calculix"]
@@ -61,14 +61,15 @@ _AVERAGE_FORCE_N = 5.0e-5
 
 def calculix_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     """The deck under its name in a run folder."""
-    return {_DIALECT.deck: calculix_deck(analysis, binary=options.results != "text")}
+    return {_DIALECT.deck: calculix_deck(analysis, options.results != "text", options.frames)}
 
 
-def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
+def calculix_deck(analysis: Analysis, binary: bool = True, frames: int = 0) -> str:
     """Write `analysis` as a deck for ccx 2.20.
 
     `binary` asks for float64 results at the watched nodes; without it ccx
-    writes ASCII, whose six digits add noise to a second derivative.
+    writes ASCII, whose six digits add noise to a second derivative. A step of ccx writes
+    one set of nodes alone: so with `frames` every so many samples are a step of all nodes.
 
     Raises
     ------
@@ -109,23 +110,27 @@ def calculix_deck(analysis: Analysis, *, binary: bool = True) -> str:
         ]
     lines += support
     large_strain = ", NLGEOM" if analysis.large_strain else ""
-    lines += parts.steps(analysis, _CARDS, large_strain, partial(_output, binary), moved)
+    if frames > 1 and mass:
+        raise UsageError("frames: 1 alone where inertia counts: a new step would jolt the skin")
+    output = partial(_output, analysis, binary)
+    lines += parts.steps(analysis, _CARDS, large_strain, output, moved, frames)
     return "\n".join(lines) + "\n"
 
 
-def _output(binary: bool, model: Analysis) -> Iterator[str]:
+def _output(model: Analysis, binary: bool, all_nodes: bool) -> Iterator[str]:
     kind, element, double = ("OUTPUT", "ELEMENT", ", DOUBLE") if binary else ("FILE", "EL", "")
     every = model.motion.phases[-1].every
     often = f", FREQUENCY={every}" if every > 1 else ""
-    yield f"*NODE {kind}, NSET={OUTPUT_SET}{double}{often}"
+    at = "" if all_nodes else f", NSET={OUTPUT_SET}"
+    yield f"*NODE {kind}{at}{double}{often}"
     yield "U"
-    yield f"*{element} {kind}, NSET={OUTPUT_SET}{double}{often}"
+    yield f"*{element} {kind}{at}{double}{often}"
     yield "S"
     if model.inertia:  # ccx has to keep energies from the first increment on
         yield "** energies, which that balance is made of"
         yield f"*EL PRINT, ELSET=PROBE_BODY, TOTALS=ONLY, FREQUENCY={every}"
         yield "ELSE"
-    yield "** force of the skin on the probe"
+    yield "** force that holds the probe in the skin: along -y where it presses"
     yield f"*NODE PRINT, NSET=PROBE, TOTALS=ONLY{often}"
     yield "RF"
 

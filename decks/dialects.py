@@ -19,18 +19,26 @@ JOB = "job"
 REWRITTEN = "_s2s"
 # What a deck asks the solver to write its results as.
 RESULTS = ("binary", "text", "both")
+# Of someone's own deck: one increment a sample, or as the solver likes in between.
+INCREMENTS = ("fixed", "automatic")
 # Whether Marc's probe is a curve, or elements whose nodes are prescribed.
 PROBES = ("rigid", "meshed")
 
 
 @dataclass(frozen=True, slots=True)
 class DeckOptions:
-    """What is asked of a deck beside its analysis; None: the dialect's own way."""
+    """What is asked of a deck beside its analysis; None: the dialect's own way.
+
+    Every `frames` samples results are written at all nodes; 0: at the afferents alone.
+    """
 
     results: str | None = None
     probe: str | None = None
+    frames: int = 0
 
     def __post_init__(self) -> None:
+        if self.frames < 0:
+            raise UsageError(f"frames is {self.frames}, expected 1 or more samples")
         for name, known in (("results", RESULTS), ("probe", PROBES)):
             if (word := getattr(self, name)) not in (None, *known):
                 raise DeckError(f"{name} {word!r}, expected one of {', '.join(known)}")
@@ -49,7 +57,8 @@ class Dialect:
     solver's own. `how_to_run` is what a person does where fembridge cannot run the solver
     itself. `target` is ``module:function``, called as ``(analysis, options)`` and giving
     text by name of file. `springs` is whether a probe may hang on a spring, and half of
-    a section do; `branches` whether relaxing skin has elements over its elements.
+    a section do; `branches` whether relaxing skin has elements over its elements; `frames`
+    whether it can have whole fields now and then.
     """
 
     name: str
@@ -66,6 +75,7 @@ class Dialect:
     slides: bool = False
     springs: bool = False
     branches: bool = False
+    frames: bool = False
 
     def element_named(self, word: str) -> str:
         """Our name of the element that `word` is, ours or the solver's.
@@ -93,7 +103,7 @@ class Dialect:
             Something that this dialect cannot say.
         """
         self.element_named(analysis.element)
-        motion, chosen = analysis.motion, {}
+        motion, chosen = analysis.motion, dict[str, str]()
         if motion.aside_mm is not None and not self.slides:
             raise DeckError(f"fembridge writes no sliding probe for {self.name}")
         for phase in motion.phases:
@@ -108,7 +118,9 @@ class Dialect:
                 )
         module, _, function = self.target.partition(":")
         target = getattr(import_module(module), function)
-        files: dict[str, str] = target(analysis, DeckOptions(**chosen))
+        if options.frames and not self.frames:
+            raise UsageError(f"a deck for {self.name} has results at all nodes, at every sample")
+        files: dict[str, str] = target(analysis, DeckOptions(**chosen, frames=options.frames))
         return files
 
 
@@ -129,6 +141,7 @@ DIALECTS = {
             slides=True,
             springs=True,
             branches=True,
+            frames=True,
         ),
         Dialect(
             name="marc",
@@ -157,6 +170,7 @@ DIALECTS = {
             "encode, as a table time_ms,afferent,node,von_mises_pa",
             procedures=("static", "viscous", "dynamic"),
             slides=True,
+            frames=True,
         ),
     )
 }

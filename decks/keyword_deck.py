@@ -8,7 +8,7 @@ an amplitude four pairs.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -199,13 +199,16 @@ def steps(
     model: Analysis,
     cards: Mapping[str, str],
     large_strain: str,
-    output: Callable[[Analysis], Iterator[str]],
+    output: Callable[[bool], Iterator[str]],
     moved: Moved,
+    frames: int = 0,
 ) -> Iterator[str]:
     """The probe's way over total time, and each phase of it as a step.
 
-    All steps have the same conditions and output. `cards` are the solver's words
-    for `decks.motion.PROCEDURES`, `large_strain` its word for that, with its comma, or "".
+    All steps have the same conditions. `output` is what each writes, of all nodes or not;
+    with `frames` every so many samples are a step of their own that writes all. `cards`
+    are the solver's words for `decks.motion.PROCEDURES`, `large_strain` its word for that,
+    with its comma, or "".
     """
     motion, phases = model.motion, model.motion.phases
     yield "**"
@@ -221,8 +224,17 @@ def steps(
         yield f"*AMPLITUDE, NAME={name}, TIME=TOTAL TIME"
         pairs = zip(motion.time_s.tolist(), (way_mm + 0.0).tolist(), strict=True)
         yield from pair_lines((fixed(at_s, 7), f"{mm:.9f}") for at_s, mm in pairs)
-    for count, phase in enumerate(phases, start=1):
-        which = "One step" if len(phases) == 1 else f"Step {count}"
+    parts = [(phase, frames == 1) for phase in phases]
+    if frames > 1:
+        waveform = phases[-1]
+        between = replace(waveform, increments=(frames - 1) * waveform.every)
+        whole = replace(waveform, increments=waveform.every)
+        count, rest = divmod(waveform.increments, frames * waveform.every)
+        parts[-1:] = [(between, False), (whole, True)] * count
+        if rest:
+            parts.append((replace(waveform, increments=rest), False))
+    for count, (phase, all_nodes) in enumerate(parts, start=1):
+        which = "One step" if len(parts) == 1 else f"Step {count}"
         yield "**"
         yield f"** ---- {which} of equal increments: {_PROCEDURES[phase.procedure]}"
         yield f"*STEP{large_strain}, INC=100000"
@@ -241,5 +253,5 @@ def steps(
         yield "*BOUNDARY, AMPLITUDE=DEPTH"
         yield f"{moved.name}, 2, 2, -1.0"
         yield from moved.loads
-        yield from output(model)
+        yield from output(all_nodes)
         yield "*END STEP"

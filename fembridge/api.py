@@ -17,7 +17,6 @@ from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
 from decks.presets import finger_id, finger_table, mesh_of, read_finger
 from decks.probe import Probe
-from decks.unit_system import LENGTH_UNITS
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
 from fembridge.run_folder import RunFolder
@@ -190,12 +189,15 @@ def build_deck(
     stiffness_mpa_per_mm: float | None = None,
     friction: float | None = None,
     results: str | None = None,
+    frames: int = 0,
     probe_body: str | None = None,
     base_deck: PathLike | None = None,
     amplitude: str | None = None,
     step: str | None = None,
     afferents: Mapping[str, int] | None = None,
-    length_unit: str = "mm",
+    length_unit: str | None = None,
+    move: str | None = None,
+    increments: str = "fixed",
     log: Callable[[str], None] = lambda line: None,
 ) -> list[RunFolder]:
     """One run folder a stimulus below `output`: deck, waveform and ``run.toml``.
@@ -214,9 +216,12 @@ def build_deck(
         `base_deck`, which has a way of its own to where it stands.
     contact, stiffness_mpa_per_mm, friction, results
         As the options of the command; None: what the solver's decks have.
+    frames
+        The whole field, all nodes, at every so many samples (of a `base_deck` 1 alone).
     base_deck
         A deck of one's own, kept to the byte but for waveform, increments and output;
-        `amplitude`, `step`, `afferents` (node by class) and `length_unit` are for it.
+        `amplitude` or `move`, `step`, `afferents` (node by class), `length_unit` and
+        `increments` are for it.
     log
         Called with each change that was made to `base_deck`.
 
@@ -246,16 +251,29 @@ def build_deck(
         from decks.own_model.request import Request
 
         base = read_base_deck(Path(base_deck), solver)
-        units = LENGTH_UNITS[length_unit]
-        request = Request(amplitude, step, dict(afferents or {}), units.length_mm, results)
+        if frames not in (0, 1):
+            raise UsageError("frames: of an own deck 1 alone, all nodes at every sample")
+        request = Request(
+            amplitude,
+            step,
+            dict(afferents or {}),
+            length_unit,
+            results,
+            move,
+            increments,
+            all_nodes=frames == 1,
+        )
         changed = [
-            build_own_folder(
-                Path(output) / one.id, base, one, request, units.stress_unit, chosen.to_table()
-            )
+            build_own_folder(Path(output) / one.id, base, one, request, chosen.to_table())
             for one in stimuli
         ]
         for remark in changed[-1][1]:
             log(remark)
+        if base.solver == "calculix":
+            from fembridge.solver.ccx import warnings_of
+
+            for remark in warnings_of(changed[0][0], base.path):
+                log(remark)
         return [run for run, _ in changed]
     solver = solver or "calculix"
     dialect = dialect_named(solver)
@@ -270,7 +288,7 @@ def build_deck(
     except DeckError as error:
         raise UsageError(str(error)) from error
     model = _model(finger, probe, of_contact, element, inertia, whole_section, law)
-    options = DeckOptions(results, probe_body)
+    options = DeckOptions(results, probe_body, frames)
     return [
         build_run_folder(
             Path(output) / one.id,

@@ -169,14 +169,12 @@ def build_own_folder(
     base: BaseDeck,
     stimulus: Stimulus,
     request: "Request",
-    stress_unit: str = "MPa",
     parameters: Table | None = None,
 ) -> tuple[RunFolder, tuple[str, ...]]:
     """Write `base` with `stimulus` in it, as `build_run_folder`: the run, and what was changed.
 
     The deck is kept to the byte but for the waveform, the increments and the output.
-    Files that it includes are copied beside it. `stress_unit` is the unit of its
-    stresses: MPa for N and mm, Pa for N and m.
+    Files that it includes are copied beside it.
 
     Raises
     ------
@@ -218,9 +216,12 @@ def build_own_folder(
         dt_ms=stimulus.dt_ms,
         start_ms=before_ms + motion.ramp * stimulus.dt_ms,
         before_ms=before_ms,
-        stress_unit=stress_unit,
+        stress_unit=rebased.units.stress_unit,
+        length_unit=rebased.units.length_unit,
         afferents=tuple(
-            AfferentNode(name, request.afferents[name], "", *place)
+            AfferentNode(
+                name, request.afferents[name], "", place[0], place[1], z_mm=(*place, None)[2]
+            )
             for name, place in rebased.place_mm.items()
         ),
         deck_sha256=hashlib.sha256(rebased.deck).hexdigest(),
@@ -228,6 +229,7 @@ def build_own_folder(
             "base_deck": {
                 "file": base.path.name,
                 "sha256": hashlib.sha256(base.data).hexdigest(),
+                **({"stands_um": 1e3 * rebased.stands_mm} if rebased.stands_mm else {}),
                 "changes": list(rebased.remarks),
             },
             "stimulus": stimulus_inputs(stimulus),

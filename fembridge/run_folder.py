@@ -35,7 +35,7 @@ COLUMNS = ["time_ms", "displacement_um", "aside_um"]
 class AfferentNode:
     """Where one afferent sits: a solver's node inside one layer of the finger.
 
-    In someone's own model layer and depth are unknown: "" and None.
+    In someone's own model layer and depth are unknown: "" and None; a solid one has z.
     """
 
     afferent: str
@@ -44,6 +44,7 @@ class AfferentNode:
     x_mm: float
     y_mm: float
     depth_mm: float | None = None
+    z_mm: float | None = None
 
     def to_table(self) -> Table:
         """Section of TOML, without the afferent's name."""
@@ -60,7 +61,7 @@ class RunFolder:
     pre-indentation takes place there) and ends at `end_ms` of solver time after
     `increments` fixed increments of `dt_ms`. Steps of other increments, `before_ms` of
     them, may precede all that: of someone's own model, or, where stress depends on
-    time, the way to the pre-indentation. Stress may be in another unit there.
+    time, the way to the pre-indentation. Stress and length may be in another unit there.
     `solver_increments` is how many the solver makes in all, where that is another
     number: there are more than one to a sample, or steps before. 0: the same.
     Where skin relaxes, `branches` is by node how many branches its stress is the
@@ -86,6 +87,7 @@ class RunFolder:
     branches: Mapping[int, int] = field(default_factory=dict)
     solver_increments: int = 0
     on_axis: tuple[int, ...] = ()
+    length_unit: str = "mm"
 
     @property
     def increments_in_all(self) -> int:
@@ -153,6 +155,7 @@ class RunFolder:
             "apex_node": self.apex_node,
             "on_axis": list(self.on_axis),
             "stress_unit": self.stress_unit if self.stress_unit != "MPa" else "",
+            "length_unit": self.length_unit if self.length_unit != "mm" else "",
             "afferents": {place.afferent: place.to_table() for place in self.afferents},
             "branches": {str(node): count for node, count in self.branches.items()},
             "inputs": dict(self.inputs),
@@ -161,7 +164,9 @@ class RunFolder:
         write_text(self.folder / RUN_FILE, tomli_w.dumps(table))
 
 
-_MAY_BE_ABSENT = ("before_ms", "solver_increments", "on_axis", "stress_unit", "branches")
+_MAY_BE_ABSENT = (
+    *("before_ms", "solver_increments", "on_axis", "stress_unit", "length_unit", "branches"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +191,7 @@ class _RunFile:
     stress_unit: str = "MPa"
     branches: dict[str, int] = field(default_factory=dict)
     on_axis: tuple[int, ...] = ()
+    length_unit: str = "mm"
 
 
 def read_run_folder(folder: Path) -> RunFolder:
@@ -228,6 +234,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         stress_unit=file.stress_unit,
         branches={int(node): count for node, count in file.branches.items()},
         on_axis=file.on_axis,
+        length_unit=file.length_unit,
         **asdict(time),
     )
     for name, value, least in (

@@ -2,12 +2,13 @@
 
 The data of the amplitude that moves the probe, the increments of the step that it
 moves in, and the output of that step are put in; all else keeps its bytes, comments,
-case and line ends included. What is missing or can be meant in two ways is refused,
-with its line.
+case and line ends included. A probe without such an amplitude gets one. What is missing
+or can be meant in two ways is refused, with its line.
 """
 
 from decks.inp import (
     Block,
+    Deck,
     Edit,
     Option,
     Resolver,
@@ -15,14 +16,24 @@ from decks.inp import (
     blocks_in,
     edited,
     in_place_of,
+    inserted,
     read_inp,
     whole,
 )
 from decks.keyword_deck import fixed, pair_lines
 from decks.motion import Motion
-from decks.own_model.inp_drive import MOVABLE, Drive, find_drive
-from decks.own_model.inp_output import Change, Place, find_nodes, output_edits, scopes_of
-from decks.own_model.request import Rebased, Request
+from decks.own_model.inp_drive import MOVABLE, OWN_AMPLITUDE, Drive, find_drive
+from decks.own_model.inp_output import (
+    TIMES,
+    Change,
+    Place,
+    find_nodes,
+    output_edits,
+    scopes_of,
+    size_of,
+)
+from decks.own_model.request import Rebased, Request, too_far
+from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, unit_system_in
 from fembridge.errors import DeckError
 
 DIALECTS = ("calculix", "abaqus")
@@ -39,6 +50,14 @@ _TIME_DIGITS = 7
 _VALUE_DIGITS = 9
 _AXES = " xyz"
 _DEFAULT_MOST = 100  # increments of a step without INC=, in ccx and in Abaqus
+# Automatic increments: the smallest, as a part of a sample, and how many to allow for one.
+_SMALLEST = 1.0e-4
+_CUTS = 20
+# What makes ccx take increments at all; without any of it a step is one.
+_NONLINEAR = (
+    *("CONTACTPAIR", "CREEP", "DEFORMATIONPLASTICITY", "HYPERELASTIC", "HYPERFOAM"),
+    *("MOHRCOULOMB", "PLASTIC", "USERMATERIAL"),
+)
 
 
 def rebase_inp(
@@ -84,7 +103,8 @@ def rebase_inp(
         raise DeckError("results both are Marc's, expected binary or text")
     abaqus, binary = kind == "abaqus", request.results != "text"
     deck = read_inp(data, abaqus=abaqus, resolver=resolver)
-    drive = find_drive(deck, request.amplitude, request.step)
+    drive = find_drive(deck, request)
+    units, told = _units(deck, request)
     scopes = scopes_of(deck)
     places: dict[str, Place] = {}
     if request.afferents:
@@ -94,10 +114,15 @@ def rebase_inp(
     remarks = [f"read as a deck for {'Abaqus' if abaqus else 'CalculiX'}"]
     if sign is not None:
         remarks = [f"line {sign.line}: {sign.title}: {remarks[0]}"]
+    remarks += told
+    remarks += too_far(motion, size_of(deck) * units.length_mm, units, bool(told))
+    automatic = request.increments == "automatic"
+    if not abaqus:
+        remarks += _path_dependent(deck)
     for more_edits, more_remarks in (
-        _waveform_edits(drive, motion, request.length_mm),
-        _increment_edits(drive, motion, abaqus=abaqus),
-        output_edits(deck, drive, scopes, places, abaqus=abaqus, binary=binary),
+        _waveform_edits(drive, motion, units.length_mm),
+        _increment_edits(deck, drive, motion, abaqus=abaqus, automatic=automatic),
+        output_edits(deck, drive, scopes, places, request, abaqus=abaqus, binary=binary),
     ):
         edits += more_edits
         remarks += more_remarks
@@ -110,12 +135,39 @@ def rebase_inp(
         deck=edited(data, edits),
         remarks=(*remarks, *unread),
         place_mm={
-            name: (place.x * request.length_mm, place.y * request.length_mm)
+            name: tuple(units.length_mm * value for value in place.at)
             for name, place in places.items()
         },
         needs=tuple(dict.fromkeys(one.name for one in deck.inclusions)),
         before_s=drive.start_s or 0.0,
+        stands_mm=drive.stands * units.length_mm,
+        units=units,
     )
+
+
+def _units(deck: Deck, request: Request) -> tuple[UnitSystem, list[str]]:
+    """Units of the request, else of the heading, else mm; and what was found."""
+    asked = request.length_unit and LENGTH_UNITS[request.length_unit]
+    for block in deck.of("HEADING"):
+        text = b"".join(one.text.data[one.start : one.stop] for one in block.pieces)
+        said = unit_system_in(text.decode("latin-1"))
+        if said is not None:
+            remark = f"{block.where}: *HEADING: unit system {said}"
+            if asked and asked.length_unit != said.length_unit:
+                return asked, [f"{remark}; it is taken to be in {asked.length_unit} all the same"]
+            return said, [remark]
+    return asked or MM, []
+
+
+def _path_dependent(deck: Deck) -> list[str]:
+    """A hint on contact whose stress depends on how the probe came to its depth."""
+    return [
+        f"{block.where}: {block.title}, TYPE={block.word('TYPE')} is path-dependent in CalculiX: "
+        "on the way back stress at one depth is another (1.7 % of it on a block, up to 20 %); "
+        "TYPE=NODE TO SURFACE is not"
+        for block in deck.of("CONTACTPAIR")
+        if block.word("TYPE") == "SURFACETOSURFACE"
+    ]
 
 
 def dialect_of(data: bytes) -> str:
@@ -143,32 +195,50 @@ def _sign_of_abaqus(data: bytes) -> Block | None:
     return None
 
 
-# ---- The waveform: an amplitude that counts total time begins where the step does, and
-# holds 0 before.
+# ---- The waveform: an amplitude that counts total time begins where the step does.
 
 
 def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
     """`motion` as the amplitude's data, with remarks on what was done."""
-    rows = drive.amplitude.own_rows()
-    values = (motion.depth_mm / (length_mm * drive.factor) + 0.0).tolist()
+    depth = drive.stands + motion.depth_mm / length_mm
+    values = (depth / drive.factor + 0.0).tolist()
     start_s = (drive.start_s or 0.0) if drive.total_time else 0.0
     times_s = (motion.time_s + start_s).tolist()
     if start_s > 0:
-        times_s, values = [0.0, *times_s], [0.0, *values]
-    lines = pair_lines(
-        (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
-        for time_s, value in zip(times_s, values, strict=True)
+        times_s, values = [0.0, *times_s], [values[0], *values]
+    lines = list(
+        pair_lines(
+            (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
+            for time_s, value in zip(times_s, values, strict=True)
+        )
     )
     curve, first, head = drive.amplitude, drive.push[0], drive.step.head
-    clock = "total time" if drive.total_time else "step time"
-    remarks = [
-        f"{curve.where}: amplitude {curve.word('NAME')} ({clock}) holds the waveform, "
-        f"{len(motion.time_s)} samples in place of {len(rows)} data lines"
-    ]
+    samples = f"holds the waveform, {len(motion.time_s)} samples"
+    if curve is None:
+        edits, remarks = _new_amplitude(drive, lines)
+        remarks = [f"{remarks[0]} {samples}"]
+    else:
+        rows = curve.own_rows()
+        edits = in_place_of(curve, rows, lines)
+        clock = "total time" if drive.total_time else "step time"
+        remarks = [
+            f"{curve.where}: amplitude {curve.word('NAME')} ({clock}) {samples} in place of "
+            f"{len(rows)} data lines"
+        ]
+        if drive.step.number == 1 and rows and (began := rows[0].number(1, blank=0.0)):
+            remarks.append(
+                f"{curve.where}: it began at {began:g}; the waveform begins where the mesh has "
+                "the probe"
+            )
     signs = {push.magnitude > 0 for push in drive.push}
     for push in drive.push if len(signs) > 1 else (first,):
         sign = "+" if push.magnitude > 0 else "-"
         remarks.append(f"{push.where}: depth moves {push.what} along {sign}{_AXES[push.axis]}")
+    if drive.stands:
+        remarks.append(
+            f"{first.where}: the steps before leave {first.what} {drive.stands * length_mm:g} mm "
+            "deep; the waveform begins there"
+        )
     if drive.factor != 1:
         remarks.append(
             f"{first.where}: magnitude {first.magnitude:g}: the waveform is divided by "
@@ -179,45 +249,108 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
     if drive.start_s is None:
         remarks.append(f"{head.where}: at what total time the step begins is not known")
     elif drive.start_s > 0:
-        before = "; the amplitude is 0 before" if drive.total_time else ""
         remarks.append(
             f"{head.where}: the step begins at {drive.start_s:g} s of total "
-            f"time, and the waveform with it{before}"
+            "time, and the waveform with it"
         )
     for later in drive.steps[drive.step.number :][:1]:
         remarks.append(
             f"{later.head.where}: the steps after the waveform's hold its last "
             "depth unless they say otherwise, and end the run later than it ends"
         )
-    return in_place_of(curve, rows, list(lines)), remarks
+    return edits, remarks
 
 
-# ---- Increments: fixed ones, one a sample
+def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
+    """An amplitude before the first step, and on the lines that move the probe."""
+    use = f"AMPLITUDE={OWN_AMPLITUDE}"
+    head = drive.steps[0].head
+    edits = [inserted(head.text, head.start, [f"*AMPLITUDE, NAME={OWN_AMPLITUDE}", *lines])]
+    for start in dict.fromkeys(push.block.start for push in drive.push):
+        mine = [push for push in drive.push if push.block.start == start]
+        block, rows = mine[0].block, mine[0].block.own_rows()
+        if not (block.own and head.own):
+            raise block.error(f"{block.title}, {head.title} in an included file; put both here")
+        ours = {push.row.start for push in mine}
+        moved = [row for row in rows if row.start in ours]
+        said = [
+            f"{push.what}, {push.axis}, {push.axis}, {push.magnitude:g}."
+            if push.turned
+            else block.text.data[row.start : row.stop].strip().decode("latin-1")
+            for row in moved
+            for push in mine[:1]
+        ]
+        if len(moved) == len(rows):
+            edits.append(_with_option(block, block.option("AMPLITUDE"), use))
+            if mine[0].turned:
+                edits += in_place_of(block, moved, said)
+            continue
+        edits += [Edit(row.start, row.stop) for row in moved]
+        again = block.option("OP")
+        op = f", OP={again.word}" if again is not None else ""
+        edits.append(inserted(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said]))
+    where = drive.push[0].where
+    return edits, [f"{where}: {drive.push[0].name} gets an amplitude, {OWN_AMPLITUDE}, which"]
 
 
-def _increment_edits(drive: Drive, motion: Motion, *, abaqus: bool) -> Change:
-    """``*STATIC, DIRECT`` and its line in the waveform's step, with remarks."""
+# ---- Increments: fixed ones, one a sample, or automatic ones of a sample at most. Solvers
+# end an increment at each time point, so results come at the samples either way.
+
+
+def _increment_edits(
+    deck: Deck, drive: Drive, motion: Motion, *, abaqus: bool, automatic: bool
+) -> Change:
+    """The procedure's line and options in the waveform's step, with remarks."""
     step, count, edits, remarks = drive.step, motion.increments, list[Edit](), list[str]()
     procedure = _procedure(drive, abaqus)
     option = step.head.option("INC")
     most = _DEFAULT_MOST if option is None else whole(option.value or "", step.head.where)
-    if most < count:
-        remarks.append(f"{step.head.where}: INC raised from {most} to {count}")
-        edits.append(_with_option(step.head, option, f"INC={count}"))
+    needed = count * (_CUTS if automatic else 1)
+    if most < needed:
+        remarks.append(f"{step.head.where}: INC raised from {most} to {needed}")
+        edits.append(_with_option(step.head, option, f"INC={needed}"))
+    before = drive.steps[: step.number]
+    linear = procedure.keyword != "DYNAMIC" and not deck.of(*_NONLINEAR)
+    if not abaqus and linear and not any(one.head.option("NLGEOM") for one in before):
+        remarks.append(
+            f"{step.head.where}: NLGEOM put in: without it, contact or a nonlinear material ccx "
+            "makes one increment of a step"
+        )
+        edits.append(_with_option(step.head, None, "NLGEOM"))
     direct = procedure.option("DIRECT")
+    period = fixed(count * motion.dt_s, _TIME_DIGITS)
+    rows = procedure.own_rows()
+    was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
+    words = f"(was: {was.decode('latin-1')})"
+    if automatic:
+        if procedure.keyword == "VISCO" and abaqus:
+            raise procedure.error("*VISCO has automatic increments with CETOL, which is not set")
+        dt, least = fixed(motion.dt_s, _TIME_DIGITS), fixed(_SMALLEST * motion.dt_s, 9)
+        line = f"{dt}, {period}, {least}, {dt}"
+        if direct is not None:
+            edits.append(_without_option(procedure, direct))
+        edits += in_place_of(procedure, rows[:1], [line])
+        points = next((one for one in deck.of("TIMEPOINTS") if one.word("NAME") == TIMES), None)
+        new = [f"*TIME POINTS, NAME={TIMES}, GENERATE", f"{dt}, {period}, {dt}"]
+        if points is None:
+            edits.append(inserted(drive.steps[0].head.text, drive.steps[0].head.start, new))
+        else:
+            edits += in_place_of(points, points.own_rows(), new[1:])
+        remarks.append(
+            f"{procedure.where}: {procedure.title} takes increments of {motion.dt_s:g} s or less, "
+            f"with results at {count} time points: {line} {words}"
+        )
+        return edits, remarks
     no_stop = abaqus and direct is not None and direct.word == "NOSTOP"
     if direct is None:
         if not (procedure.keyword == "VISCO" and abaqus):  # fixed there without CETOL
             edits.append(_with_option(procedure, None, "DIRECT"))
     elif direct.word.startswith("NO") and not no_stop:  # to ccx, NO STOP is a no
         edits.append(_with_option(procedure, direct, "DIRECT"))
-    rows = procedure.own_rows()
-    line = ", ".join(fixed(time_s, _TIME_DIGITS) for time_s in (motion.dt_s, count * motion.dt_s))
+    line = f"{fixed(motion.dt_s, _TIME_DIGITS)}, {period}"
     edits += in_place_of(procedure, rows[:1], [line])
-    was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
     remarks.append(
-        f"{procedure.where}: {procedure.title}, DIRECT takes {count} "
-        f"increments: {line} (was: {was.decode('latin-1')})"
+        f"{procedure.where}: {procedure.title}, DIRECT takes {count} increments: {line} {words}"
     )
     return edits, remarks
 
@@ -248,14 +381,21 @@ def _procedure(drive: Drive, abaqus: bool) -> Block:
             raise block.error(
                 f"{block.title} of the waveform's step is in an included file; put it into the deck"
             )
-    smooth = drive.amplitude.option("SMOOTH")
+    curve = drive.amplitude
+    smooth = curve.option("SMOOTH") if curve is not None else None
     sharp = smooth is not None and smooth.word.strip("0.") == ""
     if procedure.keyword == "DYNAMIC" and abaqus and not sharp:
-        raise drive.amplitude.error(
+        raise (curve or step.head).error(
             "in *DYNAMIC Abaqus rounds an amplitude's corners by SMOOTH, 0.25 "
             "without it, and the waveform with them; write SMOOTH=0"
         )
     return procedure
+
+
+def _without_option(block: Block, there: Option) -> Edit:
+    """An option taken out of the keyword line, with the comma before it."""
+    comma = block.text.data.rindex(b",", block.start, there.start)
+    return Edit(comma, there.stop)
 
 
 def _with_option(block: Block, there: Option | None, new: str) -> Edit:

@@ -15,6 +15,7 @@ puts it, and a set of the assembly names its instance. A deck without parts has 
 nodes in one scope.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -22,13 +23,18 @@ from dataclasses import dataclass
 from decks.inp import Block, Deck, Edit, Piece, Row, inserted, members, squeezed, without
 from decks.keyword_deck import list_lines
 from decks.own_model.inp_drive import MOVABLE, Drive, Step
+from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
 OUTPUT_SET = "FEMBRIDGE_OUTPUT"
+# Of automatic increments: the samples, at which results are written.
+TIMES = "FEMBRIDGE_TIMES"
 _SET_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPENING = ("PART", "INSTANCE")
 _NODE_MAKERS = ("NCOPY", "NFILL", "NGEN", "NMAP")
 _SAME = 1e-12
+# Elements of a solid model, where z counts.
+_SOLID = ("C3D", "M3D", "SC", "S3", "S4", "S6", "S8")
 # What ccx takes for requests of results at nodes.
 _CALCULIX_REQUESTS = ("NODEFILE", "ELFILE", "NODEOUTPUT", "ELEMENTOUTPUT")
 # More increments than any step has: what is written is its last one.
@@ -53,11 +59,13 @@ Members = Mapping[str, list[int]]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A node at (`x`, `y`) in the deck's unit; `instance` is "" without instances."""
+    """A node `at` (x, y), in a solid model (x, y, z), in the deck's unit.
+
+    `instance` is "" without instances.
+    """
 
     node: int
-    x: float
-    y: float
+    at: tuple[float, ...]
     instance: str
     where: str
 
@@ -68,7 +76,7 @@ class Scope:
 
     instance: str
     blocks: tuple[Block, ...]
-    shift: tuple[float, float] = (0.0, 0.0)
+    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
     turned: str = ""
 
 
@@ -77,11 +85,12 @@ def output_edits(
     drive: Drive,
     scopes: list[Scope],
     places: Mapping[str, Place],
+    request: Request,
     *,
     abaqus: bool,
     binary: bool,
 ) -> Change:
-    """The request that `places` need, or all nodes, with remarks on it.
+    """What is to be written at `places`, or at all nodes, with remarks on it.
 
     Raises
     ------
@@ -89,16 +98,18 @@ def output_edits(
         A request cannot be taken out, a set cannot be added, or what stays in the
         step does not go with fixed increments or with a set of nodes.
     """
-    on_set = bool(places)
-    what = f"the nodes of {', '.join(places)}" if places else "all nodes"
+    on_set = bool(places) and not request.all_nodes
+    automatic = request.increments == "automatic"
+    what = f"the nodes of {', '.join(places)}" if on_set else "all nodes"
     edits, remarks = _sets(deck, drive, scopes, places, abaqus) if places else ([], [])
     for step in [drive.step] if abaqus else _steps_to_write(drive):
         if abaqus:
-            gone, request = _abaqus_requests(step), _abaqus_request(on_set)
+            gone, lines = _abaqus_requests(step), _abaqus_request(on_set, automatic)
         else:
             gone = step.of(*_CALCULIX_REQUESTS)
-            request = _calculix_request(drive, step, on_set=on_set, binary=binary)
-        when = "every increment" if step is drive.step else "its last increment"
+            lines = _calculix_request(drive, step, on_set, binary, automatic)
+        every = "every time point" if automatic else "every increment"
+        when = every if step is drive.step else "its last increment"
         for block in (*gone, step.end):
             if not block.own:
                 raise block.error(
@@ -106,7 +117,7 @@ def output_edits(
                     "has to be changed; put it into the deck"
                 )
         edits += [edit for block in gone for edit in without(block)]
-        edits.append(inserted(step.end.text, step.end.start, request))
+        edits.append(inserted(step.end.text, step.end.start, lines))
         removed = ", ".join(f"{block.title} ({block.where})" for block in gone)
         instead = f", in place of {removed}" if removed else ""
         remarks.append(f"{step.end.where}: U and S at {what}, {when}{instead}")
@@ -118,16 +129,21 @@ def output_edits(
 # the waveform's start is the last increment of the step before.
 
 
-def _calculix_request(drive: Drive, step: Step, *, on_set: bool, binary: bool) -> list[str]:
-    """Request of U and S in `step`: every increment or, before the waveform's, its last."""
+def _calculix_request(
+    drive: Drive, step: Step, on_set: bool, binary: bool, automatic: bool
+) -> list[str]:
+    """Request of U and S in `step`: every sample or, before the waveform's, its last."""
     stay = [block for block in step.blocks if block.keyword not in _CALCULIX_REQUESTS]
     timed = [block for block in stay if block.option("TIMEPOINTS") is not None]
     often = ", FREQUENCY=1"
     if step is not drive.step:  # points in time come before a number of increments
         often = "" if timed else f", FREQUENCY={_AT_END}"
+    elif automatic:
+        often = f", TIME POINTS={TIMES}"
     elif timed:
         raise timed[0].error(
-            f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it out"
+            f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it "
+            "out, or let increments be automatic"
         )
     nodes = f", NSET={OUTPUT_SET}{often}{_flat(drive, step)}" if on_set else often
     if binary:
@@ -166,10 +182,11 @@ def _flat(drive: Drive, step: Step) -> str:
 # values of each element by itself, so that nothing is averaged over layers.
 
 
-def _abaqus_request(on_set: bool) -> list[str]:
+def _abaqus_request(on_set: bool, automatic: bool) -> list[str]:
+    often = f"TIME POINTS={TIMES}" if automatic else "FREQUENCY=1"
     nodes, elements = (f", {kind}={OUTPUT_SET}" if on_set else "" for kind in ("NSET", "ELSET"))
     return [
-        "*OUTPUT, FIELD, FREQUENCY=1",
+        f"*OUTPUT, FIELD, {often}",
         f"*NODE OUTPUT{nodes}",
         "U,",
         f"*ELEMENT OUTPUT{elements}, POSITION=NODES",
@@ -337,7 +354,7 @@ def _instance(block: Block, parts: dict[str, list[Block]], own: list[Block]) -> 
     said = block.text.data[option.start : option.stop].partition(b"=")[2]
     name = said.strip().decode("latin-1")
     rows = list(block.rows())
-    shift = (rows[0].number(0, blank=0.0), rows[0].number(1, blank=0.0)) if rows else (0.0, 0.0)
+    shift = tuple(rows[0].number(one, blank=0.0) for one in range(3)) if rows else (0.0,) * 3
     turned = rows[1].where if len(rows) > 1 else ""
     return Scope(name, (*parts.get(part, ()), *own), shift, turned)
 
@@ -351,8 +368,9 @@ def find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[Place]
         One is nowhere, in several instances, or its place is not known.
     """
     found: dict[int, list[Place]] = {node: [] for node in nodes}
+    solid = any(block.word("TYPE").startswith(_SOLID) for block in deck.of("ELEMENT"))
     for scope in scopes:
-        for node, place in _nodes_in(scope, nodes).items():
+        for node, place in _nodes_in(scope, nodes, 3 if solid else 2).items():
             found[node].append(place)
     for node, places in found.items():
         if not places:
@@ -367,10 +385,9 @@ def find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[Place]
     return [found[node][0] for node in nodes]
 
 
-def _nodes_in(scope: Scope, nodes: list[int]) -> dict[int, Place]:
+def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, Place]:
     """Those of `nodes` that the scope defines."""
     found: dict[int, Place] = {}
-    across, up = scope.shift
     for block in scope.blocks:
         for row in _rows_of(block, nodes) if block.keyword == "NODE" else ():
             if block.word("SYSTEM") not in ("", "R"):
@@ -378,10 +395,11 @@ def _nodes_in(scope: Scope, nodes: list[int]) -> dict[int, Place]:
                     f"*NODE, SYSTEM={block.word('SYSTEM')}: node {row.words[0]} is not in "
                     "rectangular coordinates"
                 )
-            node, x, y = row.whole(0), row.number(1, blank=0.0), row.number(2, blank=0.0)
-            place = Place(node, x + across, y + up, scope.instance, row.where)
+            node = row.whole(0)
+            at = tuple(row.number(1 + k, blank=0.0) + scope.shift[k] for k in range(axes))
+            place = Place(node, at, scope.instance, row.where)
             before = found.setdefault(node, place)
-            if max(abs(before.x - place.x), abs(before.y - place.y)) > _SAME * (abs(x) + abs(y)):
+            if math.dist(before.at, at) > _SAME * math.hypot(*at):
                 raise DeckError(f"{row.where}: node {node} again, elsewhere than at {before.where}")
             found[node] = place
     moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
@@ -404,3 +422,18 @@ def _rows_of(block: Block, nodes: list[int]) -> Iterator[Row]:
             line = piece.line + data.count(b"\n", piece.start, match.start())
             end = data.find(b"\n", match.start(), piece.stop) + 1 or piece.stop
             yield from Piece(piece.text, match.start(), end, line).rows()
+
+
+def size_of(deck: Deck) -> float:
+    """The longest side of the box around all nodes, in the deck's unit."""
+    box = [[math.inf, -math.inf] for _ in range(3)]
+    for block in deck.of("NODE"):
+        for piece in block.pieces:
+            for line in piece.text.data[piece.start : piece.stop].splitlines():
+                for side, word in zip(box, line.split(b",")[1:4], strict=False):
+                    try:
+                        value = float(word)
+                    except ValueError:
+                        continue
+                    side[:] = min(side[0], value), max(side[1], value)
+    return max(0.0, *(last - first for first, last in box))

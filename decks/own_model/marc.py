@@ -10,6 +10,8 @@ Mentat wrote.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from decks.marc.contents import (
     ADAPTIVE,
     FIXED,
@@ -42,7 +44,8 @@ from decks.marc.grammar import (
     reals_line,
 )
 from decks.motion import Motion
-from decks.own_model.request import Rebased, Request
+from decks.own_model.request import Rebased, Request, too_far
+from decks.unit_system import LENGTH_UNITS, MM
 from fembridge.errors import DeckError
 
 _WANTED = (VON_MISES, STRESS)
@@ -73,7 +76,14 @@ def rebase_marc(
         What is asked for is missing from the deck or could be several things; the
         message names the lines.
     """
+    if request.move is not None or request.increments != "fixed" or request.all_nodes:
+        raise DeckError(
+            "a Marc deck has its motion in a table (--amplitude names it), cuts an increment of "
+            "`auto load` by itself where it must, and writes all nodes; --move, --increments and "
+            "--frames are for CalculiX and Abaqus"
+        )
     deck = read_marc_deck(data, resolver=resolver)
+    units = LENGTH_UNITS[request.length_unit or "mm"]
     table, drives = _driving_table(deck, request.amplitude)
     chosen = _choose_case(deck, request.step, drives)
     drives = _acting(chosen.case, drives)
@@ -83,7 +93,13 @@ def rebase_marc(
     remarks += [f"{use.line.place}: it drives {use.what}, factor {use.value:g}" for use in drives]
     if factor != 1.0:
         remarks.append(f"{drives[0].line.place}: the table holds depth divided by {factor:g}")
-    remarks += _set_points(edits, table, motion, chosen, request.length_mm * factor)
+    if units is not MM:
+        remarks.append(f"one length unit of the deck is {units.length_mm:g} mm")
+    position = deck.coordinates.position
+    size = float(np.ptp(position, axis=0).max()) if position.size else 0.0
+    remarks += too_far(motion, size * units.length_mm, units, request.length_unit is not None)
+    stands = _standing(deck, table, drives, chosen)
+    remarks += _set_points(edits, table, motion, chosen, units.length_mm * factor, stands)
     remarks += _set_increments(edits, deck, chosen, motion)
     remarks += _set_output(edits, deck, chosen.case.number, request.results)
     places = {}
@@ -95,9 +111,11 @@ def rebase_marc(
                 problem += f"; included and not read: {unread}"
             line = deck.coordinates.line
             raise DeckError(problem) if line is None else line.refuse(problem)
-        places[name] = (float(place[0]) * request.length_mm, float(place[1]) * request.length_mm)
+        flat = position.shape[1] < 3 or not np.ptp(position[:, 2])
+        places[name] = tuple(float(value) * units.length_mm for value in place[: 2 if flat else 3])
     needs = tuple(dict.fromkeys(each.name for each in deck.includes))
-    return Rebased(edits.changed(), tuple(remarks), places, needs, chosen.start_s)
+    deep_mm = (stands or 0.0) * factor * units.length_mm
+    return Rebased(edits.changed(), tuple(remarks), places, needs, chosen.start_s, deep_mm, units)
 
 
 @dataclass(slots=True)
@@ -145,7 +163,7 @@ class _Use:
     """A place where a table is used: `value` times it is what `what` says.
 
     `moves` says that this is a displacement; `condition` is the condition's name, empty
-    for what always acts.
+    for what always acts, and `where` the set it acts on.
     """
 
     table: int
@@ -154,6 +172,7 @@ class _Use:
     moves: bool
     condition: str
     line: Line
+    where: str = ""
 
 
 _Uses = tuple[_Use, ...]
@@ -170,7 +189,7 @@ def _uses(deck: MarcDeck) -> Iterator[_Use]:
                 if turns := direction > TRANSLATIONS:
                     what = f"degree of freedom {direction} of {what}"
                 moves = displacement and not turns
-                yield _Use(table, value, what, moves, each.name, each.line)
+                yield _Use(table, value, what, moves, each.name, each.line, each.where)
     for body in deck.bodies():
         for row, (value, table) in enumerate(zip(body.motion, body.tables, strict=True)):
             if table and value:
@@ -303,18 +322,49 @@ def _listed_cases(cases: Iterable[LoadCase]) -> str:
     return ", ".join(f"{case.number} {case.name} ({case.line.place})" for case in cases)
 
 
+def _standing(deck: MarcDeck, table: MarcTable, drives: _Uses, chosen: _Chosen) -> float | None:
+    """What the table has come to when the load case starts; None where it moved nothing before."""
+    if any(_acting(each, drives) for each in chosen.before):
+        assert table.points is not None
+        return float(np.interp(chosen.start_s, *table.points.T))
+    active = {name for each in chosen.before for name in each.active}
+    sets = {use.where for use in drives if use.where}
+    for each in deck.conditions():
+        if each.family == FIXED_DISPLACEMENT and each.name in active and each.where in sets:
+            words = f"`{each.family}` {each.name!r} moves {each.where!r} in a load case before, so "
+            words += f"where {chosen.words} finds it is not known; drive it by one table in both"
+            each.line.check(not any(each.values), words)
+    return None
+
+
 # ---- The changes: each gives its remarks
 
 
 def _set_points(
-    edits: _Edits, table: MarcTable, motion: Motion, chosen: _Chosen, unit_mm: float
+    edits: _Edits,
+    table: MarcTable,
+    motion: Motion,
+    chosen: _Chosen,
+    unit_mm: float,
+    stands: float | None,
 ) -> list[str]:
-    """Put time and depth into the table, from when the load case starts."""
+    """Put time and depth into the table, from when the load case starts.
+
+    Where the table moves something before, it stays as it was until then.
+    """
     times_s = (motion.time_s + chosen.start_s).tolist()
-    points = list(zip(times_s, (motion.depth_mm / unit_mm).tolist(), strict=True))
+    depths = (motion.depth_mm / unit_mm + (stands or 0.0)).tolist()
+    points = list(zip(times_s, depths, strict=True))
     remarks = []
     if chosen.start_s > 0:
-        points.insert(0, (0.0, points[0][1]))
+        before = [] if stands is None or table.points is None else table.points.tolist()
+        before = [(t, v) for t, v in before if t < chosen.start_s] or [(0.0, depths[0])]
+        points = [*before, *points]
+        if stands:
+            remarks.append(
+                f"{table.line.place}: the load cases before leave the probe {stands * unit_mm:g} "
+                "mm deep; the waveform begins there"
+            )
         remarks.append(
             f"{table.line.place}: the waveform starts at {chosen.start_s:g} s, when "
             f"{chosen.words} does"

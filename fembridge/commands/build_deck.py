@@ -13,7 +13,8 @@ import argparse
 import sys
 from typing import Any
 
-from decks.dialects import DIALECTS, PROBES, RESULTS
+from decks.dialects import DIALECTS, INCREMENTS, PROBES, RESULTS
+from decks.unit_system import LENGTH_UNITS
 from fembridge.commands.options import (
     FINGER,
     SOLVING,
@@ -47,6 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "only one that moves something)",
     )
     add(
+        "--move",
+        metavar="NSET,DOF",
+        help="the displacement that becomes the waveform, with an amplitude or without: "
+        "PROBE,2, or PROBE,-2 where the skin is on the negative side (default: the only one)",
+    )
+    add(
         "--step",
         metavar="N|NAME",
         help="the step by number, or Marc's load case by name, that it runs in "
@@ -61,8 +68,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the node of an afferent; repeat it for each. Without one, results of "
         "all nodes are written and fembridge ingest asks which to read",
     )
-    unit = "of the deck (default: mm); with N its stress is in MPa, of m in Pa"
-    add("--length-unit", choices=("mm", "m"), default="mm", help=unit)
+    unit = "of the deck: with mm stress is in MPa, with m in Pa, with in in psi (default: as "
+    add("--length-unit", choices=tuple(LENGTH_UNITS), help=f"{unit}the heading says, else mm)")
+    add(
+        "--increments",
+        choices=INCREMENTS,
+        default="fixed",
+        help="one a sample, or automatic: the solver may make them smaller where it has to, "
+        "and results come at the samples all the same (default: fixed)",
+    )
 
 
 def _add_deck_options(group: argparse._ActionsContainer) -> None:
@@ -93,6 +107,14 @@ def _add_deck_options(group: argparse._ActionsContainer) -> None:
         help="the same as --results text: six digits",
     )
     add(
+        "--frames",
+        type=int,
+        default=0,
+        metavar="N",
+        help="also the whole field, all nodes, at every N-th sample, for ingest --vtu; 1: at "
+        "each (own deck: 1 alone; Marc writes all nodes anyway)",
+    )
+    add(
         "--probe-body",
         choices=PROBES,
         help="of Marc: a rigid curve that a table moves, or elements whose nodes are "
@@ -107,13 +129,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     remarks: list[str] = []
     if args.base_deck is not None:
         words = _own_words(args)
-    elif args.amplitude or args.step or args.afferent:
-        raise UsageError("--amplitude, --step and --afferent are for --base-deck")
     else:
+        foreign = ("amplitude", "step", "move", "length_unit", "afferent")
+        given = [option(name) for name in foreign if getattr(args, name)]
+        if args.increments != "fixed":
+            given.append("--increments")
+        if given:
+            raise UsageError(f"{', '.join(given)}: for --base-deck alone")
         names = ("finger", "element", "contact", "stiffness_mpa_per_mm", "friction", "probe_body")
         words = {"probe": probe_from(args), **words_of(args, *SOLVING, *names)}
     built = build_deck(
-        **words_of(args, *STIMULUS, "parameters", "output", "solver", "results"),
+        **words_of(args, *STIMULUS, "parameters", "output", "solver", "results", "frames"),
         **words,
         log=remarks.append,
     )
@@ -147,14 +173,14 @@ def _own_words(args: argparse.Namespace) -> dict[str, Any]:
     ours = argparse.ArgumentParser()
     _add_deck_options(ours)
     for name, default in vars(ours.parse_args([])).items():
-        if name != "results" and getattr(args, name) != default:
+        if name not in ("results", "frames") and getattr(args, name) != default:
             raise UsageError(f"{option(name)} is for our finger; --base-deck brings its own")
     names = [name for name, _ in args.afferent]
     if len(set(names)) < len(names):
         raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
     return {
         "afferents": dict(args.afferent),
-        **words_of(args, "base_deck", "amplitude", "step", "length_unit"),
+        **words_of(args, "base_deck", "amplitude", "step", "move", "length_unit", "increments"),
     }
 
 

@@ -2,10 +2,11 @@
 
 A run is accepted when the solver reports no error, left no part of the deck
 out, converged at the end of the run, and closed its result file; the exit code
-alone proves nothing. Accepted results are beside the deck with solver.toml,
-which says what they answer and cost. A run that is not accepted leaves its
-files and the cause in failed/ and touches no earlier result. A folder whose
-results are whole and of the same deck is skipped.
+alone proves nothing. What it leaves out of your own deck is told, and the run
+accepted. Accepted results are beside the deck with solver.toml, which says what
+they answer and cost. A run that is not accepted leaves its files and the cause
+in failed/ and touches no earlier result. A folder whose results are whole and
+of the same deck is skipped.
 """
 
 import argparse
@@ -57,6 +58,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             print(error_line(" ".join(str(outcome.to_error()).split())), file=sys.stderr)
         elif not args.json:
             print(outcome)
+        for words in outcome.warnings:
+            print(f"{outcome.folder}: CalculiX warned: {words}", file=sys.stderr)
         if outcome.accepted and not outcome.as_built:
             print(
                 f"{outcome.folder}: the deck was changed since run.toml was written",

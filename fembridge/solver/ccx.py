@@ -19,6 +19,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -41,15 +42,20 @@ from fembridge.solver.settings import (
     Progress,
     SolverSettings,
 )
-from fembridge.solver.verdict import Cause, Failure, Outcome, judge, read_solver_log
+from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
 from fembridge.store import folder_lock, make_folder, read_toml, remove_file, sha256_of, write_text
 from fembridge.typing import Table
 
 GRACE_S = 3.0
 """From the request to end until it is no longer a request."""
 FIRST_LOOK_S = 0.05
+READING_S = 60.0
+"""Longest reading of a deck without analysis."""
 SLOWEST_LOOK_S = 1.0
 """Looks get rarer as a run gets longer: each reads the growing files again."""
+
+_END_STEP = re.compile(rb"^[ \t]*\*[ \t]*END[ \t]*STEP", re.MULTILINE | re.IGNORECASE)
+_NO_ANALYSIS = "no analysis option"
 
 THREAD_OVERRIDES = (
     "CCX_NPROC_EQUATION_SOLVER",
@@ -115,6 +121,34 @@ def solve_once(
             return finished, read(run)
     outcome = run_ccx(run, settings)
     return outcome, read(run) if outcome.accepted else None
+
+
+def warnings_of(run: RunFolder, deck: Path) -> list[str]:
+    """What ccx will leave out of the deck of `run`: it reads it, without analysis.
+
+    Lines are those of `deck`, from which that was made. None where there is no ccx; what
+    was said until then where it takes longer than a minute.
+    """
+    program = find_ccx()
+    if program is None:
+        return []
+    with tempfile.TemporaryDirectory() as name, contextlib.suppress(OSError):
+        work = Path(name)
+        for path in run.folder.iterdir():
+            if path.is_file() and path.suffix not in (".frd", ".dat", ".toml"):
+                shutil.copyfile(path, work / path.name)
+        copy, log = work / f"{JOB}.inp", work / LOG_FILE
+        copy.write_bytes(_END_STEP.sub(rb"*NO ANALYSIS\n\g<0>", copy.read_bytes()))
+        process = start(program, ["-i", JOB], work, log, threads=1)
+        try:
+            process.wait(READING_S)
+        except subprocess.TimeoutExpired:
+            stop(process, grace_s=0)
+        said = [each for each in read_solver_log(log).dropped if _NO_ANALYSIS not in each.text]
+        lines = [each.card and find_card(deck, each.card) for each in said]
+        places = [f"line {line}: " if line else "" for line in lines]
+        return [f"{at}CalculiX warns: {each}" for at, each in zip(places, said, strict=True)]
+    return []
 
 
 def finished_outcome(run: RunFolder) -> Outcome | None:
@@ -332,6 +366,7 @@ def _run(
         iterations=progress.iterations,
         threads=settings.threads,
         as_built=deck_sha256 == run.deck_sha256,
+        warnings=tuple(map(str, log.dropped)) if failure is None else (),
     )
     if failure is None:
         _publish(run, work)

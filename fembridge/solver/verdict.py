@@ -2,7 +2,7 @@
 
 CalculiX exits with 0 after a missing file, an unknown card and a full disk
 alike, so the exit code is one witness of five. A run is good when it is 0, the
-log holds no error and no part of the deck was left out, the last increment
+log holds no error and no part of our deck was left out, the last increment
 converged at the end of the run, and the result file is closed and holds it.
 """
 
@@ -150,7 +150,8 @@ class Outcome:
     `exit_code` is negative for a signal and None when nothing was started.
     `increments` counts those that converged, `iterations` all that were made.
     `skipped`: results of the same deck were there already, or, `cached`, in the cache.
-    `as_built`: the deck is the one that ``run.toml`` names.
+    `as_built`: the deck is the one that ``run.toml`` names. `warnings` are what ccx said
+    of someone's own deck.
     """
 
     folder: Path
@@ -164,6 +165,7 @@ class Outcome:
     iterations: int = 0
     threads: int | None = None
     as_built: bool = True
+    warnings: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -199,6 +201,7 @@ class Outcome:
             **{name: getattr(self, name) for name in names},
             "wall_s": round(self.wall_s, 3),
             "deck_as_built": self.as_built,
+            "warnings": list(self.warnings),
         }
 
 
@@ -272,7 +275,8 @@ def judge(work: Path, run: RunFolder, exit_code: int, log: SolverLog) -> Failure
     except ResultError as error:
         made, unread = [], str(error)
     failure = _from_log(work, run, log, made) or _from_exit(work, exit_code, log)
-    if failure is None and log.dropped:
+    # ccx does to someone's own deck what it always does to it: that is told, and no more.
+    if failure is None and log.dropped and "base_deck" not in run.inputs:
         line = _line(log.dropped, work / f"{JOB}.inp")
         failure = Failure(Cause.CARD_DROPPED, _quoted(log.dropped), deck_line=line)
     if failure is not None:
@@ -283,7 +287,7 @@ def judge(work: Path, run: RunFolder, exit_code: int, log: SolverLog) -> Failure
     elif not made:
         unfinished = Failure(Cause.MISSING_OUTPUT, f"{unread}; last output: {log.end}")
     elif made[-1].failed:
-        unfinished = Failure(Cause.DIVERGED, _place(made, run))
+        unfinished = Failure(Cause.DIVERGED, _place(made, run), _more(run))
     elif not _is_end(made[-1].total_time_ms, run):
         found = f"{made[-1].total_time_ms:g} ms, run.toml says {run.end_ms:g} ms"
         unfinished = Failure(Cause.WRONG_END, found)
@@ -328,7 +332,7 @@ def _from_log(work: Path, run: RunFolder, log: SolverLog, made: list[StaRow]) ->
                     found = log.end
                 elif cause in (Cause.INCREMENTS_EXHAUSTED, Cause.DIVERGED):
                     found = _place(made, run)
-                return Failure(cause, found)
+                return Failure(cause, found, _more(run) if cause is Cause.DIVERGED else "")
     if not log.errors:
         return None
     if made:
@@ -389,6 +393,12 @@ def _from_results(work: Path, run: RunFolder, unfinished: Failure | None) -> Fai
     else:
         return None
     return Failure(Cause.MISSING_OUTPUT, found, remedy)
+
+
+def _more(run: RunFolder) -> str:
+    """What else to do of someone's own deck that diverges."""
+    own = "base_deck" in run.inputs
+    return f"build-deck --increments automatic, or {REMEDIES[Cause.DIVERGED]}" if own else ""
 
 
 def _place(rows: list[StaRow], run: RunFolder) -> str:

@@ -108,7 +108,7 @@ def test_an_afferent_that_encode_would_not_take_is_refused_before_the_run(here, 
 
 def test_options_for_an_own_model_want_one(here, capsys):
     assert main(words("--afferent", "SA=3")) == 2
-    assert "are for --base-deck" in capsys.readouterr().err
+    assert "--afferent: for --base-deck alone" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from decks.own_model.marc import rebase_marc
 from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
 from decks.stimuli import resolve
+from decks.unit_system import LENGTH_UNITS
 from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
 
@@ -46,15 +47,13 @@ def table_of(data, name="wave"):
     return table
 
 
-@given(parts=decks, depths=samples, length_mm=st.sampled_from((1.0, 1000.0)))
-def test_depth_times_factor_is_the_motion_in_the_unit_of_the_deck(
-    marc_text, parts, depths, length_mm
-):
+@given(parts=decks, depths=samples, unit=st.sampled_from(("mm", "m")))
+def test_depth_times_factor_is_the_motion_in_the_unit_of_the_deck(marc_text, parts, depths, unit):
     data = marc_text(**parts).text()
-    rebased = rebase_marc(data, motion_through(depths), Request(length_mm=length_mm))
+    rebased = rebase_marc(data, motion_through(depths), Request(length_unit=unit))
     points = table_of(rebased.deck).points
     assert_array_equal(points[:, 0], np.arange(len(depths)) * 5e-4)
-    depth = points[:, 1] * abs(parts["factor"]) * length_mm
+    depth = points[:, 1] * abs(parts["factor"]) * LENGTH_UNITS[unit].length_mm
     assert_allclose(depth, depths, rtol=1e-13, atol=1e-30)
 
 
@@ -114,14 +113,21 @@ def test_the_layout_of_the_deck_is_kept_and_digits_are_not_lost(marc_text, layou
     assert_allclose(table.points[1], [5e-4, 1 / 3], rtol=1e-15)
 
 
-def test_a_waveform_starts_when_its_load_case_does(marc_text):
-    """Time of tables runs on: 20 increments of 0.1 come before."""
+def test_a_waveform_starts_when_its_load_case_does_and_where_the_probe_stands_then(marc_text):
+    """Time of tables runs on: 20 increments of 0.1 come before, in which the table acts."""
     deck = marc_text()
     cases = [*deck.case("rest", 20), *deck.case("press")]
     new = rebase_marc(deck.text(cases=cases), MOTION, Request(step="press"))
+    was = table_of(deck.text(cases=cases)).points
+    before, stands = was[was[:, 0] < 2.0], np.interp(2.0, *was.T)
     points = table_of(new.deck).points
-    assert_allclose(points[0], [0.0, 0.0])
-    assert_allclose(points[1:, 0], 2.0 + MOTION.time_s, rtol=1e-15)
+    assert_array_equal(points[: len(before)], before)
+    start = points[len(before) :]
+    assert_allclose(start[:, 0], 2.0 + MOTION.time_s, rtol=1e-15)
+    factor = new.stands_mm / stands
+    assert_allclose(start[:, 1] - stands, MOTION.depth_mm / factor, rtol=1e-12, atol=1e-15)
+    assert stands != 0
+    assert rebase_marc(new.deck, MOTION, Request(step="press")).deck == new.deck
     rest, press = read_marc_deck(new.deck).load_cases()
     assert (rest.increments, press.increments) == (20, 3)
     assert new.before_s == pytest.approx(2.0)
@@ -160,7 +166,7 @@ def test_a_deck_without_a_post_option_gets_one(marc_text):
 
 def test_the_place_of_an_afferent_is_in_mm(marc_text):
     data = marc_text().text()
-    request = Request(afferents={"SA": 6, "PC": 2}, length_mm=1000.0)
+    request = Request(afferents={"SA": 6, "PC": 2}, length_unit="m")
     places = rebase_marc(data, MOTION, request).place_mm
     assert places == {"SA": (2000.0, -1000.0), "PC": (1000.0, 0.0)}
 

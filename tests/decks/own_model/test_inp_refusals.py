@@ -13,7 +13,6 @@ AMPLITUDE = [
     ("NAME=PRESS\n", "NAME=PRESS, USER\n", "line 10: .*USER"),
     ("NAME=PRESS\n", "NAME=PRESS, INPUT=wave.txt\n", "line 10: "),
     ("NAME=OTHER", "NAME=press", "2 .*PRESS .*line 10 and line 12"),
-    ("*BOUNDARY, AMPLITUDE=PRESS", "*BOUNDARY", ".*PRESS .line 10., OTHER .line 12."),
     (
         "*NODE FILE",
         "*BOUNDARY, AMPLITUDE=OTHER\n3, 2, 2, -1.\n*NODE FILE",

@@ -130,7 +130,7 @@ def by_hand():
 
 def test_somebody_elses_deck_does_what_a_deck_written_by_hand_does(tmp_path):
     deck = "\r\n".join([*foreign(), ""]).encode("latin-1")
-    request = Request(afferents={"SA": UNDER, "RA": ASIDE}, length_mm=1000.0)
+    request = Request(afferents={"SA": UNDER, "RA": ASIDE}, length_unit="m")
     rebased = rebase_inp(deck, MOTION, request)
     assert list(rebased.place_mm) == ["SA", "RA"]
     assert_allclose(list(rebased.place_mm.values()), [(1.0, 1.0), (0.5, 0.5)])
@@ -152,7 +152,7 @@ def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock)
     deck = "\n".join([*foreign(), "*step", "*static", "*end step", ""])
     deck = deck.replace("total time", clock)
     punch = HIGH * (WIDE + 1) + 3
-    request = Request(afferents={"PUNCH": punch}, length_mm=1000.0)
+    request = Request(afferents={"PUNCH": punch}, length_unit="m")
     rebased = rebase_inp(deck.encode("latin-1"), MOTION, request)
     _, moved = read_displacement(solve(tmp_path / "run", rebased.deck), [punch])
     depth_mm = -1e3 * moved[:, 0, 1]
