@@ -17,6 +17,7 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.results import history
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import reader_of, result_file
+from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.store import replacing
 from fembridge.tables import write_table
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -366,3 +367,41 @@ def spread(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
     fine = rows >= 0
     there[rows[fine]] = flat[fine]
     return there
+
+
+def derived_of(name: str, fields: Mapping[str, Field]) -> FloatArray:
+    """The quantity `name` of `DERIVED` from fields of one increment.
+
+    Raises
+    ------
+    UsageError
+        The fields are at other nodes, or one is no tensor.
+    """
+    takes, function = DERIVED[name]
+    first = fields[takes[0]]
+    for quantity in takes[1:]:
+        if not np.array_equal(fields[quantity].nodes, first.nodes):
+            raise UsageError(f"{name}: {takes[0]} and {quantity} are at other nodes")
+    return function(*(tensor_of(fields[quantity]) for quantity in takes))
+
+
+def tensor_of(field: Field) -> FloatArray:
+    """A stress or strain field as ``(N, 6)`` in the order of `stress.TENSOR`.
+
+    Raises
+    ------
+    UsageError
+        The field is no tensor.
+    """
+    letter = field.components[0][:1]
+    wanted = tuple(f"{letter}{place.upper()}" for place in TENSOR)
+    if field.components == wanted:
+        return field.values
+    absent = [name for name in wanted if name not in field.components]
+    if absent:
+        raise UsageError(
+            f"{field.name} has no component {absent[0]}: it is no tensor, it has "
+            f"{', '.join(field.components)}"
+        )
+    tensor: FloatArray = field.values[:, [field.components.index(name) for name in wanted]]
+    return tensor

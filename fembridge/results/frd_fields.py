@@ -26,6 +26,7 @@ from fembridge.results.fields import (
     Scene,
     SceneCells,
     arrays_of,
+    derived_of,
     history_of,
     rows_of,
     spread,
@@ -55,7 +56,7 @@ from fembridge.results.frd import (
 from fembridge.results.history import FREQUENCY, NAMES, TIME, History, name_in, one_axis, word_of
 from fembridge.results.read_options import NotFiniteError, ReadOptions
 from fembridge.results.readers import result_file
-from fembridge.results.stress import DERIVED, derived_of
+from fembridge.results.stress import DERIVED
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 KIND_OF_TYPE = {

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import Field, Frame, Key, arrays_of, history_of
+from fembridge.results.fields import Field, Frame, Key, arrays_of, derived_of, history_of
 from fembridge.results.history import (
     FREQUENCY,
     OF_STRESS,
@@ -43,7 +43,7 @@ from fembridge.results.marc_post import PostCode, PostFile, PostIncrement, PostM
 from fembridge.results.mentat import read_sts
 from fembridge.results.one_sided import OneSidedStress
 from fembridge.results.read_options import NotFiniteError, ReadOptions, in_pa
-from fembridge.results.stress import DERIVED, TENSOR, derived_of, von_mises_pa
+from fembridge.results.stress import DERIVED, TENSOR, von_mises_pa
 from fembridge.trace import MS_PER_S, StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 

@@ -11,15 +11,10 @@ below then is the ENER of the same file).
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.errors import UsageError
 from fembridge.typing import FloatArray
-
-if TYPE_CHECKING:
-    from fembridge.results.fields import Field
 
 TENSOR = ("xx", "yy", "zz", "xy", "yz", "zx")
 _NORMAL = 3
@@ -132,41 +127,3 @@ DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[..., FloatArray]]] = {
     "mean_stress": (("STRESS",), mean_stress_pa),
     "strain_energy_density": (("STRESS", "TOSTRAIN"), strain_energy_density_pa),
 }
-
-
-def derived_of(name: str, fields: Mapping[str, "Field"]) -> FloatArray:
-    """The quantity `name` of `DERIVED` from fields of one increment.
-
-    Raises
-    ------
-    UsageError
-        The fields are at other nodes, or one is no tensor.
-    """
-    takes, function = DERIVED[name]
-    first = fields[takes[0]]
-    for quantity in takes[1:]:
-        if not np.array_equal(fields[quantity].nodes, first.nodes):
-            raise UsageError(f"{name}: {takes[0]} and {quantity} are at other nodes")
-    return function(*(tensor_of(fields[quantity]) for quantity in takes))
-
-
-def tensor_of(field: "Field") -> FloatArray:
-    """A stress or strain field as ``(N, 6)`` in the order of this module.
-
-    Raises
-    ------
-    UsageError
-        The field is no tensor.
-    """
-    letter = field.components[0][:1]
-    wanted = tuple(f"{letter}{place.upper()}" for place in TENSOR)
-    if field.components == wanted:
-        return field.values
-    absent = [name for name in wanted if name not in field.components]
-    if absent:
-        raise UsageError(
-            f"{field.name} has no component {absent[0]}: it is no tensor, it has "
-            f"{', '.join(field.components)}"
-        )
-    tensor: FloatArray = field.values[:, [field.components.index(name) for name in wanted]]
-    return tensor

@@ -11,10 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError
 from fembridge.results.extrapolation import brick_weights
-from fembridge.results.fields import read_fields
+from fembridge.results.fields import derived_of, read_fields
 from fembridge.results.one_sided import one_sided_stress
 from fembridge.results.stress import (
-    derived_of,
     energy_stress_pa,
     max_shear_pa,
     mean_stress_pa,

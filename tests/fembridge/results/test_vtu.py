@@ -10,8 +10,9 @@ from numpy.testing import assert_array_equal
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import OutputError, ResultError, UsageError
+from fembridge.results.fields import tensor_of
 from fembridge.results.frd_fields import read_mesh
-from fembridge.results.stress import principal_stresses_pa, tensor_of, von_mises_pa
+from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
 # meshio 5.3.5 knows this one and has left it out of a table.
 topological_dimension.setdefault("wedge15", 3)
