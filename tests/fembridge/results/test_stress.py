@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError
 from fembridge.results.extrapolation import brick_weights
-from fembridge.results.fields import derived_of, read_fields
+from fembridge.results.fields import derived_of, read_fields, tensor_of
 from fembridge.results.one_sided import one_sided_stress
 from fembridge.results.stress import (
     energy_stress_pa,
@@ -19,7 +19,6 @@ from fembridge.results.stress import (
     mean_stress_pa,
     principal_stresses_pa,
     strain_energy_density_pa,
-    tensor_of,
     von_mises_pa,
 )
 
