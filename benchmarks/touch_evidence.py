@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.touch_evidence``: receptive-field areas at 4.5 times threshold
 (Vallbo & Johansson 1980), amplitude for one impulse a cycle against distance (Johnson
-1974, Fig. 7), bars pressed by 1 mm, and dots scanned at 40 mm/s.
+1974, Fig. 7), bars and gaps pressed by 1 mm, and dots scanned at 40 mm/s.
 """
 
 import numpy as np
@@ -28,26 +28,43 @@ HUMAN_MM2 = {"SA": 11.0, "RA": 12.6, "PC": 101.3}
 
 
 def fields():
-    print("receptive fields at 4.5 times threshold, probe 0.5 mm")
+    print("receptive fields at 4.5 times threshold")
     for name, human in HUMAN_MM2.items():
-        field = fb.receptive_field(name, depth_um=[], times_threshold=[4.5])
-        area, whole = field.areas[["area_mm2", "whole"]].iloc[0]
-        print(
-            f"  {name}: threshold {field.threshold_um:.0f} um, {'' if whole else 'over '}"
-            f"{area:.1f} mm2, in man {human}"
-        )
+        for probe_mm, criterion, endings_mm in (
+            (0.5, 0.1, 0.0), (0.5, 1e-6, 0.0), (1.0, 0.1, 0.0), (1.0, 1e-6, 0.0), (0.5, 0.1, 0.5)
+        ):  # fmt: skip
+            field = fb.receptive_field(
+                name,
+                depth_um=[],
+                times_threshold=[4.5],
+                probe_diameter_mm=probe_mm,
+                criterion=criterion,
+                endings_mm=endings_mm,
+            )
+            area, whole = field.areas[["area_mm2", "whole"]].iloc[0]
+            print(
+                f"  {name}, probe {probe_mm:g} mm, {'a tenth' if criterion == 0.1 else 'any'}, "
+                f"endings within {endings_mm:g} mm: "
+                f"threshold {field.threshold_um:.0f} um, {'' if whole else 'over '}"
+                f"{area:.1f} mm2, in man {human}"
+            )
 
 
-def distance():
-    print("RA, 40 Hz, pre-indented by 550 um: um for an impulse a cycle against mm")
+def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=0.0):
+    print(
+        f"RA, 40 Hz, {probe_mm:g} mm, {preindent_um:g} um deep, endings within {endings_mm:g} mm: "
+        "um for an impulse a cycle by mm"
+    )
     times_ms = np.arange(501) * DT_MS
     sine = np.sin(2 * np.pi * 40 * times_ms / 1000)
     units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
     amplitudes = np.geomspace(15, 900, 28)
     counts = []
     for amplitude in amplitudes:
-        way = Way("sine", DT_MS, (50.0, 250.0), 550 + amplitude * sine)
-        touched = touch_skin(PAD, Shape.punch(2.0), way, units, PARAMETERS)
+        way = Way("sine", DT_MS, (50.0, 250.0), preindent_um + amplitude * sine)
+        touched = touch_skin(
+            PAD, Shape.punch(probe_mm), way, units, PARAMETERS, endings_mm=endings_mm
+        )
         counts.append(touched.rate_ips / 40)
     reached = np.array(counts) >= 0.99
     needed = np.where(reached.any(axis=0), amplitudes[reached.argmax(axis=0)], np.inf)
@@ -63,6 +80,12 @@ def bars():
         held = touch_skin(PAD, Shape.bar(width, 14.0), Way.hold(press_um=1000), units, PARAMETERS)
         rates = held.rate_ips[units.z_mm >= 0]
         print(f"  {width:g} mm wide:", " ".join(f"{rate:.0f}" for rate in rates))
+    print("SA under ridges of 4 mm with gaps between, every 0.5 mm from the middle of a gap")
+    for gap in (0.5, 1.0, 2.0, 3.0, 5.0):
+        shape = Shape.grating(gap, 4.0, relief_mm=2.0)
+        held = touch_skin(PAD, shape, Way.hold(press_um=1000), units, PARAMETERS)
+        rates = held.rate_ips[units.z_mm >= 0]
+        print(f"  {gap:g} mm wide:", " ".join(f"{rate:.0f}" for rate in rates))
 
 
 def dots():
@@ -81,5 +104,8 @@ def dots():
 if __name__ == "__main__":
     fields()
     distance()
+    distance(endings_mm=0.5)
+    distance(endings_mm=1.0)
+    distance(probe_mm=1.0, preindent_um=75.0)
     bars()
     dots()

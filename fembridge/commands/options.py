@@ -109,6 +109,13 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "RATES.csv",
         "help": "what to fit to: a table stimulus,afferent,rate_ips",
     },
+    "endings_mm": {
+        "type": float,
+        "default": 0.0,
+        "metavar": "MM",
+        "help": "SA and RA units have endings so far around their place, and feel by the one with "
+        "the largest stress (default: 0, a point)",
+    },
     "export": {
         "action": "append",
         "default": [],

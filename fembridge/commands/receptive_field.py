@@ -48,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--frequency-hz", type=float, metavar="HZ", help="the probe vibrates in place of the press"
     )
     parser.add_argument("--step-mm", type=float, default=0.25, metavar="MM", help="default: 0.25")
+    add_options(parser, ("endings_mm",))
     parser.add_argument(
         "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
     )
@@ -75,7 +76,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             times_threshold=_numbers(args.times_threshold, "--times-threshold"),
             pad=pad,
             **words_of(
-                args, "probe_diameter_mm", "criterion", "frequency_hz", "step_mm", "parameters"
+                args,
+                "probe_diameter_mm",
+                "criterion",
+                "frequency_hz",
+                "step_mm",
+                "endings_mm",
+                "parameters",
             ),
         )
         fields.append(field)

@@ -86,6 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="fingertip, grid, line, one_each (as fingertip:seed=3) or a table unit,afferent,"
         "x_mm,z_mm,depth_mm (default: fingertip)",
     )
+    add_options(who, ("endings_mm",))
     who.add_argument(
         "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
     )
@@ -122,7 +123,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
     result = touch(
         **words_of(args, "shape", *_SHAPE, *_WAY),
-        **words_of(args, "population", "pad", "parameters", "repeats", "noise_mv", "seed"),
+        **words_of(
+            args, "population", "endings_mm", "pad", "parameters", "repeats", "noise_mv", "seed"
+        ),
         log=lambda line: print(line, file=sys.stderr),
     )
     if note := result.origin.get("note"):

@@ -16,6 +16,7 @@ from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
 from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
 from fembridge.touching.pad import Pad, pad_named
+from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import influence_pa, von_mises_pa
 from fembridge.touching.touch import PAD, PARAMETERS, between, first_touch_mm, parameters_of
@@ -100,6 +101,7 @@ def receptive_field(
     criterion: float = 0.1,
     frequency_hz: float | None = None,
     step_mm: float = 0.25,
+    endings_mm: float = 0.0,
     pad: str | Pad = PAD,
     parameters: str | ParameterSet = PARAMETERS,
 ) -> ReceptiveField:
@@ -113,6 +115,8 @@ def receptive_field(
         Further depths, as multiples of the least that fires it at its hot spot.
     criterion
         Share of the impulses at the hot spot that counts as an answer, one at least.
+    endings_mm
+        How far around its place an SA or RA unit has endings, as in `fembridge.touch`.
 
     Returns
     -------
@@ -148,6 +152,7 @@ def receptive_field(
     across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
     along = np.arange(0, int(_HALF_LENGTH_MM / step_mm) + 1.0) * step_mm
     site = skin.finger.afferents[afferent]
+    unit = Population.one_each(afferents=(afferent,), finger=skin.finger)
     wave = _wave(frequency_hz)
     deepest = MOST_UM if times_threshold else max(depths, default=0.0)
     probe = Shape.punch(probe_diameter_mm)
@@ -161,9 +166,13 @@ def receptive_field(
         nodes, gap_mm = nodes.subset(near), gap_mm[near]
         contact = Contact.of(nodes)
         forces = np.stack([contact.press(level * 1e-3 - gap_mm) for level in level_um])
-        count = z_mm.size
-        places = np.zeros(count), z_mm, np.full(count, site.depth_mm)
-        return von_mises_pa(influence_pa(skin, nodes, [site.layer] * count, *places), forces)
+        found = np.zeros((len(level_um), z_mm.size))
+        for across_mm, along_mm, _ in unit.endings(endings_mm):
+            layers, depth_mm = [site.layer] * z_mm.size, np.full(z_mm.size, site.depth_mm)
+            places = np.full(z_mm.size, across_mm), z_mm + along_mm, depth_mm
+            here_pa = von_mises_pa(influence_pa(skin, nodes, layers, *places), forces)
+            found = np.maximum(found, here_pa)
+        return found
 
     def impulses(stress: FloatArray, depth: float) -> IntArray:
         """Impulses ``(place,)`` of stress ``(level, place)`` at one depth."""

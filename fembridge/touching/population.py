@@ -6,7 +6,7 @@ fingertips as TouchSim has them (Saal et al. 2017, after Johansson & Vallbo 1979
 jittered lattice.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ from fembridge.errors import TableError, UsageError
 from fembridge.store import near_hint
 from fembridge.tables import AFFERENTS, read_table, write_table
 from fembridge.touching.words import made_of
-from fembridge.typing import FloatArray
+from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas
@@ -31,6 +31,9 @@ DENSITY_CM2: Mapping[str, float] = {"SA": 70.0, "RA": 140.0, "PC": 25.0}
 # A fingertip reaches so far from its middle, across and along.
 _HALF_WIDTH_MM, _HALF_LENGTH_MM = 7.0, 12.0
 _MM_PER_CM = 10.0
+# Fibres that branch in the skin; a Pacinian corpuscle is one ending.
+BRANCHED = ("SA", "RA")
+_MOST_ENDINGS_MM = 3.0
 _MOST_UNITS = 200_000
 
 
@@ -58,6 +61,19 @@ class Population:
 
     def __len__(self) -> int:
         return len(self.unit)
+
+    def endings(self, radius_mm: float) -> Iterator[tuple[float, float, IntArray]]:
+        """Places in mm from a unit's own, and which units have an ending there.
+
+        All have one in the middle; `BRANCHED` have six more on a circle.
+        """
+        if not 0 <= radius_mm <= _MOST_ENDINGS_MM:
+            raise UsageError(f"endings within {radius_mm:g} mm, expected 0 to {_MOST_ENDINGS_MM:g}")
+        yield 0.0, 0.0, np.arange(len(self))
+        branched = np.flatnonzero(np.isin(self.afferent, BRANCHED))
+        if radius_mm and branched.size:
+            for angle in np.arange(6) * np.pi / 3:
+                yield radius_mm * float(np.cos(angle)), radius_mm * float(np.sin(angle)), branched
 
     def to_frame(self) -> "pandas.DataFrame":
         """A row a unit."""

@@ -164,6 +164,7 @@ def touch(
     relief_mm: float | None = None,
     friction: float = FRICTION,
     population: str | Population = "fingertip",
+    endings_mm: float = 0.0,
     pad: str | Pad = PAD,
     parameters: str | ParameterSet = PARAMETERS,
     preindent_um: float | None = None,
@@ -192,6 +193,9 @@ def touch(
         Where the shape's middle is at first, and how far it is turned.
     population
         A `Population`, ``fingertip``, ``grid``, ``line``, ``one_each``, or a table.
+    endings_mm
+        An SA or RA unit has endings so far around its place and feels by the one with the
+        largest stress; 0: it is a point, as in the fit.
     pad
         ``reference``, a file that ``fembridge pad`` made, or a `Pad`.
     preindent_um
@@ -227,6 +231,7 @@ def touch(
         units = population_named(units, skin.finger)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     common: dict[str, Any] = {
+        "endings_mm": endings_mm,
         "trials": repeats,
         "noise_mv": noise_mv,
         "seed": seed,
@@ -261,6 +266,7 @@ def touch_skin(
     parameters: Parameters,
     *,
     friction: float = FRICTION,
+    endings_mm: float = 0.0,
     trials: int = 1,
     noise_mv: float = 0.0,
     seed: int = 0,
@@ -277,7 +283,8 @@ def touch_skin(
         Parameters of another time step or another quantity.
     """
     solved = _slid(pad, shape, way, friction) if way.slides else _pressed_to(pad, shape, way)
-    return _fire(pad, shape, way, population, parameters, solved, trials, noise_mv, seed, origin)
+    end = solved, endings_mm, trials, noise_mv, seed, origin
+    return _fire(pad, shape, way, population, parameters, *end)
 
 
 def touch_pins(
@@ -286,6 +293,7 @@ def touch_pins(
     population: Population,
     parameters: Parameters,
     *,
+    endings_mm: float = 0.0,
     trials: int = 1,
     noise_mv: float = 0.0,
     seed: int = 0,
@@ -312,7 +320,8 @@ def touch_pins(
         zip(pins.x_mm.tolist(), pins.z_mm.tolist(), pins.diameter_mm.tolist(), strict=True)
     )
     shape = Shape.pins(places)
-    return _fire(pad, shape, way, population, parameters, solved, trials, noise_mv, seed, origin)
+    end = solved, endings_mm, trials, noise_mv, seed, origin
+    return _fire(pad, shape, way, population, parameters, *end)
 
 
 def first_touch_mm(pad: Pad, shape: Shape) -> float:
@@ -483,6 +492,7 @@ def _fire(
     population: Population,
     parameters: Parameters,
     solved: _Solved,
+    endings_mm: float,
     trials: int,
     noise_mv: float,
     seed: int,
@@ -493,7 +503,7 @@ def _fire(
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
     pushed = np.asarray((solved.forces_n > 0).any(axis=0))
     nodes, forces = solved.nodes.subset(pushed), solved.forces_n[:, pushed]
-    stress = _stress_pa(pad, nodes, forces, population, solved)
+    stress = _stress_pa(pad, nodes, forces, population, solved, endings_mm)
     total_n = forces.sum(axis=1)
     if solved.level is not None:
         at, knots = np.clip(way.pressed, 0.0, solved.level[-1]), solved.level
@@ -546,9 +556,27 @@ def _stress_pa(
     forces: FloatArray | SingleArray,
     population: Population,
     solved: _Solved,
+    endings_mm: float,
 ) -> FloatArray:
-    """Von Mises stress ``(S, unit)`` where contact was solved."""
-    places = (list(population.layer), population.x_mm, population.z_mm, population.depth_mm)
+    """Von Mises stress ``(S, unit)`` where contact was solved, the largest of a unit's endings."""
+    found = np.zeros((len(forces), len(population)))
+    for across, along, units in population.endings(endings_mm):
+        layers = [population.layer[unit] for unit in units]
+        x_mm, z_mm = population.x_mm[units] + across, population.z_mm[units] + along
+        places = layers, x_mm, z_mm, population.depth_mm[units]
+        here = _stress_at_pa(pad, nodes, forces, places, solved)
+        found[:, units] = np.maximum(found[:, units], here)
+    return found
+
+
+def _stress_at_pa(
+    pad: Pad,
+    nodes: SkinNodes,
+    forces: FloatArray | SingleArray,
+    places: tuple[list[str], FloatArray, FloatArray, FloatArray],
+    solved: _Solved,
+) -> FloatArray:
+    """Von Mises stress ``(S, place)``: layers, x, z and depth of each in mm."""
     if solved.drag is None:
         return von_mises_pa(influence_pa(pad, nodes, *places), forces)
     drag = solved.drag[solved.row]

@@ -34,6 +34,15 @@ def test_a_multiple_of_threshold_is_a_depth():
     assert_allclose(field.depth_um, [2 * field.threshold_um])
 
 
+def test_endings_widen_the_field_by_about_their_distance_and_leave_the_threshold():
+    point, branched = (
+        fb.receptive_field("SA", depth_um=[300], endings_mm=mm, step_mm=0.25) for mm in (0.0, 0.5)
+    )
+    radius_mm = [np.sqrt(each.areas["area_mm2"].item() / np.pi) for each in (point, branched)]
+    assert 0.3 < radius_mm[1] - radius_mm[0] < 0.6
+    assert_allclose(branched.threshold_um, point.threshold_um, rtol=0.05)
+
+
 @pytest.mark.parametrize(
     "arguments",
     [{"afferent": "XX"}, {"criterion": 0.0}, {"depth_um": [-1.0]}, {"step_mm": 0.0}],

@@ -188,3 +188,19 @@ def test_pictures_are_drawn_by_name_and_others_refused():
     for one in (touch, field):
         with pytest.raises(UsageError, match="isi"):
             fb.plot(one, "isi")
+
+
+def test_a_unit_with_endings_feels_by_the_one_with_the_largest_stress():
+    """Against points at the seven places, one by one; a Pacinian corpuscle has one ending."""
+    way, bar = Way.hold(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0)
+    branched = touch_skin(PAD, bar, way, ONE, FITTED, endings_mm=0.6)
+    around = 0.6 * np.stack([(np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3])
+    points = [
+        touch_skin(PAD, bar, way, Population.one_each(*place), FITTED).stress_pa[140]
+        for place in ((0.0, 0.0), *around.tolist())
+    ]
+    expected = np.max(points, axis=0)
+    expected[2] = points[0][2]
+    assert_allclose(branched.stress_pa[140], expected, rtol=1e-3)
+    with pytest.raises(UsageError, match="9 mm"):
+        touch_skin(PAD, bar, way, ONE, FITTED, endings_mm=9.0)
