@@ -287,6 +287,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         outputs = outputs_of(index, options)
         if quantities is not None:
             outputs = having(index, outputs, quantities, options)
+        outputs = _fullest(outputs, options)
         scene = self._drawn(outputs, _mesh(index, options.length_mm))
         between = int((scene.met > 1).sum())
         if between:
@@ -347,6 +348,28 @@ class FrdSource(AbstractContextManager["FrdSource"]):
                 first = next(iter(output.values()))
                 time = first.value if first.modal else first.time_ms
                 yield Frame(time, scene, _at_points(fields, scene, derived))
+
+
+def _fullest(outputs: Sequence[Output], options: ReadOptions) -> Sequence[Output]:
+    """The increments that hold something at as many nodes as any.
+
+    Those are whole fields in a file that has them now and then, else the afferents alone.
+    """
+    most: dict[str, int] = {}
+    for output in outputs:
+        for name, one in output.items():
+            most[name] = max(one.records, most.get(name, 0))
+    kept = [
+        output
+        for output in outputs
+        if any(one.records == most[name] for name, one in output.items())
+    ]
+    if len(kept) < len(outputs):
+        left = len(outputs) - len(kept)
+        options.note(
+            f"left out: {left} of {len(outputs)} increments, at fewer nodes than the others"
+        )
+    return kept
 
 
 def _at_points(

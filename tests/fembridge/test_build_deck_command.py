@@ -1,10 +1,14 @@
 """``fembridge build-deck``: a run folder a stimulus, and what it refuses."""
 
 import json
+import math
 import tomllib
+from pathlib import Path
 
 import pytest
+from numpy.testing import assert_allclose
 
+import fembridge as fb
 from fembridge.cli import main
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.store import sha256_of
@@ -124,6 +128,9 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
         (["--element", "80"], 2, "calculix has no element '80'"),
         (["--probe-body", "rigid"], 2, "no probe 'rigid'"),
         (["--solver", "abaqus", "--results", "text"], 2, "no results 'text'"),
+        (["--solver", "marc", "--frames", "5"], 2, "a deck for marc has results at all nodes"),
+        (["--inertia", "--frames", "5"], 2, "frames: 1 alone where inertia counts"),
+        (["--frames", "-1"], 2, "frames is -1, expected 1 or more"),
     ],
 )
 def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(here, capsys, words, code, found):
@@ -231,3 +238,50 @@ def test_half_of_a_section_is_enough_unless_all_is_asked_for(here):
     assert half.inputs["section"] == "half"
     assert whole.inputs["section"].startswith("whole: the whole section was asked for")
     assert half.deck.stat().st_size < 0.65 * whole.deck.stat().st_size
+
+
+# ---- Whole fields beside the traces
+
+
+def wave(samples):
+    rows = [f"{0.5 * k},{100 * math.sin(0.05 * math.pi * k)!r}" for k in range(samples + 1)]
+    Path("wave.csv").write_text("\n".join(["time_ms,displacement_um", *rows, ""]))
+    return ["build-deck", "--stimulus", "wave.csv", "--preindent-um", "0", "--json"]
+
+
+@pytest.mark.parametrize(
+    ("frames", "steps"), [(0, [(12, False)]), (1, [(12, True)]), (5, [(4, False), (1, True)] * 2)]
+)
+def test_every_so_many_samples_are_a_step_that_writes_all_nodes(here, frames, steps):
+    assert main([*wave(12), "--frames", str(frames)]) == 0
+    deck = (here / "runs/wave/job.inp").read_text()
+    found = [
+        (round(float(step.split("\n")[2].split(", ")[1]) / 0.0005), "*NODE OUTPUT, DOUBLE" in step)
+        for step in deck.split("*STEP")[1:]
+    ]
+    assert found == [*steps, *([(2, False)] if frames == 5 else [])]
+    run = read_run_folder(here / "runs/wave")
+    assert (run.increments, run.end_ms, run.before_ms) == (12, 6.0, 0.0)
+
+
+def test_abaqus_is_asked_for_the_whole_field_beside_the_afferents(here):
+    assert main([*wave(12), "--solver", "abaqus", "--frames", "5"]) == 0
+    deck = (here / "runs/wave/job.inp").read_text()
+    assert "*OUTPUT, FIELD, FREQUENCY=5\n*NODE OUTPUT\nU\n*ELEMENT OUTPUT\nS\n" in deck
+    assert "*OUTPUT, FIELD, FREQUENCY=1\n*NODE OUTPUT, NSET=OUTPUT_NODES\n" in deck
+
+
+@pytest.mark.solver
+def test_traces_are_the_same_and_every_frame_shows_the_finger(here, capsys):
+    stress = {}
+    for frames in (0, 5):
+        assert main([*wave(10), "--frames", str(frames), "-o", f"runs{frames}"]) == 0
+        assert main(["run", f"runs{frames}/wave"]) == 0
+        stress[frames] = fb.read(f"runs{frames}/wave")
+    for one, other in zip(*stress.values(), strict=True):
+        assert_allclose(other.stress_pa, one.stress_pa, rtol=0, atol=2e-5 * one.stress_pa.max())
+    assert main(["ingest", "runs5/wave", "--vtu", "fields"]) == 0
+    assert "left out: 8 of 10 increments, at fewer nodes" in capsys.readouterr().err
+    assert len(list(here.glob("fields/*.vtu"))) == 2
+    sizes = [len(field.nodes) > 1000 for field in fb.read_fields("runs5/wave")]
+    assert sizes == [False] * 4 + [True] + [False] * 4 + [True]
