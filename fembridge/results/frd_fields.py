@@ -350,7 +350,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
                 yield Frame(time, scene, _at_points(fields, scene, derived))
 
 
-def _fullest(outputs: Sequence[Output], options: ReadOptions) -> Sequence[Output]:
+def _fullest(outputs: Sequence[Output], options: ReadOptions) -> list[Output]:
     """The increments that hold something at as many nodes as any.
 
     Those are whole fields in a file that has them now and then, else the afferents alone.
