@@ -47,6 +47,14 @@ def point(text: str) -> tuple[int, int]:
     return int(element), int(number)
 
 
+def columns(text: str) -> dict[str, str]:
+    """``time=NAME,value=NAME``."""
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    if not all(key.strip() and name.strip() for key, _, name in pairs):
+        raise ValueError(text)
+    return {key.strip(): name.strip() for key, _, name in pairs}
+
+
 _MANY: dict[str, Any] = {"nargs": "+", "action": "extend"}
 _YES: dict[str, Any] = {"action": "store_true"}
 # By group: option, help, and how it is read.
@@ -101,6 +109,11 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--derived", "what --vtu computes beside them: von_mises (the default), principal, "
          "max_shear, mean_stress, strain_energy_density", {"metavar": "NAME", **_MANY}),
     ),
+    "any other result: a CSV or NPZ, or a VTU, PVD or XDMF with point data": (
+        ("--columns", "which column or array is what: time (in s) or time_ms, value (von Mises, or "
+         "an array of tensors) or xx, yy, zz, xy, yz, zx, node, afferent",
+         {"type": columns, "metavar": "time=NAME,value=NAME"}),
+    ),
     "printed results in a .dat": (
         ("--point", "stress traces at integration points, which no averaging has touched; in the "
          "table their node is ELEMENT times 100 plus POINT",
@@ -113,7 +126,8 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     files = "a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
-    files += "a plot that Mentat saved, .txt; or a run folder"
+    files += "a plot that Mentat saved, .txt; any .csv, .npz, .vtu, .pvd, .xdmf by --columns; "
+    files += "or a run folder; .frd and .dat also as .gz"
     parser.add_argument("result", type=Path, metavar="RESULT", help=files)
     for title, options in _OPTIONS.items():
         group = parser.add_argument_group(title) if title else parser
@@ -126,6 +140,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """List, or read and write; the summary says what was written."""
     from fembridge.errors import UsageError
     from fembridge.results import open_result
+    from fembridge.results.byte_file import suffix_of
     from fembridge.results.nodes import sets_beside
     from fembridge.results.printed import PRINTS, describe_print
 
@@ -137,9 +152,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         length_unit=args.length_unit,
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
+        columns=args.columns,
         log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
     )
-    path, suffix = result.path, result.path.suffix.lower()
+    path, suffix = result.path, suffix_of(result.path)
     if suffix == ".dat":  # of a Marc deck, too
         from decks.marc.grammar import is_marc_deck
 
@@ -189,6 +205,7 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
         Words that do not go together, or not with this kind of file.
     """
     from fembridge.errors import UsageError
+    from fembridge.results.byte_file import suffix_of
 
     given = {"--node": args.node, "--set": args.sets, "--near": args.near}
     by_node = [word for word, value in given.items() if value]
@@ -201,7 +218,7 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
     misuse = (
         (len(asked) > 1, " and ".join(asked[:2]) + " do not go together"),
         (printed and word not in ("", "--list", "--point"), f"{word} is for a .frd, .t16 or .t19"),
-        (args.point and path.suffix.lower() != ".dat", "--point is for a .dat"),
+        (args.point and suffix_of(path) != ".dat", "--point is for a .dat"),
         (args.increment != LAST and word != "--field", "--increment is for --field"),
         (args.derived and word != "--vtu", "--derived is for --vtu"),
         (
@@ -347,7 +364,8 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
         if found.uneven:
             lines.append(f"  {command} --resample-ms {found.resample_ms:g}")
         return lines
-    return [f"nothing at nodes to take: {problem}"]
+    wants = "" if "--columns" in problem else "nothing at nodes to take: "
+    return [wants + problem]
 
 
 def _sides(args: argparse.Namespace, result: "Result") -> Written:
@@ -386,9 +404,10 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
 def _table(args: argparse.Namespace, result: "Result") -> Written:
     """The prints of a solver as a table."""
     from fembridge.errors import UsageError
+    from fembridge.results.byte_file import suffix_of
     from fembridge.results.printed import PRINTS, write_print_table
 
-    path, suffix = result.path, result.path.suffix.lower()
+    path, suffix = result.path, suffix_of(result.path)
     quantity = _one_quantity(args, path)
     if quantity and suffix != ".dat":
         raise UsageError(f"{path}: --quantity is of a .dat")

@@ -3,17 +3,22 @@
 Read and not mapped: a mapped file that another process cuts short kills the reader with
 SIGBUS; here it is an error with words. The size is taken once, when the file is opened: a
 run that is still writing does not move the end, and `change` says that it was.
+
+A file named ``.gz`` is unpacked into a temporary one first, up to a bound.
 """
 
+import gzip
 import math
 import os
 import stat
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from difflib import get_close_matches
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
+from tempfile import NamedTemporaryFile, _TemporaryFileWrapper
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +31,8 @@ Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
 LONGEST_LINE = 1 << 16
+# Times the packed bytes (results are 3 to 30, gzip can do 1000), and bytes of any file.
+_MOST_UNPACKED, _ALWAYS_UNPACKED = 100, 1 << 28
 _LEAST_POWER, _MOST_POWER, _HEAD_BITS = -105, 94, 29  # of E-99 behind six decimals
 _PLAIN = b" +-.0123456789E\n"
 _IS_PLAIN = np.isin(np.arange(256), np.frombuffer(_PLAIN[:-1], np.uint8))
@@ -36,8 +43,12 @@ class ByteFile(AbstractContextManager["ByteFile"]):
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        place = path
+        if path.suffix.lower() == ".gz" and path.is_file():
+            about = path.stat()
+            place = Path(_unpacked(path, about.st_size, about.st_mtime_ns).name)
         try:
-            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            handle = os.open(place, os.O_RDONLY | os.O_NONBLOCK)
         except FileNotFoundError as error:
             raise ResultError(f"no such file{_near(path)}", path) from error
         except OSError as error:
@@ -153,6 +164,31 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             yield from iter(partial(self._file.readline, LONGEST_LINE + 1), b"")
         except OSError as error:
             raise ResultError(f"cannot be read: {error.strerror}", self.path) from error
+
+
+def suffix_of(path: Path) -> str:
+    """The suffix of `path`, in small letters; of ``job.frd.gz`` what comes out of it."""
+    packed = path.suffix.lower() == ".gz"
+    return Path(path.stem if packed else path).suffix.lower()
+
+
+@lru_cache(maxsize=1)
+def _unpacked(path: Path, size: int, written_ns: int) -> "_TemporaryFileWrapper[bytes]":
+    """The content of a gzip file of `size` bytes; removed when the next takes its place."""
+    most, done = max(size * _MOST_UNPACKED, _ALWAYS_UNPACKED), 0
+    place = NamedTemporaryFile(suffix=suffix_of(path))  # noqa: SIM115 - kept by the cache
+    try:
+        with gzip.open(path) as packed:
+            while block := packed.read(CHUNK_BYTES):
+                done += len(block)
+                if done > most:
+                    words = f"unpacks to more than {_MOST_UNPACKED} times its {size} bytes"
+                    raise ResultError(f"{words}: no results", path)
+                place.write(block)
+        place.flush()
+    except (OSError, EOFError, zlib.error) as error:
+        raise ResultError(f"cannot be unpacked: {error}", path) from error
+    return place
 
 
 def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:

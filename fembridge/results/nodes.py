@@ -170,7 +170,8 @@ def near_nodes(
     for place in places_mm:
         if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
             raise UsageError(f"place {', '.join(map(str, place))}: expected x,y or x,y,z")
-    with open_source(path, ReadOptions(partial=True, length_unit=options.length_unit)) as source:
+    lenient = ReadOptions(partial=True, length_unit=options.length_unit, columns=options.columns)
+    with open_source(path, lenient) as source:
         nodes, at_mm, held = map(np.concatenate, zip(*source.places(), strict=True))
     lowest, highest = float(at_mm[:, 2].min()), float(at_mm[:, 2].max())
     flat = highest - lowest <= 1e-9 * max(1.0, abs(lowest), abs(highest))

@@ -34,6 +34,7 @@ from fembridge.results.byte_file import (
     Characters,
     fixed_floats,
     fixed_integers,
+    suffix_of,
     text_lines,
     text_runs,
 )
@@ -612,7 +613,7 @@ def print_rows(path: Path, options: ReadOptions, quantity: str | None = None) ->
     unit in the name of the column; None is empty, a truth 0 or 1. `quantity` takes one
     of a ``.dat`` alone.
     """
-    if path.suffix.lower() == ".dat":
+    if suffix_of(path) == ".dat":
         yield DAT_COLUMNS
         yield from _dat_rows(path, options, quantity)
         return
@@ -656,9 +657,9 @@ def write_print_table(
 
 def describe_print(path: Path) -> Table:
     """What `path` holds: rows and the last of them, or the sections of a ``.dat``."""
-    described: Table = {"format": PRINTS[path.suffix.lower()], "bytes": path.stat().st_size}
+    described: Table = {"format": PRINTS[suffix_of(path)], "bytes": path.stat().st_size}
     remarks: list[str] = []
-    if path.suffix.lower() != ".dat":
+    if suffix_of(path) != ".dat":
         columns, *rows = print_rows(path, ReadOptions(log=remarks.append))
         last = dict(zip(map(str, columns), rows[-1], strict=True)) if rows else None
         return described | {"rows": len(rows), "last": last, "problem": (*remarks, None)[0]}

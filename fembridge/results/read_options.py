@@ -43,6 +43,9 @@ class ReadOptions:
 
     `on_axis` are nodes on the axis of a half of a section. There is no shear in it:
     what a ``.frd`` holds is the mean over one half, and the other has the other sign.
+
+    `columns` are names in a table or series by what they are, see
+    `fembridge.results.columns`.
     """
 
     partial: bool = False
@@ -55,6 +58,7 @@ class ReadOptions:
     branches: Mapping[int, int] = field(default_factory=dict)
     on_axis: Collection[int] = ()
     length_unit: str = "mm"
+    columns: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for what, value, known in (

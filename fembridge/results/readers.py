@@ -13,7 +13,7 @@ from typing import Any
 
 from decks.dialects import JOB
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.byte_file import ByteFile
+from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import RUN_FILE, read_run_folder
 
@@ -22,7 +22,7 @@ ENTRY_POINTS = "fembridge.readers"
 _FIRST_BYTES = 64
 _PRINTS = (".dat", ".sta", ".cvg")
 _KNOWN_STARTS = (
-    (b"\x1f\x8b", "gzip: unpack it first"),
+    (b"\x1f\x8b", "gzip: name it .frd.gz"),
     (b"PK\x03\x04", "zip: unpack it first"),
     (b"\x89HDF", "HDF5, which is not read; of a Marc job take the .t16 or .t19"),
     (b"<?xml", "XML"),
@@ -87,11 +87,20 @@ class Reader:
 _T16_STARTS = ((280).to_bytes(4, "little"), (280).to_bytes(4, "big"))
 _FRD, _FRD_SOURCE = "fembridge.results.frd:read", "fembridge.results.frd_fields:FrdSource"
 _MARC, _MARC_SOURCE = "fembridge.results.marc:read", "fembridge.results.marc:MarcSource"
+_COLUMNS = "fembridge.results.columns:read"
+_COLUMN_SOURCE = "fembridge.results.columns:ColumnSource"
+_XML_STARTS = (b"<?xml", b"<VTKFile", b"<Xdmf", b"<!DOCTYPE")
 READERS = (
     Reader("ccx-frd", ".frd", b"    1C", _FRD, _FRD_SOURCE),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:read"),
+    Reader("table", ".csv", b"", _COLUMNS, _COLUMN_SOURCE),
+    Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, _COLUMN_SOURCE),
+    *(
+        Reader(f"vtk-series {suffix}", suffix, _XML_STARTS, _COLUMNS, _COLUMN_SOURCE)
+        for suffix in (".vtu", ".pvd", ".xdmf")
+    ),
 )
 
 
@@ -107,7 +116,7 @@ def reader_of(path: Path) -> Reader:
         start = file.peek(0, _FIRST_BYTES)
     if not start:
         raise ResultError("empty: 0 bytes", path)
-    suffix = path.suffix.lower()
+    suffix = suffix_of(path)
     for reader in READERS:
         if suffix == reader.suffix and reader.takes(start):
             return reader
@@ -133,7 +142,7 @@ def result_file(path: Path | str) -> Path:
 
 
 def _foreign(path: Path, start: bytes) -> str:
-    if path.suffix.lower() in _PRINTS:
+    if suffix_of(path) in _PRINTS:
         return (
             "prints of CalculiX, no nodal results: fembridge ingest makes a table of "
             "them, and --point traces of a .dat's integration points"

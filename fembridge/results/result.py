@@ -5,7 +5,7 @@ solver's clock starts before (a ramp to a pre-indentation takes place there), an
 result file has no sample of the start itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import numpy as np
 
 from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
 from fembridge.errors import FembridgeError, ResultError, UsageError
-from fembridge.results.byte_file import ByteFile
+from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.fields import open_source
 from fembridge.results.history import STRESS, VON_MISES, History, of_traces
 from fembridge.results.read_options import ReadOptions
@@ -59,6 +59,8 @@ class Result:
         """Nodes that a file of curves names itself; none of other files."""
         if self.trouble is not None:
             raise self.trouble
+        if self.options.columns and suffix_of(self.path) in (".csv", ".npz"):
+            return self._history(None, replace(self.options, log=None), None, False).nodes
         nodes: Sequence[int] = self.reader.ask("nodes_in", self.path, ())
         return nodes
 
@@ -85,7 +87,7 @@ class Result:
         else:
             found = load(path, [node for _, node in places], options)
             traces = [
-                replace(trace, afferent=afferent)
+                replace(trace, afferent=afferent or trace.afferent)
                 for trace, (afferent, _) in zip(found, places, strict=True)
             ]
         if run is None:
@@ -167,7 +169,9 @@ class Result:
                 reader.load(reader.target, self.path, options)(self.path, nodes, options)
             )
         if places is not None:
-            held = replace(held, afferents=tuple(afferent for afferent, _ in places))
+            named = held.afferents or (None,) * len(places)
+            classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
+            held = replace(held, afferents=tuple(one or other for one, other in classes))
         return held
 
     def _places(
@@ -181,6 +185,8 @@ class Result:
         path, run, options = self.path, self.run, self.options
         if self.trouble is not None:
             raise self.trouble
+        if nodes is None and run is None and not (sets or len(near_mm)):
+            nodes = self.named_nodes() or None
         if nodes is not None or sets or len(near_mm):
             if sets or len(near_mm):
                 from fembridge.results.nodes import choose_nodes
@@ -227,6 +233,7 @@ def open_result(
     length_unit: str | None = None,
     extrapolate: str | None = None,
     von_mises: str | None = None,
+    columns: Mapping[str, str] | None = None,
     log: Callable[[str], None] | None = None,
 ) -> Result:
     """The result file `path`, or that of the run folder `path`; options as for `read`."""
@@ -245,9 +252,14 @@ def open_result(
                 run = read_run_folder(path.parent)
         except ResultError as error:
             trouble = error
+    if columns and stress_unit is None:
+        from fembridge.results.columns import stress_unit_in
+
+        stress_unit = stress_unit_in(columns)
     stress, length = _units(path, run, stress_unit, length_unit)
     options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
-    return Result(path, replace(options, length_unit=length), run, trouble)
+    options = replace(options, length_unit=length, columns=dict(columns or {}))
+    return Result(path, options, run, trouble)
 
 
 def _units(
@@ -255,7 +267,7 @@ def _units(
 ) -> tuple[str, str]:
     """Units of stress and length: as asked, as the run or the file's heading says, MPa and mm."""
     held = LENGTH_UNITS.get(length_unit or "mm", MM)
-    if length_unit is None and path.suffix.lower() == ".frd" and path.is_file():
+    if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
         with ByteFile(path) as file:  # ccx copies the heading to the start of its results
             held = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1")) or held
     stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
@@ -281,6 +293,7 @@ def read(
     resample_ms: float | None = None,
     extrapolate: str | None = None,
     von_mises: str | None = None,
+    columns: Mapping[str, str] | None = None,
     log: Callable[[str], None] | None = None,
 ) -> Traces:
     """Read stress traces, in Pa over ms, from a result file.
@@ -324,6 +337,10 @@ def read(
     von_mises
         Of a Marc file: "tensor" (None too) is the von Mises stress of the nodal
         tensor, "scalar" that of the points, carried to the node as a number.
+    columns
+        Of a CSV, NPZ, VTU, PVD or XDMF: what it holds under which name, such as
+        ``{"time": "t", "value": "S_Mises"}``, see `fembridge.results.columns`. `nodes`
+        None takes all of a CSV or NPZ.
     log
         Called with each remark.
 
@@ -346,6 +363,7 @@ def read(
         length_unit=length_unit,
         extrapolate=extrapolate,
         von_mises=von_mises,
+        columns=columns,
         log=log,
     )
     return result.traces(
@@ -388,7 +406,7 @@ def read_history(
         The modes of frequency and buckling steps, of a file that has times, too.
     **options
         `partial`, `across_materials`, `stress_unit`, `length_unit`, `extrapolate`,
-        `von_mises` and `log` of `read`.
+        `von_mises`, `columns` and `log` of `read`.
 
     Raises
     ------

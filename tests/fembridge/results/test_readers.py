@@ -1,5 +1,6 @@
 """The table of readers, and traces on the clock of the stimulus from a run folder."""
 
+import gzip
 import os
 import shutil
 import subprocess
@@ -296,3 +297,22 @@ def test_traces_of_a_half_are_made_without_that_shear(halved, by_number):
     assert np.abs(found[node].stress_pa - plain[node].stress_pa).max() > 1
     for other in set(found) - {node}:
         assert_array_equal(found[other].stress_pa, plain[other].stress_pa)
+
+
+@pytest.mark.parametrize("name", ["cpe4_ascii.frd", "cpe4_bin_f64.frd"])
+def test_a_packed_file_is_read_as_what_is_in_it(samples, tmp_path, name):
+    path = tmp_path / f"{name}.gz"
+    path.write_bytes(gzip.compress((samples / name).read_bytes()))
+    (packed,), (plain,) = read(path, [25]), read(samples / name, [25])
+    assert packed.stress_pa.tolist() == plain.stress_pa.tolist()
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ResultError, match="cannot be unpacked: Compressed file ended"):
+        read(path, [25])
+
+
+def test_a_bomb_is_unpacked_up_to_a_bound(tmp_path, monkeypatch):
+    monkeypatch.setattr("fembridge.results.byte_file._ALWAYS_UNPACKED", 1 << 16)
+    path = tmp_path / "job.frd.gz"
+    path.write_bytes(gzip.compress(bytes(1 << 24)))
+    with pytest.raises(ResultError, match="unpacks to more than 100 times its 16"):
+        read(path, [25])

@@ -1,0 +1,424 @@
+"""A table or a VTK series of any program, its columns or arrays named by the user.
+
+``--columns time=t,value=S_Mises`` says which column is what:
+
+``time``, ``time_ms``  in s, as solvers have it, or in ms; the ending of a name goes before: t_ms
+``value``              von Mises stress; or an array with a tensor
+``xx`` ... ``zx``      or a tensor, component by component
+``node``, ``afferent`` whose it is; without them it is of one place, node 1
+
+Stress is in `ReadOptions.stress_unit`, unless the name of the column says it: ``S_pa``,
+``Mises [kPa]``. Of CSV, lines of ``%``, ``#`` or nothing come before the header, as COMSOL and
+code_aster write it. An NPZ has arrays ``(T,)``, ``(T, node)`` or of tensors ``(T, node, 6)``.
+A series is a PVD of VTU files, one VTU, or XDMF; its time is that of the PVD or XDMF, under
+any name; nodes are the points, from 1, or what the array ``node`` says.
+
+Tensors are xx yy zz xy yz zx, VTK's order; nine numbers are a whole one; XDMF's Tensor6 is
+xx xy xz yy yz zz (xdmf.org, "XDMF Model and Format", Attribute).
+"""
+
+import csv
+import io
+import re
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.etree import ElementTree
+
+import numpy as np
+
+from fembridge.errors import MissingError, ResultError, UsageError
+from fembridge.results.fields import rows_of
+from fembridge.results.history import OF_STRESS, STRESS, TENSOR_COMPONENTS, VON_MISES, History
+from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
+from fembridge.results.stress import TENSOR
+from fembridge.store import read_bytes
+from fembridge.tables import AFFERENTS
+from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.typing import BoolArray, FloatArray, IntArray, Table
+
+KEYS = ("time", "time_ms", "value", *TENSOR, "node", "afferent")
+
+_MOST_BYTES = 1 << 28  # of a file, and of what is in it
+_COMMENTS = ("%", "#")
+_FULL = [0, 4, 8, 1, 5, 2]  # of nine, row by row
+_XDMF_ORDER = [0, 3, 5, 1, 4, 2]
+_MS_PER_UNIT = {"us": 1e-3, "ms": 1.0, "s": MS_PER_S}
+_UNIT = re.compile(r"(?:_|[\s.]*[\[(]) *([A-Za-z]+) *[\])]?$")
+
+Arrays = Mapping[str, np.ndarray[Any, Any]]
+Frames = Iterator[tuple[float, Arrays]]
+
+
+def read(path: Path, nodes: Sequence[int], options: ReadOptions) -> list[StressTrace]:
+    """Von Mises stress at `nodes`, in that order."""
+    with ColumnSource(path, options) as source:
+        held = source.history(nodes, None, False).derived(VON_MISES)
+    return [held.trace(row, path) for row in range(len(nodes))]
+
+
+def describe(path: Path) -> Table:
+    """Names of columns or arrays: what ``--columns`` can name."""
+    with ColumnSource(path, ReadOptions()) as source:
+        return {"format": source.kind, "bytes": path.stat().st_size} | source.about()
+
+
+def stress_unit_in(columns: Mapping[str, str]) -> str | None:
+    """The unit that the name of the stress's column says; None of one that does not."""
+    said = _unit_in(columns.get("value", columns.get("xx", "")))
+    return next((unit for unit in PA_PER_UNIT if unit.lower() == said), None)
+
+
+class ColumnSource:
+    """An open table or series, see `fembridge.results.fields.FieldSource`."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self._options, suffix = path, options, path.suffix.lower()
+        self.kind = {".csv": "table", ".npz": "npz"}.get(suffix, "vtk-series")
+        if path.stat().st_size > _MOST_BYTES:
+            raise ResultError(f"more than {_MOST_BYTES} bytes, which no table has", path)
+
+    def __enter__(self) -> "ColumnSource":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def about(self) -> Table:
+        """Columns, or arrays with their shapes; times of a series."""
+        if self.kind == "table":
+            return {"columns": self._header()[0]}
+        if self.kind == "npz":
+            return {"arrays": {name: str(one.shape) for name, one in self._npz().items()}}
+        points, count, frames = self._series()
+        at, arrays = next(frames)
+        shapes = {name: str(one.shape[1:] or "") for name, one in arrays.items()}
+        held = [f"{name} {shape}".strip() for name, shape in shapes.items()]
+        return {"points": len(points), "outputs": count, "first at": at, "arrays": held}
+
+    def history(
+        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
+    ) -> History:
+        """Stress as the columns say, at `nodes` or all."""
+        names = self._names()
+        if modes or quantity not in (None, STRESS, *OF_STRESS):
+            raise UsageError(f"{self.path}: a table gives the stress that --columns names")
+        parts = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
+        time, held, values, afferents = parts(names)
+        per_unit = _MS_PER_UNIT.get(_unit_in(time)) or (1.0 if "time_ms" in names else None)
+        if per_unit is None:
+            self._options.note(f"time taken as s; --columns time_ms={time} takes it as ms")
+        at, number = held["time"] * (per_unit or MS_PER_S), held["node"]
+        if last:
+            at, values = at[-1:], values[-1:]
+        if nodes is not None:
+            wanted = np.array(nodes, dtype=np.int64)
+            rows = rows_of(wanted, number)
+            if (rows < 0).any():
+                raise ResultError(
+                    f"no node {wanted[int(np.argmin(rows))]} in it, it has {number.min()} to "
+                    f"{number.max()}",
+                    self.path,
+                )
+            number, values = wanted, values[:, rows]
+            afferents = tuple(afferents[row] for row in rows) if afferents else ()
+        tensor = values.shape[2] == len(TENSOR)
+        return History(
+            quantity=STRESS if tensor else VON_MISES,
+            components=TENSOR_COMPONENTS if tensor else OF_STRESS[VON_MISES][1],
+            units=("Pa",) * values.shape[2],
+            nodes=tuple(number.tolist()),
+            at=at,
+            values=self._checked_values(values),
+            keys=np.empty((0, 2), dtype=np.int64),
+            afferents=afferents,
+        )
+
+    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+        """Numbers and coordinates ``(n, 3)`` of the points of a series, in mm; all have stress."""
+        if self.kind != "vtk-series":
+            raise UsageError(f"{self.path}: a table has no mesh: choose nodes by number")
+        points, _, frames = self._series()
+        number = self._numbers(next(frames)[1], len(points), self._options.columns)
+        yield number, points * self._options.length_mm, np.ones(len(points), dtype=np.bool_)
+
+    def _no_fields(self, *asked: object) -> NoReturn:
+        raise UsageError(f"{self.path}: a table gives histories at nodes, no whole fields")
+
+    keys = field = fields = frames = _no_fields
+
+    def _names(self) -> Mapping[str, str]:
+        names = self._options.columns
+        held = self.about()
+        words = ", ".join(held.get("columns") or held["arrays"])
+        if not names:
+            raise ResultError(
+                f"which column is what? --columns time=NAME,value=NAME; it holds {words}", self.path
+            )
+        of_series = self.kind == "vtk-series"
+        if unknown := [key for key in names if key not in KEYS]:
+            raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(KEYS)}")
+        tensor = [key for key in TENSOR if key in names]
+        if ("value" in names) == bool(tensor) or len(tensor) not in (0, len(TENSOR)):
+            raise UsageError(f"name value, or all of {', '.join(TENSOR)}")
+        if not of_series and ("time" in names) == ("time_ms" in names):
+            raise UsageError("name one of time (in s) and time_ms")
+        arrays = [one.partition(" ")[0] if of_series else one for one in words.split(", ")]
+        for key, name in names.items():
+            timed = of_series and key in ("time", "time_ms")
+            if not timed and name not in arrays and name not in words.split(", "):
+                raise ResultError(f"no column {name!r} ({key}); it holds {words}", self.path)
+        return names
+
+    def _checked_values(self, values: FloatArray) -> FloatArray:
+        if not np.isfinite(values).all():
+            row, place, _ = np.argwhere(~np.isfinite(values))[0].tolist()
+            raise ResultError(f"sample {row + 1} of place {place + 1} is no number", self.path)
+        return in_pa(values, self._options, self.path)
+
+    # --- CSV
+
+    def _header(self) -> tuple[list[str], str, str]:
+        """Columns, the text behind their line, and what separates cells."""
+        content = read_bytes(self.path, _MOST_BYTES, UsageError)
+        text = content.decode("utf-8-sig", errors="replace")
+        line, at = "", 0
+        while at < len(text):
+            end = text.find("\n", at) + 1 or len(text)
+            now, begin, at = text[at:end].strip(), at, end
+            if not now:
+                continue
+            comment = now.startswith(_COMMENTS)
+            if line.startswith(_COMMENTS) and not comment and _numbers_in(now):
+                at = begin  # the comment before it was the header
+                break
+            line = now
+            if not comment:
+                break
+        line = line.lstrip("".join(_COMMENTS)).strip()
+        separator = next((one for one in (";", "\t", ",") if one in line), " ")
+        if separator == " ":
+            return line.split(), text[at:], separator
+        cells = next(csv.reader([line], delimiter=separator))
+        return [cell.strip() for cell in cells], text[at:], separator
+
+    def _of_table(self, names: Mapping[str, str]) -> "_Parts":
+        import pandas
+
+        header, text, separator = self._header()
+        places = {key: header.index(name) for key, name in names.items()}
+        try:
+            table = pandas.read_csv(
+                io.StringIO(text),
+                sep=r"\s+" if separator == " " else separator,
+                decimal="," if separator == ";" and not re.search(r"\d\.\d", text[:4096]) else ".",
+                header=None,
+                names=range(len(header)),
+                usecols=sorted(places.values()),
+                skipinitialspace=True,
+                index_col=False,
+            )
+        except ValueError as error:  # a row with more cells than the header
+            raise ResultError(f"no table: {str(error)[:120]}", self.path) from error
+        columns: dict[str, Any] = {key: table[at] for key, at in places.items()}
+        afferent = columns.pop("afferent", None)
+        for key, column in columns.items():
+            numbers = pandas.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
+            if not np.isfinite(numbers).all():
+                row = int(np.argmin(np.isfinite(numbers)))
+                words = f"row {row + 1} of column {names[key]}: {str(column[row])[:40]!r}"
+                raise ResultError(f"{words} is no number", self.path)
+            columns[key] = numbers
+        time = columns.pop("time", columns.pop("time_ms", None))
+        number = columns.pop("node", np.ones(time.size)).astype(np.int64)
+        classes: tuple[str | None, ...] = ()
+        if afferent is not None:
+            said = afferent.fillna("").astype(str).str.strip().to_numpy(dtype=object)
+            if strange := set(said) - {"", *AFFERENTS}:
+                raise ResultError(f"afferent {min(strange)!r}, expected SA, RA, PC", self.path)
+        values = np.stack([columns[key] for key in ("value", *TENSOR) if key in columns], -1)
+        order = np.argsort(number, kind="stable")
+        nodes, counts = np.unique(number, return_counts=True)
+        if not time.size or (counts != counts[0]).any():
+            few = "" if not time.size else f": node {nodes[counts.argmin()]} has fewest"
+            raise ResultError(f"nodes have {counts.min(initial=0)} rows and more{few}", self.path)
+        times = time[order].reshape(nodes.size, -1)
+        if (times != times[0]).any():
+            row = int(np.argwhere((times != times[0]).any(axis=1))[0, 0])
+            raise ResultError(f"node {nodes[row]} has other times than {nodes[0]}", self.path)
+        if afferent is not None:
+            classes = tuple(said[order][:: counts[0]].tolist())
+        values = values[order].reshape(nodes.size, counts[0], -1).transpose(1, 0, 2)
+        name = names.get("time", names.get("time_ms", ""))
+        return name, {"time": times[0], "node": nodes}, values, classes
+
+    # --- NPZ
+
+    def _npz(self) -> dict[str, np.ndarray[Any, Any]]:
+        try:
+            with zipfile.ZipFile(self.path) as held:
+                if sum(one.file_size for one in held.infolist()) > _MOST_BYTES:
+                    raise ResultError(f"unpacks to more than {_MOST_BYTES} bytes", self.path)
+            with np.load(self.path, allow_pickle=False) as arrays:
+                return dict(arrays)
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise ResultError(f"no NPZ of numbers: {str(error)[:120]}", self.path) from error
+
+    def _of_npz(self, names: Mapping[str, str]) -> "_Parts":
+        arrays = self._npz()
+        name = names.get("time", names.get("time_ms", ""))
+        try:
+            held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
+            time = np.array(arrays[name], dtype=np.float64).reshape(-1)
+            parts = [
+                np.array(held[key], dtype=np.float64) for key in ("value", *TENSOR) if key in held
+            ]
+            values = parts[0] if len(parts) == 1 else np.stack(parts, -1)
+            values = values.reshape(time.size, -1, *values.shape[2:])
+            if values.ndim == 2:
+                values = values[:, :, None]
+            values = _tensors(values, self.path)
+            number = np.array(held.get("node", np.arange(values.shape[1]) + 1), dtype=np.int64)
+            if number.shape != values.shape[1:2]:
+                raise ValueError(f"{number.shape} nodes for values {values.shape}")
+        except ValueError as error:
+            raise ResultError(f"shapes do not fit: {error}", self.path) from error
+        classes = tuple(map(str, arrays[names["afferent"]])) if "afferent" in names else ()
+        return name, {"time": time, "node": number}, values, classes
+
+    # --- VTU, PVD, XDMF
+
+    def _of_series(self, names: Mapping[str, str]) -> "_Parts":
+        points, _, frames = self._series()
+        times, found = [], []
+        number: IntArray | None = None
+        for at, arrays in frames:
+            parts = [np.asarray(arrays[names[key]], dtype=np.float64) for key in ("value", *TENSOR)
+                     if key in names]  # fmt: skip
+            value = parts[0].reshape(len(points), -1) if len(parts) == 1 else np.stack(parts, -1)
+            now = self._numbers(arrays, len(points), names)
+            if number is not None and not np.array_equal(now, number):
+                raise ResultError(f"other nodes at {at:g} than before", self.path)
+            number = now
+            times.append(at)
+            found.append(_tensors(value, self.path, self.path.suffix.lower() != ".xdmf"))
+        if number is None:
+            raise ResultError("no time in it", self.path)
+        held = {"time": np.array(times), "node": number}
+        return names.get("time", names.get("time_ms", "time")), held, np.stack(found), ()
+
+    def _numbers(self, arrays: Arrays, count: int, names: Mapping[str, str]) -> IntArray:
+        if "node" not in names:
+            return np.arange(1, count + 1)
+        numbers: IntArray = np.asarray(arrays[names["node"]]).reshape(-1).astype(np.int64)
+        return numbers
+
+    def _series(self) -> tuple[FloatArray, int, Frames]:
+        """Points ``(P, 3)``, the count of outputs, and of each time and point arrays."""
+        meshio, path = _meshio(), self.path
+        try:
+            if path.suffix.lower() == ".xdmf":
+                _check_hdf(path)
+                series = meshio.xdmf.TimeSeriesReader(path)
+                points, _ = series.read_points_cells()
+                count = series.num_steps
+                outputs = map(series.read_data, range(count))
+                frames: Frames = ((at, held) for at, held, _ in outputs)
+                return _in_space(points), count, self._checked(frames)
+            files = _files_of(path) if path.suffix.lower() == ".pvd" else [(0.0, path)]
+            first = self._mesh(files[0][1])
+            frames = ((at, self._mesh(file).point_data) for at, file in files)
+            return _in_space(first.points), len(files), self._checked(frames)
+        except _DAMAGE as error:
+            raise self._damaged(error) from error
+
+    def _checked(self, frames: Frames) -> Frames:
+        try:
+            for at, arrays in frames:
+                for key, name in self._options.columns.items():
+                    if not key.startswith("time") and name not in arrays:
+                        raise ResultError(f"no {name} at {at:g}", self.path)
+                yield at, arrays
+        except _DAMAGE as error:
+            raise self._damaged(error) from error
+
+    def _mesh(self, path: Path) -> Any:  # noqa: ANN401 - meshio has no types
+        if path.stat().st_size > _MOST_BYTES:
+            raise ResultError(f"more than {_MOST_BYTES} bytes", path)
+        return _meshio().read(path)
+
+    def _damaged(self, error: BaseException) -> ResultError:
+        words = f"{type(error).__name__} {error}".strip()
+        return ResultError(f"no VTK or XDMF that can be read: {words[:120]}", self.path)
+
+
+_Parts = tuple[str, dict[str, Any], FloatArray, tuple[str | None, ...]]
+"""The name of the time, times and node numbers, values ``(T, node, component)``, classes."""
+# What a parser of other people does with a file that is damaged.
+_DAMAGE = (OSError, ValueError, LookupError, TypeError, AttributeError, AssertionError,
+           ArithmeticError, ElementTree.ParseError, SystemExit, ImportError)  # fmt: skip
+
+
+def _unit_in(name: str) -> str:
+    """The word at the end of a name that may be its unit, in small letters; or ""."""
+    found = _UNIT.search(name)
+    return found[1].lower() if found else ""
+
+
+def _numbers_in(line: str) -> bool:
+    """Whether a line begins with a number."""
+    return re.match(r"[+-]?\.?\d", line) is not None
+
+
+def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:
+    """``(..., 1)`` or ``(..., 6)`` of one, six or nine components, or three by three."""
+    if values.shape[-2:] == (3, 3):
+        values = values.reshape(*values.shape[:-2], 9)
+    count = values.shape[-1]
+    if count not in (1, 6, 9):
+        raise ResultError(f"{count} components, expected 1, or 6 or 9 of a tensor", path)
+    if count == 9:
+        return values[..., _FULL]
+    return values if vtk or count == 1 else values[..., _XDMF_ORDER]
+
+
+def _in_space(points: FloatArray) -> FloatArray:
+    there = np.zeros((len(points), 3))
+    there[:, : points.shape[1]] = points
+    return there
+
+
+def _files_of(path: Path) -> list[tuple[float, Path]]:
+    """Time and file of each entry of a PVD, which may not leave its folder."""
+    sets = ElementTree.fromstring(read_bytes(path, 1 << 24, UsageError)).iter("DataSet")
+    found = [(float(one.get("timestep", 0)), path.parent / one.get("file", "")) for one in sets]
+    for _, file in found:
+        if not file.resolve().is_relative_to(path.parent.resolve()):
+            raise ResultError(f"{file.name} is not in its folder", path)
+    if not found:
+        raise ResultError("no DataSet in it", path)
+    return found
+
+
+def _check_hdf(path: Path) -> None:
+    """Refuse arrays of an HDF5 beside an XDMF that are larger than a file may be."""
+    text = read_bytes(path, 1 << 24, UsageError).decode("utf-8", errors="replace")
+    found = dict.fromkeys(re.findall(r">\s*([^<>:]+):(/[^<>\s]+)\s*<", text))
+    if not found:
+        return
+    import h5py
+
+    for file, name in found:
+        with h5py.File(path.parent / file.strip(), "r") as held:
+            if held[name].nbytes > _MOST_BYTES:
+                words = f"{name} of {file.strip()} has {held[name].nbytes} bytes"
+                raise ResultError(f"{words}, at most {_MOST_BYTES} are read", path)
+
+
+def _meshio() -> Any:  # noqa: ANN401 - a module without types
+    try:
+        import meshio
+    except ImportError as error:
+        raise MissingError("no meshio to read VTK or XDMF with: pip install meshio") from error
+    return meshio

@@ -1,0 +1,196 @@
+"""Tables and series of any program, whose columns the user names."""
+
+import itertools
+import zipfile
+
+import meshio
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fembridge import read, read_history, write_vtu_series
+from fembridge.cli import main
+from fembridge.errors import FembridgeError, ResultError, UsageError
+from fembridge.results.stress import von_mises_pa
+
+TIMES_S = np.arange(0.0, 0.01, 0.0005)
+STRESS_MPA = 0.01 * np.sin(2 * np.pi * 100 * TIMES_S) ** 2
+TENSOR = np.array([3.0, 1.0, -2.0, 0.5, 0.25, -0.75])
+SIX = {key: f"S{key.upper()}" for key in ("xx", "yy", "zz", "xy", "yz", "zx")}
+
+
+def rows(separator, *columns):
+    return "".join(separator.join(map(str, row)) + "\n" for row in zip(*columns, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("head", "separator", "columns", "factor"),
+    [
+        ("Time [s];Stress (v-M) [MPa]\n", ";", ("Time [s]", "Stress (v-M) [MPa]"), 1e6),
+        ("% Model:,f.mph\n%\n% t (s),solid.mises (Pa)\n", ",", ("t (s)", "solid.mises (Pa)"), 1.0),
+        ("#TABLE VM\n\n INST VMIS\n", " ", ("INST", "VMIS"), 1e6),
+        ("\ufefft\tS_kpa\r\n", "\t", ("t", "S_kpa"), 1e3),
+    ],
+)
+def test_a_table_of_one_place_is_a_trace(tmp_path, head, separator, columns, factor):
+    path = tmp_path / "them.csv"
+    path.write_text(head + rows(separator, TIMES_S, STRESS_MPA), encoding="utf-8")
+    (trace,) = read(path, columns=dict(zip(("time", "value"), columns, strict=True)))
+    assert (trace.node, trace.start_ms) == (1, 0.0)
+    assert trace.dt_ms == pytest.approx(0.5)
+    assert_allclose(trace.stress_pa, STRESS_MPA * factor, rtol=1e-12)
+
+
+def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(tmp_path):
+    table = [
+        (1000 * t, node, word, *(s * node * TENSOR))
+        for node, word in ((9, "RA"), (7, "SA"))
+        for t, s in zip(TIMES_S, STRESS_MPA, strict=True)
+    ]
+    path = tmp_path / "them.csv"
+    path.write_text("ms,N,who,SXX,SYY,SZZ,SXY,SYZ,SZX\n" + rows(",", *zip(*table, strict=True)))
+    names = {"time_ms": "ms", "node": "N", "afferent": "who", **SIX}
+    traces = read(path, columns=names)
+    assert [(one.node, one.afferent) for one in traces] == [(7, "SA"), (9, "RA")]
+    assert_allclose(traces[1].stress_pa, 9e6 * STRESS_MPA * von_mises_pa(TENSOR), rtol=1e-12)
+    held = read_history(path, [9], quantity="stress", columns=names)
+    assert list(held)[:3] == ["time_ms", "afferent", "node"]
+    assert_allclose(held["szx_pa"], -0.75 * 9e6 * STRESS_MPA, rtol=1e-12, atol=1e-9)
+
+
+def test_uneven_times_are_rows_as_they_are_and_can_be_resampled(tmp_path):
+    path = tmp_path / "them.csv"
+    path.write_text("t,S_pa\n0,0\n0.001,10\n0.004,40\n")
+    names = {"time": "t", "value": "S_pa"}
+    assert read_history(path, "all", columns=names)["time_ms"].tolist() == [0, 1, 4]
+    (trace,) = read(path, columns=names, resample_ms=1.0)
+    assert_allclose(trace.stress_pa, [0, 10, 20, 30, 40], rtol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["value", "tensor", "components"])
+def test_an_npz_has_arrays_over_time_and_nodes(tmp_path, form):
+    path = tmp_path / "them.npz"
+    stress = np.stack([STRESS_MPA, 2 * STRESS_MPA], 1)
+    tensor = stress[:, :, None] * TENSOR
+    arrays = {"t": TIMES_S, "n": [11, 12], "S": stress if form == "value" else tensor}
+    arrays |= {name: tensor[:, :, k] for k, name in enumerate(SIX.values())}
+    np.savez(path, **arrays)
+    names = {"time": "t", "node": "n"} | (SIX if form == "components" else {"value": "S"})
+    scale = 1.0 if form == "value" else von_mises_pa(TENSOR)
+    traces = read(path, columns=names)
+    assert [one.node for one in traces] == [11, 12]
+    assert_allclose(traces[1].stress_pa, 2e6 * STRESS_MPA * scale, rtol=1e-12)
+
+
+def test_our_own_series_comes_back_in(samples, tmp_path):
+    path = samples / "cpe4_bin_f64.frd"
+    series = write_vtu_series(path, tmp_path)
+    for value in ("von_mises_pa", "STRESS_pa"):
+        names = {"time_ms": "timestep", "value": value, "node": "node"}
+        (found,), (wanted,) = read(series, [25], columns=names), read(path, [25])
+        assert_allclose(found.stress_pa, wanted.stress_pa, rtol=1e-12)
+        assert_array_equal(found.times_ms, wanted.times_ms)
+    (near,), (there,) = (
+        read(one, near_mm=[(0.6, 0.3)], **how)
+        for one, how in ((series, {"columns": names}), (path, {}))
+    )
+    assert near.node == there.node
+
+
+@pytest.mark.parametrize("array", ["mises", "six", "nine"])
+def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypatch, array):
+    monkeypatch.chdir(tmp_path)  # where meshio puts the HDF5
+    path = tmp_path / "them.xdmf"
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    xx, yy, zz, xy, yz, zx = TENSOR
+    nine = np.array([xx, xy, zx, xy, yy, yz, zx, yz, zz])
+    six = np.array([xx, xy, zx, yy, yz, zz])  # XDMF's Tensor6
+    with meshio.xdmf.TimeSeriesWriter(path) as out:
+        out.write_points_cells(points, [("triangle", np.array([[0, 1, 2]]))])
+        for t, s in zip(TIMES_S, STRESS_MPA, strict=True):
+            grown = s * np.array([[1.0], [2.0], [3.0]])
+            data = {"mises": grown[:, 0], "six": grown * six, "nine": grown * nine}
+            out.write_data(float(t), point_data=data)
+    (trace,) = read(path, near_mm=[(1, 0)], columns={"time": "t", "value": array})
+    scale = 1.0 if array == "mises" else von_mises_pa(TENSOR)
+    assert trace.node == 2
+    assert_allclose(trace.stress_pa, 2e6 * STRESS_MPA * scale, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "words"),
+    [
+        ("t,S\n0,1\n1,2\n", None, r"--columns time=NAME,value=NAME; it holds t, S"),
+        ("t,S\n0,1\n1,2\n", {"time": "t", "value": "X"}, r"no column 'X' \(value\); it holds t, S"),
+        ("t,S\n0,1\n1,2\n", {"time": "t", "stress": "S"}, "column 'stress', expected one of"),
+        ("t,S\n0,1\n1,2\n", {"value": "S"}, "name one of time"),
+        ("t,S\n0,1\n1,2\n", {"time": "t", "xx": "S"}, "name value, or all of xx, yy"),
+        ("t,S\n0,1\n1,x\n", {"time": "t", "value": "S"}, "row 2 of column S: 'x' is no number"),
+        ("t,S\n0,1\n1,nan\n", {"time": "t", "value": "S"}, "row 2 of column S: 'nan' is no"),
+        ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n", {"time": "t", "value": "S", "node": "n"},
+         "node 2 has few"),
+        ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n3,1,2\n", {"time": "t", "value": "S", "node": "n"},
+         "node 2 has other times than 1"),
+        ("t,S\n", {"time": "t", "value": "S"}, "nodes have 0 rows"),
+    ],
+)  # fmt: skip
+def test_what_a_table_lacks_is_named(tmp_path, text, names, words):
+    path = tmp_path / "them.csv"
+    path.write_text(text)
+    with pytest.raises(FembridgeError, match=words):
+        read(path, [1], columns=names)
+
+
+def test_an_npz_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out, out.open("S.npy", "w") as file:
+        for _ in range(300):
+            file.write(bytes(1 << 20))
+    with pytest.raises(ResultError, match="unpacks to more than"):
+        read(path, [1], columns={"time": "t", "value": "S"})
+
+
+@pytest.mark.parametrize("suffix", [".pvd", ".vtu", ".xdmf"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_damaged_series_is_an_error_of_ours(samples, tmp_path, suffix, share):
+    series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path)
+    path = series if suffix == ".pvd" else next(tmp_path.glob("*.vtu")).with_name(f"job{suffix}")
+    if suffix != ".pvd":
+        path.write_bytes(next(tmp_path.glob("*.vtu")).read_bytes())
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ResultError):
+        read(path, [1], columns={"time": "t", "value": "von_mises_pa"})
+
+
+def test_a_pvd_does_not_leave_its_folder(samples, tmp_path):
+    series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "a")
+    series.write_text(series.read_text().replace('file="', 'file="../a/../../'))
+    with pytest.raises(ResultError, match="is not in its folder"):
+        read(series, [1], columns={"time_ms": "t", "value": "von_mises_pa"})
+
+
+def test_whole_fields_of_a_table_are_refused(tmp_path, capsys):
+    path = tmp_path / "them.csv"
+    path.write_text("t,S\n0,1\n1,2\n")
+    for words in itertools.product(["--field", "--vtu"], [str(tmp_path / "x")]):
+        assert main(["ingest", str(path), *words, "--columns", "time=t,value=S"]) == 2
+        assert "a table gives histories at nodes, no whole fields" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="has no mesh"):
+        read(path, near_mm=[(0, 0)], columns={"time": "t", "value": "S"})
+
+
+def test_the_command_lists_writes_and_what_it_wrote_is_encoded(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = "t,S,who,n\n" + "".join(
+        f"{t},{s},SA,3\n" for t, s in zip(TIMES_S, STRESS_MPA, strict=True)
+    )
+    (tmp_path / "them.csv").write_text(text)
+    assert main(["ingest", "them.csv"]) == 0
+    assert "--columns time=NAME,value=NAME; it holds t, S, who, n" in capsys.readouterr().out
+    names = "time=t,value=S,afferent=who,node=n"
+    assert main(["ingest", "them.csv", "--columns", names, "-o", "traces.csv"]) == 0
+    said = capsys.readouterr()
+    assert "1 trace, 0 to 9.5 ms every 0.5 ms" in said.out
+    assert said.err.count("time taken as s; --columns time_ms=t takes it as ms") == 1
+    assert main(["encode", "traces.csv"]) == 0
