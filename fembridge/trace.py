@@ -129,7 +129,8 @@ def resample(
     """
     times_ms, values = np.asarray(times_ms, dtype=np.float64), np.asarray(values)
     if times_ms.ndim != 1 or times_ms.size < 2 or len(values) != times_ms.size:
-        raise TraceError(f"{times_ms.size} samples, expected two or more to resample")
+        held = "one sample" if times_ms.size == 1 else f"{times_ms.size} samples"
+        raise TraceError(f"{held}, expected two or more to resample")
     if not (np.isfinite(times_ms).all() and np.isfinite(values).all()):
         raise TraceError("samples that are not finite cannot be resampled")
     gaps_ms = np.diff(times_ms)

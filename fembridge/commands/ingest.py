@@ -144,6 +144,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.results.nodes import sets_beside
     from fembridge.results.printed import PRINTS, describe_print
 
+    where = args.result  # until it is known which file that is
     result = open_result(
         args.result,
         partial=args.partial,
@@ -153,8 +154,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
         columns=args.columns,
-        log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
+        log=lambda words: print(f"{where}: {words}", file=sys.stderr),
     )
+    where = result.path
     path, suffix = result.path, suffix_of(result.path)
     if suffix == ".dat":  # of a Marc deck, too
         from decks.marc.grammar import is_marc_deck
@@ -255,11 +257,10 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
 
     quantity, traces = _one_quantity(args, result.path), None
     if args.point:
-        from fembridge.results.printed import read_point_traces
+        from fembridge.results.printed import read_point_history
 
-        found = of_traces(
-            read_point_traces(result.path, args.point, args.print_set, result.options)
-        )
+        found = read_point_history(result.path, args.point, args.print_set, result.options)
+        found = found.taken(quantity or VON_MISES, args.resample_ms, result.options.log)
     else:
         every = args.node == [ALL]
         if ALL in (args.node or ()) and not every:

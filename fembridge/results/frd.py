@@ -63,7 +63,7 @@ UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
 _FIRST_BYTES, _STEP, _END_LINE = b"    1C", b"    1PSTEP", b" 9999"
 _AFTER_A_BLOCK = (b"    1P", _END_LINE, b"  100C", b"    2C", b"    3C")
 _STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
-_TIME = re.compile(rb"\d+\.\d*(?:[Ee][+-]\d{2,3})?")
+_TIME = re.compile(rb"-?\d+\.\d*(?:[Ee][+-]\d{2,3})?")
 _STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
 _MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
@@ -433,6 +433,9 @@ class FrdIndex:
             return block, last[1]
         if begun == block.records > 0:
             return replace(block, free=True), last[1]
+        if begun == 0 and at + 1 == block.offset:  # of a fluid: closed, and empty
+            self.remarks.append(f"{block} announces {block.records} records and has none")
+            return replace(block, records=0), last[1]
         words = f"{block} announces {block.records} records and has {begun}"
         raise FrdDamageError(words, at, block, begun)
 

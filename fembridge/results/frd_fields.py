@@ -51,6 +51,7 @@ from fembridge.results.frd import (
     outputs_of,
     record_ids,
     record_values,
+    unrounded,
     values_at,
 )
 from fembridge.results.history import FREQUENCY, NAMES, TIME, History, name_in, one_axis, word_of
@@ -204,13 +205,17 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         name = self._default_name(held)
         if quantity is not None:
             name = name_in(held, quantity, self.path)
-        imaginary = {block.key for block in index.named(f"{name}I")}
+        parts = {one: f"{one[:7]}I" for one in held}  # eight letters are printed
+        whole = next(
+            (one for one, part in parts.items() if name in (one, part) and part in held), ""
+        )
+        imaginary = {block.key for block in index.named(parts.get(whole, ""))}
         outputs = having(index, outputs, (name,), options)
         found = [output[name] for output in outputs]
         axes = [FREQUENCY if one.over_time and one.key in imaginary else one.axis for one in found]
         axis = one_axis(name, axes, modes, options)
         if imaginary:
-            options.note(f"{name} is the real part of amplitudes, {name}I their imaginary part")
+            options.note(f"{whole} is the real part of amplitudes, {parts[whole]} the imaginary")
         found = [one for one, of in zip(found, axes, strict=True) if of == axis]
         blocks = [one for one in found if one.records]
         if not blocks:
@@ -239,7 +244,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
             components=components,
             units=tuple(_unit(name, one) for one in components),
             nodes=tuple(wanted),
-            at=np.array([one.time_ms if axis == TIME else one.value for one in blocks]),
+            at=_times_ms(blocks) if axis == TIME else np.array([one.value for one in blocks]),
             values=values,
             keys=np.array([one.key for one in blocks], dtype=np.int64),
             axis=axis,
@@ -263,6 +268,8 @@ class FrdSource(AbstractContextManager["FrdSource"]):
             fields.append(replace(one, axis=axis))
             ids = one.nodes
         found = history_of(fields)
+        if found.over_time:
+            found = replace(found, at=_times_ms(blocks))
         if blocks[0].name == STRESS and not options.across_materials:
             held, counts = np.unique(
                 materials_at(self._index, found.nodes)[:, 0], return_counts=True
@@ -387,6 +394,11 @@ def _at_points(
             with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
                 points[f"{name}_pa"] = spread(derived_of(name, fields), rows[takes[0]], size)
     return points
+
+
+def _times_ms(blocks: Sequence[FrdBlock]) -> FloatArray:
+    """Times of `blocks` ``(T,)``, without the rounding of the print if they are even."""
+    return unrounded(np.array([one.time_ms for one in blocks]))
 
 
 def _drop(block: FrdBlock, error: NotFiniteError, options: ReadOptions) -> None:

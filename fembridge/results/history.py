@@ -39,6 +39,7 @@ OF_STRESS: dict[str, tuple[Callable[[FloatArray], FloatArray], tuple[str, ...]]]
     "principal": (principal_stresses_pa, ("principal_1", "principal_2", "principal_3")),
 }
 QUANTITIES = (*OF_STRESS, *NAMES)
+IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
 _UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s"}
@@ -62,6 +63,17 @@ class History:
     keys: IntArray
     axis: str = TIME
     afferents: tuple[str | None, ...] = ()
+
+    @classmethod
+    def of_stress(
+        cls, nodes: tuple[int, ...], times_ms: FloatArray, stress_pa: FloatArray
+    ) -> "History":
+        """Stress over time ``(T, node, component)``: six are the tensor, one von Mises stress."""
+        plain = stress_pa.shape[-1] == 1
+        components = OF_STRESS[VON_MISES][1] if plain else TENSOR_COMPONENTS
+        units, keys = ("Pa",) * len(components), np.empty((0, 2), dtype=np.int64)
+        word = VON_MISES if plain else STRESS
+        return cls(word, components, units, nodes, times_ms, stress_pa, keys)
 
     @property
     def over_time(self) -> bool:
@@ -117,6 +129,21 @@ class History:
             (names[place % len(names)], float(flat[row, place]))
             for row, place in enumerate(places.tolist())
         ]
+
+    def taken(
+        self, word: str, resample_ms: float | None, log: Callable[[str], None] | None
+    ) -> "History":
+        """What `word` says follows from it, resampled before: the tensor, where it is at hand."""
+        held = self if resample_ms is None else self.resampled(resample_ms, log)
+        found = held.derived(word)
+        if log is not None and found.units[0] == "Pa":
+            peak_pa = float(np.abs(np.nan_to_num(found.values)).max())
+            if peak_pa > IMPLAUSIBLE_PA:
+                log(
+                    f"{found.quantity} reaches {peak_pa:.3g} Pa, above 1 GPa: of soft tissue it "
+                    "is kPa; of a model in m take --length-unit m, or say --stress-unit"
+                )
+        return found
 
     def derived(self, word: str) -> "History":
         """The quantity `word` that follows from a stress tensor."""
@@ -221,7 +248,7 @@ def name_in(held: Sequence[str], word: str, path: Path) -> str:
     close = [name for name in held if plain[name].startswith(wanted.casefold())]
     if len(close) == 1:
         return close[0]
-    what = f"{word!r} may be {' or '.join(close)}" if close else f"no {word} in it"
+    what = f"{word!r} may be {' or '.join(close)}" if close else f"no {wanted} in it"
     raise ResultError(f"{what}; it holds {', '.join(held) or 'nothing'}", path)
 
 
@@ -250,16 +277,20 @@ def one_axis(name: str, axes: Sequence[str], modes: bool, options: ReadOptions) 
     return axis
 
 
+def of_samples(samples: Sequence[tuple[int, FloatArray]]) -> History:
+    """Von Mises stress of nodes, each with its ``(time_ms, stress_pa)`` samples ``(T, 2)``."""
+    times_ms = samples[0][1][:, 0]
+    alike = all(np.array_equal(one[:, 0], times_ms) for _, one in samples)
+    if not alike:
+        times_ms = np.unique(np.concatenate([one[:, 0] for _, one in samples]))
+    values = np.full((times_ms.size, len(samples), 1), np.nan)
+    for column, (_, one) in enumerate(samples):
+        rows = slice(None) if alike else np.searchsorted(times_ms, one[:, 0])
+        values[rows, column, 0] = one[:, 1]
+    return History.of_stress(tuple(node for node, _ in samples), times_ms, values)
+
+
 def of_traces(traces: Sequence[StressTrace]) -> History:
-    """The history of `traces`, which are on one grid."""
-    first = traces[0]
-    return History(
-        quantity=VON_MISES,
-        components=OF_STRESS[VON_MISES][1],
-        units=("Pa",),
-        nodes=tuple(trace.node for trace in traces),
-        at=first.times_ms,
-        values=np.stack([trace.stress_pa for trace in traces], 1)[..., None],
-        keys=np.empty((0, 2), dtype=np.int64),
-        afferents=tuple(trace.afferent for trace in traces),
-    )
+    """The history of `traces`."""
+    samples = [(one.node, np.stack([one.times_ms, one.stress_pa], -1)) for one in traces]
+    return replace(of_samples(samples), afferents=tuple(one.afferent for one in traces))

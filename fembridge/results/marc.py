@@ -31,7 +31,6 @@ from fembridge.results.history import (
     FREQUENCY,
     OF_STRESS,
     STRESS,
-    TENSOR_COMPONENTS,
     TIME,
     VON_MISES,
     History,
@@ -553,20 +552,12 @@ class MarcSource:
             stress = False
         if stress and nodes is not None and not modes:
             if options.von_mises == "scalar" and quantity in (None, VON_MISES):
-                times_ms, values = _scalar_history(self._post, nodes, options)
-                values, components = values[:, :, None], OF_STRESS[VON_MISES][1]
+                times_ms, scalar = _scalar_history(self._post, nodes, options)
+                values = scalar[:, :, None]
             else:
                 times_ms, values, _ = _tensor_history(self._post, nodes, options)
-                components = TENSOR_COMPONENTS
-            return History(
-                STRESS if len(components) > 1 else VON_MISES,
-                components,
-                (PA,) * len(components),
-                tuple(int(node) for node in nodes),
-                _unrounded_ms(times_ms, self._post),
-                values,
-                np.empty((0, 2), dtype=np.int64),
-            )
+            wanted = tuple(int(node) for node in nodes)
+            return History.of_stress(wanted, _unrounded_ms(times_ms, self._post), values)
         name = held[0] if quantity is None else name_in(held, quantity, self.path)
         if stress:
             name = stress_tensor(self._post.codes, self.path).name

@@ -100,7 +100,16 @@ class PlotTable:
 
 
 def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
-    """Read von Mises stress over time at `nodes`, in that order, from a history plot.
+    """Von Mises stress at `nodes`, see `samples`; times that are not one even grid are refused."""
+    return [StressTrace.on_grid(*one, path) for one in samples(path, nodes, options)]
+
+
+def samples(
+    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
+) -> list[tuple[int, FloatArray]]:
+    """Von Mises stress over time at `nodes`, in that order, from a history plot.
+
+    Each with its times in ms and stress in Pa, ``(T, 2)``.
 
     A table whose columns have names must name time and von Mises stress; one of two columns
     without names is taken as that, with a note. Where the text names no node, `nodes` say
@@ -110,7 +119,7 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> 
     ------
     ResultError
         The abscissa is not called time, no column von Mises stress, or a node is missing,
-        duplicate, or not named; times that are not one even grid.
+        duplicate, or not named.
     """
     found: list[tuple[int | None, FloatArray]] = []
     for table in read_plot_tables(path, options):
@@ -133,7 +142,7 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> 
         if node not in curves:
             there = ", ".join(map(str, curves))
             raise ResultError(f"no curve of node {node}, there is {there}", path)
-    return [StressTrace.on_grid(node, curves[node], path) for node in nodes or curves]
+    return [(node, curves[node]) for node in nodes or curves]
 
 
 def nodes_in(path: Path) -> tuple[int, ...]:

@@ -38,10 +38,10 @@ from fembridge.results.byte_file import (
     text_lines,
     text_runs,
 )
+from fembridge.results.history import History
 from fembridge.results.read_options import ReadOptions, in_pa
-from fembridge.results.stress import von_mises_pa
 from fembridge.store import replacing
-from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray, Table
 
 STRESSES = "stresses"
@@ -506,15 +506,15 @@ def read_point_stress(
     return times_ms, points, in_pa(values[:, :, _FRD_ORDER], options, path)
 
 
-def read_point_traces(
+def read_point_history(
     path: Path,
     points: Sequence[tuple[int, int]],
     set_name: str | None = None,
     options: ReadOptions = _DEFAULTS,
-) -> list[StressTrace]:
-    """Von Mises stress at integration points ``(element, point)``, in that order.
+) -> History:
+    """Stress at integration points ``(element, point)``, in that order, as it is printed.
 
-    A trace has one number for its place: `node` is element times 100 plus point.
+    A point has one number: its `node` is element times 100 plus point.
 
     Raises
     ------
@@ -522,9 +522,7 @@ def read_point_traces(
         As for `read_point_stress`; also a point that is not printed.
     """
     times_ms, held, tensor_pa = read_point_stress(path, set_name, options)
-    with np.errstate(over="ignore"):  # a trace refuses what is not finite
-        stress_pa = von_mises_pa(tensor_pa)
-    traces = []
+    taken = []
     for element, point in points:
         rows = np.flatnonzero((held == (element, point)).all(axis=1))
         if not rows.size:
@@ -534,9 +532,9 @@ def read_point_traces(
                 words = f"it has {of_element.min()} to {of_element.max()}"
             problem = f"element {element}, point {point} is not printed: {words}"
             raise ResultError(problem, path)
-        samples = np.stack([times_ms, stress_pa[:, rows[0]]], axis=-1)
-        traces.append(StressTrace.on_grid(element * POINTS_AN_ELEMENT + point, samples, path))
-    return traces
+        taken.append(int(rows[0]))
+    nodes = tuple(element * POINTS_AN_ELEMENT + point for element, point in points)
+    return History.of_stress(nodes, times_ms, tensor_pa[:, taken])
 
 
 def _history(

@@ -5,17 +5,20 @@ it. Another package adds a row, a `Reader`, under the entry point group
 ``fembridge.readers``; it is asked when none of ours takes the file.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from decks.dialects import JOB
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import RUN_FILE, read_run_folder
+from fembridge.typing import FloatArray
 
 ENTRY_POINTS = "fembridge.readers"
 
@@ -41,7 +44,8 @@ class Reader:
     `first_bytes` may be several, of which a file has one, or none: any text.
     `target` is ``module:function``, called as ``(path, nodes, options)`` with
     `ReadOptions` and giving one `StressTrace` a node, in that order. That module may
-    have ``describe(path)``, what a file holds, and ``nodes_in(path)``, the nodes that a
+    have ``samples(path, nodes, options)``, rows as they are, ``describe(path)``, what a file
+    holds, and ``nodes_in(path)``, the nodes that a
     file of curves names itself. `source` is ``module:class`` of a `fields.FieldSource`,
     "" for a format without whole fields; `points` says that the file holds integration
     points, so that the way to a node can be chosen.
@@ -75,6 +79,22 @@ class Reader:
             )
         module, _, name = target.partition(":")
         return getattr(import_module(module), name)
+
+    def samples(
+        self, path: Path, nodes: Sequence[int], options: ReadOptions
+    ) -> list[tuple[int, FloatArray]]:
+        """Node, and times in ms and von Mises stress in Pa ``(T, 2)``, even or not.
+
+        Of a module without ``samples`` those of its traces.
+        """
+        found = self.load(self.target, path, options)
+        make = getattr(import_module(self.target.partition(":")[0]), "samples", None)
+        if make is not None:
+            return list(make(path, nodes, options))
+        return [
+            (one.node, np.stack([one.times_ms, one.stress_pa], -1))
+            for one in found(path, nodes, options)
+        ]
 
     def ask(self, name: str, path: Path, default: Any) -> Any:  # noqa: ANN401 - a Table or nodes
         """What the module of `target` says of `path` in its function `name`, else `default`."""

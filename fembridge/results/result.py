@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
-from fembridge.errors import FembridgeError, ResultError, UsageError
+from decks.unit_system import LENGTH_UNITS, MM, UNIT_SYSTEMS, UnitSystem, unit_system_in
+from fembridge.errors import FembridgeError, ResultError, TraceError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.fields import open_source
-from fembridge.results.history import STRESS, VON_MISES, History, of_traces
+from fembridge.results.history import STRESS, VON_MISES, History, of_samples
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import Reader, reader_of, result_file
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
@@ -82,7 +82,7 @@ class Result:
             held = self._history(places, options, None, False)
             if run is not None:
                 held = held.from_start(run.start_ms, STEP_TOLERANCE * run.dt_ms)
-            held = _derived(held, VON_MISES, resample_ms, options)
+            held = self._taken(held, VON_MISES, resample_ms, options)
             traces = [held.trace(row, path) for row in range(len(places))]
         else:
             found = load(path, [node for _, node in places], options)
@@ -126,8 +126,18 @@ class Result:
         held = self._history(places, options, quantity, modes)
         if self.run is not None and held.over_time:
             held = replace(held, at=held.at - self.run.start_ms)
-        word = quantity or (VON_MISES if held.quantity == STRESS else held.quantity)
-        return _derived(held, word, resample_ms, options)
+        word = VON_MISES if held.quantity == STRESS else held.quantity
+        if quantity is not None:
+            word = quantity.lower()
+        return self._taken(held, word, resample_ms, options)
+
+    def _taken(
+        self, held: History, word: str, resample_ms: float | None, options: ReadOptions
+    ) -> History:
+        try:
+            return held.taken(word, resample_ms, options.log)
+        except TraceError as error:
+            raise ResultError(str(error), self.path) from error
 
     def telling_node(self) -> tuple[int, bool, History]:
         """The node where what is taken by default is largest at the end, and its history.
@@ -165,9 +175,7 @@ class Result:
                 raise UsageError(
                     f"{self.path}: {reader.name} gives von Mises stress at named nodes"
                 )
-            held = of_traces(
-                reader.load(reader.target, self.path, options)(self.path, nodes, options)
-            )
+            held = of_samples(reader.samples(self.path, nodes, options))
         if places is not None:
             named = held.afferents or (None,) * len(places)
             classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
@@ -217,13 +225,6 @@ _Places = list[tuple[str | None, int]]
 """Class and number of nodes."""
 
 
-def _derived(held: History, word: str, resample_ms: float | None, options: ReadOptions) -> History:
-    """What follows from `held`, resampled before: the tensor, where it is at hand."""
-    if resample_ms is not None:
-        held = held.resampled(resample_ms, options.log)
-    return held.derived(word)
-
-
 def open_result(
     path: Path | str | RunFolder,
     *,
@@ -256,22 +257,25 @@ def open_result(
         from fembridge.results.columns import stress_unit_in
 
         stress_unit = stress_unit_in(columns)
-    stress, length = _units(path, run, stress_unit, length_unit)
+    told = _heading_units(path) if length_unit is None else None
+    held = told or LENGTH_UNITS.get(length_unit or "mm", MM)
+    if run is not None and told is None and length_unit is None:
+        held = next(one for one in UNIT_SYSTEMS.values() if one.stress_unit == run.stress_unit)
+    stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
+    length = length_unit or held.length_unit
     options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
     options = replace(options, length_unit=length, columns=dict(columns or {}))
+    if told is not None and run is None:
+        options.note(f"the heading names the unit system {told}")
     return Result(path, options, run, trouble)
 
 
-def _units(
-    path: Path, run: RunFolder | None, stress_unit: str | None, length_unit: str | None
-) -> tuple[str, str]:
-    """Units of stress and length: as asked, as the run or the file's heading says, MPa and mm."""
-    held = LENGTH_UNITS.get(length_unit or "mm", MM)
-    if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
-        with ByteFile(path) as file:  # ccx copies the heading to the start of its results
-            held = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1")) or held
-    stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
-    return stress, length_unit or held.length_unit
+def _heading_units(path: Path) -> UnitSystem | None:
+    """The unit system that the heading of a ``.frd`` names: ccx copies it to its start."""
+    if suffix_of(path) != ".frd" or not path.is_file():
+        return None
+    with ByteFile(path) as file:
+        return unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
 
 
 def describe(path: Path | str) -> Table:

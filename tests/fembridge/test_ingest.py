@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -274,3 +275,112 @@ def test_one_sided_stress_has_a_row_a_material_and_none_of_the_mean(capsys):
             assert float(side["xx_pa"]) == pytest.approx(pull_pa, rel=1e-5)
             assert float(side["von_mises_pa"]) == pytest.approx(mises_pa, rel=1e-5)
     assert "sides" in capsys.readouterr().out
+
+
+UNEVEN = """\
+*NODE, NSET=NALL
+1,0,0,0
+2,1,0,0
+3,1,1,0
+4,0,1,0
+*ELEMENT, TYPE=CPE4, ELSET=E
+1,1,2,3,4
+*MATERIAL, NAME=M
+*ELASTIC
+0.05,0.4
+*SOLID SECTION, ELSET=E, MATERIAL=M
+*STEP, NLGEOM
+*STATIC
+0.1,1.0,1e-5,0.17
+*BOUNDARY
+1,1,2
+2,2
+3,2,2,-0.1
+4,2,2,-0.1
+*NODE FILE
+U,RF
+*EL FILE
+S
+*END STEP
+"""
+
+
+@pytest.mark.solver
+def test_default_increments_of_calculix_go_to_spikes_by_the_commands_that_are_shown(here, capsys):
+    (here / "job.inp").write_text("*HEADING\nUnit system: MM_TON_S_C\n" + UNEVEN)
+    subprocess.run(["ccx", "-i", "job"], check=True, capture_output=True, cwd=here)
+    assert main(["ingest", "job.frd"]) == 0
+    heard = capsys.readouterr()
+    assert "MM_TON_S_C: length in mm, stress in MPa" in heard.err
+    plain, resampled = (line.split() for line in heard.out.splitlines()[-2:])
+    assert main(plain[1:]) == 0
+    rows = rows_of(here / "job_traces.csv")
+    assert len({row["time_ms"] for row in rows}) == len(rows) == 7
+    said = capsys.readouterr().out
+    assert "7 increments, 100 to 1000 ms, uneven" in said
+    assert "--resample-ms 0.5 makes the even step that encode needs" in said
+    assert main(["encode", "job_traces.csv", "--afferent", "SA", "--no-raster"]) == 1
+    assert "--resample-ms" in capsys.readouterr().err
+    assert main(resampled[1:]) == 0
+    assert main(["encode", "job_traces.csv", "--afferent", "SA", "--no-raster"]) == 0
+
+
+def test_another_quantity_has_its_units_in_the_names_of_its_columns(here, capsys):
+    words = ["ingest", ASCII, "--node", "25", "--quantity"]
+    for quantity, last, unit in (
+        ("stress", "szx_pa", "stress in the file taken as MPa"),
+        ("principal", "principal_3_pa", "stress in the file taken as MPa"),
+        ("displacement", "d3_mm", "lengths in the file taken as mm"),
+        ("reaction-force", "f3_n", "reaction-force of 1 node"),
+        ("strain", "ezx", "strain of 1 node"),
+        ("contact", "cshear2_pa", "lengths in the file taken as mm"),
+    ):
+        assert main([*words, quantity]) == 0
+        table = here / f"cpe4_ascii_{quantity}.csv"
+        assert list(rows_of(table)[0])[-1] == last
+        assert unit in capsys.readouterr().out
+    assert main([*words, "nonsense"]) == 1
+    assert "it holds DISP, STRESS" in capsys.readouterr().err
+    assert main([*words, "stress", "strain"]) == 2
+
+
+def test_all_nodes_are_a_table_and_a_dozen_lines(here, capsys):
+    assert main(["ingest", ASCII, "--node", "all", "--across-materials"]) == 0
+    assert len(nodes_of("cpe4_ascii_traces.csv")) == 47
+    assert "47 traces, 0.5 to 2 ms every 0.5 ms" in (out := capsys.readouterr().out)
+    assert "and 35 more" in out
+    assert main(["ingest", ASCII, "--node", "all", "3"]) == 2
+
+
+@pytest.mark.parametrize("name", ["t.xlsx", "t.parquet", "t"])
+def test_a_table_is_a_csv_or_refused(here, name, capsys):
+    assert main(["ingest", ASCII, "--node", "25", "-o", name]) == 2
+    assert f"{name}: a table is written as .csv" in capsys.readouterr().err
+    assert list(here.iterdir()) == []
+
+
+def test_points_of_a_print_are_resampled_too(here):
+    assert main(["ingest", DAT, "--point", "13:4", "--resample-ms", "0.25"]) == 0
+    rows = rows_of(here / "cpe4_ascii_traces.csv")
+    assert [float(row["time_ms"]) for row in rows] == [0.5, 0.75, 1, 1.25, 1.5, 1.75, 2]
+
+
+def test_a_damaged_file_shows_the_command_that_takes_what_is_whole(here, capsys):
+    assert main(["ingest", str(SAMPLES / "cpe4_diskfull.frd")]) == 0
+    heard = capsys.readouterr().out
+    assert "after 7 of 47 records" in heard
+    command = heard.splitlines()[-1].split()
+    assert "--partial" in command
+    assert main(command[1:]) == 0
+
+
+def test_a_run_folder_is_resampled_from_its_rest_and_moves_in_its_own_time(here, run_folder):
+    assert main(["ingest", str(run_folder), "--resample-ms", "0.25"]) == 0
+    rows = [row for row in rows_of(here / "job_traces.csv") if row["afferent"] == "SA"]
+    assert [float(row["time_ms"]) for row in rows] == [0.25 * k for k in range(9)]
+    assert float(rows[0]["von_mises_pa"]) == 0.0
+    assert float(rows[2]["von_mises_pa"]) == pytest.approx(9209.340, rel=1e-6)
+    assert main(["ingest", str(run_folder), "--quantity", "displacement"]) == 0
+    moved = rows_of(here / "job_displacement.csv")
+    assert [row["afferent"] for row in moved] == ["SA"] * 4 + ["RA"] * 4
+    assert float(moved[0]["time_ms"]) == 0.5

@@ -125,7 +125,7 @@ def test_resampling_passes_through_the_samples_and_says_edge_and_gap():
 @pytest.mark.parametrize(
     ("times_ms", "dt_ms", "named"),
     [
-        ([1.0], 0.5, "1 samples"),
+        ([1.0], 0.5, "one sample"),
         ([1.0, 3.0, 2.0], 0.5, "2 ms comes after 3 ms"),
         ([1.0, 1.0], 0.5, "1 ms comes after 1 ms"),
         ([1.0, 2.0], 2.0, "1 to 2 ms"),

@@ -20,8 +20,8 @@ from fembridge.results.printed import (
     describe_print,
     print_rows,
     read_cvg,
+    read_point_history,
     read_point_stress,
-    read_point_traces,
     read_sta,
 )
 from fembridge.results.read_options import ReadOptions
@@ -184,7 +184,7 @@ def check_dat(path, content, _):
         assert set(points.ravel().tolist()) <= wholes | every_part(wholes)
         assert set(tensor_pa.ravel().tolist()) <= numbers
     read_quietly(describe_print, path)
-    read_quietly(lambda p: read_point_traces(p, [(1, 1)], None, LENIENT), path)
+    read_quietly(lambda p: read_point_history(p, [(1, 1)], None, LENIENT), path)
     return check_rows(path, numbers)
 
 

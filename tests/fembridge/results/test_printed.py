@@ -20,7 +20,7 @@ from fembridge.results.printed import (
     describe_print,
     print_rows,
     read_cvg,
-    read_point_traces,
+    read_point_history,
     read_sta,
     write_print_table,
 )
@@ -317,9 +317,9 @@ def test_a_line_that_is_no_record_is_refused_by_number(dat, line):
 
 
 def test_traces_at_points_carry_element_and_point_in_their_number(samples):
-    (trace,) = read_point_traces(samples / "cpe4_ascii.dat", [(13, 4)])
-    assert trace.node == 1304
-    assert (trace.start_ms, trace.dt_ms, trace.stress_pa.size) == (0.5, 0.5, 4)
+    found = read_point_history(samples / "cpe4_ascii.dat", [(13, 4)])
+    assert found.nodes == (1304,)
+    assert (found.at[0], found.dt_ms, found.at.size) == (0.5, 0.5, 4)
 
 
 @pytest.mark.parametrize(
@@ -331,7 +331,7 @@ def test_traces_at_points_carry_element_and_point_in_their_number(samples):
 )
 def test_a_point_that_is_not_printed_is_named(samples, place, words):
     with pytest.raises(ResultError, match=words):
-        read_point_traces(samples / "cpe4_ascii.dat", [place])
+        read_point_history(samples / "cpe4_ascii.dat", [place])
 
 
 def test_two_sets_of_stresses_have_to_be_told_apart(dat):
@@ -339,7 +339,7 @@ def test_two_sets_of_stresses_have_to_be_told_apart(dat):
     header = KINDS[3][0]
     path = dat(f"\n {header}\n\n{row}\n {header.replace('set N', 'set M')}\n\n{row}")
     with pytest.raises(ResultError, match="there for 2 sets, N, M: name one"):
-        read_point_traces(path, [(21, 3)])
+        read_point_history(path, [(21, 3)])
 
 
 @given(
