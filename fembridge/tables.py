@@ -107,7 +107,8 @@ def read_traces(path: Path, log: Callable[[str], None] | None = None) -> Traces:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise error(
                 rows[odd + 1],
-                f"{who}: time goes from {before_ms:g} to {after_ms:g} ms, expected an even step",
+                f"{who}: time goes from {before_ms:g} to {after_ms:g} ms, expected an even step: "
+                "--resample-ms 0.5 of fembridge ingest makes one",
             )
         start_ms = float(times_ms[0])
         traces.append(StressTrace(stress_pa, dt_ms, int(node), afferent or None, start_ms))
