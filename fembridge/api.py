@@ -618,7 +618,7 @@ def fit(
     >>> fit.afferent
     'SA'
     """
-    from fembridge.evidence import published_timing
+    from fembridge.evidence import THRESHOLDS, published_timing, read_evidence
     from fembridge.fitting import fit as fitting
     from fembridge.fitting.problem import (
         EVERY,
@@ -631,7 +631,6 @@ def fit(
     )
     from fembridge.observed import FAMILIES, read_observed
     from fembridge.tables import AFFERENTS, read_spikes
-    from fembridge.tuning import read_thresholds
     from neural.parameter_sets import fitted_preindent_um
 
     of_default = 0.0 if drive == "published" else fitted_preindent_um()
@@ -650,7 +649,7 @@ def fit(
     )
     models = models_to_fit(rates, afferents, drive, settings.families, log)
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
-    asked = None if thresholds is None else read_thresholds(thresholds)
+    asked = None if thresholds is None else read_evidence(thresholds, THRESHOLDS).table
     trains = None if spikes is None else read_spikes(Path(spikes))
 
     def targets_of(model: "AfferentModel") -> "list[Target]":
@@ -762,10 +761,13 @@ def validate(
     output: PathLike | None = None,
     *,
     finger: str = "quick",
+    response: PathLike | None = None,
     observed: PathLike | None = None,
     parameters: str = "fitted",
     thresholds: PathLike | None = None,
     spikes: PathLike | None = None,
+    impulses: PathLike | None = None,
+    distance: PathLike | None = None,
     log: Callable[[str], None] = lambda line: None,
 ) -> "Validation":
     """The paper's figures and tables against the model; with `output` as a page there.
@@ -773,14 +775,19 @@ def validate(
     Parameters
     ----------
     finger
-        ``quick``, ``paper`` or a TOML file.
+        ``quick``, ``paper`` or a TOML file, whose response is then solved.
+    response
+        Or a response of one's own, as `simulate` keeps it.
     observed
         Table of observed rates, ``stimulus, afferent, rate_ips``.
     parameters
         ``fitted``, ``published`` or a TOML file.
-    thresholds, spikes
-        Observed thresholds and spike times to show in the place of the published ones:
-        tables as of `fit`.
+    spikes
+        Recorded spikes to show in the place of the published ones: a table as of `fit`.
+    thresholds, impulses, distance
+        Tables to show in the place of the published ones of `fembridge.evidence`:
+        thresholds, impulses a cycle, amplitudes against distance. Lines that begin with #
+        are their source.
 
     Returns
     -------
@@ -800,19 +807,18 @@ def validate(
     >>> fb.validate().judged.name
     'fitted'
     """
+    from fembridge.evidence import DISTANCE, MAN, THRESHOLDS, read_evidence
     from fembridge.observed import read_observed
     from fembridge.report import validate as report
     from fembridge.tables import read_spikes
-    from fembridge.tuning import read_thresholds
 
+    files = {THRESHOLDS: thresholds, MAN: impulses, DISTANCE: distance}
+    facts = {name: read_evidence(path, name) for name, path in files.items() if path is not None}
+    trains = () if spikes is None else read_spikes(Path(spikes))
     rates = None if observed is None else read_observed(Path(observed), complete=False)
+    models = report.judged_models(parameters)
     study = report.validate(
-        read_finger(finger),
-        report.judged_models(parameters),
-        rates,
-        log,
-        thresholds=None if thresholds is None else read_thresholds(thresholds),
-        trains=() if spikes is None else read_spikes(Path(spikes)),
+        report.source_of(finger, response, models, log), models, rates, log, facts, trains
     )
     if output is not None:
         from fembridge.report.validation_page import write_report

@@ -51,6 +51,7 @@ MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
 _LOOK_BYTES, _LONGEST_HEADER, _ROWS_AT_ONCE = 1 << 22, 1 << 16, 1 << 18
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
+_COMMENTS = re.compile("(?:#.*\\n)*")
 _IN_QUOTES = re.compile(r"EOF inside string starting at row (\d+)")
 
 
@@ -378,6 +379,8 @@ class TextTable:
 def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> TextTable:
     """A CSV table, which must have `columns`, as text; of a DataFrame a line is a row, from 1.
 
+    Lines that begin with # are no rows.
+
     Raises
     ------
     TableError
@@ -393,10 +396,14 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
         return TextTable(path, "", header, cells, np.arange(len(cells)))
     path, text = source, _decoded(source)
     try:
-        header = tuple(name.strip() for name in next(csv.reader(io.StringIO(text, newline="")), ()))
+        above = text[: len(text) - len(_COMMENTS.sub("", text, count=1))]
+        rows = csv.reader(io.StringIO(text[len(above) :], newline=""))
+        header = tuple(name.strip() for name in next(rows, ()))
         if not header:
             raise TableError(f"empty, expected a header {','.join(columns)}".strip(), path)
-        _check_header(header, columns, path)
+        _check_header(header, columns, path, 1 + above.count("\n"))
+        if "#" in text:
+            text = re.sub("^#.*", "," * (len(header) - 1), text, flags=re.MULTILINE)
         cells = pd.read_csv(
             io.StringIO(text, newline=""),
             header=None,
@@ -426,10 +433,10 @@ def _decoded(path: Path) -> str:
         raise TableError(f"{found} is not UTF-8", path, line) from error
 
 
-def _check_header(header: Sequence[str], columns: Sequence[str], path: Path) -> None:
+def _check_header(header: Sequence[str], columns: Sequence[str], path: Path, line: int = 1) -> None:
     for separator, name in _SEPARATORS.items():
         if len(header) == 1 and separator in header[0]:
-            raise TableError(f"{header[0]!r} is separated by {name}, expected commas", path, 1)
+            raise TableError(f"{header[0]!r} is separated by {name}, expected commas", path, line)
     for name in columns:
         if header.count(name) != 1:
             found = "duplicate" if name in header else "no"
@@ -437,7 +444,7 @@ def _check_header(header: Sequence[str], columns: Sequence[str], path: Path) -> 
                 f"{found} column {name} in {','.join(header)!r}, "
                 f"expected a header with {','.join(columns)}",
                 path,
-                1,
+                line,
             )
 
 

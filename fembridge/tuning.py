@@ -10,16 +10,14 @@ amplitude, as the paper's stimuli do, from the pre-indentation of the parameters
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.evidence import SETS, evidence
+from fembridge.evidence import CRITERIA
 from fembridge.response.response_map import ResponseMap
 from fembridge.stimulus import Stimulus
-from fembridge.tables import AFFERENTS, read_table
 from fembridge.typing import BoolArray, FloatArray
 from neural.encoder import encode_cells
 from neural.models import model_of
@@ -28,7 +26,6 @@ from neural.parameters import DT_MS, AfferentParameters
 if TYPE_CHECKING:
     import pandas
 
-CRITERIA = ("absolute", "one_impulse_a_cycle")
 COLUMNS = ("afferent", "criterion", "frequency_hz", "amplitude_um")
 
 # 2 to 800 Hz, as far as any class was recorded.
@@ -218,31 +215,6 @@ def _fires(
             inside = (times_ms > start_ms + 1e-6) & (times_ms <= end_ms + 1e-6)
             fires[row, :, cell] = times_ms.size > 0, np.count_nonzero(inside) >= cycles
     return fires
-
-
-def read_thresholds(source: "Path | str") -> "pandas.DataFrame":
-    """Observed thresholds: a set of `fembridge.evidence` by its name, or a table.
-
-    Columns are those of `thresholds` without the last two.
-
-    Raises
-    ------
-    TableError
-        A row that is no threshold, with its line.
-    """
-    import pandas
-
-    if str(source) in SETS:
-        return evidence(str(source))
-    table = read_table(Path(source), COLUMNS)
-    return pandas.DataFrame(
-        {
-            "afferent": table.choices("afferent", AFFERENTS),
-            "criterion": table.choices("criterion", CRITERIA),
-            "frequency_hz": table.numbers("frequency_hz", LOWEST_HZ),
-            "amplitude_um": table.numbers("amplitude_um", LEAST_UM),
-        }
-    )
 
 
 def against_evidence(found: "pandas.DataFrame", observed: "pandas.DataFrame") -> "pandas.DataFrame":

@@ -69,13 +69,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge import api
+    from fembridge.evidence import THRESHOLDS, read_evidence
     from fembridge.plots.style import save_figure
     from fembridge.plots.thresholds import thresholds_figure
     from fembridge.store import filling
     from fembridge.tables import write_table
-    from fembridge.tuning import read_thresholds
 
-    observed = read_thresholds(args.thresholds)
+    observed = read_evidence(args.thresholds, THRESHOLDS).table
     names = ("parameters", "preindent_um", "finger", "response")
     found = api.thresholds(args.afferent, args.hz, **words_of(args, *names))
     with filling(Path(args.output), last=TABLE_FILE) as draft:

@@ -19,6 +19,7 @@ EXAMPLE = "fembridge validate -o report"
 
 _FOLDER = "report"
 _FINGER = "quick"
+_FILES = ("response", "observed", "thresholds", "spikes", "impulses", "distance")
 _PARAMETERS = "fitted"  # neural.parameter_sets.DEFAULT_SET, which takes NumPy to import
 
 
@@ -31,11 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="rates to judge by: a table stimulus,afferent,rate_ips with any of the 82 "
         "stimuli and of SA, RA, PC",
     )
-    parser.add_argument(
+    skin = parser.add_mutually_exclusive_group()
+    skin.add_argument(
         "--finger",
-        choices=("quick", "paper"),
         default=_FINGER,
-        help=f"3 100 or 17 702 elements (default: {_FINGER})",
+        metavar="quick|paper|FILE.toml",
+        help="3 100 or 17 702 elements, or a finger of your own, which is solved "
+        f"(default: {_FINGER})",
+    )
+    skin.add_argument(
+        "--response",
+        metavar="DIR|FILE.toml",
+        help="or a response of your own, as `fembridge simulate` keeps it",
     )
     parser.add_argument(
         "--parameters",
@@ -56,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recorded spikes under sinusoids, for timing, in the place of the published: a "
         "table stimulus,afferent,repeat,spike_time_ms",
     )
+    for name, columns in (
+        ("impulses", "afferent,frequency_hz,amplitude_um,impulses_per_cycle"),
+        ("distance", "distance_mm,amplitude_um"),
+    ):
+        words = f"the same of {name}: a table {columns}; lines with # are its source"
+        parser.add_argument(f"--{name}", metavar="FILE.csv", help=words)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -71,8 +85,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         notes.append(line)
         print(line, file=sys.stderr)
 
-    names = ("finger", "observed", "parameters", "thresholds", "spikes")
-    study = api.validate(**words_of(args, *names), log=log)
+    study = api.validate(**words_of(args, "parameters", "finger", *_FILES), log=log)
     output = Path(args.output)
     files = write_report(output, study, command_line(args))
     rows = _rows(study)
@@ -97,7 +110,7 @@ def command_line(args: argparse.Namespace) -> str:
     from pathlib import Path
 
     words = ["fembridge", "validate", "-o", str(args.output)]
-    for name in ("observed", "thresholds", "spikes"):
+    for name in _FILES:
         if (file := getattr(args, name)) is not None:
             words += [f"--{name}", Path(file).name if Path(file).is_absolute() else file]
     if args.finger != _FINGER:

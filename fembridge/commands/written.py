@@ -455,7 +455,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
             "phases.csv",
             "when in a cycle spikes come",
             _columns(
-                _AFFERENT, _AMPLITUDE,
+                _AFFERENT, _FREQUENCY, _AMPLITUDE,
                 ("phase_ms", "ms", "start of the bin, from the start of a cycle"),
                 ("recorded", "", "share of the recorded spikes"),
                 ("model", "", "share of the model's spikes"),
@@ -492,6 +492,29 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
                 _AFFERENT, _FREQUENCY, _AMPLITUDE,
                 ("impulses_per_cycle", "", "recorded impulses in a cycle"),
                 ("model", "", "those of the model"),
+            ),
+        ),
+        Output(
+            "distance.csv",
+            "amplitude of RA for one impulse a cycle away from a probe on the whole fingertip",
+            _columns(
+                ("distance_mm", "mm", "from the centre of the probe"),
+                ("amplitude_um", "µm", "recorded"),
+                ("model_um", "µm", "of the parameters fitted_pad; empty: not reached"),
+            ),
+        ),
+        Output(
+            "held_out.csv",
+            "errors under sinusoids of a frequency that the fit did not see; where the parameters "
+            "hold what `fit --held-out` found",
+            _columns(
+                _AFFERENT,
+                ("frequency_hz", "Hz", "empty: all together"),
+                ("count", "", "stimuli"),
+                ("fitted_rmse_ips", "ips", "error of the model, fitted to all"),
+                ("held_out_rmse_ips", "ips", "error of fits that did not see the frequency"),
+                ("held_out_bias_ips", "ips", "mean of predicted minus observed of those"),
+                ("touchsim_rmse_ips", "ips", "error of TouchSim"),
             ),
         ),
         Output("ramp_and_hold.csv", "spikes under a ramp and a hold", _SPIKES),

@@ -17,12 +17,13 @@ from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ParameterError, ResponseError, UsageError
+from fembridge.evidence import CRITERIA
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.response.transients import RESPONSE_FOLDER
 from fembridge.store import sha256_of
 from fembridge.tables import SpikeTrain
-from fembridge.tuning import CRITERIA, vibration
+from fembridge.tuning import vibration
 from fembridge.typing import Table
 from neural.fit_problem import (
     DISTANCES,
@@ -282,9 +283,9 @@ class ResponseSource:
         return {key: value for key, value in table.items() if value is not None}
 
 
-def stored_source(finger: str) -> ResponseSource:
-    """The stored response of a reference finger, ``quick`` or ``paper``."""
-    response = stored_response(read_finger(finger), Probe(), "CPE4")
+def stored_source(finger: str, depth_um: float = 0.0) -> ResponseSource:
+    """The stored response of a reference finger, ``quick`` or ``paper``, to that depth."""
+    response = stored_response(read_finger(finger), Probe(), "CPE4", depth_um=depth_um)
     return ResponseSource(response, FOLDER / f"{finger}.toml", stored=True)
 
 

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from fembridge.evidence import CRITERIA
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -13,7 +14,7 @@ from fembridge.plots.style import (
     new_figure,
     note,
 )
-from fembridge.tuning import CRITERIA, HIGHEST_HZ, LOWEST_HZ
+from fembridge.tuning import HIGHEST_HZ, LOWEST_HZ
 
 if TYPE_CHECKING:
     import pandas
@@ -32,7 +33,7 @@ def thresholds_figure(found: "pandas.DataFrame", observed: "pandas.DataFrame") -
     The shade is from the keenest to the dullest cell, for the first impulse.
     """
     classes = list(dict.fromkeys(found["afferent"]))
-    margins_in = (0.55, 0.1, 0.3, 0.4, 0.15, 0.0)
+    margins_in = (0.55, 0.2, 0.3, 0.4, 0.15, 0.0)
     figure, [panels] = new_figure(
         _HEIGHT_IN, columns=len(classes), margins_in=margins_in, sharey=True
     )

@@ -1,24 +1,37 @@
-"""A model beside what is known of real afferents: timing, thresholds, man, ramp and hold.
+"""A model beside what is known of real afferents: timing, thresholds, man, distance, ramp.
 
 Each table is made of a table of published facts, `fembridge.evidence`, or of a user's in
-its place, and of a model under the same stimuli by the response map.
+its place, and of a model under the same stimuli by the response map; only the distance
+from a probe takes the whole fingertip.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from decks.stimuli import Ramp, Sine, resolve
+from decks.stimuli import DT_MS, Ramp, Sine, resolve
 from decks.waveform import make_stimulus
-from fembridge.evidence import THRESHOLDS, TIMING_COLUMNS, evidence, published_timing
+from fembridge.evidence import (
+    DISTANCE,
+    MAN,
+    PHASES,
+    THRESHOLDS,
+    TIMING,
+    TIMING_COLUMNS,
+    Facts,
+    citation,
+    evidence,
+    published_timing,
+)
 from fembridge.response.response_map import ResponseMap
 from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS, SpikeTrain
 from fembridge.tuning import against_evidence, thresholds, vibration
 from fembridge.typing import FloatArray
 from neural.encoder import encode_cells
+from neural.parameter_sets import parameter_set
 from neural.parameters import Parameters
 from neural.threshold import vector_strength
 
@@ -31,14 +44,18 @@ STRENGTH_APART, IMPULSES_APART = 0.25, 0.30
 # A tuning curve may be off by so many times at one frequency, and by so many in the median.
 MOST_TIMES, MEDIAN_TIMES = 4.0, 1.5
 
-# Ramp and hold from first touch: 300 um at 3 mm/s, held for half a second, and back.
+# From first touch 300 um deep at 3 mm/s, held for half a second, and back.
 RAMP = Ramp(depth_um=300, up_ms=100, hold_ms=500, down_ms=100)
 
 # Of the curves, in Hz, beside the frequencies that were recorded.
 CURVE_HZ = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 125.0, 200.0, 250.0, 315.0, 400.0, 500.0, 800.0)
 
+# Of Johnson (1974), Fig. 7, and amplitudes that are tried.
+_PIN_MM, _PIN_HZ, _PIN_DEEP_UM = 2.0, 40.0, 550.0
+_PIN_UM = np.geomspace(15.0, 900.0, 24)
+
 _NUMBERS = TIMING_COLUMNS[3:]
-_BIN_MS, _CYCLE_MS = 5.0, 50.0
+_PHASE_BINS, _PHASE_PANELS = 10, 2
 
 # Spikes of each cell of a class under a stimulus.
 Spikes: TypeAlias = Callable[[str, Stimulus], list[FloatArray]]
@@ -52,7 +69,9 @@ class Evidence:
     cycle and vector strengths over all cells, the impulses of the keenest cell, and
     whether that is near enough. `phases` are shares of the spikes by phase of the cycle,
     `tuning` recorded thresholds with the model's, `curves` the model's, `man` impulses a
-    cycle in man, `ramp` spikes under `ramp_stimulus`.
+    cycle in man, `distance` amplitudes of RA away from a probe, `ramp` spikes under
+    `ramp_stimulus`. `sources` say of each set, by name, what it holds and where it is from,
+    `trains` are a user's recorded spikes.
     """
 
     timing: "DataFrame"
@@ -60,8 +79,11 @@ class Evidence:
     tuning: "DataFrame"
     curves: "DataFrame"
     man: "DataFrame"
+    distance: "DataFrame"
     ramp: tuple[SpikeTrain, ...]
     ramp_stimulus: Stimulus
+    sources: Mapping[str, str]
+    trains: tuple[SpikeTrain, ...] = ()
 
     def shortfalls(self) -> tuple[str, ...]:
         """A sentence for everything that is known and that the model does not do."""
@@ -73,23 +95,29 @@ def gather(
     response: ResponseMap,
     parameters: Parameters,
     preindent_um: float,
-    observed_thresholds: "DataFrame | None" = None,
-    observed_trains: Sequence[SpikeTrain] = (),
+    own: Mapping[str, Facts] | None = None,
+    trains: Sequence[SpikeTrain] = (),
 ) -> Evidence:
     """Everything that is known, and the model under the same stimuli.
 
-    `observed_thresholds` and `observed_trains` stand in the place of the published ones.
+    `own` tables stand in the place of the published ones of their names, and recorded
+    `trains` in that of the published timing.
     """
     from pandas import concat
 
     columns = {str(place.afferent): k for k, place in enumerate(response.places)}
+    own = own or {}
 
     def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
         trace = response.traces(stimulus, parameters)[columns[afferent]]
         [cells] = encode_cells(trace.stress_pa, stimulus.dt_ms, parameters[afferent])
         return cells
 
-    asked = evidence(THRESHOLDS) if observed_thresholds is None else observed_thresholds
+    known = {
+        name: own.get(name) or Facts(evidence(name), citation(name))
+        for name in (THRESHOLDS, TIMING, PHASES, MAN, DISTANCE)
+    }
+    asked = known[THRESHOLDS].table
     curves = concat(
         [
             thresholds(
@@ -102,20 +130,27 @@ def gather(
         ],
         ignore_index=True,
     )
-    recorded = timing_of(observed_trains) if observed_trains else published_timing()
+    recorded = timing_of(trains) if trains else published_timing()
+    phases = phases_of(trains) if trains else known[PHASES].table.assign(frequency_hz=20.0)
     ramp = make_stimulus(RAMP)
+    sources = {name: facts.source for name, facts in known.items()}
+    if trains:
+        sources |= dict.fromkeys((TIMING, PHASES), "Recorded: the spikes that were given.")
     return Evidence(
         timing=_timing(recorded, preindent_um, spikes),
-        phases=_phases(preindent_um, spikes),
+        phases=_phases(phases, preindent_um, spikes),
         tuning=against_evidence(curves, asked),
         curves=curves,
-        man=_man(response.deepest_um, preindent_um, spikes),
+        man=_man(known[MAN].table, response.deepest_um, preindent_um, spikes),
+        distance=_distance(known[DISTANCE].table),
         ramp=tuple(
             SpikeTrain(ramp.id, name, times_ms, repeat)
             for name in AFFERENTS
             for repeat, times_ms in enumerate(spikes(name, ramp), start=1)
         ),
         ramp_stimulus=ramp,
+        sources=sources,
+        trains=tuple(trains),
     )
 
 
@@ -186,28 +221,50 @@ def _timing(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "Data
     return DataFrame(rows)
 
 
-def _phases(preindent_um: float, spikes: Spikes) -> "DataFrame":
-    """Recorded spikes by phase of the 20 Hz cycle, and the model's, as shares of all."""
+def phases_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
+    """Recorded spikes by phase of the cycle, of the two strongest sinusoids of each class.
+
+    Columns are those of the set ``timing_20hz_phase`` and ``frequency_hz``.
+    """
+    from pandas import DataFrame
+
+    rows = []
+    for afferent in AFFERENTS:
+        names = {one.stimulus for one in trains if one.afferent == afferent}
+        sines = [one for name in names if isinstance(one := resolve(name)[0], Sine)]
+        for entry in sorted(sines, key=lambda one: one.amplitude_um)[-_PHASE_PANELS:]:
+            mine = [t.times_ms for t in trains if (t.stimulus, t.afferent) == (entry.id, afferent)]
+            cycle_ms = 1000.0 / entry.frequency_hz
+            edges_ms = np.linspace(0.0, cycle_ms, _PHASE_BINS + 1)
+            counts, _ = np.histogram(np.concatenate(mine) % cycle_ms, bins=edges_ms)
+            key = (afferent, entry.frequency_hz, entry.amplitude_um)
+            rows += [(*key, *pair) for pair in zip(edges_ms, counts, strict=False)]
+    columns = ["afferent", "frequency_hz", "amplitude_um", "phase_ms", "spikes"]
+    return DataFrame(rows, columns=columns)
+
+
+def _phases(table: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
+    """Shares of the spikes in bins of the cycle, recorded and of the model."""
     from pandas import DataFrame
 
     found = []
-    table = evidence("timing_20hz_phase")
-    for afferent, amplitude_um in table[["afferent", "amplitude_um"]].drop_duplicates().to_numpy():
-        mine = table[(table["afferent"] == afferent) & (table["amplitude_um"] == amplitude_um)]
-        stimulus = vibration(1000.0 / _CYCLE_MS, float(amplitude_um), preindent_um)
-        together = np.concatenate(spikes(afferent, stimulus))
-        edges_ms = np.arange(0.0, _CYCLE_MS + _BIN_MS, _BIN_MS)
-        counts, _ = np.histogram(together % _CYCLE_MS, bins=edges_ms)
-        recorded = mine["spikes"].to_numpy(np.float64)
-        for k, phase_ms in enumerate(edges_ms[:-1].tolist()):
-            shares = recorded[k] / recorded.sum(), counts[k] / max(together.size, 1)
-            found.append((afferent, float(amplitude_um), phase_ms, *shares))
-    return DataFrame(found, columns=["afferent", "amplitude_um", "phase_ms", "recorded", "model"])
+    keys = ["afferent", "frequency_hz", "amplitude_um"]
+    cells: list[tuple[Any, Any]] = [*table.groupby(keys, sort=False)]
+    for (afferent, frequency_hz, amplitude_um), mine in cells:
+        cycle_ms = 1000.0 / frequency_hz
+        together = np.concatenate(
+            spikes(afferent, vibration(frequency_hz, amplitude_um, preindent_um))
+        )
+        starts_ms, recorded = (mine[name].to_numpy(float) for name in ("phase_ms", "spikes"))
+        counts, _ = np.histogram(together % cycle_ms, bins=[*starts_ms, cycle_ms])
+        shares = (one / max(one.sum(), 1) for one in (recorded, counts))
+        key = (afferent, frequency_hz, amplitude_um)
+        found += [(*key, *row) for row in zip(starts_ms, *shares, strict=True)]
+    return DataFrame(found, columns=[*keys, "phase_ms", "recorded", "model"])
 
 
-def _man(deepest_um: float, preindent_um: float, spikes: Spikes) -> "DataFrame":
+def _man(table: "DataFrame", deepest_um: float, preindent_um: float, spikes: Spikes) -> "DataFrame":
     """Impulses a cycle in man and of the model, as far as its response reaches."""
-    table = evidence("impulses_a_cycle_johansson_1982")
     table = table[table["amplitude_um"] <= deepest_um - preindent_um].reset_index(drop=True)
     found = []
     for row in _records(table):
@@ -217,16 +274,49 @@ def _man(deepest_um: float, preindent_um: float, spikes: Spikes) -> "DataFrame":
     return table.assign(model=found)
 
 
+def _distance(table: "DataFrame") -> "DataFrame":
+    """Amplitude for one impulse a cycle at a distance from a pin on the whole fingertip.
+
+    `model_um` is of the parameters that hold there, ``fitted_pad``, whichever model is
+    judged; NaN where the largest amplitude is not enough.
+    """
+    from fembridge.touching.pad import pad_named
+    from fembridge.touching.population import Population
+    from fembridge.touching.shape import Shape
+    from fembridge.touching.touch import touch_skin
+    from fembridge.touching.way import Way
+
+    pad, parameters = pad_named("reference"), parameter_set("fitted_pad").parameters
+    units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
+    window_ms = (2000.0 / _PIN_HZ, 10_000.0 / _PIN_HZ)
+    times_ms = np.arange(round(window_ms[1] / DT_MS) + 1) * DT_MS
+    wave = np.sin(2e-3 * np.pi * _PIN_HZ * times_ms)
+    reached = [
+        touch_skin(
+            pad,
+            Shape.punch(_PIN_MM),
+            Way("sine", DT_MS, window_ms, _PIN_DEEP_UM + amplitude_um * wave),
+            units,
+            parameters,
+        ).rate_ips
+        >= 0.99 * _PIN_HZ
+        for amplitude_um in _PIN_UM
+    ]
+    least_um = np.where(np.any(reached, axis=0), _PIN_UM[np.argmax(reached, axis=0)], np.nan)
+    return table.assign(model_um=np.interp(table["distance_mm"], units.z_mm, least_um))
+
+
 def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
     for row in _records(timing[~timing["strengths_near"]]):
         mine, theirs = (
             " and ".join(f"{row[f'{prefix}{name}']:.2f}" for name in _NUMBERS[1:])
             for prefix in ("model_", "")
         )
-        yield (
-            f"{row['afferent']}, timing at {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} µm: "
-            f"vector strength {mine} at the frequency and at twice it, recorded {theirs}."
-        )
+        words = f"vector strength {mine} at the frequency and at twice it, recorded {theirs}"
+        if np.isnan(row["model_strength_f"]):
+            words = "no spikes where recorded afferents fire"
+        place = f"{row['frequency_hz']:g} Hz, {row['amplitude_um']:g} µm"
+        yield f"{row['afferent']}, timing at {place}: {words}."
     off = timing[~timing["impulses_near"]]
     for afferent in dict.fromkeys(off["afferent"]):
         words = ", ".join(

@@ -3,7 +3,7 @@
 The tuning curves are `fembridge.plots.thresholds`.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
@@ -24,24 +24,24 @@ if TYPE_CHECKING:
 
 _HEIGHT_IN = 2.1
 _MARGINS_IN = (0.6, 0.12, 0.42, 0.4, 0.22, 0.0)
-_BIN_MS = 5.0
 
 
 @in_style
 def phase_figure(found: Evidence) -> "Figure":
-    """Shares of the spikes by phase of the 20 Hz cycle: recorded as steps, the model's filled."""
-    cells = list(found.phases.groupby(["afferent", "amplitude_um"], sort=False))
+    """Shares of the spikes by phase of the cycle: recorded as steps, the model's filled."""
+    keys = ["afferent", "frequency_hz", "amplitude_um"]
+    cells: list[tuple[Any, Any]] = [*found.phases.groupby(keys, sort=False)]
     figure, [panels] = new_figure(
         _HEIGHT_IN, columns=len(cells), margins_in=_MARGINS_IN, sharey=True
     )
-    for panel, ((afferent, amplitude_um), rows) in zip(panels, cells, strict=True):
-        name = str(afferent)
-        edges_ms = [*rows["phase_ms"], rows["phase_ms"].iloc[-1] + _BIN_MS]
+    for panel, ((name, frequency_hz, amplitude_um), rows) in zip(panels, cells, strict=True):
+        edges_ms = [*rows["phase_ms"], 1000.0 / frequency_hz]
         panel.stairs(rows["model"], edges_ms, fill=True, color=AFFERENT_COLOURS[name], alpha=0.75)
         panel.stairs(rows["recorded"], edges_ms, color=INK)
         panel.set_xlim(edges_ms[0], edges_ms[-1])
         panel.set_xlabel("Phase (ms)")
-        note(panel, f"{name}, {amplitude_um:g} µm", (0.98, 0.97), (0, 0), ha="right", va="top")
+        words = f"{name}\n{frequency_hz:g} Hz\n{amplitude_um:g} µm"
+        note(panel, words, (0.98, 0.97), (0, 0), ha="right", va="top")
     panels[0].set_ylabel("Share of the spikes")
     samples = [
         {"color": INK},
@@ -78,6 +78,24 @@ def man_figure(found: Evidence) -> "Figure":
 
 
 @in_style
+def distance_figure(found: Evidence) -> "Figure":
+    """Amplitude for one impulse a cycle against distance: recorded as dots, RA's as a line."""
+    figure, [[panel]] = new_figure(_HEIGHT_IN, margins_in=(0.6, 3.2, 0.42, 0.4, 0.0, 0.0))
+    colour, table = AFFERENT_COLOURS["RA"], found.distance
+    panel.plot(table["distance_mm"], table["model_um"], color=colour)
+    panel.plot(table["distance_mm"], table["amplitude_um"], **dots(INK, 3.5))
+    panel.set_yscale("log")
+    panel.set_yticks([50, 100, 200, 500], ["50", "100", "200", "500"])
+    panel.set_yticks([], minor=True)
+    panel.set_xlabel("Distance from the probe’s centre (mm)")
+    panel.set_ylabel("Amplitude (µm)")
+    legend_above(
+        figure, [dots(INK, 3.5), {"color": colour}], ["recorded", "fitted_pad"], down_in=0.15
+    )
+    return figure
+
+
+@in_style
 def ramp_figure(found: Evidence) -> "Figure":
     """Spikes of every cell while a probe is pressed in, stays and is taken away."""
     wave = found.ramp_stimulus
@@ -109,6 +127,7 @@ def ramp_figure(found: Evidence) -> "Figure":
     for corner_ms in RAMP.corners_ms:
         for panel in (above, below):
             panel.axvline(corner_ms, color=INK, linewidth=0.3, alpha=0.4)
+    below.set_ylim(0.6 - len(rows), 0.6)
     below.set_yticks([])
     below.set_xlim(0.0, float(wave.times_ms[-1]))
     below.set_xlabel("Time (ms)")

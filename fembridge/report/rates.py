@@ -41,6 +41,8 @@ PAPER_R_SQUARED = 0.8
 PAPER_P_VALUE = 0.05
 # This project's own goal, with an RMSE below TouchSim's.
 GOAL_R_SQUARED = 0.9
+# And the RMSE of frequencies that a fit did not see.
+HELD_OUT_GOAL_IPS = {"SA": 3.0, "RA": 8.0, "PC": 15.0}
 
 NUMBERS = ("count", "slope", "intercept_ips", "r_squared", "p_value", "rmse_ips", "bias_ips")
 
@@ -194,6 +196,51 @@ def agreement_table(rates: RateTable) -> "DataFrame":
                 rows.append((reference, source, family.name, name, afferent, *found))
     keys = ["reference", "source", "family", "set", "afferent"]
     return DataFrame(rows, columns=[*keys, *NUMBERS]).set_index(keys, drop=False)
+
+
+def held_out_table(
+    held_out: Mapping[str, Mapping[str, Any]], rates: RateTable, judged: str
+) -> "DataFrame":
+    """Errors of sinusoids whose frequency a fit did not see, beside the model that saw all.
+
+    `held_out` is what `fembridge fit --held-out` keeps of each class: ``rmse_ips`` and
+    ``rates_ips`` by stimulus. A row ``afferent, frequency_hz, count, fitted_rmse_ips,
+    held_out_rmse_ips, held_out_bias_ips, touchsim_rmse_ips`` for each frequency, and for all
+    together, where frequency_hz is NaN. Without observed rates only the last is there, with
+    the error that the fit found.
+    """
+    from pandas import DataFrame
+
+    columns = ["afferent", "frequency_hz", "count", "fitted_rmse_ips", "held_out_rmse_ips"]
+    columns += ["held_out_bias_ips", "touchsim_rmse_ips"]
+    rows: list[tuple[Any, ...]] = []
+    for afferent, found in held_out.items():
+        left_ips: Mapping[str, float] = found["rates_ips"]
+        if OBSERVED not in rates.known(SINES.stimuli):
+            known = (len(left_ips), np.nan, found["rmse_ips"], np.nan, np.nan)
+            rows.append((afferent, np.nan, *known))
+            continue
+        parts: list[StimulusSet | Family] = [*SINES.sets, SINES]
+        for one in parts:
+            stimuli = [stimulus for stimulus in one.stimuli if stimulus in left_ips]
+            target = rates.of(OBSERVED, afferent, stimuli)
+            left = np.array([left_ips[stimulus] for stimulus in stimuli])
+            there = np.isfinite(target)
+            if not there.any():
+                continue
+            off = {
+                name: (found_ips - target)[there]
+                for name, found_ips in (
+                    ("fitted", rates.of(judged, afferent, stimuli)),
+                    ("left", left),
+                    ("touchsim", rates.of(TOUCHSIM, afferent, stimuli)),
+                )
+            }
+            rmse = {name: float(np.sqrt(np.mean(each**2))) for name, each in off.items()}
+            numbers = rmse["fitted"], rmse["left"], float(off["left"].mean()), rmse["touchsim"]
+            frequency_hz = one.frequency_hz if isinstance(one, StimulusSet) else np.nan
+            rows.append((afferent, frequency_hz, int(there.sum()), *numbers))
+    return DataFrame(rows, columns=columns)
 
 
 def row_of(table: "DataFrame", *key: Any) -> "Series[Any]":  # noqa: ANN401 - labels

@@ -3,16 +3,17 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
-from decks.analysis import Model
-from decks.finger import Finger
-from decks.presets import model_of
-from decks.probe import Probe
+from decks.presets import finger_id, model_of, read_finger
 from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
 from fembridge.deflection.profile import ConvergenceRow, Deflection, convergence, stored_deflections
-from fembridge.errors import UsageError
+from fembridge.errors import MissingError, UsageError
+from fembridge.evidence import Facts
+from fembridge.fitting.problem import ResponseSource, solved_source, stored_source
+from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.observed import ObservedRates
 from fembridge.report.evidence import Evidence, gather
 from fembridge.report.rates import (
@@ -21,12 +22,15 @@ from fembridge.report.rates import (
     TOUCHSIM,
     RateTable,
     agreement_table,
+    held_out_table,
     locking_table,
     rate_table,
     threshold_table,
 )
-from fembridge.response.response_map import ResponseMap, stored_response
-from fembridge.simulation import Simulation, simulate
+from fembridge.response.response_map import ResponseMap
+from fembridge.response.solve import LADDER, accept_contact
+from fembridge.simulation import Simulation, encode_all, unlike_the_fit
+from fembridge.solver.settings import DEFAULTS
 from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.touchsim import touchsim_rates
@@ -37,6 +41,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 ELEMENT = "CPE4"
+STORED = ("quick", "paper")
+# Farthest from the pre-indentation that a stimulus of the paper goes; measured, with noises.
+_STROKE_UM = 300.0
 PUBLISHED_NAME = "published"
 # Fig. 3 (a): 35, 130 and 250 um at 20 Hz; Appendix A has 34.74 and 129.49.
 RASTER_STIMULI = ("sine_20_34.74", "sine_20_129.49", "sine_20_250")
@@ -50,7 +57,7 @@ class JudgedModel:
     """Parameters under a name, and the pre-indentation that they hold for.
 
     `word` chooses it on a command line, `source` says in a line where its numbers
-    come from, `origin` all that is known of that.
+    come from, `origin` all that is known of that, `finger` on whose stress they were fitted.
     """
 
     name: str
@@ -59,6 +66,23 @@ class JudgedModel:
     word: str
     source: str
     origin: Mapping[str, object] = field(default_factory=dict)
+    finger: Mapping[str, str] = field(default_factory=dict)
+
+    def held_out(self) -> dict[str, dict[str, Any]]:
+        """What `fembridge fit --held-out` left of each class: see `held_out_table`."""
+        fit = self.origin.get("fit")
+        of_class = fit if isinstance(fit, Mapping) else {}
+        found = {name: of_class.get(name, {}).get("held_out") for name in AFFERENTS}
+        return {name: table for name, table in found.items() if table}
+
+    def unlike(self, response: ResponseMap) -> str:
+        """What was otherwise where the parameters were fitted; "": nothing."""
+        fitted = ParameterSet(
+            self.name, self.parameters, self.preindent_um, self.origin, self.finger
+        )
+        table = response.origin.get("finger")
+        here = finger_id(table) if isinstance(table, Mapping) else {}
+        return unlike_the_fit(fitted, here, {self.preindent_um})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,18 +91,20 @@ class Validation:
 
     `models` and `simulations` go together: the model that is judged comes first.
     `observed` is None where no table was given; `left_out` are stimuli of that
-    table that the paper has not. `agreement`, `thresholds` and `locking` are tables of
-    `fembridge.report.rates`, `evidence` is the judged model beside recorded afferents.
+    table that the paper has not. `agreement`, `held_out`, `thresholds` and `locking` are
+    tables of `fembridge.report.rates`, `evidence` is the judged model beside recorded afferents.
     """
 
     finger: str
     response: ResponseMap
+    stored: bool
     models: tuple[JudgedModel, ...]
     simulations: Mapping[str, Simulation]
     observed: ObservedRates | None
     left_out: tuple[str, ...]
     rates: RateTable
     agreement: "DataFrame"
+    held_out: "DataFrame"
     thresholds: "DataFrame"
     locking: "DataFrame"
     deflections: tuple[Deflection, ...]
@@ -92,15 +118,14 @@ class Validation:
 
 
 def validate(
-    finger: Finger,
+    source: ResponseSource,
     models: Sequence[JudgedModel],
     observed: ObservedRates | None = None,
     log: Callable[[str], None] = lambda line: None,
-    *,
-    thresholds: "DataFrame | None" = None,
+    facts: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
 ) -> Validation:
-    """Compute the 82 stimuli of the paper on the stored response of `finger`.
+    """Compute the 82 stimuli of the paper on the response of a finger.
 
     Parameters
     ----------
@@ -109,28 +134,31 @@ def validate(
     observed
         Rates to judge it by; any of the paper's stimuli and classes will do.
     log
-        Called with a line for what is left out.
-    thresholds, trains
-        Observed thresholds and spike trains to show in the place of the published ones.
+        Called with a line for what is left out, or does not belong together.
+    facts, trains
+        Tables of evidence, by name, and recorded spike trains to show in the place of the
+        published ones.
 
     Raises
     ------
     UsageError
         Observed rates of none of the paper's stimuli.
     ResponseError
-        No response is stored for this finger, or a model's probe goes deeper.
+        A model's probe goes deeper than the response.
     """
-    left_out = _left_out(observed, log)
-    response = stored_response(finger, Probe(), ELEMENT)
-    pressed = replace(model_of(finger), element=ELEMENT)
-    simulations = {model.name: _simulated(model, pressed) for model in models}
+    left_out, response = _left_out(observed, log), source.response
+    simulations = {model.name: _simulated(model, response) for model in models}
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: one.mean_rates for name, one in simulations.items()}
     sources[TOUCHSIM] = touchsim_rates()
     rates = rate_table(sources)
     deflections = stored_deflections()
+    judged = models[0]
+    if unlike := judged.unlike(response):
+        log(unlike)
     return Validation(
-        finger=finger.name,
+        finger=_finger_of(response),
+        stored=source.stored,
         response=response,
         models=tuple(models),
         simulations=simulations,
@@ -138,17 +166,54 @@ def validate(
         left_out=left_out,
         rates=rates,
         agreement=agreement_table(rates),
+        held_out=held_out_table(judged.held_out(), rates, judged.name),
         thresholds=threshold_table(rates),
         locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
         deflections=deflections,
         convergence=convergence(deflections) if len(deflections) > 1 else (),
-        evidence=gather(response, models[0].parameters, models[0].preindent_um, thresholds, trains),
+        evidence=gather(response, judged.parameters, judged.preindent_um, facts, trains),
     )
 
 
-def _simulated(model: JudgedModel, pressed: Model) -> Simulation:
+def source_of(
+    finger: str,
+    response: Path | str | None,
+    models: Sequence[JudgedModel],
+    log: Callable[[str], None] = lambda line: None,
+) -> ResponseSource:
+    """The response at that place, the stored one of a preset, or that of a finger, solved.
+
+    Raises
+    ------
+    MissingError
+        A finger of one's own, and no solver.
+    """
+    if response is not None:
+        return solved_source(Path(response))
+    deepest_um = max(model.preindent_um for model in models) + _STROKE_UM
+    if finger in STORED:
+        return stored_source(finger, deepest_um)
+    pressed = replace(model_of(read_finger(finger)), element=ELEMENT)
+    if find_ccx() is None:
+        raise MissingError(
+            f"finger {finger!r} takes a solver, and there is no ccx on the PATH; install it "
+            f"({SOLVER_INSTALL_LINE}), or give --response DIR of `fembridge simulate`"
+        )
+    with TemporaryDirectory() as place:
+        _, solved = accept_contact(pressed, Path(place), deepest_um, DEFAULTS, log, LADDER)
+    return ResponseSource(solved, Path(finger), stored=False)
+
+
+def _finger_of(response: ResponseMap) -> str:
+    """Name of the finger that a response is of."""
+    finger = response.origin.get("finger")
+    return str(finger.get("name", "own")) if isinstance(finger, Mapping) else "own"
+
+
+def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
     stimuli = [make_stimulus(entry, model.preindent_um) for entry in CATALOGUE]
-    return simulate(stimuli, pressed, Path(), stored=True, parameters=model.parameters)
+    traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
+    return encode_all(stimuli, traces, model.parameters, {})
 
 
 def _left_out(observed: ObservedRates | None, log: Callable[[str], None]) -> tuple[str, ...]:
@@ -194,7 +259,15 @@ def _model(found: ParameterSet, word: str) -> JudgedModel:
     if word not in SET_NAMES:
         path = Path(word)
         source = f"file {path.name}, SHA-256 {sha256_of(path)[:_SHORT_DIGEST]}"
-    return JudgedModel(found.name, found.parameters, found.preindent_um, word, source, found.origin)
+    return JudgedModel(
+        found.name,
+        found.parameters,
+        found.preindent_um,
+        word,
+        source,
+        found.origin,
+        found.finger,
+    )
 
 
 def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:

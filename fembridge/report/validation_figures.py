@@ -33,6 +33,7 @@ from fembridge.report.rates import EVERY_SET, OBSERVED, TOUCHSIM, Family, RateTa
 from fembridge.report.validate import PUBLISHED_NAME, REPEATS
 from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS, SpikeTrain
+from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +51,7 @@ _LANE_IN, _BETWEEN_BLOCKS = 0.135, 0.9
 _BAR_PT, _DOT_PT = 3.4, 4.2
 # Raster.
 _TRAIN_HEIGHT = 0.74
+_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center"}
 
 
 def source_title(source: str, judged: str) -> str:
@@ -176,10 +178,15 @@ def _draw_points(panel: "Axes", rates: RateTable, family: Family, cell: Any) -> 
 
 
 @in_style
-def raster_figure(trains: Sequence[SpikeTrain], stimuli: Sequence[Stimulus]) -> "Figure":
+def raster_figure(
+    trains: Sequence[SpikeTrain],
+    stimuli: Sequence[Stimulus],
+    recorded: Sequence[SpikeTrain] = (),
+) -> "Figure":
     """Spikes of `repeated_trains`, as in Fig. 3 (a): a column an amplitude, a row a class.
 
-    The waveform is above each column.
+    The waveform is above each column; `recorded` trains of the same stimuli are black,
+    above the model's.
     """
     figure, panels = new_figure(
         3.5,
@@ -201,8 +208,16 @@ def raster_figure(trains: Sequence[SpikeTrain], stimuli: Sequence[Stimulus]) -> 
         frequency, amplitude = map(number_text, entry.numbers().values())
         top.set_title(f"{frequency} Hz, {amplitude} µm", fontsize=TEXT_PT, pad=4)
         for panel, afferent in zip(rows, AFFERENTS, strict=True):
-            mine = [t for t in trains if (t.stimulus, t.afferent) == (stimulus.id, afferent)]
+            mine, theirs = (
+                [t for t in source if (t.stimulus, t.afferent) == (stimulus.id, afferent)]
+                for source in (trains, recorded)
+            )
             _draw_trains(panel, mine, class_style(afferent)["color"])
+            if not any(train.times_ms.size for train in (*mine, *theirs)):
+                panel.text(0.5, 0.5, "no spikes", transform=panel.transAxes, **_MIDDLE)
+            for row, train in enumerate(theirs):
+                _draw_train(panel, train.times_ms, -row, INK)
+            panel.set_ylim(REPEATS + 0.6, 0.4 - len(theirs))
         for panel in (top, *rows[:-1]):
             panel.spines["bottom"].set_visible(False)
             panel.tick_params(axis="x", bottom=False, labelbottom=False)
@@ -215,15 +230,16 @@ def raster_figure(trains: Sequence[SpikeTrain], stimuli: Sequence[Stimulus]) -> 
 
 
 def _draw_trains(panel: "Axes", trains: Sequence[SpikeTrain], colour: str) -> None:
-    style: dict[str, Any] = {"colors": colour, "linewidths": 1.2 * LINE_PT, "clip_on": False}
     for train in trains:
-        low, high = train.repeat - _TRAIN_HEIGHT / 2, train.repeat + _TRAIN_HEIGHT / 2
-        panel.vlines(train.times_ms, low, high, **style)
-    if not any(train.times_ms.size for train in trains):
-        panel.text(0.5, 0.5, "no spikes", transform=panel.transAxes, ha="center", va="center")
-    panel.set_ylim(REPEATS + 0.6, 0.4)
+        _draw_train(panel, train.times_ms, train.repeat, colour)
     panel.set_yticks([1, REPEATS])
     panel.tick_params(axis="y", length=0.0)
+
+
+def _draw_train(panel: "Axes", times_ms: FloatArray, row: int, colour: str) -> None:
+    low, high = row - _TRAIN_HEIGHT / 2, row + _TRAIN_HEIGHT / 2
+    style: dict[str, Any] = {"colors": colour, "linewidths": 1.2 * LINE_PT, "clip_on": False}
+    panel.vlines(times_ms, low, high, **style)
 
 
 @in_style

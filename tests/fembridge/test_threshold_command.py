@@ -7,14 +7,21 @@ import pandas as pd
 import pytest
 
 from fembridge import cli
-from fembridge.errors import UsageError
-from fembridge.evidence import SETS, THRESHOLDS, citation, evidence, published_timing
+from fembridge.errors import TableError, UsageError
+from fembridge.evidence import (
+    CRITERIA,
+    DISTANCE,
+    SETS,
+    THRESHOLDS,
+    citation,
+    evidence,
+    published_timing,
+    read_evidence,
+)
 from fembridge.fitting.problem import stored_source
 from fembridge.tuning import (
-    CRITERIA,
     against_evidence,
     frequencies_of,
-    read_thresholds,
     thresholds,
     vibration,
 )
@@ -100,4 +107,31 @@ def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
     assert table["frequency_hz"].tolist() == [40, 40, 250, 250]
     assert table["amplitude_um"][2] < table["amplitude_um"][0]
     assert (tmp_path / "out/thresholds.png").stat().st_size > 10_000
-    assert read_thresholds(own)["amplitude_um"].tolist() == [1.0]
+    assert read_evidence(own, THRESHOLDS).table["amplitude_um"].tolist() == [1.0]
+
+
+def test_a_table_in_the_place_of_a_set_brings_its_source(tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_text("# Mine,\n# 2026.\ndistance_mm,amplitude_um\n# far\n1.5,40\n", encoding="utf-8")
+    found = read_evidence(own, DISTANCE)
+    assert found.table.to_dict("list") == {"distance_mm": [1.5], "amplitude_um": [40.0]}
+    assert found.source == "Mine, 2026. far"
+    published = read_evidence(THRESHOLDS, THRESHOLDS)
+    pd.testing.assert_frame_equal(published.table, evidence(THRESHOLDS), check_dtype=False)
+    assert published.source == citation(THRESHOLDS)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "told"),
+    [
+        ("# Mine\ndistance_mm\n1\n", 2, "no column amplitude_um"),
+        ("# Mine\ndistance_mm,amplitude_um\n1,wide\n", 3, "'wide'"),
+        ("distance_mm,amplitude_um\n# Mine\n1,0\n", 3, ">= 0.01"),
+    ],
+)
+def test_a_wrong_table_of_evidence_is_refused_with_its_line(tmp_path, text, line, told):
+    own = tmp_path / "own.csv"
+    own.write_text(text, encoding="utf-8")
+    with pytest.raises(TableError, match=told) as caught:
+        read_evidence(own, DISTANCE)
+    assert caught.value.line == line

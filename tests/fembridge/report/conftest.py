@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from decks.presets import QUICK
+from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
 from fembridge.report import validation_page
 from fembridge.report.rates import FAMILIES
@@ -44,18 +44,27 @@ def own_file(tmp_path_factory):
 @pytest.fixture(scope="session")
 def study(observed_file, own_file):
     observed = read_observed(observed_file, complete=False)
-    return validate(QUICK, judged_models(str(own_file)), observed)
+    return validate(stored_source("quick"), judged_models(str(own_file)), observed)
 
 
 @pytest.fixture(scope="session")
 def unobserved():
-    return validate(QUICK, judged_models("published"))
+    return validate(stored_source("quick"), judged_models("published"))
 
 
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave out the figures of a page, which take most of its time."""
-    names = ["skin_deflection", "rasters", "thresholds", "tuning", "phases", "man", "ramp"]
+    names = [
+        "skin_deflection",
+        "rasters",
+        "thresholds",
+        "tuning",
+        "phases",
+        "man",
+        "distance",
+        "ramp",
+    ]
     names += [f"{kind}_{one.name}" for kind in ("rates", "regression") for one in FAMILIES]
     monkeypatch.setattr(validation_page, "_figures", lambda study: [(n, None) for n in names])
     monkeypatch.setattr(validation_page, "_inline_svg", lambda figure, path: "")

@@ -54,7 +54,7 @@ def test_json_is_all_that_stdout_holds(here, capsys):
     [
         (["--observed", "absent.csv"], 2, "absent.csv: cannot be read"),
         (["--parameters", "absent.toml"], 2, "absent.toml"),
-        (["--finger", "mine.toml"], 2, "invalid choice"),
+        (["--finger", "mine.toml"], 2, "mine.toml"),
         (["-o", ""], 2, "expected the name of a folder"),
     ],
 )
