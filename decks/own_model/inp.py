@@ -253,11 +253,11 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
             f"{head.where}: the step begins at {drive.start_s:g} s of total "
             "time, and the waveform with it"
         )
-    for later in drive.steps[drive.step.number :][:1]:
-        remarks.append(
-            f"{later.head.where}: the steps after the waveform's hold its last "
-            "depth unless they say otherwise, and end the run later than it ends"
-        )
+    for later in drive.steps[drive.step.number :]:
+        if not (later.head.own and later.end.own):
+            raise later.head.error(f"{later.name} follows the waveform's; take it out")
+        remarks.append(f"{later.head.where}: left out to *END STEP, the run ends with the waveform")
+        edits.append(Edit(later.head.start, later.end.body))
     return edits, remarks
 
 

@@ -267,6 +267,14 @@ def test_a_word_that_is_no_set_and_degree_of_freedom_is_misuse(move):
         Request(move=move)
 
 
+def test_steps_after_the_waveform_are_left_out():
+    """A run that went on past the waveform was solved and then refused."""
+    later = "*STEP\n*STATIC\n*BOUNDARY\nPROBE, 2, 2, 0.\n*END STEP\n"
+    rebased = rebase(RAMP + later + "** end\n" + later, move="PROBE,2", step="1")
+    assert rebased.deck == rebase(RAMP + "** end\n").deck
+    assert sum("left out to *END STEP" in one for one in rebased.remarks) == 2
+
+
 # ---- Increments and units
 
 
