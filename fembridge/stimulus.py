@@ -96,8 +96,3 @@ class Stimulus:
     def deepest_um(self) -> float:
         """How deep the probe goes."""
         return float(self.displacement_um.max())
-
-    @property
-    def window_s(self) -> float:
-        """Length of the counting window in seconds."""
-        return (self.window_ms[1] - self.window_ms[0]) / 1000.0

@@ -24,184 +24,119 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
 
 _TABLES = (".csv", ".md")
-_PREINDENT = {
-    "--preindent-um": {
-        "type": float,
-        "metavar": "DEPTH",
-        "help": "depth of the probe before time 0, where no simulation.toml or run.toml is "
-        "beside the table to tell it",
-    }
-}
-_OF_SPIKES: dict[str, dict[str, Any]] = {
-    "table": {
-        "type": Path,
-        "metavar": "FILE|DIR",
-        "help": "table of spikes, or a folder of simulate or encode",
-    },
-    "--stimulus": {
-        "action": "append",
-        "metavar": "ID",
-        "help": "rows from top to bottom, silent ones too; a single one is drawn above "
-        "(default: those of the folder, else of the table)",
-    },
-    "--afferent": {
-        "choices": ("SA", "RA", "PC"),
-        "nargs": "+",
-        "help": "panels from left to right (default: those of the table)",
-    },
-}
-_COUNTED = {
-    "--window-ms": {
-        "type": window,
-        "metavar": "START:END",
-        "help": "leave white only the time in which spikes were counted",
-    },
-    **_PREINDENT,
-}
-# Each picture: what it shows, an example, and its own arguments.
-_PICTURES: dict[str, tuple[str, str, dict[str, dict[str, Any]]]] = {
+_PREINDENT: tuple[str, str, dict[str, Any]] = (
+    "--preindent-um",
+    "depth of the probe before time 0, where no simulation.toml or run.toml is beside the "
+    "table to tell it",
+    {"type": float, "metavar": "DEPTH"},
+)
+_FILE: dict[str, Any] = {"type": Path, "metavar": "FILE|DIR"}
+_CLASSES: dict[str, Any] = {"choices": ("SA", "RA", "PC"), "nargs": "+"}
+_Options = tuple[tuple[str, str, dict[str, Any]], ...]
+_OF_SPIKES: _Options = (
+    ("table", "table of spikes, or a folder of simulate or encode", _FILE),
+    ("--stimulus", "rows from top to bottom, silent ones too; a single one is drawn above "
+     "(default: those of the folder, else of the table)", {"action": "append", "metavar": "ID"}),
+    ("--afferent", "panels from left to right (default: those of the table)", _CLASSES),
+)  # fmt: skip
+_COUNTED: _Options = (
+    ("--window-ms", "leave white only the time in which spikes were counted",
+     {"type": window, "metavar": "START:END"}),
+    _PREINDENT,
+)  # fmt: skip
+
+
+def _bins(width_ms: float) -> _Options:
+    """Option of the width of a bin."""
+    how = {"type": float, "default": width_ms, "metavar": "MS"}
+    return (("--bin-ms", f"width of a bin (default: {width_ms:g})", how),)
+
+
+# Each picture: what it shows, an example, and its own options: help, and how it is read.
+_PICTURES: dict[str, tuple[str, str, _Options]] = {
     "mesh": (
         "the finger's layers and elements, its afferents, and the probe",
         "mesh --finger paper -o mesh.pdf",
-        {},
+        (),
     ),
     "response": (
         "stress at each afferent and the probe's force against its depth",
         "response --finger quick -o response.pdf",
-        {
-            "file": {
-                "nargs": "?",
-                "type": Path,
-                "metavar": "FILE|DIR",
-                "help": "a response.toml, or a folder in which `fembridge simulate` left one",
-            },
-            "--finger": {
-                "metavar": "NAME",
-                "help": "the stored response of this finger (default, without FILE: quick)",
-            },
-        },
+        (
+            ("file", "a response.toml, or a folder in which `fembridge simulate` left one",
+             {"nargs": "?", **_FILE}),
+            ("--finger", "the stored response of this finger (default, without FILE: quick)",
+             {"metavar": "NAME"}),
+        ),
     ),
     "trace": (
         "stress over time, a panel an afferent",
         "trace out --stimulus sine_20_250",
-        {
-            "table": {
-                "type": Path,
-                "metavar": "FILE|DIR",
-                "help": "table of traces, or a folder of simulate, or a run folder with results",
-            },
-            "--stimulus": {
-                "metavar": "ID",
-                "help": "which one of a folder; of a table: the waveform to draw above",
-            },
-            **_PREINDENT,
-        },
+        (
+            ("table", "table of traces, or a folder of simulate, or a run folder with results",
+             _FILE),
+            ("--stimulus", "which one of a folder; of a table: the waveform to draw above",
+             {"metavar": "ID"}),
+            _PREINDENT,
+        ),
     ),
     "raster": (
         "spikes: a panel a class, a row a stimulus",
         "raster out --stimulus sine_20",
-        {**_OF_SPIKES, **_COUNTED},
+        (*_OF_SPIKES, *_COUNTED),
     ),
     "psth": (
         "rate over time in bins: a panel a class, a row a stimulus",
         "psth out --stimulus sine_20_250 --bin-ms 2",
-        {
-            **_OF_SPIKES,
-            "--bin-ms": {
-                "type": float,
-                "default": 5.0,
-                "metavar": "MS",
-                "help": "width of a bin (default: 5)",
-            },
-            **_COUNTED,
-        },
+        (*_OF_SPIKES, *_bins(5.0), *_COUNTED),
     ),
     "isi": (
         "inter-spike intervals: a panel a class, a row a stimulus",
         "isi out --stimulus noise_25_250 --longest-ms 60",
-        {
-            **_OF_SPIKES,
-            "--bin-ms": {
-                "type": float,
-                "default": 1.0,
-                "metavar": "MS",
-                "help": "width of a bin (default: 1)",
-            },
-            "--longest-ms": {
-                "type": float,
-                "metavar": "MS",
-                "help": "end of the axis (default: the longest interval)",
-            },
-        },
+        (
+            *_OF_SPIKES,
+            *_bins(1.0),
+            ("--longest-ms", "end of the axis (default: the longest interval)",
+             {"type": float, "metavar": "MS"}),
+        ),
     ),
     "rates": (
         "rate against amplitude: a row a class, a column a frequency",
         "rates out --observed observed.csv --touchsim",
-        {
-            "table": {
-                "type": Path,
-                "metavar": "FILE|DIR",
-                "help": "table of rates, or a folder of simulate, encode or a sweep of one finger",
-            },
-            "--observed": {
-                "type": Path,
-                "metavar": "RATES.csv",
-                "help": "draw observed rates beside: a table stimulus,afferent,rate_ips",
-            },
-            "--touchsim": {
-                "action": "store_true",
-                "help": "draw TouchSim's rates beside (stored; probe without pre-indentation)",
-            },
-            "--afferent": {
-                "choices": ("SA", "RA", "PC"),
-                "nargs": "+",
-                "help": "rows from top to bottom (default: those of the table)",
-            },
-        },
+        (
+            ("table", "table of rates, or a folder of simulate, encode or a sweep of one finger",
+             _FILE),
+            ("--observed", "draw observed rates beside: a table stimulus,afferent,rate_ips",
+             {"type": Path, "metavar": "RATES.csv"}),
+            ("--touchsim", "draw TouchSim's rates beside (stored; probe without pre-indentation)",
+             {"action": "store_true"}),
+            ("--afferent", "rows from top to bottom (default: those of the table)", _CLASSES),
+        ),
     ),
     "stimulus": (
         "the probe's depth over time, a panel a stimulus",
         "stimulus noise_25_250 sine_20_250 -o waveforms.svg",
-        {
-            "ids": {
-                "nargs": "+",
-                "metavar": "ID|FILE",
-                "help": "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas "
-                "join several",
-            },
-            "--preindent-um": {
-                "type": float,
-                "default": 0.0,
-                "metavar": "DEPTH",
-                "help": "depth of the probe before time 0 (default: 0)",
-            },
-            "--seed": {"type": int, "help": "draw other noise than the catalogue's (>= 0)"},
-        },
+        (
+            ("ids", "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas "
+             "join several", {"nargs": "+", "metavar": "ID|FILE"}),
+            ("--preindent-um", "depth of the probe before time 0 (default: 0)",
+             {"type": float, "default": 0.0, "metavar": "DEPTH"}),
+            ("--seed", "draw other noise than the catalogue's (>= 0)", {"type": int}),
+        ),
     ),
     "sensitivity": (
         "which parameter of a sweep's fingers moves rates and stress how much",
         "sensitivity sweep --table effects.md",
-        {
-            "table": {
-                "type": Path,
-                "metavar": "FILE|DIR",
-                "help": "folder of a sweep with a design (docs/sweeps.md), its results.csv, or "
-                "its --fingers",
-            },
-            "--table": {
-                "dest": "effects",
-                "type": Path,
-                "metavar": "FILE",
-                "help": "write the numbers too: .csv has all, .md a table a class",
-            },
-            "--fingers": {
-                "type": Path,
-                "metavar": "FILE.csv",
-                "help": "write a row a finger: parameters, and mean answers by set of stimuli",
-            },
-        },
+        (
+            ("table", "folder of a sweep with a design (docs/sweeps.md), its results.csv, or "
+             "its --fingers", _FILE),
+            ("--table", "write the numbers too: .csv has all, .md a table a class",
+             {"dest": "effects", "type": Path, "metavar": "FILE"}),
+            ("--fingers", "write a row a finger: parameters, and mean answers by set of stimuli",
+             {"type": Path, "metavar": "FILE.csv"}),
+        ),
     ),
-}
+}  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -235,8 +170,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         if name == "mesh":
             add_options(picture, FINGER)
-        for words, settings in options.items():
-            picture.add_argument(words, **settings)
+        for option, words, how in options:
+            picture.add_argument(option, help=words, **how)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -90,7 +90,6 @@ def test_the_first_face_of_each_quad_is_the_lower_side(probe):
     assert_allclose(shape, own, atol=2e-9)
 
 
-@settings(max_examples=40)
 @given(st.floats(-5.0, 5.0), st.floats(0.02, 3.0), st.sampled_from(SHAPES))
 def test_a_probe_of_any_size_and_place_touches_exactly(x_mm, diameter_mm, shape):
     probe = Probe(shape, diameter_mm, 0.25 * diameter_mm, x_mm)

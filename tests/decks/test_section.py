@@ -66,7 +66,6 @@ def test_the_epidermis_is_deepest_under_ridges_and_papillae_stand_beside_them():
     assert_allclose(SECTION.epidermis(np.array([3.0, 9.0])), 0.65, rtol=1e-12)
 
 
-@settings(max_examples=50)
 @given(st.floats(0.0, 0.2), st.floats(0.0, 0.3), st.floats(0.1, 1.0), st.floats(0.3, 1.0))
 def test_no_layer_of_a_finger_that_is_taken_is_thinner_than_nothing(
     ridge_mm, papilla_mm, epidermis_mm, dermis_mm

@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError, TraceError
@@ -137,7 +137,6 @@ def test_the_period_of_an_adaptive_cell_grows_to_a_steady_one(recovery_ms):
     assert np.abs(periods[-20:] - steady).max() <= 1  # rows are whole
 
 
-@settings(max_examples=60)
 @given(seed=seeds, rows=st.integers(1, 150), count=st.integers(1, 6), adaptive=st.booleans())
 def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive):
     rng = np.random.default_rng(seed)
@@ -174,7 +173,6 @@ def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive)
         assert fired[membranes == k].tolist() == expected
 
 
-@settings(max_examples=40)
 @given(
     seed=seeds,
     candidates=st.integers(1, 5),
@@ -307,7 +305,6 @@ def test_single_precision_does_not_see_a_grazed_threshold_and_double_does(kernel
         assert (single.tolist(), double.tolist()) == ([[0, 0]], [[6, 6]])
 
 
-@settings(max_examples=30)
 @given(seed=seeds, scale=st.floats(0.1, 20.0))
 def test_membranes_that_are_left_out_would_not_have_fired(kernel, seed, scale):
     """Near the threshold, of either sign: where the largest rise just reaches it or not."""

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError
@@ -19,7 +19,6 @@ from neural.threshold import (
     vector_strength,
 )
 
-few = settings(max_examples=40)  # drawing them is what takes the time
 curves = st.lists(
     st.tuples(st.integers(1, 2000), st.integers(0, 60)),
     min_size=1,
@@ -55,7 +54,6 @@ def test_a_rate_straight_over_the_logarithm_has_its_exact_threshold(
     assert found_um == pytest.approx(threshold_um, rel=1e-9)
 
 
-@few
 @given(curves, st.integers(1, 60))
 def test_a_threshold_is_where_the_curve_first_has_the_criterion(curve, criterion_ips):
     amplitude_um, rate = zip(*curve, strict=True)
@@ -123,7 +121,6 @@ def test_the_edges_of_the_range_belong_to_it():
     assert narrow == Plateau(2.0, 2.0)
 
 
-@few
 @given(curves)
 def test_within_a_plateau_the_curve_stays_in_its_range(curve):
     plateau = entrainment_plateau(*zip(*curve, strict=True), 30.0)

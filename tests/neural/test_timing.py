@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import neural.timing
@@ -16,7 +16,6 @@ from neural.timing import van_rossum_distance, victor_purpura_distance
 # Times on a grid of 0.5 ms, as the membrane's are: trains share spikes.
 trains = st.lists(st.integers(0, 200).map(lambda step: 0.5 * step), max_size=9)
 positive = st.floats(-2.0, 2.0).map(lambda exponent: 10.0**exponent)
-few = settings(max_examples=40)  # drawing them is what takes the time
 either = pytest.mark.parametrize("distance", [van_rossum_distance, victor_purpura_distance])
 
 
@@ -44,7 +43,6 @@ def paired_van_rossum(times_a_ms, times_b_ms, tau_ms):
     return (overlap(a, a) + overlap(b, b) - 2.0 * overlap(a, b)) / 2.0
 
 
-@few
 @given(trains, trains, positive)
 def test_victor_purpura_is_its_recursion(a, b, cost_per_ms):
     assert victor_purpura_distance(a, b, cost_per_ms) == pytest.approx(
@@ -52,7 +50,6 @@ def test_victor_purpura_is_its_recursion(a, b, cost_per_ms):
     )
 
 
-@few
 @given(trains, trains, positive)
 def test_van_rossum_is_its_integral_multiplied_out(a, b, tau_ms):
     """Squared, since the sum over pairs cancels where the trains are near."""

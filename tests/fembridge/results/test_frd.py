@@ -150,7 +150,6 @@ def random_blocks(block, ids, flags, seed, count=6, name="STRESS", components=()
     return blocks, [stored(table, f) for table, f in zip(values, flags, strict=True)]
 
 
-@settings(max_examples=60, deadline=None)
 @given(ids=IDS, flags=st.lists(FLAGS, min_size=1, max_size=4), seed=st.integers(0, 99))
 def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
     block, write_frd, ids, flags, seed

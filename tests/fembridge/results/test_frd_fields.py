@@ -52,7 +52,6 @@ def test_every_number_is_the_float_of_its_text(samples, name, quantity):
             assert row.tolist() == block[node][: row.size]
 
 
-@settings(deadline=None, max_examples=60)
 @given(data=st.data(), flag=st.sampled_from([0, 1, 2, 3]), seed=st.integers(0, 99))
 def test_what_was_written_is_read_whatever_the_storage(write_frd, block, data, flag, seed):
     count = data.draw(st.integers(1, 14), label="components")
