@@ -6,6 +6,7 @@ with a line about what was done, `on_progress` with how far it is.
 """
 
 import tempfile
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -344,34 +345,47 @@ def run(
 
 
 def encode(
-    traces: PathLike | Sequence[StressTrace],
+    traces: "PathLike | pandas.DataFrame | Sequence[StressTrace]",
     *,
     parameters: "str | ParameterSet | None" = None,
     stimulus: str | None = None,
     derivative: str = "backward",
-    log: Callable[[str], None] = lambda line: None,
+    afferents: Sequence[str] | None = None,
+    columns: Mapping[str, str | Sequence[str]] | None = None,
+    gain_pa: float | None = None,
+    resample_ms: float | None = None,
+    log: Callable[[str], None] | None = None,
 ) -> "pandas.DataFrame":
     """Spikes of stress histories: ``stimulus, afferent, repeat, spike_time_ms``, a row a spike.
 
     Parameters
     ----------
     traces
-        Each with the class of its afferent, a sample every 0.5 ms; or the path of their
-        table. `repeat` numbers the cells of a population from 1, and is 0 for one cell.
+        Each with the class of its afferent, in any even step; or their table, a DataFrame
+        or a path: ``time_ms, afferent, node, von_mises_pa``, with ``unit`` or ``stimulus``
+        where these tell them apart; or a folder of `simulate`, its ``traces.npz``, a run
+        folder. `repeat` numbers the cells of a population from 1, and is 0 for one cell.
+        Where a class has several units, ``unit`` is a column of the result.
     parameters
         ``fitted`` (for traces of a probe that was 75 um deep before time 0), ``published``
         (Table 2 of the paper), a TOML file or a set. None: those that the run of the traces
         names, else ``fitted``.
     stimulus
-        What the table calls the stimulus. None: as the run, else ``traces``.
+        What the table calls the stimulus, or which of several. None: as the run, else
+        ``traces``.
+    afferents
+        Classes to encode, and those that a trace without a class is taken for.
+    columns, gain_pa, resample_ms
+        Of a table of another kind, as a robot's: ``{"time": "t_s", "value": ["f1", "f2"]}``,
+        how many Pa a value of 1 is, and the step of an even grid for uneven times.
     log
-        Called with a line where the parameters were fitted on another finger or depth.
+        Called with a line where something was resampled, looks wrong, or was otherwise in
+        the fit of the parameters. None: a warning of the former two.
 
     Raises
     ------
-    UsageError, ParameterError
-        A trace without a class, parameters that read strain energy, or were not made for
-        this time step.
+    UsageError, ParameterError, TableError
+        A trace without a class, parameters that read strain energy, a row that is no sample.
 
     Examples
     --------
@@ -381,28 +395,47 @@ def encode(
     >>> spikes.equals(result.spikes)
     True
     """
-    from fembridge.simulation import encode_traces, spikes_frame
+    from fembridge.encoding import doubt, encode_traces, traces_to_encode
+    from fembridge.simulation import spikes_frame
+
+    say = log or (lambda line: warnings.warn(line, UserWarning, stacklevel=3))
+    found = traces_of(traces, say, columns, gain_pa, resample_ms)
+    chosen = parameters_for(found, parameters, log or (lambda line: None))
+    ready = traces_to_encode(found, chosen.parameters, stimulus, "traces", afferents, say)
+    trains = encode_traces(ready, chosen.parameters, derivative)
+    if words := doubt(ready, trains):
+        say(words)
+    return spikes_frame(trains)
+
+
+def traces_of(
+    source: "PathLike | pandas.DataFrame | Sequence[StressTrace]",
+    log: Callable[[str], None],
+    columns: Mapping[str, str | Sequence[str]] | None = None,
+    gain_pa: float | None = None,
+    resample_ms: float | None = None,
+) -> Traces:
+    """Traces of whatever `encode` takes; arguments and errors as there."""
+    from fembridge.encoding import read_stress
     from fembridge.tables import read_traces
 
-    if isinstance(traces, str | Path):
-        traces = read_traces(Path(traces), log)
-    chosen = parameters_for(traces, parameters, log)
-    if stimulus is None:
-        origin = traces.origin if isinstance(traces, Traces) else None
-        stimulus = origin.stimulus if origin else "traces"
-    return spikes_frame(encode_traces(traces, chosen.parameters, stimulus, derivative))
+    if isinstance(source, str | Path):
+        return read_stress(Path(source), log, columns, gain_pa, resample_ms)[0]
+    if isinstance(source, Sequence):
+        if any(each is not None for each in (columns, gain_pa, resample_ms)):
+            raise UsageError("columns, gain_pa and resample_ms are for a table of traces")
+        return source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
+    return read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
 
 
 def parameters_for(
-    traces: Sequence[StressTrace],
-    parameters: "str | ParameterSet | None",
-    log: Callable[[str], None],
+    traces: Traces, parameters: "str | ParameterSet | None", log: Callable[[str], None]
 ) -> "ParameterSet":
     """The set that `traces` are encoded by; `log` gets what its fit had otherwise."""
     from fembridge.simulation import unlike_the_fit
     from neural.parameter_sets import parameter_set_of
 
-    origin = traces.origin if isinstance(traces, Traces) else None
+    origin = traces.origin
     if parameters is not None:
         chosen = _parameter_set(parameters)
     elif origin and origin.parameters:

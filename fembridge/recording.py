@@ -22,6 +22,7 @@ import numpy as np
 from fembridge.errors import MissingError, UsageError
 from fembridge.store import near_hint, replacing
 from fembridge.tables import SpikeTrain
+from fembridge.trace import stacked
 from fembridge.typing import FloatArray, IntArray
 from fembridge.version import __version__
 
@@ -53,7 +54,8 @@ class Recording:
 
     Unit u in trial k has ``time_ms[start[k U + u] : start[k U + u + 1]]``. `repeat` ``(K,)``
     counts trials of one stimulus from 1, 0 is a single one. `columns` are what is known of
-    each unit. `depth_um` ``(K, T)`` is the stimulus from time 0, every `dt_ms`.
+    each unit. `depth_um` ``(K, T)`` is the stimulus from time 0, every `dt_ms`, NaN behind
+    the end of a shorter one.
     """
 
     unit: tuple[str, ...]
@@ -85,8 +87,8 @@ class Recording:
         from fembridge.touching.touch import Touch
 
         if not isinstance(result, Touch):
-            nodes = {str(trace.afferent): trace.node for trace in result.traces[0]}
-            depth_um = np.stack([one.displacement_um for one in result.stimuli])
+            nodes = {(str(trace.afferent), ""): trace.node for trace in result.traces[0]}
+            depth_um = stacked([one.displacement_um for one in result.stimuli])
             first = result.stimuli[0]
             t_stop_ms = (depth_um.shape[1] - 1) * first.dt_ms
             return cls.of_trains(result.trains, first.dt_ms, t_stop_ms, nodes, depth_um)
@@ -114,25 +116,29 @@ class Recording:
         trains: Sequence[SpikeTrain],
         dt_ms: float,
         t_stop_ms: float,
-        nodes: Mapping[str, int] | None = None,
+        nodes: Mapping[tuple[str, str], int] | None = None,
         depth_um: FloatArray | None = None,
     ) -> "Recording":
-        """A recording of spike trains: a trial a stimulus, a unit a cell of a class."""
-        cells = list(dict.fromkeys((train.afferent, train.repeat) for train in trains))
+        """A recording of spike trains: a trial a stimulus, a unit a cell of a class.
+
+        `nodes` are by class and name of the unit.
+        """
+        who = [(train.afferent, train.unit, train.repeat) for train in trains]
+        cells = list(dict.fromkeys(who))
         stimuli = list(dict.fromkeys(train.stimulus for train in trains))
         row = [
-            stimuli.index(train.stimulus) * len(cells) + cells.index((train.afferent, train.repeat))
-            for train in trains
+            stimuli.index(train.stimulus) * len(cells) + cells.index(one)
+            for train, one in zip(trains, who, strict=True)
         ]
         rows = np.repeat(row, [train.times_ms.size for train in trains]).astype(np.int64)
         time_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
         order = np.lexsort((time_ms, rows))
-        columns = {"cell": np.array([cell for _, cell in cells])}
+        columns = {"cell": np.array([cell for *_, cell in cells])}
         if nodes:
-            columns["node"] = np.array([nodes[name] for name, _ in cells])
+            columns["node"] = np.array([nodes[name, unit] for name, unit, _ in cells])
         return cls(
-            unit=tuple(f"{name}{cell or ''}" for name, cell in cells),
-            afferent=tuple(name for name, _ in cells),
+            unit=tuple(f"{unit and unit + '_'}{name}{cell or ''}" for name, unit, cell in cells),
+            afferent=tuple(name for name, *_ in cells),
             stimulus=tuple(stimuli),
             repeat=(0,) * len(stimuli),
             time_ms=time_ms[order],

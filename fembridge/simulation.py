@@ -41,12 +41,24 @@ from fembridge.run_folder import RUN_FILE, read_run_folder, read_waveform
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, remove_file, replacing, write_text
-from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
-from fembridge.trace import STEP_TOLERANCE, StressTrace
+from fembridge.tables import (
+    SPIKE_COLUMNS,
+    Rate,
+    SpikeTrain,
+    with_unit,
+    write_rates,
+    write_spikes,
+)
+from fembridge.trace import STEP_TOLERANCE, StressTrace, stacked
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
-from neural import PUBLISHED, Parameters, encode_afferents, encode_cells, mean_rate_ips
-from neural.parameter_sets import ParameterSet, parameters_to_table
+from neural import PUBLISHED, Parameters, encode_afferents, mean_rate_ips
+from neural.parameter_sets import (
+    SET_NAMES,
+    ParameterSet,
+    parameter_set,
+    parameters_to_table,
+)
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -144,12 +156,9 @@ class Simulation:
         stimuli = {stimulus.id: stimulus_inputs(stimulus) for stimulus in self.stimuli}
         for table in stimuli.values():
             del table["id"]
-        most = max(stimulus.displacement_um.size for stimulus in self.stimuli)
-
-        def padded(samples: FloatArray) -> FloatArray:
-            return np.pad(samples, (0, most - samples.size), constant_values=np.nan)
-
-        stress_pa = [[padded(trace.stress_pa) for trace in row] for row in self.traces]
+        stress_pa = [
+            stacked([row[k].stress_pa for row in self.traces]) for k in range(len(self.traces[0]))
+        ]
         record = {**self.origin, "stimuli": stimuli}
         response = record.get("response")
         finger = response.get("finger") if isinstance(response, Mapping) else None
@@ -161,8 +170,8 @@ class Simulation:
                     stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
                     afferent=np.array([trace.afferent for trace in self.traces[0]]),
                     dt_ms=np.array(self.stimuli[0].dt_ms),
-                    displacement_um=np.array([padded(one.displacement_um) for one in self.stimuli]),
-                    von_mises_pa=np.moveaxis(np.array(stress_pa), 1, -1),
+                    displacement_um=stacked([one.displacement_um for one in self.stimuli]),
+                    von_mises_pa=np.stack(stress_pa, -1),
                 )
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.mean_rates)
@@ -309,34 +318,11 @@ def encode_all(
     for row, stimulus in enumerate(stimuli):
         for afferent in afferents:
             spikes_ms = fired[row, afferent]
-            trains.extend(_trains_of(stimulus.id, afferent, spikes_ms))
+            trains.extend(trains_of(stimulus.id, afferent, spikes_ms))
             rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
             rates.append(Rate(stimulus.id, afferent, rate))
     rows = tuple(tuple(row) for row in traces)
     return Simulation(tuple(stimuli), rows, tuple(trains), tuple(rates), origin)
-
-
-def encode_traces(
-    traces: Sequence[StressTrace], parameters: Parameters, stimulus: str, derivative: str
-) -> list[SpikeTrain]:
-    """Spike trains of `traces`, each with its class: a train a cell; see `fembridge.encode`."""
-    trains = []
-    for trace in traces:
-        name = trace.afferent or "none"
-        if name not in parameters:
-            raise UsageError(
-                f"node {trace.node} is of class {name}, expected one of {', '.join(parameters)}"
-            )
-        if reading_energy({name: parameters[name]}):
-            raise UsageError(
-                f"model {parameters[name].drive!r} of {name} reads strain energy, traces hold "
-                "von Mises stress: simulate takes it"
-            )
-        [cells_ms] = encode_cells(
-            trace.stress_pa, trace.dt_ms, parameters[name], trace.start_ms, derivative
-        )
-        trains += _trains_of(stimulus, name, cells_ms)
-    return trains
 
 
 def unlike_the_fit(
@@ -365,29 +351,37 @@ def unlike_the_fit(
     return f"parameters {chosen.name} were fitted {', '.join(found)}" if found else ""
 
 
-def _trains_of(stimulus: str, afferent: str, cells_ms: Sequence[FloatArray]) -> list[SpikeTrain]:
+def trains_of(
+    stimulus: str, afferent: str, cells_ms: Sequence[FloatArray], unit: str = ""
+) -> list[SpikeTrain]:
     """A train a cell; `repeat` counts them from 1, and is 0 for a single one."""
     first = 1 if len(cells_ms) > 1 else 0
     return [
-        SpikeTrain(stimulus, afferent, times_ms, repeat)
+        SpikeTrain(stimulus, afferent, times_ms, repeat, unit)
         for repeat, times_ms in enumerate(cells_ms, start=first)
     ]
 
 
 def spikes_frame(trains: Sequence[SpikeTrain]) -> "pandas.DataFrame":
-    """Table of `trains`: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``."""
+    """Table of `trains`: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``.
+
+    Where units have names, ``unit`` stands behind ``afferent``.
+    """
     import pandas
 
     counts = [train.times_ms.size for train in trains]
+    *whose, _ = with_unit(SPIKE_COLUMNS, any(train.unit for train in trains))
+    columns: dict[str, Any] = {
+        name: np.repeat(
+            np.array(
+                [getattr(one, name) for one in trains], np.int64 if name == "repeat" else object
+            ),
+            counts,
+        )
+        for name in whose
+    }
     times_ms = [train.times_ms for train in trains]
-    return pandas.DataFrame(
-        {
-            "stimulus": np.repeat(np.array([one.stimulus for one in trains], object), counts),
-            "afferent": np.repeat(np.array([one.afferent for one in trains], object), counts),
-            "repeat": np.repeat(np.array([one.repeat for one in trains], np.int64), counts),
-            "spike_time_ms": np.concatenate([np.zeros(0), *times_ms]),
-        }
-    )
+    return pandas.DataFrame(columns | {"spike_time_ms": np.concatenate([np.zeros(0), *times_ms])})
 
 
 def _possible(method: str, reason: str | None, parameters: Parameters, log: Log) -> str:
@@ -489,13 +483,16 @@ def find_file(place: Path, names: Sequence[str], made_by: str) -> Path:
 class FolderStimuli:
     """Stimuli as a folder has them, with its file `path`; `traces` and `cells` where known.
 
-    `traces` has those of each stimulus, `cells` how many each class has.
+    `traces` has those of each stimulus, `cells` how many each class has; `parameters` is the
+    set that fired, as `neural.ParameterSet.to_table` has it, `finger` as in `Origin`.
     """
 
     path: Path
     stimuli: tuple[Stimulus, ...]
     traces: tuple[tuple[StressTrace, ...], ...] = ()
     cells: Mapping[str, int] = field(default_factory=dict)
+    parameters: Table = field(default_factory=dict)
+    finger: dict[str, str] = field(default_factory=dict)
 
     def of(self, stimulus: str) -> Stimulus | None:
         """The stimulus of that id, None where there is none."""
@@ -542,14 +539,10 @@ def stimuli_in(folder: Path) -> FolderStimuli | None:
     return None
 
 
-def _simulation(folder: Path) -> FolderStimuli:
-    """Waveforms and stress of ``traces.npz``, windows of ``simulation.toml``."""
-    path, record = folder / TRACES_FILE, folder / RECORD_FILE
-
-    def failed(problem: str) -> ResultError:
-        return ResultError(problem.removeprefix(f"{record}: "), record)
-
-    table = read_toml(record, failed)
+def arrays_in(
+    path: Path,
+) -> tuple[list[str], list[FloatArray], tuple[tuple[StressTrace, ...], ...]]:
+    """Of a simulation's NPZ: ids, waveforms in um, and the traces of each."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             dt_ms, names = float(arrays["dt_ms"]), arrays["stimulus"].tolist()
@@ -562,21 +555,38 @@ def _simulation(folder: Path) -> FolderStimuli:
             tuple(StressTrace(row[:size, k], dt_ms, 0, name) for k, name in enumerate(afferents))
             for row, size in zip(stress_pa, sizes, strict=True)
         )
-    except (OSError, KeyError, ValueError, EOFError, MemoryError, BadZipFile) as error:
+    except (
+        OSError, KeyError, ValueError, EOFError, MemoryError, BadZipFile, TraceError
+    ) as error:  # fmt: skip
         raise ResultError(f"not as fembridge simulate writes it: {error}", path) from error
+    return names, [row[:size] for row, size in zip(depth_um, sizes, strict=True)], traces
+
+
+def _simulation(folder: Path) -> FolderStimuli:
+    """Waveforms and stress of ``traces.npz``, windows of ``simulation.toml``."""
+    path, record = folder / TRACES_FILE, folder / RECORD_FILE
+
+    def failed(problem: str) -> ResultError:
+        return ResultError(problem.removeprefix(f"{record}: "), record)
+
+    table = read_toml(record, failed)
+    names, depths_um, traces = arrays_in(path)
+    dt_ms = traces[0][0].dt_ms
+    afferents = [trace.afferent for trace in traces[0]]
+    fired = table.get("parameters", {})
     try:
         known = [table["stimuli"][name] for name in names]
         stimuli = tuple(
-            Stimulus(
-                name, row[:size], dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one
-            )
-            for name, row, size, one in zip(names, depth_um, sizes, known, strict=True)
+            Stimulus(name, row, dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one)
+            for name, row, one in zip(names, depths_um, known, strict=True)
         )
-        cells = {
-            name: int(one["cells"])
-            for name, one in table.get("parameters", {}).items()
-            if name in afferents
-        }
+        cells = {name: int(one["cells"]) for name, one in fired.items() if name in afferents}
     except (AttributeError, KeyError, TypeError, ValueError, FembridgeError) as error:
         raise failed(f"stimuli or parameters: {error}") from error
-    return FolderStimuli(record, stimuli, traces, cells)
+    name = str(table.get("parameter_set", RECORD_FILE))
+    chosen: Table = {"name": name}
+    if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != fired:
+        chosen |= {"preindent_um": stimuli[0].preindent_um, **fired}
+    finger = folder / FINGER_FILE
+    known_finger = finger_id(read_toml(finger, failed)) if finger.is_file() else {}
+    return FolderStimuli(record, stimuli, traces, cells, chosen, known_finger)

@@ -1,8 +1,11 @@
 """Long CSV tables: one row a sample, a spike or a rate, in and out.
 
-``traces``  ``time_ms,afferent,node,von_mises_pa``; afferent may be empty
+``traces``  ``time_ms,afferent,node,von_mises_pa``; afferent may be empty, all but time and
+            stress may be missing, ``unit`` and ``stimulus`` may name what differs else
 ``spikes``  ``stimulus,afferent,repeat,spike_time_ms``; a silent train has no row
 ``rates``   ``stimulus,afferent,rate_ips``
+
+Where units have names, ``unit`` stands behind ``afferent`` in spikes and rates.
 
 Columns may stand in any order, and others beside them; blanks around a cell and rows
 without any text do not count. Numbers are written with as many digits as bring them
@@ -15,7 +18,8 @@ import io
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -24,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fembridge.errors import TableError, TraceError
+from fembridge.errors import TableError, TraceError, UsageError
 from fembridge.store import (
     read_bytes,
     read_toml,
@@ -35,7 +39,7 @@ from fembridge.store import (
     unstructure,
     write_text,
 )
-from fembridge.trace import Origin, StressTrace, Traces, mean_step
+from fembridge.trace import Origin, StressTrace, Traces, mean_step, resample
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -44,10 +48,16 @@ if TYPE_CHECKING:
 AFFERENTS = ("SA", "RA", "PC")
 
 TRACE_COLUMNS = ("time_ms", "afferent", "node", "von_mises_pa")
+_WHOSE = ("stimulus", "afferent", "unit", "node")
+TRACE_KEYS = ("time", "value", *_WHOSE)
+"""What the columns of another table of traces can be."""
 SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
+_MS = {"_us": 1e-3, "_ms": 1.0, "_s": 1e3}
+_PA = {"_kpa": 1e3, "_mpa": 1e6, "_pa": 1.0}
 MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
+_FRAME = Path("DataFrame")
 _LOOK_BYTES, _LONGEST_HEADER, _ROWS_AT_ONCE = 1 << 22, 1 << 16, 1 << 18
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
@@ -63,6 +73,7 @@ class SpikeTrain:
     afferent: str
     times_ms: FloatArray
     repeat: int = 0
+    unit: str = ""
 
     def __post_init__(self) -> None:
         times = np.array(self.times_ms, dtype=np.float64)
@@ -82,60 +93,147 @@ class Rate:
     stimulus: str
     afferent: str
     rate_ips: float
+    unit: str = ""
 
 
-def read_traces(path: Path, log: Callable[[str], None] | None = None) -> Traces:
-    """Traces of a table, in the order in which their nodes first appear, and their run.
+def read_traces(
+    source: "Path | pd.DataFrame",
+    log: Callable[[str], None] | None = None,
+    *,
+    columns: Mapping[str, str | Sequence[str]] | None = None,
+    gain_pa: float | None = None,
+    resample_ms: float | None = None,
+) -> Traces:
+    """Traces of a table, in the order in which their units first appear, and their run.
 
-    `log` gets a remark where the table does not end in a line end: its last number may be
-    cut.
+    Parameters
+    ----------
+    log
+        Gets a remark where the table does not end in a line end: its last number may be
+        cut; and what resampling leaves out.
+    columns
+        Names of columns by `TRACE_KEYS`, where they are others. Several values are a
+        trace each, whose unit is the column's name.
+    gain_pa
+        What a value of 1 is in Pa. None: as the name of its column ends, in ``_pa``,
+        ``_kpa`` or ``_mpa``. Times end in ``_us``, ``_ms`` or ``_s``, else they are in ms.
+    resample_ms
+        The step of the even grid on which traces of uneven times are put.
     """
-    samples, error = _plain_samples(path) or _samples(path)
-    if log is not None and path.is_file():
-        with path.open("rb") as file:
+    names = {} if columns is None else dict(columns)
+    if unknown := [name for name in names if name not in TRACE_KEYS]:
+        raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(TRACE_KEYS)}")
+    asked = {key: [each] if isinstance(each, str) else list(each) for key, each in names.items()}
+    samples, error = _plain_samples(source, asked) or _samples(source, asked)
+    if log is not None and isinstance(source, Path) and source.is_file():
+        with source.open("rb") as file:
             file.seek(-1, os.SEEK_END)
             if file.read(1) not in b"\r\n":
-                log(f"{path}: no line end behind the last number, which may be cut")
-    traces = Traces(origin=_origin_of(path, log))
-    for _, part in samples.groupby(["afferent", "node"], sort=False, observed=True):
-        afferent, node = part["afferent"].iloc[0], part["node"].iloc[0]
-        who, rows = f"{afferent} node {node}".strip(), part.index.to_numpy()
+                log(f"{source}: no line end behind the last number, which may be cut")
+    time, values = (asked.get(key, [default]) for key, default in _DEFAULTS.items())
+    to_ms = next((each for end, each in _MS.items() if time[0].lower().endswith(end)), 1.0)
+    told: set[str] = set()
+
+    def say(line: str) -> None:
+        if log is not None and line not in told:
+            log(f"{source if isinstance(source, Path) else 'traces'}: {line}")
+        told.add(line)
+
+    traces = Traces(origin=_origin_of(source, log) if isinstance(source, Path) else None)
+    keys = [name for name in _WHOSE if name in samples]
+    parts: Any = samples.groupby(keys, sort=False, observed=True) if keys else [((), samples)]
+    for key, part in parts:
+        whose = dict(zip(keys, key, strict=True))
+        node, afferent = int(whose.get("node", 0)), str(whose.get("afferent", ""))
+        who = " ".join(filter(None, [*(str(whose.get(k, "")) for k in _WHOSE[:3])]))
+        who = f"{who} node {node}".strip() if node else who or "the trace"
+        rows = part.index.to_numpy()
         if len(rows) < 2:
             raise error(rows[0], f"{who}: one sample, expected more")
-        times_ms, stress_pa = part["time_ms"].to_numpy(), part["stress_pa"].to_numpy()
+        times_ms = part["time"].to_numpy() * to_ms
         dt_ms, odd = mean_step(times_ms)
-        if odd is not None:
+        if odd is not None and resample_ms is None:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise error(
                 rows[odd + 1],
                 f"{who}: time goes from {before_ms:g} to {after_ms:g} ms, expected an even step: "
-                "--resample-ms 0.5 of fembridge ingest makes one",
+                "--resample-ms 0.5 (resample_ms) of encode or ingest makes one",
             )
-        start_ms = float(times_ms[0])
-        traces.append(StressTrace(stress_pa, dt_ms, int(node), afferent or None, start_ms))
+        for number, value in enumerate(values):
+            stress_pa = part[number].to_numpy() * _to_pa(value, gain_pa)
+            if odd is not None and resample_ms is not None:
+                try:
+                    _, stress_pa = resample(times_ms, stress_pa, resample_ms, say)
+                except TraceError as problem:
+                    raise error(rows[0], f"{who}: {problem}") from problem
+                dt_ms = resample_ms
+            unit = [str(whose.get("unit", "")), value if len(values) > 1 else ""]
+            traces.append(
+                StressTrace(
+                    stress_pa, dt_ms, node, afferent or None, float(times_ms[0]),
+                    " ".join(filter(None, unit)), str(whose.get("stimulus", "")),
+                )
+            )  # fmt: skip
     return traces
 
 
-def _samples(path: Path) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
+_DEFAULTS = {"time": "time_ms", "value": "von_mises_pa"}
+
+
+def _to_pa(value: str, gain_pa: float | None) -> float:
+    """What 1 in the column `value` is in Pa."""
+    if gain_pa is not None:
+        return gain_pa
+    for end, factor in _PA.items():
+        if value.lower().endswith(end):
+            return factor
+    raise UsageError(
+        f"column {value} does not say its unit (_pa, _kpa or _mpa): --gain-pa (gain_pa) is how "
+        "many Pa a value of 1 is"
+    )
+
+
+def _found(
+    header: Sequence[str], asked: Mapping[str, Sequence[str]], path: Path
+) -> dict[str | int, str]:
+    """Columns of a `header`: by ``time``, by number of the value, and whose they are."""
+    (time,), values = (asked.get(key, [name]) for key, name in _DEFAULTS.items())
+    found: dict[str | int, str] = {"time": time, **dict(enumerate(values))}
+    for key in _WHOSE:
+        if key in asked or header.count(key) == 1:
+            [found[key]] = asked.get(key, [key])
+    try:
+        _check_header(header, list(found.values()), path)
+    except TableError as error:
+        way_out = "; or say which: --columns time=NAME,value=NAME"
+        raise TableError(error.problem + way_out, path, error.line) from None
+    return found
+
+
+def _samples(
+    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]]
+) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
     """Samples of a table of traces, cell by cell, and what makes an error of a row."""
     import pandas as pd
 
-    table = read_table(path, TRACE_COLUMNS)
+    table = read_table(source)
+    found = _found(table.header, asked, table.path)
     if not table.size:
-        raise TableError("a header and no rows, expected samples", path)
-    samples = pd.DataFrame(
-        {
-            "afferent": table.choices("afferent", ("", *AFFERENTS)),
-            "node": table.numbers("node", 1, int),
-            "time_ms": table.numbers("time_ms"),
-            "stress_pa": table.numbers("von_mises_pa"),
-        }
-    )
+        raise TableError("a header and no rows, expected samples", table.path)
+    samples = pd.DataFrame(index=range(table.size))
+    for key, name in found.items():
+        if key == "afferent":
+            samples[key] = table.choices(name, ("", *AFFERENTS))
+        elif key in ("stimulus", "unit"):
+            samples[key] = table.column(name)
+        else:
+            least, kind = (1, int) if key == "node" else (-math.inf, float)
+            samples[key] = table.numbers(name, least, kind)
     return samples, table.error
 
 
 def _plain_samples(
-    path: Path,
+    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]]
 ) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]] | None":
     """The same of a table as we write it, number by number; None of any other.
 
@@ -143,49 +241,84 @@ def _plain_samples(
     """
     import pandas as pd
 
-    parts, names = [], ["", *AFFERENTS]
+    path = source if isinstance(source, Path) else _FRAME
+    parts: list[list[NDArray[Any]]] = []
+    texts: dict[str | int, dict[str, int]] = {key: {} for key in _WHOSE[:3]}
     try:
-        if not path.is_file():
-            return None
-        with path.open("rb") as file:
-            header = file.readline(_LONGEST_HEADER).decode("ascii").rstrip("\r\n").split(",")
-            if any(header.count(name) != 1 for name in TRACE_COLUMNS):
-                return None
-            while content := file.read(_LOOK_BYTES):
-                if any(odd in content for odd in (b"\0", b'"', b"_")):
-                    return None
-        with pd.read_csv(
-            path,
-            header=None,
-            skiprows=1,
-            dtype=object,
-            na_filter=False,
-            skip_blank_lines=False,
-            chunksize=_ROWS_AT_ONCE,
-        ) as table:
-            for part in table:
+        with _parts(source) as (frames, header, underscored):
+            found = _found(header, asked, path)
+            for part in frames:
                 if part.shape[1] != len(header):
                     return None
                 part.columns = pd.Index(header)
-                codes = pd.Categorical(part["afferent"], names).codes
-                nodes = part["node"].to_numpy(dtype=object).astype(np.int64)
-                times_ms, stress_pa = (
-                    part[name].to_numpy(dtype=object).astype(np.float64)
-                    for name in ("time_ms", "von_mises_pa")
-                )
-                if codes.min() < 0 or nodes.min() < 1:
-                    return None
-                if not (np.isfinite(times_ms).all() and np.isfinite(stress_pa).all()):
-                    return None
-                parts.append((codes, nodes, times_ms, stress_pa))
-    except (OSError, ValueError, OverflowError):  # the other way says what is wrong, and where
+                parts.append([])
+                for key, name in found.items():
+                    if key in texts:
+                        codes, words = pd.factorize(part[name].fillna(""))
+                        known = texts[key]
+                        numbers = [known.setdefault(str(w).strip(), len(known)) for w in words]
+                        parts[-1].append(np.array(numbers, dtype=np.int32)[codes])
+                        continue
+                    cells = part[name].to_numpy(dtype=object)
+                    if underscored and any("_" in cell for cell in cells):
+                        return None
+                    floats = cells.astype(np.float64)
+                    nodes = cells.astype(np.int64) if key == "node" else None
+                    if not np.isfinite(floats).all():
+                        return None
+                    if nodes is not None and (nodes.min() < 1 or (nodes != floats).any()):
+                        return None
+                    parts[-1].append(floats if nodes is None else nodes)
+    except (OSError, ValueError, OverflowError, TypeError, TableError):
+        return None  # the other way says what is wrong, and where
+    if not parts or not set(texts["afferent"]) <= {"", *AFFERENTS}:
         return None
-    if not parts:
-        return None
-    codes, nodes, times_ms, stress_pa = map(np.concatenate, zip(*parts, strict=True))
-    samples = pd.DataFrame({"node": nodes, "time_ms": times_ms, "stress_pa": stress_pa})
-    samples["afferent"] = pd.Categorical(names, names).take(codes)
-    return samples, lambda row, problem: TableError(problem, path, int(row) + 2)
+    samples = pd.DataFrame(
+        dict(zip(found, map(np.concatenate, zip(*parts, strict=True)), strict=True))
+    )
+    for key in texts.keys() & found.keys():
+        samples[key] = pd.Categorical(list(texts[key]), list(texts[key])).take(
+            samples[key].to_numpy()
+        )
+    first = 2 if isinstance(source, Path) else 1
+    return samples, lambda row, problem: TableError(problem, path, int(row) + first)
+
+
+@contextmanager
+def _parts(
+    source: "Path | pd.DataFrame",
+) -> "Iterator[tuple[Iterable[pd.DataFrame], list[str], bool]]":
+    """Parts of a table, its header, and whether an underscore is anywhere in a cell.
+
+    Raises
+    ------
+    ValueError
+        A file that is not plain: quotes, another alphabet, a header with blanks.
+    """
+    import pandas as pd
+
+    if isinstance(source, pd.DataFrame):
+        yield [source.copy(deep=False)], list(map(str, source.columns)), False
+        return
+    underscored = False
+    with source.open("rb") as file:
+        header = file.readline(_LONGEST_HEADER).decode("ascii").rstrip("\r\n").split(",")
+        if header != [name.strip() for name in header]:
+            raise ValueError(header)
+        while content := file.read(_LOOK_BYTES):
+            if b"\0" in content or b'"' in content:
+                raise ValueError(source)
+            underscored = underscored or b"_" in content
+    with pd.read_csv(
+        source,
+        header=None,
+        skiprows=1,
+        dtype=object,
+        na_filter=False,
+        skip_blank_lines=False,
+        chunksize=_ROWS_AT_ONCE,
+    ) as frames:
+        yield frames, header, underscored
 
 
 def origin_file(path: Path) -> Path:
@@ -236,26 +369,34 @@ def read_spikes(path: Path) -> list[SpikeTrain]:
         {
             "stimulus": table.words("stimulus"),
             "afferent": table.choices("afferent", AFFERENTS),
+            "unit": table.column("unit") if "unit" in table.header else "",
             "repeat": table.numbers("repeat", 0, int),
             "time_ms": table.numbers("spike_time_ms"),
         }
     )
     table.refuse_duplicates(spikes)
     trains = []
-    for _, part in spikes.groupby(["stimulus", "afferent", "repeat"], sort=False):
-        stimulus, afferent, repeat, _ = part.iloc[0]
-        trains.append(SpikeTrain(stimulus, afferent, np.sort(part["time_ms"]), int(repeat)))
+    for _, part in spikes.groupby(["stimulus", "afferent", "unit", "repeat"], sort=False):
+        stimulus, afferent, unit, repeat, _ = part.iloc[0]
+        trains.append(SpikeTrain(stimulus, afferent, np.sort(part["time_ms"]), int(repeat), unit))
     return trains
 
 
 def write_spikes(path: Path, trains: Iterable[SpikeTrain]) -> None:
     """Write a table of spikes, one train after the other."""
+    trains = list(trains)
+    unit = any(train.unit for train in trains)
     rows = (
-        (train.stimulus, train.afferent, train.repeat, time_ms)
+        (train.stimulus, train.afferent, *[train.unit] * unit, train.repeat, time_ms)
         for train in trains
         for time_ms in train.times_ms.tolist()
     )
-    write_table(path, SPIKE_COLUMNS, rows)
+    write_table(path, with_unit(SPIKE_COLUMNS, unit), rows)
+
+
+def with_unit(columns: Sequence[str], unit: bool) -> tuple[str, ...]:
+    """`columns` of a table of spikes or rates, with ``unit`` where units have names."""
+    return (*columns[:2], *["unit"] * unit, *columns[2:])
 
 
 def read_rates(path: Path) -> list[Rate]:
@@ -264,15 +405,19 @@ def read_rates(path: Path) -> list[Rate]:
 
     table = read_table(path, RATE_COLUMNS)
     stimuli, afferents = table.words("stimulus"), table.choices("afferent", AFFERENTS)
-    rates_ips = table.numbers("rate_ips", least=0)
-    table.refuse_duplicates(pd.DataFrame({"stimulus": stimuli, "afferent": afferents}))
-    return [Rate(*row) for row in zip(stimuli, afferents, rates_ips.tolist(), strict=True)]
+    rates_ips = table.numbers("rate_ips", least=0).tolist()
+    units = table.column("unit") if "unit" in table.header else [""] * len(rates_ips)
+    whose = {"stimulus": stimuli, "afferent": afferents, "unit": units}
+    table.refuse_duplicates(pd.DataFrame(whose))
+    return [Rate(*row) for row in zip(stimuli, afferents, rates_ips, units, strict=True)]
 
 
 def write_rates(path: Path, rates: Iterable[Rate]) -> None:
     """Write a table of rates in the order given."""
-    rows = ((each.stimulus, each.afferent, each.rate_ips) for each in rates)
-    write_table(path, RATE_COLUMNS, rows)
+    rates = list(rates)
+    unit = any(each.unit for each in rates)
+    rows = ((each.stimulus, each.afferent, *[each.unit] * unit, each.rate_ips) for each in rates)
+    write_table(path, with_unit(RATE_COLUMNS, unit), rows)
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -390,9 +535,10 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
     import pandas as pd
 
     if isinstance(source, pd.DataFrame):
-        path, header = Path("DataFrame"), tuple(map(str, source.columns))
+        path, header = _FRAME, tuple(map(str, source.columns))
         _check_header(header, columns, path)
-        cells = source.map(str).set_axis(range(len(header)), axis=1)
+        cells = source.astype(object).where(source.notna(), "").map(str)
+        cells = cells.set_axis(range(len(header)), axis=1)
         return TextTable(path, "", header, cells, np.arange(len(cells)))
     path, text = source, _decoded(source)
     try:

@@ -1,6 +1,6 @@
 """Stress histories: what a solver hands to an afferent."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,8 @@ class StressTrace:
 
     The first sample is at `start_ms` (0 for a trace that knows its rest state,
     `dt_ms` for one that holds solver increments only). `afferent` is the class
-    that sits at the node ("SA", "RA", "PC"), or None for a plain node.
+    that sits at the node ("SA", "RA", "PC"), or None for a plain node. `unit` names the
+    unit and `stimulus` what it felt, where there are several.
     """
 
     stress_pa: FloatArray
@@ -35,6 +36,8 @@ class StressTrace:
     node: int
     afferent: str | None = None
     start_ms: float = 0.0
+    unit: str = ""
+    stimulus: str = ""
 
     def __post_init__(self) -> None:
         stress = np.array(self.stress_pa, dtype=np.float64)
@@ -164,6 +167,13 @@ def resample(
     return even_ms, found
 
 
+def stacked(rows: Sequence[FloatArray]) -> FloatArray:
+    """Histories ``(T,)`` of any lengths as ``(S, T)``, NaN behind the end of a shorter one."""
+    most = max(row.size for row in rows)
+    padded = [np.pad(row, (0, most - row.size), constant_values=np.nan) for row in rows]
+    return np.array(padded)
+
+
 @dataclass(frozen=True, slots=True)
 class Origin:
     """Of which run traces are: what `fembridge.encode` takes where nobody says otherwise.
@@ -187,20 +197,33 @@ class Origin:
 class Traces(list[StressTrace]):
     """Stress histories, as `fembridge.read` gives them: a list that can become a table.
 
-    `origin` is the run that they are of, None where there is none.
+    `origin` is the run that they are of, None where there is none; `windows_ms` where spikes
+    count, by stimulus, as far as that is known.
     """
 
-    def __init__(self, traces: Iterable[StressTrace] = (), origin: Origin | None = None) -> None:
+    def __init__(
+        self,
+        traces: Iterable[StressTrace] = (),
+        origin: Origin | None = None,
+        windows_ms: Mapping[str, tuple[float, ...]] | None = None,
+    ) -> None:
         super().__init__(traces)
         self.origin = origin
+        of_origin = {} if origin is None else {origin.stimulus: origin.window_ms}
+        self.windows_ms = of_origin if windows_ms is None else dict(windows_ms)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Table ``time_ms, afferent, node, von_mises_pa``, a row a sample, trace by trace."""
+        """Table ``time_ms, afferent, node, von_mises_pa``, a row a sample, trace by trace.
+
+        Where they are named, ``stimulus`` and ``unit`` stand in front.
+        """
         import pandas
 
+        named = [name for name in ("stimulus", "unit") if any(getattr(one, name) for one in self)]
         frames = [
             pandas.DataFrame(
                 {
+                    **{name: getattr(trace, name) for name in named},
                     "time_ms": trace.times_ms,
                     "afferent": trace.afferent,
                     "node": trace.node,

@@ -1,10 +1,16 @@
 """Turn stress traces into spikes and firing rates.
 
-Takes a table time_ms,afferent,node,von_mises_pa with a trace of an SA, an RA or a
-PC afferent (one of each at most, every 0.5 ms) and writes into the output folder
-  spikes.csv  stimulus,afferent,repeat,spike_time_ms
-  rates.csv   stimulus,afferent,rate_ips
+Takes stress from
+  a table  time_ms,afferent,node,von_mises_pa, as `fembridge ingest` writes it: any number
+           of traces of SA, RA and PC afferents, told apart by node, unit or stimulus
+           (columns of these names); with --columns a table of another kind
+  a folder of `fembridge simulate`, or its traces.npz; a run folder with results
+in any even step, and writes into the output folder
+  spikes.csv  stimulus,afferent,repeat,spike_time_ms, with unit where a class has several
+  rates.csv   stimulus,afferent,rate_ips, the same
   raster.png  the spikes, a panel for each class
+The signal of a robot's sensor is a table, too: its time and value by --columns, what a
+value of 1 is in Pa by --gain-pa, and the classes that feel it by --afferent.
 What ingest wrote beside the table (CSV.toml) says of which run it is: the name of the
 stimulus, the window in which spikes count, the parameters. Of a table without it the
 parameters are fitted, which hold for a probe that stood 75 um deep before time 0;
@@ -21,15 +27,23 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import add_options
 
 if TYPE_CHECKING:
-    from fembridge.trace import StressTrace
+    from collections.abc import Sequence
 
-EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5 250"
+    from fembridge.tables import Rate, SpikeTrain
+    from fembridge.trace import StressTrace, Traces
+
+# Rows that a table on the screen shows before it is cut.
+_SHOWN = 30
+# Up to so many units have a row each in the raster.
+_MOST_ROWS = 60
+
+EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5:250"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     add = parser.add_argument
-    add("traces", type=Path, metavar="CSV", help="table of traces")
+    add("traces", type=Path, metavar="CSV|NPZ|DIR", help="table of traces, or a folder")
     add(
         "-o",
         "--output",
@@ -40,21 +54,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     whose = "fitted, published (Table 2 of the paper) or a TOML file (default: those that the "
     add_options(parser, ("parameters",), help=f"{whose}run of the traces names, else fitted)")
-    named = "what the tables call the stimulus (default: as its run, else the file's name)"
+    named = "what the tables call the stimulus (default: as its run, else the file's name), or "
+    named += "which of several"
     add("--stimulus", metavar="ID", help=named)
     add(
         "--afferent",
         choices=("SA", "RA", "PC"),
         nargs="+",
-        help="what to take a trace for that names no afferent: one class or more",
+        help="classes to encode, and those that a trace without one is taken for",
     )
     add(
-        "--window-ms",
-        type=float,
-        nargs=2,
-        metavar=("START", "END"),
-        help="count spikes after START up to END (default: as in its run, else the whole trace)",
+        "--columns",
+        type=_columns,
+        metavar="time=NAME,value=NAME",
+        help="columns of another table, also afferent=, unit=, node=, stimulus=; each value= is a "
+        "trace; times are in ms, or as the name ends: _us, _ms, _s",
     )
+    add(
+        "--gain-pa",
+        type=float,
+        metavar="PA",
+        help="Pa that a value of 1 is (default: as the column's name ends: _pa, _kpa, _mpa)",
+    )
+    resampled = "put uneven times on an even grid of this step, by PCHIP"
+    add("--resample-ms", type=float, metavar="MS", help=resampled)
+    counted = "count spikes after START up to END (default: as in its run, else the whole trace)"
+    add_options(parser, ("window_ms",), help=counted)
     add(
         "--derivative",
         choices=("backward", "central", "forward"),
@@ -66,41 +91,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Encode and write; the summary holds the rate of each afferent."""
-    from fembridge.api import parameters_for
+    """Encode and write; the summary holds the rate of each trace."""
+    from fembridge.api import parameters_for, traces_of
+    from fembridge.encoding import doubt, encode_traces, traces_to_encode
     from fembridge.recording import Recording, export
-    from fembridge.simulation import encode_traces
     from fembridge.store import filling
-    from fembridge.tables import Rate, read_traces, write_rates, write_spikes
-    from neural import mean_rate_ips
-    from neural.rates import spikes_inside
+    from fembridge.tables import write_rates, write_spikes
 
     def log(line: str) -> None:
         print(line, file=sys.stderr)
 
-    found = read_traces(args.traces, log)
-    origin = found.origin
-    traces = _one_of_each(found, args.afferent, args.traces)
-    window_asked = args.window_ms or (list(origin.window_ms) if origin else None)
-    windows_ms = [_window(trace, window_asked) for trace in traces]
-    stimulus = args.stimulus or (origin.stimulus if origin else args.traces.stem)
+    found = traces_of(args.traces, log, args.columns, args.gain_pa, args.resample_ms)
     notes: list[str] = []
     chosen = parameters_for(found, args.parameters, notes.append)
-    trains = encode_traces(traces, chosen.parameters, stimulus, args.derivative)
-    rates: list[Rate] = []
-    afferents: dict[str, dict[str, Any]] = {}
-    for trace, window_ms in zip(traces, windows_ms, strict=True):
-        name = str(trace.afferent)
-        cells_ms = [train.times_ms for train in trains if train.afferent == name]
-        rates.append(Rate(stimulus, name, mean_rate_ips(cells_ms, window_ms)))
-        afferents[name] = {
-            "node": trace.node,
-            "cells": len(cells_ms),
-            "spikes": sum(times_ms.size for times_ms in cells_ms),
-            "spikes_in_window": sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms),
-            "rate_ips": rates[-1].rate_ips,
-            "window_ms": list(window_ms),
-        }
+    unnamed = args.traces.stem
+    traces = traces_to_encode(found, chosen.parameters, args.stimulus, unnamed, args.afferent, log)
+    windows_ms = [_window(trace, args, found) for trace in traces]
+    trains = encode_traces(traces, chosen.parameters, args.derivative)
+    rates, rows = _rates(traces, trains, windows_ms)
     files = [args.output / "spikes.csv", args.output / "rates.csv"]
     with filling(args.output, last="rates.csv") as draft:
         write_spikes(draft / "spikes.csv", trains)
@@ -114,62 +122,117 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 min(trace.start_ms for trace in traces),
                 max(float(trace.times_ms[-1]) for trace in traces),
             )
-            window = tuple(window_asked) if window_asked else None
-            figure = raster_figure(trains, span_ms=span_ms, window_ms=window)
+            shown = set(windows_ms).pop() if len(set(windows_ms)) == 1 else None
+            narrowed = shown is not None and shown != span_ms
+            figure = raster_figure(
+                _in_rows(trains), span_ms=span_ms, window_ms=shown if narrowed else None
+            )
             save_figure(figure, draft / "raster.png")
     if args.export:
         t_stop_ms = max(float(trace.times_ms[-1]) for trace in traces)
-        nodes = {str(trace.afferent): trace.node for trace in traces}
+        nodes = {(str(trace.afferent), trace.unit): trace.node for trace in traces}
         recording = Recording.of_trains(trains, traces[0].dt_ms, t_stop_ms, nodes)
         files += [args.output / name for name in export(recording, args.output, args.export)]
-    for note in notes:
-        log(note)
-    if window_asked is None:
-        log("rates over the whole trace; narrow it with --window-ms START END")
+    if words := doubt(traces, trains):
+        notes.append(words)
+    if args.window_ms is None and not found.windows_ms:
+        notes.append("rates over the whole trace; narrow it with --window-ms START:END")
+    print(*notes, sep="\n", end="\n" * bool(notes), file=sys.stderr)
     if not args.json:
-        print(f"{'afferent':<9}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
-        for name, row in afferents.items():
-            start, end = row["window_ms"]
-            print(
-                f"{name:<9}{row['node']:>7}{row['spikes_in_window']:>8}"
-                f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
-            )
+        _print(rows)
         print(*files, sep="\n")
     return {
-        "stimulus": stimulus,
         "parameters": chosen.name,
         "derivative": args.derivative,
-        "afferents": afferents,
+        "rates": rows,
         "files": [str(path) for path in files],
     }
 
 
-def _one_of_each(
-    traces: "list[StressTrace]", unnamed: list[str] | None, path: Path
-) -> "list[StressTrace]":
-    """A trace a class, in the order of the table."""
-    from fembridge.errors import TableError
-
-    chosen: dict[str, StressTrace] = {}
-    for trace in traces:
-        classes = [trace.afferent] if trace.afferent else dict.fromkeys(unnamed or ())
-        if not classes:
-            raise TableError(f"node {trace.node} has no afferent: name it by --afferent", path)
-        for name in classes:
-            if name in chosen:
-                both = f"nodes {chosen[name].node} and {trace.node} are both {name}"
-                raise TableError(f"{both}, expected one; split the table", path)
-            chosen[name] = replace(trace, afferent=name)
-    return list(chosen.values())
+def _columns(word: str) -> dict[str, list[str]]:
+    """``time=NAME,value=NAME``: names of columns by what they are."""
+    found: dict[str, list[str]] = {}
+    for pair in word.split(","):
+        key, _, name = pair.partition("=")
+        if not (key.strip() and name.strip()) or (key.strip() in found and key.strip() != "value"):
+            raise argparse.ArgumentTypeError(f"expected time=NAME,value=NAME, got {word!r}")
+        found.setdefault(key.strip(), []).append(name.strip())
+    return found
 
 
-def _window(trace: "StressTrace", asked_ms: list[float] | None) -> tuple[float, float]:
-    """The window to count in: what was asked, if the trace covers it."""
+def _rates(
+    traces: "Sequence[StressTrace]",
+    trains: "Sequence[SpikeTrain]",
+    windows_ms: "Sequence[tuple[float, float]]",
+) -> "tuple[list[Rate], list[dict[str, Any]]]":
+    """The rate of each trace, and a row about it: its trains are as many as it has cells."""
+    from fembridge.tables import Rate
+    from neural import mean_rate_ips
+    from neural.rates import spikes_inside
+
+    cells: dict[tuple[str, str, str], list[Any]] = {}
+    for train in trains:
+        cells.setdefault((train.stimulus, train.afferent, train.unit), []).append(train.times_ms)
+    rates, rows = [], []
+    for trace, window_ms in zip(traces, windows_ms, strict=True):
+        whose = (trace.stimulus, str(trace.afferent), trace.unit)
+        rate_ips = mean_rate_ips(cells[whose], window_ms)
+        rates.append(Rate(*whose[:2], rate_ips, trace.unit))
+        rows.append(
+            {
+                **dict(zip(("stimulus", "afferent", "unit"), whose, strict=True)),
+                "node": trace.node or None,
+                "cells": len(cells[whose]),
+                "spikes": sum(times_ms.size for times_ms in cells[whose]),
+                "spikes_in_window": sum(spikes_inside(each, window_ms) for each in cells[whose]),
+                "rate_ips": rate_ips,
+                "window_ms": list(window_ms),
+            }
+        )
+    return rates, rows
+
+
+def _in_rows(trains: "Sequence[SpikeTrain]") -> "Sequence[SpikeTrain]":
+    """Trains whose stimulus is the row of a raster: a unit has its own where these are few."""
+    rows = [" ".join(filter(None, (train.stimulus, train.unit))) for train in trains]
+    if not any(train.unit for train in trains) or len(set(rows)) > _MOST_ROWS:
+        return trains
+    if len({train.stimulus for train in trains}) == 1:
+        rows = [train.unit for train in trains]
+    return [replace(one, stimulus=row) for one, row in zip(trains, rows, strict=True)]
+
+
+def _print(rows: list[dict[str, Any]]) -> None:
+    """A line a trace; many are cut."""
+    names = ("stimulus", "afferent", "unit")
+    widths = {name: max(len(name), *(len(row[name]) for row in rows)) + 2 for name in names}
+    if len({row["stimulus"] for row in rows}) == 1:
+        del widths["stimulus"]
+    if not any(row["unit"] for row in rows):
+        del widths["unit"]
+    head = "".join(f"{name:<{width}}" for name, width in widths.items())
+    print(f"{head}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
+    for row in rows[:_SHOWN]:
+        start, end = row["window_ms"]
+        head = "".join(f"{row[name]:<{width}}" for name, width in widths.items())
+        print(
+            f"{head}{row['node'] or '-':>7}{row['spikes_in_window']:>8}"
+            f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
+        )
+    if len(rows) > _SHOWN:
+        print(f"... {len(rows) - _SHOWN} more in rates.csv")
+
+
+def _window(trace: "StressTrace", args: argparse.Namespace, found: "Traces") -> tuple[float, float]:
+    """The window to count in: what was asked or is known of the run, if the trace covers it."""
     from fembridge.errors import UsageError
 
     first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
-    start, end = asked_ms or (first, last)
     slack = 1e-3 * trace.dt_ms
+    of_run = found.windows_ms.get(trace.stimulus)
+    if of_run is None and found.origin is not None:  # by another name
+        of_run = found.origin.window_ms
+    start, end = args.window_ms or of_run or (first, last)
     # The first sample may be one increment after the start of the stimulus.
     if not (first - trace.dt_ms - slack <= start < end <= last + slack):
         raise UsageError(

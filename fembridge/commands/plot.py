@@ -266,28 +266,23 @@ def _trace(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 
 def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimulus | None]":
     """Traces of a table or folder, and the stimulus that made them, if that is known."""
+    from fembridge.encoding import read_stress
     from fembridge.errors import UsageError
-    from fembridge.results import read
-    from fembridge.run_folder import RUN_FILE
-    from fembridge.simulation import TRACES_FILE, find_file, stimuli_in
-    from fembridge.tables import read_traces
+    from fembridge.simulation import stimuli_in
 
-    made_by = "simulate and run leave stress in a folder, `ingest -o traces.csv` in a table"
-    names = (TRACES_FILE, "traces.csv", RUN_FILE)
-    path = find_file(args.table, names, made_by)
+    traces, path = read_stress(args.table, lambda line: print(line, file=sys.stderr))
     written = stimuli_in(path.parent)
-    if path.name == TRACES_FILE and written is not None:
-        there = [stimulus.id for stimulus in written.stimuli]
-        name = args.stimulus or there[0]
-        if name not in there or (args.stimulus is None and len(there) > 1):
-            found = f"has {len(there)} stimuli, {there[0]} to {there[-1]}"
-            raise UsageError(f"{path}: {found}; name one of them: --stimulus ID")
-        row = there.index(name)
-        return written.traces[row], _as_recorded(args, written.stimuli[row], written.path)
-    traces = read(path.parent) if path.name == RUN_FILE else read_traces(path)
-    if args.stimulus is None and written is not None and len(written.stimuli) == 1:
-        return traces, _as_recorded(args, written.stimuli[0], written.path)
-    return traces, _waveform(args, args.stimulus, written) if args.stimulus else None
+    there = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
+    name = args.stimulus or next(iter(there), None)
+    if there and (name not in there or (args.stimulus is None and len(there) > 1)):
+        found = f"has {len(there)} stimuli, {there[0]} to {there[-1]}"
+        raise UsageError(f"{path}: {found}; name one of them: --stimulus ID")
+    shown = [trace for trace in traces if not there or trace.stimulus == name]
+    if name is None and written is not None and len(written.stimuli) == 1:
+        name = written.stimuli[0].id
+    if name is None or (args.stimulus is None and written is None):
+        return shown, None
+    return shown, _waveform(args, name, written)
 
 
 def _raster(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":

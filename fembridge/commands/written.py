@@ -231,8 +231,8 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
     ),
     "marc-export-script": (Output("FILE", "the script; its table is that of ingest's traces"),),
     "encode": (
-        Output("spikes.csv", "a row a spike", _SPIKES),
-        Output("rates.csv", "a row an afferent", _RATES),
+        Output("spikes.csv", "a row a spike; where a class has several, unit behind it", _SPIKES),
+        Output("rates.csv", "a row a trace; unit as in spikes.csv", _RATES),
         Output("raster.png", "the spikes, a panel a class"),
         _RECORDING,
     ),

@@ -38,7 +38,7 @@ def raster_figure(
     Parameters
     ----------
     trains
-        Spikes; those of one stimulus and class share a row, a line a repeat.
+        Spikes; those of one stimulus and class share a row, a line a unit and repeat.
     stimuli
         Rows from top to bottom. Default: as they come in `trains`. Name them where
         some are silent in all classes.
@@ -79,13 +79,17 @@ def raster_figure(
 def _draw_spikes(
     panel: "Axes", trains: Sequence[SpikeTrain], rows: Sequence[str], line_pt: float
 ) -> None:
-    """Draw all spikes of a panel; the repeats of a row lie under one another."""
-    repeats = {name: sorted({t.repeat for t in trains if t.stimulus == name}) for name in rows}
+    """Draw all spikes of a panel; units and repeats of a row lie under one another."""
+    lanes: dict[str, dict[tuple[str, int], int]] = {name: {} for name in rows}
+    units = {name: k for k, name in enumerate(dict.fromkeys(train.unit for train in trains))}
+    for train in sorted(trains, key=lambda train: (units[train.unit], train.repeat)):
+        here = lanes[train.stimulus]
+        here.setdefault((train.unit, train.repeat), len(here))
     times_ms, tops, bottoms = [np.empty(0)], [np.empty(0)], [np.empty(0)]
     for train in trains:
-        here = repeats[train.stimulus]
-        lane = _FILL / len(here)
-        middle = rows.index(train.stimulus) - _FILL / 2 + (here.index(train.repeat) + 0.5) * lane
+        here = lanes[train.stimulus]
+        lane, place = _FILL / len(here), here[train.unit, train.repeat]
+        middle = rows.index(train.stimulus) - _FILL / 2 + (place + 0.5) * lane
         half = lane / 2 if len(here) == 1 else 0.42 * lane
         times_ms.append(train.times_ms)
         tops.append(np.full(train.times_ms.size, middle - half))

@@ -1,14 +1,19 @@
 """``fembridge encode``: from a table of traces to tables of spikes and rates."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import fembridge as fb
 from fembridge.cli import main
 from fembridge.tables import read_rates, read_spikes, write_traces
-from fembridge.trace import StressTrace
-from neural import PUBLISHED, encode
+from fembridge.trace import StressTrace, Traces
+from neural import PUBLISHED, encode, encode_cells
+from neural.parameter_sets import parameter_set
 
 OURS = ["--parameters", "published"]
 GAIN_PA = {"SA": 2e4, "RA": 4e4, "PC": 1e3}
@@ -32,7 +37,7 @@ def here(tmp_path, monkeypatch):
 
 
 def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
-    assert main(["encode", "sine_50_250.csv", *OURS, "--window-ms", "100", "200"]) == 0
+    assert main(["encode", "sine_50_250.csv", *OURS, "--window-ms", "100:200"]) == 0
 
     told = capsys.readouterr()
     trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
@@ -58,8 +63,8 @@ def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, caps
     assert summary["files"] == ["encoded/spikes.csv", "encoded/rates.csv"]
     assert sorted(path.name for path in (here / "encoded").iterdir()) == ["rates.csv", "spikes.csv"]
     assert summary["parameters"] == "published"
-    assert summary["afferents"]["RA"]["node"] == 101
-    for told_of in summary["afferents"].values():
+    assert [one["node"] for one in summary["rates"]] == [100, 101, 102]
+    for told_of in summary["rates"]:
         assert told_of["window_ms"] == [0.0, 250.0]
         assert told_of["spikes"] == told_of["spikes_in_window"]
         assert told_of["rate_ips"] == told_of["spikes"] / 0.25
@@ -97,7 +102,7 @@ def test_a_silent_afferent_has_a_rate_of_zero_and_a_panel(here, capsys):
     still = [StressTrace(np.zeros(501), 0.5, 7, "RA")]
     write_traces(here / "still.csv", still)
 
-    assert main(["encode", "still.csv", "--window-ms", "5", "250"]) == 0
+    assert main(["encode", "still.csv", "--window-ms", "5:250"]) == 0
 
     assert read_spikes(here / "encoded/spikes.csv") == []
     assert [one.rate_ips for one in read_rates(here / "encoded/rates.csv")] == [0.0]
@@ -118,9 +123,9 @@ def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
     [trace] = traces(["SA"], start_ms=0.5)
     write_traces(here / "increments.csv", [trace])
 
-    words = ["encode", "increments.csv", *OURS, "--no-raster", "--window-ms", "0"]
-    assert main([*words, "250"]) == 0
-    assert main([*words, "250.6"]) == 2
+    words = ["encode", "increments.csv", *OURS, "--no-raster", "--window-ms"]
+    assert main([*words, "0:250"]) == 0
+    assert main([*words, "0:250.6"]) == 2
     [times_ms] = encode(trace.stress_pa, 0.5, PUBLISHED["SA"])
     [train] = read_spikes(here / "encoded/spikes.csv")
     np.testing.assert_array_equal(train.times_ms, 0.5 + times_ms)
@@ -131,7 +136,7 @@ def test_help_shows_an_example_that_runs(here, capsys):
 
     assert with_help == 0
     told = capsys.readouterr().out
-    assert "example: fembridge encode traces.csv -o encoded --window-ms 5 250" in told
+    assert "example: fembridge encode traces.csv -o encoded --window-ms 5:250" in told
     (here / "sine_50_250.csv").rename("traces.csv")
     example = told.split("example: fembridge ")[1].split()
     assert main(example) == 0
@@ -143,15 +148,15 @@ def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
     stress_pa = 40e3 + 40e3 * np.sin(2e-3 * np.pi * 50 * times_ms)
     write_traces(tmp_path / "traces.csv", [StressTrace(stress_pa, 0.5, 1, "RA")])
 
-    words = ["traces.csv", "--parameters", "fitted", "--window-ms", "5", "250"]
+    words = ["traces.csv", "--parameters", "fitted", "--window-ms", "5:250"]
     assert main(["encode", *words, "--json"]) == 0
 
     told = json.loads(capsys.readouterr().out)
     trains = read_spikes(tmp_path / "encoded/spikes.csv")
     assert [train.repeat for train in trains] == [1, 2, 3, 4, 5]
     inside = sum(((t.times_ms > 5.0) & (t.times_ms <= 250.0)).sum() for t in trains)
-    assert told["afferents"]["RA"]["cells"] == 5
-    assert told["afferents"]["RA"]["rate_ips"] == pytest.approx(inside / 5 / 0.245)
+    assert told["rates"][0]["cells"] == 5
+    assert told["rates"][0]["rate_ips"] == pytest.approx(inside / 5 / 0.245)
     assert inside > 50
 
 
@@ -178,14 +183,17 @@ def test_files_are_replaced_all_or_none(here, capsys):
 @pytest.mark.parametrize(
     ("table", "words", "code", "message"),
     [
-        (traces(), ["--window-ms", "5", "300"], 2, "inside 0 to 250 ms, the SA trace"),
-        (traces(), ["--window-ms", "200", "100"], 2, "window 200 to 100 ms"),
-        (traces(), ["--window-ms", "nan", "100"], 2, "window nan to 100 ms"),
+        (traces(), ["--window-ms", "5:300"], 2, "inside 0 to 250 ms, the SA trace"),
+        (traces(), ["--window-ms", "200:100"], 2, "START:END in ms as 5:250, got '200:100'"),
+        (traces(), ["--window-ms", "nan:100"], 2, "got 'nan:100'"),
         (traces(), ["--parameters", "absent.toml"], 2, "absent.toml: "),
         (traces(), ["--parameters", "energy.toml"], 2, "'energy' of SA reads strain energy"),
-        (traces(["SA", "SA"]), [], 1, "nodes 100 and 101 are both SA"),
-        (traces(["RA"], dt_ms=1.0), [], 1, "a sample every 1 ms"),
-        (traces([None]), [], 1, "node 100 has no afferent"),
+        (traces([None]), [], 2, "node 100 is of class none, expected SA or RA or PC: --afferent"),
+        (traces(["SA"]), ["--afferent", "PC"], 2, "no trace of PC"),
+        (traces(["SA"]), ["--columns", "time"], 2, "expected time=NAME,value=NAME"),
+        (traces(["SA"]), ["--columns", "z=node"], 2, "column 'z', expected one of time, value"),
+        (traces(["SA"]), ["--columns", "value=node"], 2, "column node does not say its unit"),
+        (traces(["SA"]), ["--columns", "time=t"], 1, "no column t in"),
     ],
 )
 def test_what_cannot_be_encoded_ends_in_one_line_and_no_files(
@@ -202,3 +210,152 @@ def test_what_cannot_be_encoded_ends_in_one_line_and_no_files(
     assert message in error
     assert error.count("\n") == 1
     assert not (here / "encoded").exists()
+
+
+def spikes_by(path):
+    """Times of every train, by class, unit and number of the cell."""
+    return {(t.afferent, t.unit, t.repeat): t.times_ms.tolist() for t in read_spikes(path)}
+
+
+def test_any_number_of_units_keep_their_names(here, capsys):
+    """Each as if it were alone; a unit without a name is called by its node."""
+    many = [
+        replace(trace, stress_pa=trace.stress_pa * gain, node=node)
+        for node, gain in ((7, 1.0), (8, 2.0))
+        for trace in traces()
+    ]
+    write_traces(here / "nodes.csv", many)
+    frame = Traces([replace(one, unit=f"{one.afferent}, {one.node}") for one in many]).to_frame()
+    frame.drop(columns="node").to_csv(here / "units.csv", index=False)
+
+    assert main(["encode", "nodes.csv", "-o", "nodes"]) == 0
+    assert main(["encode", "units.csv", "-o", "units", "--no-raster"]) == 0
+    assert main(["encode", "units.csv", "-o", "ra", "--no-raster", "--afferent", "RA"]) == 0
+
+    by_node, by_unit = (spikes_by(here / name / "spikes.csv") for name in ("nodes", "units"))
+    assert {unit for _, unit, _ in by_node} == {"7", "8"}
+    named = {(name, f"{name}, {unit}", cell): t for (name, unit, cell), t in by_node.items()}
+    assert by_unit == named
+    assert spikes_by(here / "ra/spikes.csv") == {k: v for k, v in named.items() if k[0] == "RA"}
+    for trace in many:
+        cells = encode_cells(trace.stress_pa, 0.5, parameter_set("fitted").parameters["RA"])[0]
+        if trace.afferent == "RA":
+            for cell, times_ms in enumerate(cells, start=1):
+                assert by_node.get(("RA", str(trace.node), cell), []) == times_ms.tolist()
+    rates = read_rates(here / "units/rates.csv")
+    assert [one.unit for one in rates] == list(dict.fromkeys(frame.unit))
+    assert main(["plot", "raster", "units", "-o", "units.svg"]) == 0
+    assert fb.encode(frame).equals(fb.encode(here / "units.csv").assign(stimulus="traces"))
+
+
+@pytest.mark.parametrize("dt_ms", [1.0, 0.25, 0.1])
+def test_any_even_step_is_put_on_that_of_the_parameters(here, capsys, dt_ms):
+    times_ms = np.arange(round(250 / dt_ms) + 1) * dt_ms
+    wave = 2e4 * (1 - np.cos(2e-3 * np.pi * 20 * times_ms))
+    write_traces(here / "other.csv", [StressTrace(wave, dt_ms, 1, "SA")])
+    exact = 2e4 * (1 - np.cos(2e-3 * np.pi * 20 * np.arange(501) * 0.5))
+    [alike_ms] = encode(exact, 0.5, PUBLISHED["SA"])
+
+    assert main(["encode", "other.csv", "--parameters", "published", "--no-raster"]) == 0
+
+    assert f"every {dt_ms:g} ms: resampled to every 0.5 ms" in capsys.readouterr().err
+    found_ms = spikes_by(here / "encoded/spikes.csv")["SA", "", 0]
+    np.testing.assert_allclose(found_ms, alike_ms, rtol=0, atol=0.5)
+
+
+def test_uneven_times_need_a_step_and_get_it_by_pchip(here, capsys):
+    times_ms = np.cumsum(np.tile([0.3, 0.6], 250))
+    frame = pd.DataFrame(
+        {"time_ms": times_ms, "afferent": "SA", "von_mises_pa": 2e4 + 100 * times_ms}
+    )
+    frame.to_csv(here / "uneven.csv", index=False)
+
+    assert main(["encode", "uneven.csv"]) == 1
+    assert "--resample-ms 0.5" in capsys.readouterr().err
+    assert main(["encode", "uneven.csv", "--resample-ms", "0.5", "--no-raster"]) == 0
+    even_ms = np.arange(times_ms[0], times_ms[-1], 0.5)
+    [cells] = encode_cells(
+        2e4 + 100 * even_ms, 0.5, parameter_set("fitted").parameters["SA"], float(even_ms[0])
+    )
+    found = spikes_by(here / "encoded/spikes.csv")
+    for cell, times in enumerate(cells, start=1):
+        np.testing.assert_allclose(found.get(("SA", "", cell), []), times)
+
+
+def test_the_stress_of_a_simulation_gives_its_spikes_again(tmp_path, monkeypatch, capsys):
+    """From its folder, from its NPZ elsewhere, and of one stimulus alone."""
+    monkeypatch.chdir(tmp_path)
+    made = fb.simulate(["sine_100_200", "ramp_300_20_50_20"], stored=True, parameters="fitted")
+    made.write("out")
+    (tmp_path / "away").mkdir()
+    shutil.copy("out/traces.npz", "away/mine.npz")
+
+    assert main(["encode", "out", "--no-raster"]) == 0
+    assert capsys.readouterr().err == ""
+    assert fb.encode("away/mine.npz").equals(made.spikes)
+    for name in ("spikes.csv", "rates.csv"):
+        assert (tmp_path / "encoded" / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
+    assert main(["encode", "out/traces.npz", "--stimulus", "sine_100_200", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rates"]
+    assert [row["window_ms"] for row in rows] == [[100.0, 200.0]] * 3
+    assert main(["encode", "out", "--stimulus", "sine_20_250"]) == 2
+    assert "no stimulus 'sine_20_250', expected one of sine_100_200" in capsys.readouterr().err
+
+
+def test_a_sensor_of_a_robot_is_a_table_too(here, capsys):
+    """Two taxels in N, 20 kPa a newton, seconds: a unit each, of two classes."""
+    times_s = np.arange(251) * 1e-3
+    force_n = 1 - np.cos(2 * np.pi * 30 * times_s)
+    robot = pd.DataFrame({"t_s": times_s, "left": force_n, "right": 2 * force_n})
+    robot.to_csv(here / "robot.csv", index=False)
+    words = ["robot.csv", "--columns", "time=t_s,value=left,value=right", "--no-raster"]
+
+    assert main(["encode", *words, "--gain-pa", "2e4", "--afferent", "SA", "RA"]) == 0
+    assert main(["encode", *words, "--gain-pa", "2e4"]) == 2
+    assert main(["encode", *words, "--afferent", "SA"]) == 2
+
+    error = capsys.readouterr().err
+    assert "left is of class none" in error
+    assert "column left does not say its unit (_pa, _kpa or _mpa): --gain-pa" in error
+    found = spikes_by(here / "encoded/spikes.csv")
+    assert {(name, unit) for name, unit, _ in found} == {
+        (name, unit) for name in ("SA", "RA") for unit in ("left", "right")
+    }
+    table = {"columns": {"time": "t_s", "value": ["left", "right"]}, "gain_pa": 2e4}
+    with pytest.warns(UserWarning, match="resampled to every 0.5 ms"):
+        again = fb.encode(robot, afferents=["SA", "RA"], stimulus="robot", **table)
+    assert len(again) == sum(map(len, found.values()))
+    times_ms = again.query("afferent == 'RA' and unit == 'right' and repeat == 1").spike_time_ms
+    assert times_ms.tolist() == found["RA", "right", 1]
+
+
+@pytest.mark.parametrize(
+    ("gain", "told"),
+    [
+        (1e-6, "in another unit? --gain-pa 1e6"),
+        (1e-3, "in another unit? --gain-pa 1e3"),
+        (1e6, "in another unit? --gain-pa 1e-6"),
+        (0.0, "no spikes: all stress is 0"),
+        (0.006, "too faint, too short or too slow"),
+        (1.0, ""),
+    ],
+)
+def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, told):
+    whole = [replace(trace, stress_pa=gain * trace.stress_pa) for trace in traces()]
+    write_traces(here / "table.csv", whole)
+    assert main(["encode", "table.csv", "--no-raster", "--window-ms", "0:250"]) == 0
+    doubts = [line for line in capsys.readouterr().err.splitlines() if "fitted on" not in line]
+    assert len(doubts) == bool(told)
+    assert told in "".join(doubts)
+    if told:
+        with pytest.warns(UserWarning, match="peaks|all stress is 0"):
+            fb.encode(whole)
+
+
+def test_a_cut_end_is_told_by_the_function_and_by_the_picture(here, capsys):
+    path = here / "sine_50_250.csv"
+    path.write_bytes(path.read_bytes()[:-2])
+    with pytest.warns(UserWarning, match="may be cut"):
+        fb.encode(path)
+    assert main(["plot", "trace", str(path)]) == 0
+    assert "may be cut" in capsys.readouterr().err

@@ -1,0 +1,186 @@
+"""Stress traces that anyone has, read, made ready for afferents, and encoded.
+
+From a table, a simulation or a run folder; of any number of units, in any step. What is
+known of their run (`fembridge.trace.Origin`) says by which parameters, and where spikes
+count.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fembridge.errors import UsageError
+from fembridge.response.response_map import reading_energy
+from fembridge.results import read
+from fembridge.run_folder import RUN_FILE
+from fembridge.simulation import TRACES_FILE, arrays_in, find_file, stimuli_in, trains_of
+from fembridge.tables import SpikeTrain, read_traces
+from fembridge.trace import Origin, StressTrace, Traces, resample
+from fembridge.typing import FloatArray
+from neural import Parameters, encode_afferents
+
+# What a 1 mm probe gives where each class sits; beyond so many times less or more, the
+# stress is in another unit.
+_TYPICAL_PA = {"SA": 3e4, "RA": 3e4, "PC": 1e3}
+_FAR = 300.0
+_SAME_STEP = 1.0e-4
+
+
+def read_stress(
+    place: Path,
+    log: Callable[[str], None],
+    columns: Mapping[str, str | Sequence[str]] | None = None,
+    gain_pa: float | None = None,
+    resample_ms: float | None = None,
+) -> tuple[Traces, Path]:
+    """Traces of a table, of a simulation or of a run folder, what is known of their run; the file.
+
+    Options are those of `fembridge.tables.read_traces`, for a table. Traces of a
+    simulation name their stimulus.
+
+    Raises
+    ------
+    ResultError, TableError
+        A file that is absent, cut short or of another kind.
+    """
+    made_by = "simulate and run leave stress in a folder, `ingest -o traces.csv` in a table"
+    path = find_file(place, (TRACES_FILE, "traces.csv", RUN_FILE), made_by)
+    if path.suffix != ".npz" and path.name != RUN_FILE:
+        given = read_traces(path, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
+        return given, path
+    if any(each is not None for each in (columns, gain_pa, resample_ms)):
+        raise UsageError(f"{path}: columns, gain and resampling are for a table of traces")
+    if path.name == RUN_FILE:
+        return read(path.parent, log=log), path
+    names, _, rows = arrays_in(path)
+    named = zip(names, rows, strict=True)
+    traces = [replace(one, stimulus=name) for name, row in named for one in row]
+    written = stimuli_in(path.parent) if path.name == TRACES_FILE else None
+    if written is None:
+        return Traces(traces), path
+    windows_ms = {one.id: one.window_ms for one in written.stimuli}
+    first = written.stimuli[0]
+    origin = Origin(
+        first.id, first.window_ms, first.preindent_um, written.parameters, written.finger
+    )
+    return Traces(traces, origin, windows_ms), path
+
+
+def traces_to_encode(
+    traces: Traces,
+    parameters: Parameters,
+    stimulus: str | None,
+    unnamed: str,
+    afferents: Sequence[str] | None = None,
+    log: Callable[[str], None] = lambda line: None,
+) -> list[StressTrace]:
+    """Each trace with class, stimulus and, where a class has several, a unit of its own.
+
+    `afferents` are the classes to keep, and those that a trace without one is taken for.
+    `stimulus` is which of several, or what a trace is called that names none (None: as its
+    run, else `unnamed`). Traces of another step than that of the parameters are put on
+    theirs by PCHIP, which `log` gets a line about.
+
+    Raises
+    ------
+    UsageError
+        A trace without a class, or of one that has no parameters; two of one name; no such
+        stimulus.
+    """
+    name = stimulus or (traces.origin.stimulus if traces.origin else unnamed)
+    there = dict.fromkeys(trace.stimulus or name for trace in traces)
+    if stimulus is not None and stimulus not in there:
+        raise UsageError(f"no stimulus {stimulus!r}, expected one of {', '.join(there)[:80]}")
+    classes = [
+        (trace, afferent)
+        for trace in traces
+        if stimulus is None or (trace.stimulus or name) == stimulus
+        for afferent in ([trace.afferent] if trace.afferent else afferents or ["none"])
+        if not afferents or afferent in afferents
+    ]
+    if not classes:
+        raise UsageError(f"no trace of {' or '.join(afferents or ('any class',))}")
+    whose = [(trace.stimulus or name, afferent, trace.unit) for trace, afferent in classes]
+    apart = len(set(whose)) == len(whose)
+    found: list[StressTrace] = []
+    names: set[tuple[str, str, str]] = set()
+    other_steps: dict[tuple[float, float], int] = {}
+    for trace, afferent in classes:
+        if afferent not in parameters:
+            who = trace.unit or (f"node {trace.node}" if trace.node else "the trace")
+            raise UsageError(
+                f"{who} is of class {afferent}, expected {' or '.join(parameters)}: --afferent "
+                "(afferents) says which"
+            )
+        if reading_energy({afferent: parameters[afferent]}):
+            raise UsageError(
+                f"model {parameters[afferent].drive!r} of {afferent} reads strain energy, traces "
+                "hold von Mises stress: simulate takes it"
+            )
+        unit = trace.unit if apart else " ".join(filter(None, (trace.unit, str(trace.node))))
+        key = (trace.stimulus or name, afferent, unit)
+        if key in names:
+            raise UsageError(
+                f"two traces of {' '.join(filter(None, key))}: a column unit tells them apart"
+            )
+        names.add(key)
+        step_ms, stress_pa = parameters[afferent].dt_ms, trace.stress_pa
+        if abs(trace.dt_ms - step_ms) > _SAME_STEP * step_ms:
+            _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
+            steps = (trace.dt_ms, step_ms)
+            other_steps[steps] = other_steps.get(steps, 0) + 1
+        found.append(
+            StressTrace(stress_pa, step_ms, trace.node, afferent, trace.start_ms, unit, key[0])
+        )
+    for (dt_ms, step_ms), count in other_steps.items():
+        many = f"{count} traces have" if count > 1 else "the trace has"
+        log(f"{many} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms")
+    return found
+
+
+def encode_traces(
+    traces: Sequence[StressTrace], parameters: Parameters, derivative: str = "backward"
+) -> list[SpikeTrain]:
+    """Spike trains of `traces` of `traces_to_encode`: a train a cell; see `fembridge.encode`."""
+    found: dict[int, list[FloatArray]] = {}
+    alike: dict[tuple[int, float], dict[str, list[int]]] = {}
+    for row, trace in enumerate(traces):
+        of_size = alike.setdefault((trace.stress_pa.size, trace.start_ms), {})
+        of_size.setdefault(str(trace.afferent), []).append(row)
+    for (_, start_ms), classes in alike.items():
+        stress_pa = {
+            name: np.stack([traces[row].stress_pa for row in rows], -1)
+            for name, rows in classes.items()
+        }
+        dt_ms = traces[next(iter(classes.values()))[0]].dt_ms
+        cells = encode_afferents(stress_pa, dt_ms, parameters, start_ms, derivative)
+        for name, rows in classes.items():
+            found |= dict(zip(rows, cells[name], strict=True))
+    return [
+        train
+        for row, trace in enumerate(traces)
+        for train in trains_of(trace.stimulus, str(trace.afferent), found[row], trace.unit)
+    ]
+
+
+def doubt(traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]) -> str | None:
+    """What may be wrong where stress is far from that of skin, or nothing fires; None: no doubt."""
+    peaks_pa = [float(np.abs(trace.stress_pa).max()) for trace in traces]
+    shares = [p / _TYPICAL_PA[str(t.afferent)] for p, t in zip(peaks_pa, traces, strict=True)]
+    strongest = int(np.argmax(shares))
+    trace, share = traces[strongest], shares[strongest]
+    near = 1 / _FAR < share < _FAR
+    if near and any(train.times_ms.size for train in trains):
+        return None
+    if not share:
+        return "no spikes: all stress is 0"
+    line = (
+        f"the strongest trace ({trace.afferent}) peaks at {peaks_pa[strongest]:.3g} Pa, where a "
+        f"probe 250 um deep gives some {_TYPICAL_PA[str(trace.afferent)]:g} Pa"
+    )
+    if near:
+        return f"no spikes: {line}: too faint, too short or too slow for these parameters?"
+    power = 3 * round(-np.log10(share) / 3)
+    return f"{line}: in another unit? --gain-pa 1e{power} (gain_pa) takes it so"
