@@ -2,7 +2,7 @@
 
 import pytest
 
-from fembridge import build, store, tables
+from fembridge import build, encoding, store, tables
 from fembridge.cli import main
 from fembridge.errors import DeckError, TableError
 from fembridge.observed import read_observed
@@ -49,10 +49,10 @@ def test_a_file_that_is_included_over_and_over_ends_in_a_refusal(tmp_path, capsy
 
 
 def test_too_little_memory_is_one_line_and_1(monkeypatch, capsys, tmp_path):
-    def fill(*_):
+    def fill(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr(tables, "read_traces", fill)
+    monkeypatch.setattr(encoding, "read_traces", fill)
     assert main(["encode", str(tmp_path / "t.csv"), "-o", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.splitlines() == [
         "fembridge: the memory is too small for this file or request"

@@ -191,7 +191,7 @@ def test_afferents_are_named_and_come_out_as_encode_reads_them(export, tmp_path)
     alone = export("--afferent", "SA=70", "RA=30", "PC=10", "-o", "sa.csv")
     assert alone.returncode == 0
     encoded = [str(tmp_path / "sa.csv"), "-o", str(tmp_path / "encoded")]
-    assert main(["encode", *encoded, "--window-ms", "0", "2"]) == 0
+    assert main(["encode", *encoded, "--window-ms", "0:2"]) == 0
     assert (tmp_path / "encoded" / "rates.csv").exists()
 
 
