@@ -53,6 +53,8 @@ _DEFAULT_MOST = 100  # increments of a step without INC=, in ccx and in Abaqus
 # Automatic increments: the smallest, as a part of a sample, and how many to allow for one.
 _SMALLEST = 1.0e-4
 _CUTS = 20
+# Equation solvers that every ccx has; PrePoMax asks for PARDISO.
+_SOLVERS = ("SPOOLES", "ITERATIVESCALING", "ITERATIVECHOLESKY")
 # What makes ccx take increments at all; without any of it a step is one.
 _NONLINEAR = (
     *("CONTACTPAIR", "CREEP", "DEFORMATIONPLASTICITY", "HYPERELASTIC", "HYPERFOAM"),
@@ -317,6 +319,14 @@ def _increment_edits(
             "makes one increment of a step"
         )
         edits.append(_with_option(step.head, None, "NLGEOM"))
+    for one in () if abaqus else [each for step in before for each in step.of(*MOVABLE)]:
+        solver = one.option("SOLVER")
+        if solver is not None and solver.word not in _SOLVERS and one.own:
+            remarks.append(
+                f"{one.where}: SOLVER={solver.word} left out: not every ccx has it, and each "
+                "takes the best of its own"
+            )
+            edits.append(_without_option(one, solver))
     direct = procedure.option("DIRECT")
     period = fixed(count * motion.dt_s, _TIME_DIGITS)
     rows = procedure.own_rows()

@@ -84,7 +84,7 @@ def prepomax():
     yield "*Contact pair, Interaction=Touch, Type=Node to surface"
     yield "Slave, Master"
     yield from (*section("Steps"), *section("Step-1"), "*Step, Nlgeom, Inc=100")
-    yield from ("*Static", "0.1, 1, 1E-05, 1E+30")
+    yield from ("*Static, Solver=Pardiso", "0.1, 1, 1E-05, 1E+30")
     yield from (*section("Output frequency"), "*Output, Frequency=1")
     yield from (*section("Boundary conditions"), "*Boundary, op=New", "** Name: Fixed-1")
     yield from ("*Boundary", "Base, 1, 6, 0", "** Name: Plane", "*Boundary", "Flat, 3, 3, 0")

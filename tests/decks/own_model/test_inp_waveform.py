@@ -98,6 +98,8 @@ def test_a_limit_of_increments_is_raised_where_it_is_too_small(step, new):
         ("*STATIC, DIRECT=NO STOP", "*STATIC, DIRECT"),
         ("*DYNAMIC, ALPHA=-0.1", "*DYNAMIC, ALPHA=-0.1, DIRECT"),
         ("*VISCO, CETOL=1.E-3", "*VISCO, CETOL=1.E-3, DIRECT"),
+        ("*Static, Solver=Pardiso", "*Static, DIRECT"),
+        ("*STATIC, SOLVER=PASTIX, DIRECT", "*STATIC, DIRECT"),
     ],
 )
 def test_increments_become_fixed_as_ccx_wants_it(procedure, new):
