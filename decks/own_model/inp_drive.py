@@ -34,6 +34,7 @@ _TIMED = (
 )
 # Displacements along x, y, z.
 _TRANSLATIONS = range(1, 4)
+_SHOWN = 5  # displacements, of those to choose from
 _LAST_DEGREE = 100  # far beyond what any solver has
 # Degrees of freedom that Abaqus holds by a word.
 _HELD = {"XSYMM": (1, 1), "YSYMM": (2, 2), "ZSYMM": (3, 3), "ENCASTRE": (1, 6), "PINNED": (1, 3)}
@@ -200,7 +201,9 @@ def _by_move(
         for push in _magnitudes(block, zero=wanted is not None)
         if push.axis in _TRANSLATIONS and block.word("TYPE") in _DISPLACEMENT
     ]
-    known = "; ".join(dict.fromkeys(f"{push.name} ({push.where})" for _, push in found))
+    names = list(dict.fromkeys(f"{push.name} ({push.where})" for _, push in found))
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    known = "; ".join(names[:_SHOWN]) + more
     if wanted is not None:
         what, axis, sign = wanted
         found = [(s, p) for s, p in found if (squeezed(p.what), p.axis) == (what, axis)]
@@ -208,14 +211,17 @@ def _by_move(
         raise DeckError(f"no *BOUNDARY prescribes {request.move}; those there: {known or 'none'}")
     if not found:
         raise DeckError(
-            f"no *BOUNDARY of a step moves anything (the deck has {_known(deck)}){deck.unread}"
+            f"no *BOUNDARY of a step moves anything (the deck has {_known(deck)}){deck.unread}; "
+            "write the probe's displacement into its step, as PROBE, 2, 2, -0.1"
         )
     mine = [step for step in steps if any(step is one for one, _ in found)]
     last = mine[-1:] if request.step is None else mine
     chosen = _chosen(steps, last, request.move or "a displacement", request.step)
     pushes = [push for step, push in found if step is chosen]
-    if len(names := {push.name for push in pushes}) > 1:
-        raise chosen.head.error(f"several displacements: {known}; name one: --move {min(names)}")
+    if len({push.name for push in pushes}) > 1:
+        raise chosen.head.error(
+            f"several displacements: {known}; name one: --move {pushes[0].name}"
+        )
     push = pushes[-1]  # the last one counts
     _refuse_foreign(push.block, push.name)
     if wanted is not None and sign and sign != np.sign(push.magnitude):
