@@ -159,7 +159,7 @@ DIALECTS = {
         Dialect(
             name="abaqus",
             deck=f"{JOB}.inp",
-            results=(f"{JOB}.odb",),
+            results=(f"{JOB}.dat",),
             elements={name: name for name in ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")},
             element="CPE4H",
             result_kinds=("binary",),

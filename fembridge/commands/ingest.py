@@ -163,7 +163,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
         if is_marc_deck(path):
             return _deck(args, path)
-    kind = _kind(args, path, suffix in PRINTS)
+    printed = suffix in PRINTS and not (suffix == ".dat" and _at_nodes(args, result))
+    kind = _kind(args, path, printed)
     if kind == "list" or (kind == "traces" and _nothing_chosen(args, result)):
         held = describe_print(path) if suffix in PRINTS else result.describe()
         if suffix == ".frd" and (sets := sets_beside(path)):
@@ -324,6 +325,17 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
     if args.quantity and len(args.quantity) > 1:
         raise UsageError(f"{path}: --quantity takes one name here, got {', '.join(args.quantity)}")
     return args.quantity[0] if args.quantity else None
+
+
+def _at_nodes(args: argparse.Namespace, result: "Result") -> bool:
+    """Whether traces at nodes are asked of a ``.dat`` of Abaqus, not its tables."""
+    from fembridge.results.abaqus_dat import is_abaqus
+
+    chosen = args.node or args.sets or args.near or args.afferents
+    ours = result.run is not None and result.run.solver == "abaqus"
+    if args.point or args.quantity or args.list or not (chosen or ours):
+        return False
+    return is_abaqus(result.path)
 
 
 def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:

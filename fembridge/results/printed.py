@@ -278,6 +278,11 @@ def dat_sections(
         There is no such file; a wanted record is not one; the file is cut inside
         a line, and `options.partial` is not set.
     """
+    from fembridge.results.abaqus_dat import abaqus_sections, is_abaqus
+
+    if is_abaqus(path):
+        yield from abaqus_sections(path, wanted, options, held)
+        return
     now: DatSection | None = None  # the wanted section that is being read
     records: list[tuple[int, str | Characters]] = []
     statistics: re.Match[str] | None = None
@@ -587,6 +592,8 @@ _UNITS = {
     "forces": "N", "total force": "N",
     "stresses": _PA, "viscous stresses": _PA, "contact stress": _PA,
     "internal energy density": _PA,
+    "stresses at nodes": _PA, "von mises stress": _PA, "von mises stress at nodes": _PA,
+    "total forces": "N",
     "strains": "1", "mechanical strains": "1", "equivalent plastic strain": "1",
     "internal state variables": "", "total number of contact elements": "1",
     "internal energy": "mJ", "total internal energy": "mJ",
@@ -661,9 +668,13 @@ def describe_print(path: Path) -> Table:
         columns, *rows = print_rows(path, ReadOptions(log=remarks.append))
         last = dict(zip(map(str, columns), rows[-1], strict=True)) if rows else None
         return described | {"rows": len(rows), "last": last, "problem": (*remarks, None)[0]}
+    from fembridge.results.abaqus_dat import is_abaqus
+
     held: dict[str, int] = {}
     options = ReadOptions(partial=True, log=remarks.append)
     list(dat_sections(path, lambda *_: False, options, held))
+    if is_abaqus(path):
+        described["format"] = "abaqus-dat"
     cut = [words for words in remarks if words.startswith("cut")]
     others = [words for words in remarks if words not in cut]
     return described | {"sections": held, "remarks": others, "problem": (*cut, None)[0]}

@@ -109,12 +109,14 @@ _FRD, _FRD_SOURCE = "fembridge.results.frd:read", "fembridge.results.frd_fields:
 _MARC, _MARC_SOURCE = "fembridge.results.marc:read", "fembridge.results.marc:MarcSource"
 _COLUMNS = "fembridge.results.columns:read"
 _COLUMN_SOURCE = "fembridge.results.columns:ColumnSource"
+_ABAQUS_MARKS = (b"1\n", b"1\r\n", b"1 ", b"\n   THE FOLLOWING", b"\r\n   THE FOLLOWING")
 _XML_STARTS = (b"<?xml", b"<VTKFile", b"<Xdmf", b"<!DOCTYPE")
 READERS = (
     Reader("ccx-frd", ".frd", b"    1C", _FRD, _FRD_SOURCE),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:read"),
+    Reader("abaqus-dat", ".dat", _ABAQUS_MARKS, "fembridge.results.abaqus_dat:read"),
     Reader("table", ".csv", b"", _COLUMNS, _COLUMN_SOURCE),
     Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, _COLUMN_SOURCE),
     *(
