@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from fembridge import build_deck, read
 from fembridge.cli import main
 from fembridge.errors import ResultError
-from fembridge.results.printed import dat_sections, read_point_stress, read_point_traces
+from fembridge.results.printed import dat_sections, read_point_stress, read_point_history
 from fembridge.results.read_options import ReadOptions
 
 TITLE = "1\n{:78}Abaqus 2021  Date 01-Jan-2026\n".format("")
@@ -140,8 +140,7 @@ def test_integration_points_with_footnotes_wrapped_names_and_zeros(dat):
     assert tensor_pa[:, 0].tolist() == [[0] * 6, [0] * 6, [1e6, 2e6, 3e6, 5e5, 0, 0]]
     assert tensor_pa[1:, 1].tolist() == [[2e6, 4e6, 6e6, 1e6, 0, 0]] * 2
     assert said == ["rows that tables lack are 0: Abaqus prints no row of zeros"]
-    (trace,) = read_point_traces(dat(*parts), [(13, 2)])
-    assert trace.node == 1302
+    assert read_point_history(dat(*parts), [(13, 2)]).nodes == (1302,)
     mises = next(dat_sections(dat(*parts), lambda name, _: "mises" in name, ReadOptions()))
     assert (mises.set_name, mises.columns) == ("A-VERY-LONG-NAME", ("MISES",))
 
