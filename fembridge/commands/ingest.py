@@ -484,6 +484,7 @@ def _vtu(args: argparse.Namespace, result: "Result") -> Written:
         derived=tuple(dict.fromkeys(args.derived or ("von_mises",))),
         partial=options.partial,
         stress_unit=options.stress_unit,
+        length_unit=options.length_unit,
         extrapolate=options.extrapolate,
         log=options.log,
     )

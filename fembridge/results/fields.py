@@ -16,7 +16,7 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import history
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import reader_of, result_file
+from fembridge.results.readers import reader_of, result_file, units_of
 from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.store import replacing
 from fembridge.tables import write_table
@@ -181,7 +181,8 @@ def read_fields(
     *,
     partial: bool = False,
     across_materials: bool = False,
-    stress_unit: str = "MPa",
+    stress_unit: str | None = None,
+    length_unit: str | None = None,
     extrapolate: str | None = None,
     log: Callable[[str], None] | None = None,
 ) -> Iterator[Field]:
@@ -202,8 +203,9 @@ def read_fields(
         out.
     across_materials, extrapolate
         As for `fembridge.read`, of a Marc file.
-    stress_unit
-        Unit of the file: "MPa" (N and mm), "kPa" or "Pa".
+    stress_unit, length_unit
+        Units of the file, as for `fembridge.read`: None is what its heading says, else MPa
+        and mm.
 
     Raises
     ------
@@ -218,7 +220,9 @@ def read_fields(
     >>> field.time_ms, field.components, field.units
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
-    options = ReadOptions(partial, across_materials, stress_unit, log, extrapolate)
+    path = result_file(path)
+    stress, length = units_of(path, stress_unit, length_unit, log=log)
+    options = ReadOptions(partial, across_materials, stress, log, extrapolate, length_unit=length)
     with ExitStack() as opened:
         source = opened.enter_context(open_source(path, options))
         return _closing(source.fields(quantity), opened.pop_all())

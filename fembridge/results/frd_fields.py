@@ -10,13 +10,13 @@ with the unit "".
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import ResultError
+from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
     VERTEX,
@@ -344,13 +344,12 @@ class FrdSource(AbstractContextManager["FrdSource"]):
     ) -> Iterator[Frame]:
         for output in outputs:
             fields = {}
-            try:
-                for name, block in output.items():
+            for name, block in output.items():
+                try:
                     if block.records:
                         fields[name] = _field(self._file, block, self._options)
-            except NotFiniteError as error:
-                _drop(block, error, self._options)
-                continue
+                except NotFiniteError as error:  # of this block, not of the others
+                    self._options.note(f"left out: {block}: {error.problem}")
             if fields:
                 first = next(iter(output.values()))
                 time = first.value if first.modal else first.time_ms
@@ -390,9 +389,11 @@ def _at_points(
             points[word] = spread(values, rows[name], size)
     for name in derived:
         takes = DERIVED[name][0]
-        if all(quantity in fields for quantity in takes):
-            with np.errstate(over="ignore", invalid="ignore"):  # of 1e200, no warning
-                points[f"{name}_pa"] = spread(derived_of(name, fields), rows[takes[0]], size)
+        if not all(quantity in fields for quantity in takes):
+            continue
+        # Of 1e200, no warning. What is no tensor, or at other nodes, is said at the end.
+        with np.errstate(over="ignore", invalid="ignore"), suppress(UsageError):
+            points[f"{name}_pa"] = spread(derived_of(name, fields), rows[takes[0]], size)
     return points
 
 

@@ -601,22 +601,22 @@ class MarcSource:
                 scene = points.scene()
                 self._note_mesh()
             values, tensors = {}, {}
-            try:
-                for name, quantity in found.items():
-                    values[name] = self._values(one, quantity)
-                    if not quantity.columns:
-                        values[name] = values[name][points.rows]
-                    elif quantity.is_tensor:
-                        tensors[quantity.codes[0]] = quantity
-                    self._check_finite(quantity, one, points.nodes, values[name])
-            except NotFiniteError as error:
-                if not self._options.partial:
-                    raise
-                self._options.note(f"dropped increment {one.increment}: {error.problem}")
+            for name, quantity in found.items():
+                there = self._values(one, quantity)
+                there = there if quantity.columns else there[points.rows]
+                try:
+                    self._check_finite(quantity, one, points.nodes, there)
+                except NotFiniteError as error:  # of this quantity, not of the others
+                    self._options.note(f"left out: {error.problem}")
+                    continue
+                values[name] = there
+                if quantity.columns and quantity.is_tensor:
+                    tensors[quantity.codes[0]] = quantity
+            if not values:
                 continue
             arrays: dict[str, FloatArray] = {}
-            for name, quantity in found.items():
-                arrays |= arrays_of(_field(quantity, one, points.nodes, values[name]))
+            for name in values:
+                arrays |= arrays_of(_field(found[name], one, points.nodes, values[name]))
             best = next((tensors[code] for code in STRESS_CODES if code in tensors), None)
             if best is not None:
                 field = _field(best, one, points.nodes, values[best.name])

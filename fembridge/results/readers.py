@@ -5,7 +5,7 @@ it. Another package adds a row, a `Reader`, under the entry point group
 ``fembridge.readers``; it is asked when none of ours takes the file.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 
 from decks.dialects import JOB
+from decks.unit_system import LENGTH_UNITS, MM, UNIT_SYSTEMS, unit_system_in
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.read_options import ReadOptions
-from fembridge.run_folder import RUN_FILE, read_run_folder
+from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
 from fembridge.typing import FloatArray
 
 ENTRY_POINTS = "fembridge.readers"
 
 _FIRST_BYTES = 64
+_HEADING_BYTES = 4096  # in which a heading is sought
 _PRINTS = (".dat", ".sta", ".cvg")
 _KNOWN_STARTS = (
     (b"\x1f\x8b", "gzip: name it .frd.gz"),
@@ -161,6 +163,30 @@ def result_file(path: Path | str) -> Path:
         return read_run_folder(path).results
     places = [path / f"{JOB}{reader.suffix}" for reader in READERS]
     return next((place for place in places if place.exists()), places[0])
+
+
+def units_of(
+    path: Path,
+    stress_unit: str | None = None,
+    length_unit: str | None = None,
+    run: RunFolder | None = None,
+    log: Callable[[str], None] | None = None,
+) -> tuple[str, str]:
+    """Units of stress and length: as asked, as the heading or the run says, MPa and mm.
+
+    CalculiX copies the heading to the start of its results.
+    """
+    held, told = LENGTH_UNITS.get(length_unit or "mm", MM), None
+    if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
+        with ByteFile(path) as file:
+            told = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
+    if length_unit is None and run is not None and told is None:
+        held = next(one for one in UNIT_SYSTEMS.values() if one.stress_unit == run.stress_unit)
+    held = told or held
+    if told is not None and run is None and log is not None:
+        log(f"the heading names the unit system {told}")
+    stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
+    return stress, length_unit or held.length_unit
 
 
 def _foreign(path: Path, start: bytes) -> str:

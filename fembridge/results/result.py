@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.unit_system import LENGTH_UNITS, MM, UNIT_SYSTEMS, UnitSystem, unit_system_in
 from fembridge.errors import FembridgeError, ResultError, TraceError, UsageError
-from fembridge.results.byte_file import ByteFile, suffix_of
+from fembridge.results.byte_file import suffix_of
 from fembridge.results.fields import open_source
 from fembridge.results.history import STRESS, VON_MISES, History, of_samples
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import Reader, reader_of, result_file
+from fembridge.results.readers import Reader, reader_of, result_file, units_of
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.store import read_toml, sha256_of
 from fembridge.trace import STEP_TOLERANCE, StressTrace, Traces
@@ -27,7 +26,6 @@ from fembridge.typing import Table
 if TYPE_CHECKING:
     import pandas
 
-_HEADING_BYTES = 4096  # of a result file, in which a heading is sought
 _BEFORE_STEPS = 0.25  # of a step that may be lost to rounding
 
 
@@ -257,25 +255,10 @@ def open_result(
         from fembridge.results.columns import stress_unit_in
 
         stress_unit = stress_unit_in(columns)
-    told = _heading_units(path) if length_unit is None else None
-    held = told or LENGTH_UNITS.get(length_unit or "mm", MM)
-    if run is not None and told is None and length_unit is None:
-        held = next(one for one in UNIT_SYSTEMS.values() if one.stress_unit == run.stress_unit)
-    stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
-    length = length_unit or held.length_unit
+    stress, length = units_of(path, stress_unit, length_unit, run, log)
     options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
     options = replace(options, length_unit=length, columns=dict(columns or {}))
-    if told is not None and run is None:
-        options.note(f"the heading names the unit system {told}")
     return Result(path, options, run, trouble)
-
-
-def _heading_units(path: Path) -> UnitSystem | None:
-    """The unit system that the heading of a ``.frd`` names: ccx copies it to its start."""
-    if suffix_of(path) != ".frd" or not path.is_file():
-        return None
-    with ByteFile(path) as file:
-        return unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
 
 
 def describe(path: Path | str) -> Table:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import VERTEX, Scene, open_source
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import result_file, units_of
 from fembridge.results.stress import DERIVED
 from fembridge.store import filling
 from fembridge.typing import FloatArray
@@ -56,7 +57,8 @@ def write_vtu_series(
     quantities: Sequence[str] | None = None,
     derived: Sequence[str] = ("von_mises",),
     partial: bool = False,
-    stress_unit: str = "MPa",
+    stress_unit: str | None = None,
+    length_unit: str | None = None,
     extrapolate: str | None = None,
     log: Callable[[str], None] | None = None,
 ) -> Path:
@@ -75,7 +77,7 @@ def write_vtu_series(
     derived
         Names of `fembridge.results.stress.DERIVED`: computed in the increments
         that have what they take.
-    partial, stress_unit, log
+    partial, stress_unit, length_unit, log
         As for `read_fields`. `log` also gets how many nodes have no value.
     extrapolate
         As for `fembridge.read`, of a Marc file.
@@ -91,8 +93,10 @@ def write_vtu_series(
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
+    path = result_file(path)
+    stress, length = units_of(path, stress_unit, length_unit, log=log)
     options = ReadOptions(
-        partial=partial, stress_unit=stress_unit, log=log, extrapolate=extrapolate
+        partial=partial, stress_unit=stress, length_unit=length, log=log, extrapolate=extrapolate
     )
     with open_source(path, options) as source:
         path, folder = source.path, Path(folder)
@@ -117,7 +121,9 @@ def write_vtu_series(
             (draft / series).write_text(_pvd(entries), encoding="utf-8", newline="\n")
         for name in derived:
             if f"{name}_pa" not in seen and (quantities is None or name != "von_mises"):
-                options.note(f"no {name}: it takes {' and '.join(DERIVED[name][0])}")
+                takes = " and ".join(DERIVED[name][0])
+                same = " at the same nodes" if " and " in takes else ""
+                options.note(f"no {name}: it takes {takes}{same}")
     return folder / series
 
 

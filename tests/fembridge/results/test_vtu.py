@@ -201,19 +201,42 @@ def test_damage_on_the_way_leaves_what_was_there_before(write_frd, block, tmp_pa
     assert series.name in before
 
 
-def test_a_value_that_is_not_finite_is_refused_or_leaves_its_increment_out(
+def test_a_value_that_is_not_finite_leaves_its_block_out_and_the_others_are_written(
     write_frd, block, tmp_path
 ):
     rows = [[(n, [x, 1, 1, 1, 1, 1]) for n in (1, 2, 3, 4)] for x in (1.0, np.nan)]
-    path = write_frd(
-        [block("STRESS", k, k * 1e-3, rows[k == 2], 2) for k in (1, 2, 3)], mesh_flag=2
-    )
-    with pytest.raises(ResultError, match="node 1 at 2 ms: STRESS SXX is nan"):
-        write_vtu_series(path, tmp_path / "out")
+    moved = [(n, [1, 2, 3]) for n in (1, 2, 3, 4)]
+    stress = [block("STRESS", k, k * 1e-3, rows[k == 2], 2) for k in (1, 2, 3)]
+    both = [one for k, s in enumerate(stress, 1) for one in (block("DISP", k, k * 1e-3, moved), s)]
+    for blocks, times_ms in ((stress, [1.0, 3.0]), (both, [1.0, 2.0, 3.0])):
+        said = []
+        path = write_frd(blocks, mesh_flag=2)
+        series = write_vtu_series(path, tmp_path / "out", log=said.append)
+        assert [time_ms for time_ms, _ in written(series)] == times_ms
+        assert any("STRESS of step 1, increment 2: node 1 at 2 ms" in words for words in said)
+    held = meshio.read(written(series)[1][1]).point_data
+    assert "DISP_mm" in held
+    assert not {"STRESS_pa", "von_mises_pa"} & held.keys()
+    with pytest.raises(ResultError, match="no increment with a value"):
+        write_vtu_series(write_frd([stress[1]], mesh_flag=2), tmp_path / "none")
+
+
+def test_what_cannot_be_derived_is_said_and_the_rest_written(write_frd, block, tmp_path):
+    values = [[(n, [1.0] * 6) for n in nodes] for nodes in ((1, 2, 3, 4), (1, 2))]
+    strain = ("EXX", "EYY", "EZZ", "EXY", "EYZ", "EZX")
+    blocks = [
+        block("STRESS", 1, 0.5, values[0]),
+        block("TOSTRAIN", 1, 0.5, values[1], components=strain),
+    ]
     said = []
-    series = write_vtu_series(path, tmp_path / "out", partial=True, log=said.append)
-    assert [time_ms for time_ms, _ in written(series)] == [1.0, 3.0]
-    assert any("dropped step 1, increment 2" in words for words in said)
+    series = write_vtu_series(
+        write_frd(blocks),
+        tmp_path / "out",
+        derived=("strain_energy_density", "max_shear"),
+        log=said.append,
+    )
+    assert "max_shear_pa" in meshio.read(written(series)[0][1]).point_data
+    assert "no strain_energy_density: it takes STRESS and TOSTRAIN at the same nodes" in said
 
 
 def test_names_that_xml_cannot_hold_are_made_plain(write_frd, block, tmp_path):
