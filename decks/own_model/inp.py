@@ -117,7 +117,8 @@ def rebase_inp(
     if sign is not None:
         remarks = [f"line {sign.line}: {sign.title}: {remarks[0]}"]
     remarks += told
-    remarks += too_far(motion, size_of(deck) * units.length_mm, units, bool(told))
+    by_heading = bool(told) and request.length_unit is None
+    remarks += too_far(motion, size_of(deck) * units.length_mm, units, by_heading)
     automatic = request.increments == "automatic"
     if not abaqus:
         remarks += _path_dependent(deck)

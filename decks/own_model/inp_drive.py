@@ -201,7 +201,8 @@ def _by_move(
         for push in _magnitudes(block, zero=wanted is not None)
         if push.axis in _TRANSLATIONS and block.word("TYPE") in _DISPLACEMENT
     ]
-    names = list(dict.fromkeys(f"{push.name} ({push.where})" for _, push in found))
+    moving = sorted((push for _, push in found), key=lambda push: push.magnitude == 0)
+    names = list(dict.fromkeys(f"{push.name} ({push.where})" for push in moving))
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     known = "; ".join(names[:_SHOWN]) + more
     if wanted is not None:

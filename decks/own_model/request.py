@@ -109,5 +109,5 @@ def too_far(motion: Motion, size_mm: float, units: UnitSystem, told: bool) -> li
         found = f"the model is {size_mm / _BIG_MM:g} m big"
     else:
         return []
-    hint = "as its heading says" if told else "name it: --length-unit"
+    hint = "as its heading says" if told else "--length-unit names it"
     return [f"{found}: is its unit of length {units.length_unit}? ({hint})"]

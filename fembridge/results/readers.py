@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from decks.dialects import JOB
-from decks.unit_system import LENGTH_UNITS, MM, UNIT_SYSTEMS, unit_system_in
+from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.read_options import ReadOptions
@@ -176,17 +176,16 @@ def units_of(
 
     CalculiX copies the heading to the start of its results.
     """
+    if run is not None:  # settled when its deck was built, heading and all
+        return stress_unit or run.stress_unit, length_unit or run.length_unit
     held, told = LENGTH_UNITS.get(length_unit or "mm", MM), None
     if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
         with ByteFile(path) as file:
             told = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
-    if length_unit is None and run is not None and told is None:
-        held = next(one for one in UNIT_SYSTEMS.values() if one.stress_unit == run.stress_unit)
     held = told or held
-    if told is not None and run is None and log is not None:
+    if told is not None and log is not None:
         log(f"the heading names the unit system {told}")
-    stress = stress_unit or (run.stress_unit if run is not None else held.stress_unit)
-    return stress, length_unit or held.length_unit
+    return stress_unit or held.stress_unit, length_unit or held.length_unit
 
 
 def _foreign(path: Path, start: bytes) -> str:

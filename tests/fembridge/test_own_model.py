@@ -12,6 +12,7 @@ from decks.waveform import make_stimulus
 from fembridge.build import build_own_folder, read_base_deck
 from fembridge.cli import main
 from fembridge.errors import DeckError
+from fembridge.results.result import open_result
 from fembridge.run_folder import read_run_folder, read_waveform
 
 SAMPLES = Path(__file__).parents[2] / "fixtures"
@@ -151,6 +152,19 @@ def test_a_deck_in_metres_has_stress_in_pa(here, capsys):
     assert main(words_) == 0
     run = read_run_folder(here / "out/noise_25_250_5")
     assert run.stress_unit == "Pa"
+
+
+@pytest.mark.parametrize(
+    ("options", "units"), [((), ("kPa", "m")), (("--length-unit", "in"), ("psi", "in"))]
+)
+def test_results_of_a_run_are_in_the_units_that_its_deck_was_built_with(here, options, units):
+    deck = INP.read_text().replace("*HEADING\n", "*HEADING\nUnit system: M_TON_S_C\n")
+    (here / "mine.inp").write_text(deck)
+    assert main(words("--base-deck", "mine.inp", "-o", "out", *options)) == 0
+    run = read_run_folder(here / "out/noise_25_250_5")
+    assert (run.stress_unit, run.length_unit) == units
+    read = open_result(run).options
+    assert (read.stress_unit, read.length_unit) == units
 
 
 def test_our_marc_deck_is_somebodys_own_model_too(here, noise, capsys):

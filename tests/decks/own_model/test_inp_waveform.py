@@ -251,7 +251,7 @@ def test_a_sign_says_which_way_is_into_the_skin(move, sign):
     ("deck", "move", "said"),
     [
         (RAMP, "PROBE,1", "line 6: PROBE,1 is held at 0"),
-        (RAMP, "PIN,2", "no .BOUNDARY prescribes PIN,2; those there: PROBE,1 .line 6.; PROBE,2"),
+        (RAMP, "PIN,2", "no .BOUNDARY prescribes PIN,2; those there: PROBE,2 .line 7.; PROBE,1"),
         (RAMP.replace("0.0002", "0"), None, "no .BOUNDARY of a step moves anything"),
         (RAMP.replace("1, 1, 0", "1, 1, 3."), None, "line 1: several .*PROBE,1 .* --move PROBE,1"),
         (RAMP.replace("2, 2, -", "2, 3, -"), "PROBE,2", "line 7: degrees of freedom 2 to 3"),
