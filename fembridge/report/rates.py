@@ -308,15 +308,6 @@ def threshold_table(rates: RateTable) -> "DataFrame":
     return DataFrame(rows).set_index(["source", "afferent", "frequency_hz"], drop=False)
 
 
-def times_apart(one_um: float, other_um: float) -> float:
-    """How many times the higher of two thresholds is the lower one, >= 1.
-
-    1 where neither was reached, infinite where one was not.
-    """
-    low_um, high_um = sorted((one_um, other_um))
-    return 1.0 if np.isinf(low_um) else high_um / low_um
-
-
 def locking_table(rates: RateTable, trains: Mapping[str, Iterable[SpikeTrain]]) -> "DataFrame":
     """Impulses a cycle and vector strength of each source, class and sinusoid.
 

@@ -21,12 +21,6 @@ from fembridge.plots.deflection import deflection_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
 from fembridge.plots.thresholds import thresholds_figure
 from fembridge.report import rates, validate
-from fembridge.report.evidence_figures import (
-    distance_figure,
-    man_figure,
-    phase_figure,
-    ramp_figure,
-)
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
@@ -41,6 +35,10 @@ from fembridge.report.rates import (
 from fembridge.report.template import ABSENT, number, rendered
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.report.validation_figures import (
+    distance_figure,
+    man_figure,
+    phase_figure,
+    ramp_figure,
     raster_figure,
     rate_figure,
     regression_figure,
@@ -65,8 +63,6 @@ PAGE = "index.html"
 RECORD = "validation.toml"
 # An RMSE above this share of the mean rate is a shortfall even where R² is high.
 RMSE_SHARE = 0.5
-# A threshold this many times too high or too low is a shortfall.
-THRESHOLD_FACTOR = 2.0
 
 _LIBRARIES = ("numpy", "scipy", "matplotlib")
 _LEAST_P = 0.001
@@ -117,7 +113,6 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
     """The page; its figures are written as SVG into `folder`, which exists."""
     finest = study.deflections[-1]
     half_mm = np.interp(-0.5 * finest.at(0.0), -finest.deflection_mm, finest.distance_mm)
-    beside = _thresholds_beside(study)
     observed = study.rates.reference() == OBSERVED
     goals = [_goals(study, *place) for place in product(FAMILIES, AFFERENTS)] if observed else []
     known = [mark for mark in goals if mark[0] is not None]
@@ -134,15 +129,13 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         observed=observed,
         simulate=lambda stimuli: [command, *_simulations(study, stimuli), _STORED],
         raster_commands=[command, *_simulations(study, ",".join(RASTER_STIMULI))[:1]],
-        constants={**vars(rates), **vars(validate), **vars(threshold), "factor": THRESHOLD_FACTOR},
+        constants={**vars(rates), **vars(validate), **vars(threshold)},
         summary=_agreement_frame(study, study.rates.reference()),
         touchsim=_agreement_frame(study, TOUCHSIM),
         goals_met=[sum(bool(mark[k]) for mark in known) for k in (0, 1)] + [len(known)],
         shortfalls=shortfalls(study),
         sources=_source_frame(study),
         raster_cells=validate.cells_of(simulation),
-        silent=_silent(study),
-        near=[int((beside.apart <= THRESHOLD_FACTOR).sum()), len(beside)],
         tables=_threshold_frames(study),
         half_mm=float(half_mm),
         convergence=_convergence_frame(study),
@@ -416,7 +409,6 @@ def shortfalls(study: Validation) -> tuple[str, ...]:
             if worst not in short:
                 found.append(worst.sentence("weakest under "))
     found += [*_held_out_shortfalls(study), *study.evidence.shortfalls()]
-    found += _threshold_shortfalls(study)
     return tuple(sorted(found, key=lambda sentence: AFFERENTS.index(sentence[:2])))
 
 
@@ -485,36 +477,6 @@ def _held_out_shortfalls(study: Validation) -> Iterator[str]:
                 f"{afferent}, frequencies left out of the fit: RMSE "
                 f"{total['held_out_rmse_ips']:.1f} impulses/s, where {goal_ips:g} is the goal."
             )
-
-
-def _threshold_shortfalls(study: Validation) -> Iterator[str]:
-    whose = "the observed" if _reference(study, SINES) == OBSERVED else "TouchSim’s"
-    beside = _thresholds_beside(study)
-    off = beside[beside.apart > THRESHOLD_FACTOR]
-    for afferent, rows in off.groupby(level="afferent", sort=False):
-        words = [
-            f"{row.mine} µm instead of {row.theirs} µm at {row.frequency_hz:g} Hz"
-            for row in rows.reset_index().itertuples()
-        ]
-        opening = f"{afferent}, thresholds off by more than {THRESHOLD_FACTOR:g} times from {whose}"
-        yield f"{opening}: {', '.join(words)}."
-
-
-def _thresholds_beside(study: Validation) -> "DataFrame":
-    """Thresholds of the judged model and of what it is compared with, and their ratio.
-
-    Index: afferent, frequency_hz; only where both are known.
-    """
-    from pandas import DataFrame
-
-    words = study.thresholds.apply(_threshold_words, axis=1)
-    sources = (study.judged.name, _reference(study, SINES))
-    both = DataFrame(
-        {k: words.loc[one] for k, one in zip(("mine", "theirs"), sources, strict=True)}
-    )
-    both = both.dropna()
-    at_um = [study.thresholds.threshold_um.loc[source].loc[both.index] for source in sources]
-    return both.assign(apart=list(map(rates.times_apart, *at_um)))
 
 
 def _amplitude(value_um: float) -> str:
@@ -656,22 +618,6 @@ def _ramp_facts() -> "DataFrame":
     table = evidence(RAMP)
     heads = {"fact": "What is known", "source": "Source"}
     return table.set_index("afferent").rename_axis(None).rename(columns=heads)
-
-
-def _silent(study: Validation) -> list[str]:
-    """Classes without a spike, each with the depth of a stimulus of the raster."""
-    simulation = study.simulations[study.judged.name]
-    depth_um = {one.id: float(one.displacement_um.max()) for one in simulation.stimuli}
-    fired = {
-        (train.stimulus, train.afferent)
-        for train in repeated_trains(simulation)
-        if train.times_ms.size
-    }
-    return [
-        f"{afferent} at {depth_um[stimulus]:.0f} µm"
-        for stimulus, afferent in product(RASTER_STIMULI, AFFERENTS)
-        if (stimulus, afferent) not in fired
-    ]
 
 
 def _convergence_frame(study: Validation) -> "DataFrame":
