@@ -82,7 +82,7 @@ def measured(case: str, size: int) -> list[float]:
     """Seconds and megabytes of a case in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         words = [sys.executable, __file__, case, str(size), folder]
-        said = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+        said = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout
     return [float(word) for word in said.split()]
 
 
