@@ -20,6 +20,7 @@ written, numbered by repeat, and the rate is their mean.
 
 import argparse
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,7 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     resampled = "put uneven times on an even grid of this step, by PCHIP"
     add("--resample-ms", type=float, metavar="MS", help=resampled)
-    counted = "count spikes after START up to END (default: as in its run, else the whole trace)"
+    counted = "count spikes after START up to END (default: as in its run, else of "
+    counted += "--stimulus ID, else the whole trace)"
     add_options(parser, ("window_ms",), help=counted)
     add(
         "--derivative",
@@ -135,7 +137,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         files += [args.output / name for name in export(recording, args.output, args.export)]
     if words := doubt(traces, trains):
         notes.append(words)
-    if args.window_ms is None and not found.windows_ms:
+    spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
+    if args.window_ms is None and not found.windows_ms and spans_ms == windows_ms:
         notes.append("rates over the whole trace; narrow it with --window-ms START:END")
     print(*notes, sep="\n", end="\n" * bool(notes), file=sys.stderr)
     if not args.json:
@@ -224,14 +227,22 @@ def _print(rows: list[dict[str, Any]]) -> None:
 
 
 def _window(trace: "StressTrace", args: argparse.Namespace, found: "Traces") -> tuple[float, float]:
-    """The window to count in: what was asked or is known of the run, if the trace covers it."""
-    from fembridge.errors import UsageError
+    """The window to count in: what was asked or is known of the run, if the trace covers it.
+
+    Of a trace of no known run that is named after a stimulus of the catalogue, its own.
+    """
+    from decks.stimuli import resolve
+    from fembridge.errors import StimulusError, UsageError
 
     first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
     slack = 1e-3 * trace.dt_ms
     of_run = found.windows_ms.get(trace.stimulus)
     if of_run is None and found.origin is not None:  # by another name
         of_run = found.origin.window_ms
+    elif of_run is None and args.stimulus is not None:
+        with suppress(StimulusError, ValueError):
+            [entry] = resolve(args.stimulus)
+            of_run = entry.window_ms if entry.window_ms[1] <= last + slack else None
     start, end = args.window_ms or of_run or (first, last)
     # The first sample may be one increment after the start of the stimulus.
     if not (first - trace.dt_ms - slack <= start < end <= last + slack):

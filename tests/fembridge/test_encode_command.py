@@ -359,3 +359,15 @@ def test_a_cut_end_is_told_by_the_function_and_by_the_picture(here, capsys):
         fb.encode(path)
     assert main(["plot", "trace", str(path)]) == 0
     assert "may be cut" in capsys.readouterr().err
+
+
+def test_a_stimulus_that_is_named_brings_its_window(here, capsys):
+    for name, window_ms in (("sine_100_200", [100, 200]), ("ramp_100_20_20_20", [0, 210])):
+        assert main(["encode", "sine_50_250.csv", "--stimulus", name, "--json"]) == 0
+        told = capsys.readouterr()
+        assert {tuple(row["window_ms"]) for row in json.loads(told.out)["rates"]} == {
+            tuple(window_ms)
+        }
+        assert "whole trace" not in told.err
+    assert main(["encode", "sine_50_250.csv", "--stimulus", "ramp_100_200_200_200"]) == 0
+    assert "rates over the whole trace" in capsys.readouterr().err

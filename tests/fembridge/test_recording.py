@@ -237,3 +237,12 @@ def test_the_words_of_the_option_are_the_formats():
 
     assert _OPTIONS["export"]["choices"] == tuple(FORMATS)
     assert export(None, None, []) == []
+
+
+def test_trials_of_unequal_lengths_end_in_nan():
+    made = fb.simulate(["sine_20_250", "ramp_300_20_50_20"], stored=True)
+    recording = fb.Recording.of(made)
+    ends = [one.displacement_um.size for one in made.stimuli]
+    assert [np.isfinite(row).sum() for row in recording.depth_um] == ends
+    assert recording.t_stop_ms == max(one.times_ms[-1] for one in made.stimuli)
+    assert recording.time_ms.size == len(made.spikes)
