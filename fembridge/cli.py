@@ -31,7 +31,7 @@ VERBS = {
     "build-deck": "write a solver deck for each stimulus",
     "run": "run CalculiX in run folders",
     "ingest": "take stress traces from a solver's results",
-    "marc-export-script": "print a script that takes traces inside Marc's Mentat",
+    "export-script": "print a script that takes traces inside Mentat or Abaqus",
     "encode": "turn stress traces into spikes and rates",
     "simulate": "from a stimulus to spikes: all of the above",
     "touch": "any shape on a whole fingertip: every afferent's spikes",

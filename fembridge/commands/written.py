@@ -229,7 +229,7 @@ OUTPUTS: dict[str, tuple[Output, ...]] = {
         Output("NAME_plot.csv", "a plot saved from Mentat, number by number, units as there"),
         Output("FOLDER/*.vtu, *.pvd", "every increment for ParaView (--vtu); units in array names"),
     ),
-    "marc-export-script": (Output("FILE", "the script; its table is that of ingest's traces"),),
+    "export-script": (Output("FILE", "the script; its table is that of ingest's traces"),),
     "encode": (
         Output("spikes.csv", "a row a spike; where a class has several, unit behind it", _SPIKES),
         Output("rates.csv", "a row a trace; unit as in spikes.csv", _RATES),

@@ -37,7 +37,7 @@ def options():
 @pytest.mark.parametrize("package", ["fembridge", "decks", "neural"])
 def test_every_option_in_a_text_of_ours_exists(options, package):
     unknown = {}
-    own_script = ROOT / "fembridge" / "marc_export.py"  # with options of its own
+    own_script = ROOT / "fembridge" / "solver_export.py"  # with options of its own
     for path in {*(ROOT / package).rglob("*.py")} - {own_script}:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

@@ -1,16 +1,17 @@
-"""Print a script that takes stress traces from a Marc post file inside Mentat.
+"""Print a script that takes stress traces inside Marc's Mentat or inside Abaqus.
 
-Mentat's own Python has py_post, which opens any .t16 or .t19 that Mentat opens. The
-script needs nothing else, runs in Python 2.7 and 3.6 and later without a window, and
-writes the table that encode reads. fembridge ingest reads .t16 and .t19 without
-Mentat; this is the way for a file that it refuses, and for comparing the two.
+Mentat's own Python has py_post, which opens any .t16 or .t19 that Mentat opens; that of
+Abaqus has odbAccess, and nothing else opens an .odb. The script needs nothing more, runs in
+Python 2.7 and 3.6 and later without a window, and writes the table that encode reads.
+fembridge ingest reads .t16 and .t19 without Mentat; there this is the way for a file that it
+refuses, and for comparing the two.
 """
 
 import argparse
 from pathlib import Path
 from typing import Any
 
-EXAMPLE = "fembridge marc-export-script > export.py"
+EXAMPLE = "fembridge export-script > export.py"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +34,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if output is not None:
         write_text(output, script)
         if not args.json:
-            print(f"{output}: run it with Mentat's Python; --help says how")
+            print(f"{output}: run it with the Python of Mentat or Abaqus; --help says how")
         return {"output": str(output)}
     if not args.json:
         print(script, end="")
@@ -44,5 +45,5 @@ def script_text() -> str:
     """The script as it is shipped."""
     from importlib.resources import files
 
-    place = files("fembridge") / "marc_export.py"
+    place = files("fembridge") / "solver_export.py"
     return place.read_text(encoding="utf-8")

@@ -1,18 +1,20 @@
-# Runs in the Python of Mentat, 2.7 or 3.6 and later, with its standard library alone.
-# ruff: noqa: ANN001, ANN201, ANN204, B904, B905, PTH107, PTH110, PTH113, PTH118
+# Runs in the Python of Mentat or Abaqus, 2.7 or 3.6 and later, with its standard library alone.
+# ruff: noqa: ANN001, ANN003, ANN201, ANN202, ANN204, SIM118, B904, B905, PTH107, PTH110, PTH113, PTH118
 # ruff: noqa: PTH119, PTH122, PTH123, UP010, UP024, UP031
 # mypy: ignore-errors
-"""Write von Mises stress at nodes of a Marc post file as a table for fembridge.
+"""Write von Mises stress at nodes of a Marc post file or an Abaqus .odb as a table for fembridge.
 
     python export.py job.t16 --list
     python export.py job.t16 --afferent SA=4711 RA=4712 PC=88 -o traces.csv
     python export.py job.t16 --near 0.4,-1.2 --within dermis_elements -o traces.csv
+    abaqus python export.py job.odb --afferent SA=4711 -o traces.csv
 
-This runs in Mentat's own Python and reads with its py_post; no window opens. The
-table, time_ms,afferent,node,von_mises_pa, is what "fembridge encode" reads. A value
-at a node is the mean, over the elements there, of what py_post extrapolates to it.
-Marc has no units: time is taken as s, stress as --unit. Made from descriptions of
-py_post and tried against an imitation of it, never yet in Mentat itself.
+This runs in Mentat's own Python and reads with its py_post, or in that of Abaqus with its
+odbAccess; no window opens. The table, time_ms,afferent,node,von_mises_pa, is what "fembridge
+encode" reads. A value at a node is the mean, over the elements there, of what py_post or Abaqus
+(ELEMENT_NODAL) extrapolates to it. Neither has units: time is taken as s, stress as --unit. Made
+from descriptions of py_post and of odbAccess (Abaqus Scripting Reference, "Odb commands") and tried
+against imitations of them, never yet in Mentat or Abaqus itself.
 """
 
 from __future__ import division, print_function
@@ -35,6 +37,11 @@ Run this file with the Python that came with Mentat, on Windows for instance
 python.exe" export.py ...
 and if that does not find py_post either, name the folder of Mentat:
   --mentat "C:\\Program Files\\MSC.Software\\Marc\\2024.1.0\\mentat2024.1\""""
+
+
+NO_ABAQUS = """odbAccess cannot be imported by this Python, %s (%s): %s
+Run this file with the Python of Abaqus:
+  abaqus python export.py job.odb ..."""
 
 
 class ExportError(Exception):
@@ -99,11 +106,145 @@ class Neighbourhood:
         )
 
 
+class Member:
+    """A node, an element, a set or a value, as py_post has them."""
+
+    def __init__(self, **given):
+        self.__dict__.update(given)
+
+
+class OdbPost:
+    """An .odb of Abaqus, asked as py_post is: position 0 is the model, then every frame.
+
+    The first frame of a later step repeats the last of the one before and is left out.
+    """
+
+    def __init__(self, odb, element_nodal, instance):
+        self._odb, self._element_nodal = odb, element_nodal
+        instances = odb.rootAssembly.instances
+        names = sorted(instances.keys())
+        if instance is None and len(names) == 1:
+            instance = names[0]
+        if instance not in names:
+            raise ExportError("which part? --instance one of %s" % (", ".join(names) or "none"))
+        self._name, self._instance = instance, instances[instance]
+        self._elements = list(self._instance.elements)
+        self._nodes = list(self._instance.nodes)
+        self._row = {node.label: row for row, node in enumerate(self._nodes)}
+        self._frames = []
+        for step in odb.steps.values():
+            for frame in list(step.frames)[1 if self._frames else 0 :]:
+                self._frames.append((step, frame))
+        self._sets = []
+        for holder in (self._instance, odb.rootAssembly):
+            for kind, sets in (("node", holder.nodeSets), ("element", holder.elementSets)):
+                for name in sets.keys():
+                    items = self._members(sets[name], kind + "s")
+                    self._sets.append(Member(name=name, type=kind, items=items))
+        self.moveto(0)
+
+    def _members(self, one, what):
+        """Labels of the members that are of the chosen part: a set may have several."""
+        found = getattr(one, what) or ()
+        labels = []
+        for place, entry in enumerate(found):
+            if hasattr(entry, "label"):
+                labels.append(entry.label)
+            elif one.instanceNames[place] == self._name:
+                labels += [member.label for member in entry]
+        return labels
+
+    def increments(self):
+        """The positions there are."""
+        return len(self._frames) + 1
+
+    def moveto(self, position):
+        """Go to a position."""
+        self._frame, self.time, self.increment = None, 0.0, -1
+        if position:
+            step, self._frame = self._frames[position - 1]
+            self.time = step.totalTime + self._frame.frameValue
+            self.increment = self._frame.incrementNumber
+
+    def extrapolation(self, method):
+        """Abaqus has one way."""
+        if method != "linear":
+            raise ExportError("--extrapolate is of Marc: Abaqus extrapolates in one way")
+
+    def elements(self):
+        """How many elements there are."""
+        return len(self._elements)
+
+    def element(self, index):
+        """An element's nodes."""
+        return Member(items=list(self._elements[index].connectivity))
+
+    def element_id(self, index):
+        """An element's number."""
+        return self._elements[index].label
+
+    def node(self, row):
+        """A node's place."""
+        return Member(**dict(zip("xyz", self._nodes[row].coordinates)))
+
+    def node_sequence(self, number):
+        """The row of a node, -1 where it is absent."""
+        return self._row.get(number, -1)
+
+    def sets(self):
+        """How many sets there are."""
+        return len(self._sets)
+
+    def set(self, k):
+        """A set."""
+        return self._sets[k]
+
+    def _has_stress(self):
+        return int(self._frame is not None and "S" in self._frame.fieldOutputs.keys())
+
+    element_tensors = element_scalars = _has_stress
+
+    def element_tensor_label(self, k):
+        """The one tensor: S."""
+        return LABELS["tensor"]
+
+    def element_scalar_label(self, k):
+        """Its von Mises stress, at the nodes of each element."""
+        return LABELS["scalar"]
+
+    def _values(self, index):
+        region, field = self._elements[index], self._frame.fieldOutputs["S"]
+        return field, field.getSubset(region=region, position=self._element_nodal).values
+
+    def element_scalar(self, index, k):
+        """Von Mises stress at an element's nodes."""
+        return [Member(id=one.nodeLabel, value=one.mises) for one in self._values(index)[1]]
+
+    def element_tensor(self, index, k):
+        """Stress at an element's nodes; a plane element has no 13 and 23."""
+        field, values = self._values(index)
+        found = []
+        for one in values:
+            try:
+                data = one.data
+            except Exception:  # in double precision, Abaqus wants it by another name
+                data = one.dataDouble
+            held = {"t" + name[1:]: float(x) for name, x in zip(field.componentLabels, data)}
+            whole = {name: held.get(name, 0.0) for name in TENSOR}
+            found.append(Member(id=one.nodeLabel, **whole))
+        return found
+
+    def close(self):
+        """Close the file."""
+        self._odb.close()
+
+
 def main(words=None):
     """Run; give the exit code: 0 done, 1 our error. Misuse leaves with 2."""
     args = parsed(words)
     try:
-        post = opened(args.post_file, args.mentat)
+        abaqus = args.post_file.lower().endswith(".odb")
+        post = opened_odb(args) if abaqus else opened(args.post_file, args.mentat)
         try:
             show(post) if args.list else export(post, args)
         finally:
@@ -328,6 +469,23 @@ def opened(path, mentat):
     return post
 
 
+def opened_odb(args):
+    """Import odbAccess and open the .odb with it."""
+    if not os.path.isfile(args.post_file):
+        raise ExportError("no such file: %s" % args.post_file)
+    try:
+        from abaqusConstants import ELEMENT_NODAL
+        from odbAccess import openOdb
+    except ImportError as error:
+        version = "%d.%d" % sys.version_info[:2]
+        raise ExportError(NO_ABAQUS % (version, sys.executable, error))
+    try:
+        odb = openOdb(args.post_file, readOnly=True)
+    except Exception as error:  # OdbError, a lock, another release
+        raise ExportError("Abaqus cannot open %s: %s" % (args.post_file, error))
+    return OdbPost(odb, ELEMENT_NODAL, args.instance)
+
+
 def write(path, text):
     """Write the table beside its name, then rename: whole or not at all."""
     draft = "%s.%d.part" % (path, os.getpid())
@@ -370,7 +528,7 @@ def parsed(given):
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("post_file", metavar="POST", help="a .t16 or .t19 of Marc")
+    add("post_file", metavar="POST", help="a .t16 or .t19 of Marc, an .odb of Abaqus")
     add("-o", "--output", metavar="FILE", help="table (default: POST_traces.csv here)")
     add("--list", action="store_true", help="show what the file holds, write nothing")
     for word, kind, shown, words in (
@@ -402,6 +560,7 @@ def parsed(given):
         help="what py_post does from integration points to nodes (default: linear)",
     )
     add("--unit", choices=sorted(PA_PER_UNIT), default="MPa", help="of the stress")
+    add("--instance", metavar="NAME", help="of an .odb with several parts: whose nodes")
     add("--mentat", metavar="FOLDER", help="Mentat's folder, if py_post is not found")
     args = parser.parse_args(given)
     for name in ("nodes", "afferent", "set", "near"):

@@ -1,4 +1,4 @@
-"""The script for Mentat's Python, run as users do, with an imitation of py_post."""
+"""The script for the Python of Mentat or Abaqus, run as users do, with imitations of both."""
 
 import argparse
 import ast
@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fembridge.commands import marc_export_script
+from fembridge.commands import export_script
 from fembridge.tables import read_traces
 
 MOCK = Path(__file__).with_name("py_post_mock.py")
@@ -83,7 +83,7 @@ class Ran(NamedTuple):
 def script(tmp_path):
     """The script and py_post beside it."""
     path = tmp_path / "export.py"
-    path.write_text(marc_export_script.script_text(), encoding="utf-8")
+    path.write_text(export_script.script_text(), encoding="utf-8")
     shutil.copy(MOCK, tmp_path / "py_post.py")
     return path
 
@@ -300,20 +300,21 @@ def test_a_post_file_that_cannot_be_opened_is_named(export, tmp_path):
 
 
 def test_the_syntax_is_that_of_python_3_6_and_imports_the_standard_library_alone():
-    tree = ast.parse(marc_export_script.script_text(), feature_version=(3, 6))
+    tree = ast.parse(export_script.script_text(), feature_version=(3, 6))
     imported = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             imported |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             imported.add(node.module)
-    ours = {"__future__", "argparse", "math", "os", "sys", "py_post"}
+    ours = {"__future__", "argparse", "math", "os", "sys"}
+    ours |= {"py_post", "odbAccess", "abaqusConstants"}
     assert imported == ours
 
 
 def test_nothing_in_it_is_newer_than_python_2_7():
     """What `feature_version` lets through: f-strings, annotations, nonlocal, ..."""
-    script = marc_export_script.script_text()
+    script = export_script.script_text()
     newer = (
         ast.JoinedStr, ast.AnnAssign, ast.Nonlocal, ast.AsyncFunctionDef, ast.Await,
         ast.YieldFrom, ast.Starred, ast.NamedExpr, ast.MatMult,
@@ -334,18 +335,157 @@ def test_nothing_in_it_is_newer_than_python_2_7():
 
 def arguments(*words):
     parser = argparse.ArgumentParser()
-    marc_export_script.add_arguments(parser)
+    export_script.add_arguments(parser)
     parser.add_argument("--json", action="store_true")
     return parser.parse_args(words)
 
 
 def test_the_verb_prints_writes_or_hands_over_the_script(tmp_path, capsys):
-    script = marc_export_script.script_text()
-    assert marc_export_script.run(arguments())["output"] is None
+    script = export_script.script_text()
+    assert export_script.run(arguments())["output"] is None
     assert capsys.readouterr().out == script
     output = tmp_path / "tools" / "export.py"
-    assert marc_export_script.run(arguments("-o", str(output))) == {"output": str(output)}
+    assert export_script.run(arguments("-o", str(output))) == {"output": str(output)}
     assert output.read_text(encoding="utf-8") == script
     capsys.readouterr()
-    assert marc_export_script.run(arguments("--json"))["script"] == script
+    assert export_script.run(arguments("--json"))["script"] == script
     assert capsys.readouterr().out == ""
+
+
+ODB = """
+import json, math
+
+def sequence(found):
+    return [Item(**one) for one in found]
+
+class Item(object):
+    def __init__(self, **given):
+        self.__dict__.update(given)
+
+class Field(Item):
+    componentLabels = ("S11", "S22", "S33", "S12")
+
+    def getSubset(self, region, position):
+        assert position == "nodal of each element"
+        values = [Item(nodeLabel=node, elementLabel=region.label, data=data, mises=mises(data))
+                  for node, data in zip(region.connectivity, self.of[str(region.label)])]
+        return Item(values=values)
+
+def mises(s):
+    return math.sqrt(((s[0]-s[1])**2 + (s[1]-s[2])**2 + (s[2]-s[0])**2) / 2.0 + 3.0 * s[3]**2)
+
+def openOdb(path, readOnly):
+    with open(path) as file:
+        held = json.load(file)
+    if held.get("broken"):
+        raise RuntimeError("written by another release")
+    instances, nested = {}, {}
+    for name, one in held["instances"].items():
+        nodes = sequence(one["nodes"])
+        elements = sequence(one["elements"])
+        sets = {name: Item(nodes=None, elements=[e for e in elements if e.label in members])
+                for name, members in one["layers"].items()}
+        instances[name] = Item(nodes=nodes, elements=elements, nodeSets={}, elementSets=sets)
+        nested[name] = nodes
+    names = sorted(instances)
+    everywhere = Item(elements=None, instanceNames=names, nodes=[nested[name] for name in names])
+    steps = {}
+    for name, frames in sorted(held["steps"].items()):
+        frames = [
+            Item(
+                frameValue=f["t"],
+                incrementNumber=k,
+                fieldOutputs={"S": Field(of=f["S"])} if f["S"] else {},
+            )
+            for k, f in enumerate(frames)
+        ]
+        steps[name] = Item(totalTime=held["starts"][name], frames=frames)
+    assembly = Item(instances=instances, nodeSets={"ALL": everywhere}, elementSets={})
+    return Item(steps=steps, rootAssembly=assembly, close=lambda: None)
+"""
+
+
+def odb(parts=1, **changes):
+    """Two squares side by side, each a layer, in a step of rest and three frames, and another."""
+    nodes = [{"label": n, "coordinates": [x, y, 0.0]} for n, x, y in NODES[:6]]
+    elements = [{"label": e, "connectivity": corners[:4]} for e, _, corners in ELEMENTS]
+    part = {"nodes": nodes, "elements": elements, "layers": {"LEFT": [7], "RIGHT": [3]}}
+
+    def frame(in_step, t):
+        stress = {"7": [[t, 0.0, 0.0, 2 * t]] * 4, "3": [[3 * t, 0.0, 0.0, -2 * t]] * 4}
+        return {"t": in_step, "S": stress if t else {}}
+
+    steps = {"A": [frame(k * DT_S, k * DT_S) for k in range(4)]}
+    steps["B"] = [frame(k * DT_S, (3 + k) * DT_S) for k in range(3)]
+    return {
+        "instances": {f"PART-{k + 1}-1": part for k in range(parts)},
+        "steps": steps, "starts": {"A": 0.0, "B": 3 * DT_S}, **changes,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def abaqus(script, tmp_path):
+    """A function that runs the script on an .odb in a Python, 3 or 2.7, with the imitation."""
+    (tmp_path / "odbAccess.py").write_text(ODB)
+    (tmp_path / "abaqusConstants.py").write_text("ELEMENT_NODAL = 'nodal of each element'\n")
+
+    def run(*words, of=None, python=sys.executable, path=tmp_path):
+        (tmp_path / "job.odb").write_text(json.dumps(of or odb()))
+        return subprocess.run(
+            [python, "-s", str(script), "job.odb", *map(str, words)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(path)},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+
+    return run
+
+
+def python_2():
+    """A Python 2.7 that runs, if one is here."""
+    places = [shutil.which("python2.7"), *Path.home().glob(".pyenv/versions/2.7*/bin/python2.7")]
+    for place in filter(None, places):
+        asked = [str(place), "-c", "import argparse"]
+        if subprocess.run(asked, capture_output=True, check=False).returncode == 0:
+            return str(place)
+    return None
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_odb_gives_the_von_mises_stress_of_the_mean_over_elements(abaqus, tmp_path, version):
+    python = sys.executable if version == 3 else python_2()
+    if python is None:
+        pytest.skip("no Python 2.7 here")
+    ran = abaqus("--afferent", "SA=70", "RA=20", "--nodes", 30, "-o", "traces.csv", python=python)
+    assert ran.returncode == 0, ran.stderr
+    found = {one.node: one for one in read_traces(tmp_path / "traces.csv")}
+    assert [one.afferent for one in found.values()] == ["SA", "RA", None]
+    assert (found[70].start_ms, found[70].dt_ms) == (0.5, 0.5)  # the first frame has no stress
+    times = np.arange(1, 6) * DT_S  # the first frame of a later step is the last one's
+    assert_allclose(found[70].stress_pa, 1e6 * math.sqrt(1 + 3 * 4) * times, rtol=1e-8)
+    assert_allclose(found[30].stress_pa, 1e6 * math.sqrt(9 + 3 * 4) * times, rtol=1e-8)
+    assert_allclose(found[20].stress_pa, 1e6 * 2 * times, rtol=1e-8)
+    assert "node 20: its elements are in different sets, LEFT | RIGHT" in ran.stderr
+    left = abaqus("--nodes", 20, "--within", "LEFT", "-o", "left.csv", python=python)
+    assert left.returncode == 0
+    (trace,) = read_traces(tmp_path / "left.csv")
+    assert_allclose(trace.stress_pa, found[70].stress_pa, rtol=1e-8)
+
+
+def test_of_several_parts_one_is_named_and_what_is_not_there_too(abaqus, tmp_path):
+    ran = abaqus("--nodes", 70, of=odb(parts=2))
+    assert ran.returncode == 1
+    assert "which part? --instance one of PART-1-1, PART-2-1" in ran.stderr
+    words = ("--instance", "PART-2-1", "--near", "0.1,0.1", "--set", "ALL")
+    ran = abaqus(*words, "-o", "t.csv", of=odb(parts=2))
+    assert ran.returncode == 0, ran.stderr
+    assert len(read_traces(tmp_path / "t.csv")) == 6
+    listed = abaqus("--list")
+    assert "positions with results: 6" in listed.stdout
+    assert "element set LEFT: 1" in listed.stdout
+    assert "no node 5 in the model" in abaqus("--nodes", 5).stderr
+    assert "another release" in abaqus("--nodes", 70, of=odb(broken=True)).stderr
+    (tmp_path / "odbAccess.py").unlink()
+    alone = abaqus("--nodes", 70)
+    assert alone.returncode == 1
+    assert "abaqus python export.py" in alone.stderr
