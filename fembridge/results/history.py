@@ -42,7 +42,7 @@ QUANTITIES = (*OF_STRESS, *NAMES)
 IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
-_UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s"}
+_UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s", "mm/s2": "mm_per_s2"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import Field, Frame, Key, arrays_of, derived_of, history_of
 from fembridge.results.history import (
     FREQUENCY,
+    NAMES,
     OF_STRESS,
     STRESS,
     TIME,
@@ -548,8 +549,11 @@ class MarcSource:
         held = list(
             dict.fromkeys(name for one in self._post.increments for name in self._quantities(one))
         )
-        if quantity is None and not any(one.has_element_values for one in self._post.increments):
-            stress = False
+        if quantity is None and options.von_mises is None:
+            try:
+                stress_tensor(self._post.codes, self.path)
+            except ResultError:
+                stress = False
         if stress and nodes is not None and not modes:
             if options.von_mises == "scalar" and quantity in (None, VON_MISES):
                 times_ms, scalar = _scalar_history(self._post, nodes, options)
@@ -558,7 +562,9 @@ class MarcSource:
                 times_ms, values, _ = _tensor_history(self._post, nodes, options)
             wanted = tuple(int(node) for node in nodes)
             return History.of_stress(wanted, _unrounded_ms(times_ms, self._post), values)
-        name = held[0] if quantity is None else name_in(held, quantity, self.path)
+        name = next((one for one in NAMES["displacement"] if one in held), (*held, "")[0])
+        if quantity is not None or not held:
+            name = name_in(held, quantity or STRESS, self.path)
         if stress:
             name = stress_tensor(self._post.codes, self.path).name
         increments = [one for one in self._post.increments if name in self._quantities(one)]
@@ -574,7 +580,8 @@ class MarcSource:
         if not mesh.node_ids.size:
             raise ResultError("no nodes in it, so no coordinates", self.path)
         keep = ~points.pressure_nodes()
-        yield mesh.node_ids[keep], mesh.coordinates_mm[keep], points.bearing[keep]
+        at_mm = mesh.coordinates_mm[keep] * self._options.length_mm
+        yield mesh.node_ids[keep], at_mm, points.bearing[keep]
 
     def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
         """Check the request now; yield the increments when they are asked for.
@@ -599,6 +606,7 @@ class MarcSource:
                 continue
             if scene is None:
                 scene = points.scene()
+                scene = replace(scene, points_mm=scene.points_mm * self._options.length_mm)
                 self._note_mesh()
             values, tensors = {}, {}
             for name, quantity in found.items():
@@ -634,9 +642,11 @@ class MarcSource:
             every = np.arange(self._post.mesh.element_ids.size)
             stored = self._post.element_values(one.row, every)[:, :, quantity.columns]
             values = self._points.averaged(stored, self._options.method)
-        if quantity.unit != PA or not np.isfinite(values).all():
+        if not np.isfinite(values).all():
             return values
-        return in_pa(values, self._options, self.path)
+        if quantity.unit == PA:
+            return in_pa(values, self._options, self.path)
+        return values * self._options.scale(quantity.unit)
 
     def _check_finite(
         self, quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray

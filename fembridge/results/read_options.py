@@ -88,7 +88,13 @@ class ReadOptions:
         """
         stress_pa, length_mm = PA_PER_UNIT[self.stress_unit], self.length_mm
         force_n = 1.0 if length_mm == 1.0 else stress_pa * (length_mm / 1000.0) ** 2
-        scales = {"Pa": stress_pa, "mm": length_mm, "mm/s": length_mm, "N": force_n}
+        scales = {
+            "Pa": stress_pa,
+            "mm": length_mm,
+            "mm/s": length_mm,
+            "mm/s2": length_mm,
+            "N": force_n,
+        }
         return scales.get(unit, 1.0)
 
     def kept(self, times_ms: FloatArray) -> slice:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import post_writer as writer
@@ -11,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fembridge import read
+from fembridge import read, read_history
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import read_field
 from fembridge.results.marc import read as read_marc
@@ -445,6 +446,26 @@ def test_uneven_times_are_refused(write, increments):
         read(write((*increments[:3], late)), [1])
     times_ms, _ = read_stress_tensor(write((*increments[:3], late)), [1])
     assert_allclose(times_ms, [0, 1, 2, 3.5], rtol=1e-6)
+    path = write((*increments[:3], late))
+    table = read_history(path, [1], log=None)
+    assert_allclose(table["time_ms"], [0, 1, 2, 3.5], rtol=1e-6)
+    (even,) = read(path, [1], resample_ms=0.5)
+    assert_allclose(even.times_ms, np.arange(8) / 2, rtol=1e-6)
+    assert_allclose(even.stress_pa[[0, 2, 4, 7]], table["von_mises_pa"], rtol=1e-6)
+
+
+def test_a_post_file_gives_any_quantity_at_nodes_and_without_stress_displacement():
+    path = Path(__file__).parents[4] / "fixtures" / "marc_samples" / "nour_plastic.t16"
+    found = read_history(path, [5, 18])
+    assert list(found)[-2:] == ["dx_mm", "dy_mm"]
+    last = read_field(path, "Displacement").at([18])[0]
+    assert_allclose(found.iloc[-1, -2:].astype(float), last)
+    metres = read_history(path, [18], quantity="displacement", length_unit="m")
+    assert_allclose(metres.iloc[-1, -2:].astype(float), 1000 * last)
+    every = read_history(path, "all", quantity="reaction-force")
+    assert every["node"].nunique() == 85
+    with pytest.raises(ResultError, match="no stress tensor"):
+        read_history(path, [5], quantity="von-mises")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
