@@ -12,6 +12,7 @@ Depth counts from where the steps before have put the probe.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 
@@ -173,8 +174,8 @@ def _by_amplitude(
     for block in users:
         if block.keyword not in ("BOUNDARY", "STEP"):
             raise block.error(
-                f"{block.title} uses amplitude {name} too, and would follow the "
-                "waveform; give it an amplitude of its own"
+                f"{block.title} uses amplitude {name} too, and would follow the waveform; "
+                "--move NSET,DOF gives the probe an amplitude of its own"
             )
         if block.keyword == "BOUNDARY" and not any(block in one.blocks for one in steps):
             raise block.error(
@@ -240,8 +241,10 @@ def _by_move(
     name = push.block.word("AMPLITUDE")
     alone = [block for block in deck.blocks if name and block.word("AMPLITUDE") == name]
     others = [one for one in _magnitudes(push.block) if one.row.start != push.row.start]
-    curve = _definition(deck, name) if alone == [push.block] and not others else None
-    return chosen, (push,), curve
+    with suppress(DeckError):  # one that cannot hold a waveform: it gets its own
+        if alone == [push.block] and not others:
+            return chosen, (push,), _definition(deck, name)
+    return chosen, (push,), None
 
 
 def _steps_of(deck: Deck) -> list[Step]:
@@ -305,7 +308,10 @@ def _definition(deck: Deck, name: str) -> Block:
         if words is not None and option.word not in words:
             expected = f"expected {' or '.join(words)}" if words else "take it out"
             said = option.name if option.value is None else f"{option.name}={option.value}"
-            raise curve.error(f"*AMPLITUDE with {said} may be no waveform; {expected}")
+            raise curve.error(
+                f"*AMPLITUDE with {said} may be no waveform; {expected}, or --move NSET,DOF gives "
+                "the probe one of its own"
+            )
     return curve
 
 
@@ -355,7 +361,8 @@ def _pushes(name: str, blocks: list[Block]) -> tuple[Push, ...]:
         if abs(push.magnitude) != abs(found[0].magnitude):
             raise DeckError(
                 f"{push.where}: magnitude {push.magnitude:g}, but {found[0].magnitude:g} at "
-                f"{found[0].where}: one amplitude cannot give both the waveform's depth"
+                f"{found[0].where}: one amplitude cannot give both the waveform's depth; --move "
+                f"{push.name} gives it one of its own"
             )
     if not found:
         raise blocks[0].error(f"the magnitudes with {name} are 0: nothing would move")

@@ -269,6 +269,25 @@ def test_a_word_that_is_no_set_and_degree_of_freedom_is_misuse(move):
         Request(move=move)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("NAME=A\n", "NAME=A, SHIFTX=0.1\n"),
+        ("*END STEP", "*CLOAD, AMPLITUDE=A\n9, 1, 5.\n*END STEP"),
+        ("PROBE, 2, 2, -0.05", "PROBE, 2, 2, -0.05\nWALL, 1, 1, 0.3"),
+    ],
+)
+def test_an_amplitude_that_cannot_be_the_waveform_s_is_left_to_the_others(change):
+    deck = deck_of(magnitude="-0.05").replace(*change)
+    with pytest.raises(DeckError, match=r"--move (NSET,DOF|WALL,1) gives"):
+        rebase(deck)
+    rebased = rebase(deck, move="PROBE,2")
+    text = rebased.deck.decode()
+    assert text.startswith(deck[: deck.index("*STEP")])
+    assert "*BOUNDARY, AMPLITUDE=FEMBRIDGE_WAVEFORM\nPROBE, 2, 2, -0.05\n" in text
+    assert rebase(text, move="PROBE,2").deck == rebased.deck
+
+
 def test_steps_after_the_waveform_are_left_out():
     """A run that went on past the waveform was solved and then refused."""
     later = "*STEP\n*STATIC\n*BOUNDARY\nPROBE, 2, 2, 0.\n*END STEP\n"
