@@ -229,6 +229,12 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
             "--one-sided is for the --node of a .frd, .t16 or .t19",
         ),
         (sides and args.von_mises, "--one-sided and --von-mises do not go together"),
+        (sides and ALL in (args.node or ()), "--one-sided takes numbers of nodes"),
+        (
+            (whole or sides or (printed and word != "--point"))
+            and (args.resample_ms is not None or args.modes),
+            "--resample-ms and --modes are for a table at nodes or points",
+        ),
         (whole and args.von_mises, f"{word} and --von-mises do not go together"),
     )
     for wrong, words in misuse:
@@ -277,19 +283,18 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         else:
             found = result.history(nodes, quantity=quantity, every=every, modes=args.modes, **where)
     table = found.columns()
-    kind = "traces" if found.quantity == VON_MISES else found.quantity.lower().replace(" ", "_")
-    kind = f"modes_{kind}" if not found.over_time else kind
+    plain = found.over_time and found.quantity == VON_MISES
+    kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
+    kind = kind if found.over_time else f"modes_{kind}"
     output: Path = args.output or Path(f"{result.path.stem}_{kind}.csv")
     if traces is not None:
         write_traces(output, traces)
     else:
-        rows_of = zip(*(column.tolist() for column in table.values()), strict=True)
-        write_table(output, list(table), rows_of)
+        write_table(output, list(table), found.rows())
         remove_file(origin_file(output))  # of an earlier table
     places = list(
         zip(found.afferents or [None] * len(found.nodes), found.nodes, found.peaks(), strict=True)
     )
-    plain = kind == "traces"
     summary = {
         "output": str(output),
         "quantity": found.quantity,

@@ -186,6 +186,10 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),
         ([DAT, "--one-sided", "EALL"], "--one-sided is for the --node"),
         ([ASCII, "--node", "11", "--derived", "principal"], "--derived is for --vtu"),
+        ([ASCII, "--field", "DISP", "--resample-ms", "1"], "--resample-ms and --modes are for"),
+        ([DAT, "--resample-ms", "1"], "--resample-ms and --modes are for"),
+        ([ASCII, "--node", "all", "--one-sided", "EALL"], "--one-sided takes numbers of nodes"),
+        ([ASCII, "--node", "five"], "argument --node: invalid node value: 'five'"),
         ([DAT, "--point", "7"], "argument --point: invalid point value: '7'"),
     ],
 )
