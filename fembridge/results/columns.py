@@ -208,14 +208,19 @@ class ColumnSource:
 
         header, text, separator = self._header()
         places = {key: header.index(name) for key, name in names.items()}
+        first = next((line for line in text.splitlines() if line.strip()), "")
+        blank = separator == " "
+        cells = first.split() if blank else next(csv.reader([first], delimiter=separator), [])
+        if cells and len(cells) != len(header):
+            words = f"no table: {len(cells)} cells under a header of {len(header)}: {first[:60]!r}"
+            raise ResultError(words, self.path)
         try:
             table = pandas.read_csv(
                 io.StringIO(text),
-                sep=r"\s+" if separator == " " else separator,
+                sep=r"\s+" if blank else separator,
                 decimal="," if separator == ";" and not re.search(r"\d\.\d", text[:4096]) else ".",
                 header=None,
                 names=range(len(header)),
-                usecols=sorted(places.values()),
                 skipinitialspace=True,
                 index_col=False,
             )

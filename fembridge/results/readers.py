@@ -79,6 +79,8 @@ class Reader:
                 f"{path}: {self.name} holds values at nodes; how they are extrapolated "
                 "there is asked of a Marc post file"
             )
+        if options.columns and self.target != _COLUMNS:
+            raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
         module, _, name = target.partition(":")
         return getattr(import_module(module), name)
 
@@ -202,7 +204,7 @@ def _foreign(path: Path, start: bytes) -> str:
                 f"begins like {reader.name} and is named {path.suffix or 'nothing'}: "
                 f"rename it to {reader.suffix}"
             )
-    firsts = {one.suffix: one.first_bytes for one in marked}
+    firsts = {one.suffix: one.first_bytes for one in marked if one.target != _COLUMNS}
     wanted = "; ".join(
         f"{suffix} begins with {(first if isinstance(first, bytes) else first[0])!r}"
         for suffix, first in firsts.items()

@@ -131,6 +131,8 @@ def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypa
          "node 2 has few"),
         ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n3,1,2\n", {"time": "t", "value": "S", "node": "n"},
          "node 2 has other times than 1"),
+        ("t,S\n0,1\n1,2,3\n", {"time": "t", "value": "S"}, "no table: .*2 fields in line 2, saw 3"),
+        ("t,S\n0,1,2\n1,2,3\n", {"time": "t", "value": "S"}, "3 cells under a header of 2"),
         ("t,S\n", {"time": "t", "value": "S"}, "nodes have 0 rows"),
     ],
 )  # fmt: skip
