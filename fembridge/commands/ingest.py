@@ -369,6 +369,8 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
     command = f"fembridge ingest {shlex.quote(str(args.result))}"
     for option, given in (("stress", args.stress_unit), ("length", args.length_unit)):
         command += f" --{option}-unit {given}" if given else ""
+    if not result.reader.source:
+        return ["curves of nodes that it does not name: one number for each, --node N"]
     problem = ""
     for partial in dict.fromkeys((result.options.partial, True)):
         options = replace(result.options, partial=partial, log=None)

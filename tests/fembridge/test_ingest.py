@@ -4,13 +4,14 @@ import csv
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import AfferentNode, RunFolder
+from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "frd_samples"
 ASCII = str(SAMPLES / "cpe4_ascii.frd")
@@ -346,6 +347,26 @@ def test_another_quantity_has_its_units_in_the_names_of_its_columns(here, capsys
     assert main([*words, "nonsense"]) == 1
     assert "it holds DISP, STRESS" in capsys.readouterr().err
     assert main([*words, "stress", "strain"]) == 2
+
+
+def test_curves_without_nodes_ask_for_a_number(here, capsys):
+    (here / "plot.txt").write_text(
+        "Time\tEquivalent Von Mises Stress\n0\t0\n0.0005\t0.0125\n0.0015\t0.5\n"
+    )
+    assert main(["ingest", "plot.txt"]) == 0
+    assert "--node N" in capsys.readouterr().out
+    assert main(["ingest", "plot.txt", "--node", "7"]) == 0
+    assert [row["time_ms"] for row in rows_of(here / "plot_traces.csv")] == ["0.0", "0.5", "1.5"]
+
+
+def test_a_run_folder_of_a_model_in_metres_moves_in_mm(here, run_folder):
+    moved = {}
+    for unit, length in (("MPa", "mm"), ("Pa", "m")):
+        run = read_run_folder(run_folder)
+        replace(run, stress_unit=unit, length_unit=length).write()
+        assert main(["ingest", str(run_folder), "--quantity", "displacement"]) == 0
+        moved[unit] = float(rows_of(here / "job_displacement.csv")[-1]["d2_mm"])
+    assert moved["Pa"] == pytest.approx(1000 * moved["MPa"])
 
 
 def test_all_nodes_are_a_table_and_a_dozen_lines(here, capsys):
