@@ -254,3 +254,30 @@ def test_an_npy_needs_its_step_and_names_are_told_apart(tap, capsys):
         stimuli_of("absent/tap")
     assert main(["simulate", "--stimulus", "tap.csv", "--stored", "--window-ms", "0:200"]) == 2
     assert "window 0 to 200 ms is not inside 0 to 100 ms" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".wav", ".npz"])
+def test_a_damaged_binary_is_refused_whatever_its_parser_makes_of_it(tmp_path, suffix):
+    """Every byte of the header in turn; what is read all the same has the length it had."""
+    from fembridge.encoding import read_stress
+
+    made_of = made("sine_20_250")
+    if suffix == ".npz":
+        fb.simulate("sine_20_250", stored=True).write(tmp_path)
+        whole = (tmp_path / "traces.npz").read_bytes()
+    else:
+        write_stimulus(made_of, tmp_path / f"a{suffix}", suffix[1:])
+        whole = (tmp_path / f"a{suffix}").read_bytes()
+    path = tmp_path / f"b{suffix}"
+    for place in range(0, 128, 3):
+        for byte in (0x00, 0x28, 0xFF):
+            path.write_bytes(whole[:place] + bytes([byte]) + whole[place + 1 :])
+            try:
+                if suffix == ".npz":
+                    size = read_stress(path, print)[0][0].stress_pa.size
+                else:
+                    size = read_stimulus(path, dt_ms=0.5).displacement_um.size
+                assert size == 501 or 1 < place < 128
+            except FembridgeError as error:
+                assert len(str(error).replace(str(tmp_path), "")) < 300
+                assert "\n" not in str(error)
