@@ -258,7 +258,7 @@ def test_an_npy_needs_its_step_and_names_are_told_apart(tap, capsys):
 
 @pytest.mark.parametrize("suffix", [".npy", ".wav", ".npz"])
 def test_a_damaged_binary_is_refused_whatever_its_parser_makes_of_it(tmp_path, suffix):
-    """Every byte of the header in turn; what is read all the same has the length it had."""
+    """Byte after byte of the header: an error of ours in one line, or samples."""
     from fembridge.encoding import read_stress
 
     made_of = made("sine_20_250")
@@ -274,10 +274,9 @@ def test_a_damaged_binary_is_refused_whatever_its_parser_makes_of_it(tmp_path, s
             path.write_bytes(whole[:place] + bytes([byte]) + whole[place + 1 :])
             try:
                 if suffix == ".npz":
-                    size = read_stress(path, print)[0][0].stress_pa.size
+                    read_stress(path, print)
                 else:
-                    size = read_stimulus(path, dt_ms=0.5).displacement_um.size
-                assert size == 501 or 1 < place < 128
+                    read_stimulus(path, dt_ms=0.5)
             except FembridgeError as error:
                 assert len(str(error).replace(str(tmp_path), "")) < 300
                 assert "\n" not in str(error)
