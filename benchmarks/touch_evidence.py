@@ -5,6 +5,8 @@
 1974, Fig. 7), bars and gaps pressed by 1 mm, and dots scanned at 40 mm/s.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 import fembridge as fb
@@ -58,13 +60,12 @@ def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=0.0):
     times_ms = np.arange(501) * DT_MS
     sine = np.sin(2 * np.pi * 40 * times_ms / 1000)
     units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
+    branched = replace(units, endings_mm=endings_mm)
     amplitudes = np.geomspace(15, 900, 28)
     counts = []
     for amplitude in amplitudes:
         way = Way("sine", DT_MS, (50.0, 250.0), preindent_um + amplitude * sine)
-        touched = touch_skin(
-            PAD, Shape.punch(probe_mm), way, units, PARAMETERS, endings_mm=endings_mm
-        )
+        touched = touch_skin(PAD, Shape.punch(probe_mm), way, branched, PARAMETERS)
         counts.append(touched.rate_ips / 40)
     reached = np.array(counts) >= 0.99
     needed = np.where(reached.any(axis=0), amplitudes[reached.argmax(axis=0)], np.inf)
@@ -73,14 +74,16 @@ def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=0.0):
         print(f"  {mm:.2f} mm: {ours:.0f} um, observed {um}")
 
 
-def bars():
-    print("SA under bars pressed by 1 mm, impulses/s every 0.5 mm from the middle of the bar")
+def bars(sa_compression=False):
+    print(f"SA, {'compression' if sa_compression else 'von Mises stress'}")
+    print("bars pressed by 1 mm, impulses/s every 0.5 mm from the middle of the bar")
     units = Population.line(step_mm=0.5, half_length_mm=5.0, afferents=("SA",))
+    units = replace(units, sa_compression=sa_compression)
     for width in (0.5, 1.0, 2.0, 3.0, 5.0):
         held = touch_skin(PAD, Shape.bar(width, 14.0), Way.hold(press_um=1000), units, PARAMETERS)
         rates = held.rate_ips[units.z_mm >= 0]
         print(f"  {width:g} mm wide:", " ".join(f"{rate:.0f}" for rate in rates))
-    print("SA under ridges of 4 mm with gaps between, every 0.5 mm from the middle of a gap")
+    print("ridges of 4 mm with gaps between, every 0.5 mm from the middle of a gap")
     for gap in (0.5, 1.0, 2.0, 3.0, 5.0):
         shape = Shape.grating(gap, 4.0, relief_mm=2.0)
         held = touch_skin(PAD, shape, Way.hold(press_um=1000), units, PARAMETERS)
@@ -108,4 +111,5 @@ if __name__ == "__main__":
     distance(endings_mm=1.0)
     distance(probe_mm=1.0, preindent_um=75.0)
     bars()
+    bars(sa_compression=True)
     dots()

@@ -116,6 +116,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "SA and RA units have endings so far around their place, and feel by the one with "
         "the largest stress (default: 0, a point)",
     },
+    "sa_compression": {
+        "action": "store_true",
+        "help": "SA units read compression along the skin's normal in place of von Mises stress",
+    },
     "export": {
         "action": "append",
         "default": [],

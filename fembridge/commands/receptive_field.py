@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--frequency-hz", type=float, metavar="HZ", help="the probe vibrates in place of the press"
     )
     parser.add_argument("--step-mm", type=float, default=0.25, metavar="MM", help="default: 0.25")
-    add_options(parser, ("endings_mm",))
+    add_options(parser, ("endings_mm", "sa_compression"))
     parser.add_argument(
         "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
     )
@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 "frequency_hz",
                 "step_mm",
                 "endings_mm",
+                "sa_compression",
                 "parameters",
             ),
         )

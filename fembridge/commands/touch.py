@@ -22,6 +22,10 @@ from fembridge.commands.options import add_options, add_output_option, words_of
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
 
 _SHAPE = ("at_mm", "angle_deg", "pixel_mm", "relief_mm", "friction")
+_WHO = (
+    "population", "endings_mm", "sa_compression", "pad", "parameters", "repeats", "noise_mv",
+    "seed",
+)  # fmt: skip
 _WAY = (
     "stimulus", "press_um", "press_n", "ramp_ms", "hold_ms", "slide_mm_per_s",
     "direction_deg", "duration_ms", "path", "pins", "preindent_um",
@@ -86,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="fingertip, grid, line, one_each (as fingertip:seed=3) or a table unit,afferent,"
         "x_mm,z_mm,depth_mm (default: fingertip)",
     )
-    add_options(who, ("endings_mm",))
+    add_options(who, ("endings_mm", "sa_compression"))
     who.add_argument(
         "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
     )
@@ -123,9 +127,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
     result = touch(
         **words_of(args, "shape", *_SHAPE, *_WAY),
-        **words_of(
-            args, "population", "endings_mm", "pad", "parameters", "repeats", "noise_mv", "seed"
-        ),
+        **words_of(args, *_WHO),
         log=lambda line: print(line, file=sys.stderr),
     )
     if note := result.origin.get("note"):

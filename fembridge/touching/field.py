@@ -6,7 +6,7 @@ place over one afferent.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,14 @@ from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
 from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import influence_pa, von_mises_pa
-from fembridge.touching.touch import PAD, PARAMETERS, between, first_touch_mm, parameters_of
+from fembridge.touching.touch import (
+    PAD,
+    PARAMETERS,
+    between,
+    first_touch_mm,
+    parameters_of,
+    units_stress_pa,
+)
 from fembridge.touching.way import MOST_UM, Way
 from fembridge.typing import FloatArray, IntArray
 from neural.parameter_sets import ParameterSet
@@ -102,6 +108,7 @@ def receptive_field(
     frequency_hz: float | None = None,
     step_mm: float = 0.25,
     endings_mm: float = 0.0,
+    sa_compression: bool = False,
     pad: str | Pad = PAD,
     parameters: str | ParameterSet = PARAMETERS,
 ) -> ReceptiveField:
@@ -115,8 +122,8 @@ def receptive_field(
         Further depths, as multiples of the least that fires it at its hot spot.
     criterion
         Share of the impulses at the hot spot that counts as an answer, one at least.
-    endings_mm
-        How far around its place an SA or RA unit has endings, as in `fembridge.touch`.
+    endings_mm, sa_compression
+        What SA and RA units feel by, as in `fembridge.touch`.
 
     Returns
     -------
@@ -151,8 +158,11 @@ def receptive_field(
     half_mm = skin.reach_mm - 0.5 * probe_diameter_mm
     across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
     along = np.arange(0, int(_HALF_LENGTH_MM / step_mm) + 1.0) * step_mm
-    site = skin.finger.afferents[afferent]
-    unit = Population.one_each(afferents=(afferent,), finger=skin.finger)
+    unit = replace(
+        Population.one_each(afferents=(afferent,), finger=skin.finger),
+        endings_mm=endings_mm,
+        sa_compression=sa_compression,
+    )
     wave = _wave(frequency_hz)
     deepest = MOST_UM if times_threshold else max(depths, default=0.0)
     probe = Shape.punch(probe_diameter_mm)
@@ -166,13 +176,18 @@ def receptive_field(
         nodes, gap_mm = nodes.subset(near), gap_mm[near]
         contact = Contact.of(nodes)
         forces = np.stack([contact.press(level * 1e-3 - gap_mm) for level in level_um])
-        found = np.zeros((len(level_um), z_mm.size))
-        for across_mm, along_mm, _ in unit.endings(endings_mm):
-            layers, depth_mm = [site.layer] * z_mm.size, np.full(z_mm.size, site.depth_mm)
-            places = np.full(z_mm.size, across_mm), z_mm + along_mm, depth_mm
-            here_pa = von_mises_pa(influence_pa(skin, nodes, layers, *places), forces)
-            found = np.maximum(found, here_pa)
-        return found
+        count = z_mm.size
+        units = replace(
+            unit,
+            unit=unit.unit * count,
+            afferent=unit.afferent * count,
+            layer=unit.layer * count,
+            x_mm=np.zeros(count),
+            z_mm=z_mm,
+            depth_mm=np.repeat(unit.depth_mm, count),
+            deviate=np.zeros(count),
+        )
+        return units_stress_pa(skin, nodes, forces, units)
 
     def impulses(stress: FloatArray, depth: float) -> IntArray:
         """Impulses ``(place,)`` of stress ``(level, place)`` at one depth."""

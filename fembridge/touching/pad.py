@@ -125,6 +125,11 @@ class Pad:
         found: FloatArray = np.sign(x_mm) * np.interp(np.abs(x_mm), x, arc)
         return found
 
+    def normal_at(self, x_mm: FloatArray) -> FloatArray:
+        """Normal of the skin in the section ``(place, 2)`` at `x_mm`."""
+        slope = np.interp(x_mm, self.x_mm, np.gradient(self.y_mm, self.x_mm))
+        return np.stack([-slope, np.ones_like(slope)], -1) / np.hypot(slope, 1.0)[:, None]
+
 
 def cubic_weights(grid: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
     """Four places of a rising `grid` around each of `at` ``(A,)``, and Lagrange's weights.

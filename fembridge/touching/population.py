@@ -42,7 +42,9 @@ class Population:
     """Units: `unit` names ``(U,)``, classes, layers, places and depths in mm, deviates.
 
     A unit of `deviate` q needs ``exp(spread q)`` times the stress of the median unit of
-    its class, where spread is that of the neural parameters.
+    its class, where spread is that of the neural parameters. Of several `endings` the one
+    with the largest stress drives a unit. With `sa_compression` SA units read compression
+    along the skin's normal, a little less deep, in place of von Mises stress.
     """
 
     unit: tuple[str, ...]
@@ -52,8 +54,14 @@ class Population:
     z_mm: FloatArray
     depth_mm: FloatArray
     deviate: FloatArray
+    endings_mm: float = 0.0
+    sa_compression: bool = False
 
     def __post_init__(self) -> None:
+        if not 0 <= self.endings_mm <= _MOST_ENDINGS_MM:
+            raise UsageError(
+                f"endings within {self.endings_mm:g} mm, expected 0 to {_MOST_ENDINGS_MM:g}"
+            )
         if not self.unit:
             raise UsageError("a population without units")
         if len(self.unit) > _MOST_UNITS:
@@ -62,13 +70,12 @@ class Population:
     def __len__(self) -> int:
         return len(self.unit)
 
-    def endings(self, radius_mm: float) -> Iterator[tuple[float, float, IntArray]]:
+    def endings(self) -> Iterator[tuple[float, float, IntArray]]:
         """Places in mm from a unit's own, and which units have an ending there.
 
         All have one in the middle; `BRANCHED` have six more on a circle.
         """
-        if not 0 <= radius_mm <= _MOST_ENDINGS_MM:
-            raise UsageError(f"endings within {radius_mm:g} mm, expected 0 to {_MOST_ENDINGS_MM:g}")
+        radius_mm = self.endings_mm
         yield 0.0, 0.0, np.arange(len(self))
         branched = np.flatnonzero(np.isin(self.afferent, BRANCHED))
         if radius_mm and branched.size:

@@ -92,6 +92,16 @@ def von_mises_pa(
     return found
 
 
+def compression_pa(
+    influence: SingleArray | FloatArray, forces_n: SingleArray | FloatArray, normal: FloatArray
+) -> FloatArray:
+    """Compression ``(T, unit)`` in Pa along `normal` ``(unit, 2)`` in the section, >= 0."""
+    x, y = normal.T[:, :, None].astype(np.float32)
+    along = x * x * influence[0] + y * y * influence[1] + 2 * x * y * influence[3]
+    pressed = -(np.asarray(forces_n, dtype=np.float32) @ along.T)
+    return np.asarray(np.maximum(pressed, 0.0), dtype=np.float64)
+
+
 def _in_section(
     pad: Pad, direction: int, columns: IntArray, place: IntArray, weight: SingleArray
 ) -> SingleArray:

@@ -10,8 +10,8 @@ the shape moves by that. Without it each node that comes into contact would be a
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from fembridge.touching.contact import Contact, SkinNodes, gaps_mm, skin_height_
 from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import Population, population_named
 from fembridge.touching.shape import Shape, shape_named
-from fembridge.touching.stress import influence_pa, von_mises_pa
+from fembridge.touching.stress import compression_pa, influence_pa, von_mises_pa
 from fembridge.touching.way import MOST_UM, Pins, Way, way_of
 from fembridge.typing import FloatArray, IntArray, SingleArray, Table
 from neural.parameter_sets import ParameterSet, parameter_set_or_file
@@ -42,6 +42,11 @@ SPIKES_FILE, RATES_FILE = "spikes.csv", "rates.csv"
 FRICTION = 0.4
 # Depths at which contact is solved for a shape that goes in and out.
 LEVELS = 25
+# Compression that SA reads is that so much nearer the skin than its site, 0.52 mm deep in
+# the reference finger: there the profiles of bars and gaps are those of SA (docs/touch.md).
+SHALLOWER_MM = 0.0675
+# Depth of the pin by which it is scaled.
+_PIN_MM = 0.2
 # A shape that slides is solved at least so often while it moves by one node.
 _STEPS_A_NODE = 8
 _MOST_EVERY = 20
@@ -165,6 +170,7 @@ def touch(
     friction: float = FRICTION,
     population: str | Population = "fingertip",
     endings_mm: float = 0.0,
+    sa_compression: bool = False,
     pad: str | Pad = PAD,
     parameters: str | ParameterSet = PARAMETERS,
     preindent_um: float | None = None,
@@ -196,6 +202,8 @@ def touch(
     endings_mm
         An SA or RA unit has endings so far around its place and feels by the one with the
         largest stress; 0: it is a point, as in the fit.
+    sa_compression
+        SA units read compression along the skin's normal in place of von Mises stress.
     pad
         ``reference``, a file that ``fembridge pad`` made, or a `Pad`.
     preindent_um
@@ -229,9 +237,9 @@ def touch(
     units = population
     if not isinstance(units, Population):
         units = population_named(units, skin.finger)
+    units = replace(units, endings_mm=endings_mm, sa_compression=sa_compression)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     common: dict[str, Any] = {
-        "endings_mm": endings_mm,
         "trials": repeats,
         "noise_mv": noise_mv,
         "seed": seed,
@@ -266,7 +274,6 @@ def touch_skin(
     parameters: Parameters,
     *,
     friction: float = FRICTION,
-    endings_mm: float = 0.0,
     trials: int = 1,
     noise_mv: float = 0.0,
     seed: int = 0,
@@ -283,8 +290,7 @@ def touch_skin(
         Parameters of another time step or another quantity.
     """
     solved = _slid(pad, shape, way, friction) if way.slides else _pressed_to(pad, shape, way)
-    end = solved, endings_mm, trials, noise_mv, seed, origin
-    return _fire(pad, shape, way, population, parameters, *end)
+    return _fire(pad, shape, way, population, parameters, solved, trials, noise_mv, seed, origin)
 
 
 def touch_pins(
@@ -293,7 +299,6 @@ def touch_pins(
     population: Population,
     parameters: Parameters,
     *,
-    endings_mm: float = 0.0,
     trials: int = 1,
     noise_mv: float = 0.0,
     seed: int = 0,
@@ -320,8 +325,7 @@ def touch_pins(
         zip(pins.x_mm.tolist(), pins.z_mm.tolist(), pins.diameter_mm.tolist(), strict=True)
     )
     shape = Shape.pins(places)
-    end = solved, endings_mm, trials, noise_mv, seed, origin
-    return _fire(pad, shape, way, population, parameters, *end)
+    return _fire(pad, shape, way, population, parameters, solved, trials, noise_mv, seed, origin)
 
 
 def first_touch_mm(pad: Pad, shape: Shape) -> float:
@@ -492,7 +496,6 @@ def _fire(
     population: Population,
     parameters: Parameters,
     solved: _Solved,
-    endings_mm: float,
     trials: int,
     noise_mv: float,
     seed: int,
@@ -503,7 +506,8 @@ def _fire(
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
     pushed = np.asarray((solved.forces_n > 0).any(axis=0))
     nodes, forces = solved.nodes.subset(pushed), solved.forces_n[:, pushed]
-    stress = _stress_pa(pad, nodes, forces, population, solved, endings_mm)
+    drag = None if solved.drag is None else solved.drag[solved.row]
+    stress = units_stress_pa(pad, nodes, forces, population, drag)
     total_n = forces.sum(axis=1)
     if solved.level is not None:
         at, knots = np.clip(way.pressed, 0.0, solved.level[-1]), solved.level
@@ -550,47 +554,75 @@ def _at_the_end(pad: Pad, nodes: SkinNodes, forces: FloatArray | SingleArray) ->
     return bool(forces[:, outermost].sum() > 0.01 * forces.sum())
 
 
-def _stress_pa(
+def units_stress_pa(
     pad: Pad,
     nodes: SkinNodes,
     forces: FloatArray | SingleArray,
     population: Population,
-    solved: _Solved,
-    endings_mm: float,
+    drag: FloatArray | None = None,
 ) -> FloatArray:
-    """Von Mises stress ``(S, unit)`` where contact was solved, the largest of a unit's endings."""
+    """Stress that drives each unit ``(S, unit)`` under `forces` ``(S, node)``.
+
+    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin.
+    """
     found = np.zeros((len(forces), len(population)))
-    for across, along, units in population.endings(endings_mm):
-        layers = [population.layer[unit] for unit in units]
-        x_mm, z_mm = population.x_mm[units] + across, population.z_mm[units] + along
-        places = layers, x_mm, z_mm, population.depth_mm[units]
-        here = _stress_at_pa(pad, nodes, forces, places, solved)
-        found[:, units] = np.maximum(found[:, units], here)
+    pressed = np.array([population.sa_compression and name == "SA" for name in population.afferent])
+    for across, along, every in population.endings():
+        for units, compression in ((every[~pressed[every]], False), (every[pressed[every]], True)):
+            if not units.size:
+                continue
+            x_mm, z_mm = population.x_mm[units] + across, population.z_mm[units] + along
+            depth_mm = population.depth_mm[units] - compression * SHALLOWER_MM
+            places = [population.layer[unit] for unit in units], x_mm, z_mm, depth_mm
+            load = _influence_pa(pad, nodes, forces, places, drag)
+            if compression:
+                here = compression_scale(pad) * compression_pa(*load, pad.normal_at(x_mm))
+            else:
+                here = von_mises_pa(*load)
+            found[:, units] = np.maximum(found[:, units], here)
     return found
 
 
-def _stress_at_pa(
+@cache
+def compression_scale(pad: Pad) -> float:
+    """Von Mises stress over compression where SA sits under a flat pin of 1 mm.
+
+    Both are in proportion to the depth of such a pin, so parameters that were fitted
+    under it on the one hold for the other times this.
+    """
+    nodes = skin_nodes(pad)
+    gap_mm = gaps_mm(nodes, Shape.punch())
+    near = gap_mm < gap_mm.min() + _PIN_MM
+    forces = Contact.of(nodes.subset(near)).press(gap_mm.min() + _PIN_MM - gap_mm[near])[None]
+    unit = Population.one_each(afferents=("SA",), finger=pad.finger)
+    whole = units_stress_pa(pad, nodes.subset(near), forces, unit)
+    places = list(unit.layer), unit.x_mm, unit.z_mm, unit.depth_mm - SHALLOWER_MM
+    load = _influence_pa(pad, nodes.subset(near), forces, places, None)
+    return float(whole[0, 0] / compression_pa(*load, pad.normal_at(unit.x_mm))[0, 0])
+
+
+def _influence_pa(
     pad: Pad,
     nodes: SkinNodes,
     forces: FloatArray | SingleArray,
     places: tuple[list[str], FloatArray, FloatArray, FloatArray],
-    solved: _Solved,
-) -> FloatArray:
-    """Von Mises stress ``(S, place)``: layers, x, z and depth of each in mm."""
-    if solved.drag is None:
-        return von_mises_pa(influence_pa(pad, nodes, *places), forces)
-    drag = solved.drag[solved.row]
+    drag: FloatArray | None,
+) -> tuple[SingleArray, FloatArray | SingleArray]:
+    """Stress at layers, x, z, depths by unit forces as `influence_pa` has it, and the forces."""
+    if drag is None:
+        return influence_pa(pad, nodes, *places), forces
     if np.abs(drag - drag[0]).max() < 1e-6:
         one = (float(drag[0, 0]), float(drag[0, 1]))
-        return von_mises_pa(influence_pa(pad, nodes, *places, drag=one), forces)
+        return influence_pa(pad, nodes, *places, drag=one), forces
     # Along a curve the drag turns: tensors of the three directions are added.
     down = influence_pa(pad, nodes, *places)
     across, along = (
         influence_pa(pad, nodes, *places, drag=one) - down for one in ((1.0, 0.0), (0.0, 1.0))
     )
-    influence = np.concatenate([down, across, along], axis=2)
     dragged = [forces, forces * drag[:, :1], forces * drag[:, 1:]]
-    return von_mises_pa(influence, np.concatenate(dragged, axis=1, dtype=np.float32))
+    return np.concatenate([down, across, along], axis=2), np.concatenate(
+        dragged, axis=1, dtype=np.float32
+    )
 
 
 def touch_at(touch: Touch) -> FloatArray:

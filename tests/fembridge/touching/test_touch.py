@@ -1,5 +1,7 @@
 """Whole touches: what must be equal by two ways, and what must be larger where."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -15,6 +17,7 @@ from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.response import pad_response
 from fembridge.touching.shape import Shape
+from fembridge.touching.stress import compression_pa
 from fembridge.touching.touch import touch_pins, touch_skin
 from fembridge.touching.way import Pins, Way
 from neural import parameter_set
@@ -193,7 +196,7 @@ def test_pictures_are_drawn_by_name_and_others_refused():
 def test_a_unit_with_endings_feels_by_the_one_with_the_largest_stress():
     """Against points at the seven places, one by one; a Pacinian corpuscle has one ending."""
     way, bar = Way.hold(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0)
-    branched = touch_skin(PAD, bar, way, ONE, FITTED, endings_mm=0.6)
+    branched = touch_skin(PAD, bar, way, replace(ONE, endings_mm=0.6), FITTED)
     around = 0.6 * np.stack([(np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3])
     points = [
         touch_skin(PAD, bar, way, Population.one_each(*place), FITTED).stress_pa[140]
@@ -203,4 +206,41 @@ def test_a_unit_with_endings_feels_by_the_one_with_the_largest_stress():
     expected[2] = points[0][2]
     assert_allclose(branched.stress_pa[140], expected, rtol=1e-3)
     with pytest.raises(UsageError, match="9 mm"):
-        touch_skin(PAD, bar, way, ONE, FITTED, endings_mm=9.0)
+        replace(ONE, endings_mm=9.0)
+
+
+def test_sa_that_reads_compression_answers_the_pin_alike_and_bars_and_gaps_as_sa_does():
+    """Edges stand out over a plateau that fires, a gap of 3 mm is silent, so is skin beside."""
+    parameters = parameter_set("fitted_pad").parameters
+    units = Population.line(step_mm=0.5, half_length_mm=4.0, afferents=("SA",))
+    pressed = replace(units, sa_compression=True)
+    pin = Shape.punch(1.0), way("sine_20_129.49")
+    here = np.flatnonzero(units.z_mm == 0)
+    [by_mises, by_compression] = (
+        touch_skin(PAD, *pin, one, parameters) for one in (units, pressed)
+    )
+    largest_pa = [one.stress_pa[:, here].max() for one in (by_mises, by_compression)]
+    assert_allclose(largest_pa[0], largest_pa[1], rtol=0.05)
+    assert_allclose(by_mises.rate_ips[here], by_compression.rate_ips[here], atol=5.0)
+
+    def rates(shape):
+        held = touch_skin(PAD, shape, Way.hold(press_um=1000), pressed, parameters)
+        return held.rate_ips[units.z_mm >= 0]
+
+    bar, gap = rates(Shape.bar(3.0, 14.0)), rates(Shape.grating(3.0, 4.0, 2.0))
+    assert bar[3] > 2 * bar[:2].mean() > 10 and not bar[5:].any()
+    assert not gap[:2].any() and gap[3] > 2 * gap[4:7].mean() > 10
+
+
+def test_compression_is_that_of_the_tensor_along_the_normal():
+    rng = np.random.default_rng(3)
+    influence, forces = rng.normal(size=(6, 5, 4)), rng.uniform(size=(3, 4))
+    angle = rng.uniform(-1, 1, 5)
+    normal = np.stack([np.sin(angle), np.cos(angle)], -1)
+    found = compression_pa(influence, forces, normal)
+    for s in range(3):
+        for u in range(5):
+            xx, yy, zz, xy, yz, zx = influence[:, u] @ forces[s]
+            tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+            n = np.append(normal[u], 0.0)
+            assert_allclose(found[s, u], max(-n @ tensor @ n, 0.0), rtol=1e-4, atol=1e-5)
