@@ -165,6 +165,24 @@ def test_a_damaged_series_is_an_error_of_ours(samples, tmp_path, suffix, share):
         read(path, [1], columns={"time": "t", "value": "von_mises_pa"})
 
 
+def test_a_vtu_is_unpacked_up_to_a_bound_and_one_that_lies_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "them.vtu"
+    points = np.zeros((30000, 3))
+    meshio.write(path, meshio.Mesh(points, [("vertex", np.arange(30000)[:, None])], {"S": points}))
+    names = {"time": "t", "value": "S"}
+    with pytest.raises(ResultError, match="3 components, expected 1, or 6 or 9"):
+        read(path, [1], columns=names)
+    monkeypatch.setattr("fembridge.results.columns._MOST_BYTES", 1_000_000)
+    with pytest.raises(ResultError, match="unpacks to more than 1000000 bytes"):
+        read(path, [1], columns=names)
+    text = path.read_text().replace('NumberOfComponents="3"', 'NumberOfComponents="7"')
+    path.write_text(text)
+    monkeypatch.undo()
+    with pytest.raises(ResultError, match="no VTK or XDMF that can be read: CorruptionError"):
+        read(path, [1], columns=names)
+    assert meshio.vtu._vtu.zlib.__name__ == "zlib"
+
+
 def test_a_pvd_does_not_leave_its_folder(samples, tmp_path):
     series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "a")
     series.write_text(series.read_text().replace('file="', 'file="../a/../../'))
