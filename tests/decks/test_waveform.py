@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import signal
 
 from decks.stimuli import CATALOGUE, Diharmonic, Noise, Sine, resolve
 from decks.waveform import MARGIN_SAMPLES, band_noise, butterworth_power, make_stimulus
@@ -45,6 +44,8 @@ def test_a_sinusoid_is_the_closed_form_to_half_a_picometre(frequency_hz, amplitu
 
 @pytest.mark.parametrize(("low_hz", "high_hz"), [*BANDS, (30.0, 31.0), (1.0, 999.0)])
 def test_the_gain_is_the_squared_magnitude_of_scipys_butterworth(low_hz, high_hz):
+    from scipy import signal  # not while tests are collected
+
     sos = signal.butter(4, (low_hz, high_hz), "bandpass", fs=2000, output="sos")
     frequency_hz = np.linspace(0, 1000, 2001)
     _, response = signal.sosfreqz(sos, frequency_hz, fs=2000)
@@ -56,6 +57,8 @@ def test_the_gain_is_the_squared_magnitude_of_scipys_butterworth(low_hz, high_hz
 @pytest.mark.parametrize(("low_hz", "high_hz"), BANDS)
 def test_noise_is_what_sosfiltfilt_makes_of_the_same_draw(low_hz, high_hz):
     """Away from its ends; there SciPy guesses what came before."""
+    from scipy import signal
+
     entry = Noise(low_hz, high_hz, 10)
     ours = band_noise(entry, np.random.default_rng(7))
     drawn = np.random.default_rng(7).standard_normal(501 + 2 * MARGIN_SAMPLES)

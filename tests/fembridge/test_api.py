@@ -57,9 +57,10 @@ def test_plot_is_a_figure_with_a_panel_a_class():
 
 
 def test_build_deck_gives_the_folders_of_the_command(tmp_path):
-    words = ["build-deck", "--stimulus", "sine_20", "-o", "theirs", "--friction", "0.2"]
+    words = ["build-deck", "--stimulus", "sine_300", "-o", "theirs", "--friction", "0.2"]
     assert main(words) == 0
-    runs = fb.build_deck("sine_20", "ours", friction=0.2)
+    runs = fb.build_deck("sine_300", "ours", friction=0.2)
+    assert len(runs) > 1
     for run in runs:
         for file in sorted(run.folder.iterdir()):
             theirs = tmp_path / "theirs" / run.folder.name / file.name

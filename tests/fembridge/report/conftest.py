@@ -48,8 +48,16 @@ def study(observed_file, own_file):
 
 
 @pytest.fixture(scope="session")
-def unobserved():
-    return validate(stored_source("quick"), judged_models("published"))
+def unobserved(study):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fembridge.report.validate.gather", lambda *_: study.evidence)
+        return validate(stored_source("quick"), judged_models("published"))
+
+
+@pytest.fixture
+def known_evidence(study, monkeypatch):
+    """Not gathered again, which takes most of a validation: those of `study`."""
+    monkeypatch.setattr("fembridge.report.validate.gather", lambda *_: study.evidence)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from fembridge.report import validation_page
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(tmp_path, monkeypatch, known_evidence):
     """Work in an empty folder without a solver; the page is left empty, which is quick.
 
     What is on it is tested with `write_report`.

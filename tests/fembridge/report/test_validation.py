@@ -244,6 +244,7 @@ def test_a_silent_class_is_called_silent(study):
     assert "silent throughout" in sentence
 
 
+@pytest.mark.usefixtures("known_evidence")
 def test_rates_that_are_all_zero_are_a_shortfall_only_of_a_model_that_fires(tmp_path):
     noises = FAMILIES[2].stimuli
     rates = [Rate(id_, afferent, 0.0) for id_ in noises for afferent in ("SA", "RA")]
@@ -271,6 +272,7 @@ def test_a_command_of_the_page_makes_the_numbers_of_the_page(study, tmp_path, mo
         assert study.rates.of("own", rate.afferent, [rate.stimulus]) == [rate.rate_ips]
 
 
+@pytest.mark.usefixtures("known_evidence")
 def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     rates = [Rate("sine_20_250", "SA", 25.0), Rate("sine_40_100", "SA", 20.0)]
     write_rates(tmp_path / "rates.csv", rates)
@@ -385,7 +387,9 @@ def test_a_page_shows_frequencies_that_were_left_out_and_says_where_the_goal_is_
     assert "Not known of this model" in page_text(study, "fembridge validate", tmp_path)
 
 
-def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(tmp_path, undrawn):
+def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(
+    tmp_path, undrawn, monkeypatch
+):
     """The paper's finger, as somebody's own: the shipped set was fitted on another."""
     own = tmp_path / "response.toml"
     own.write_bytes((FOLDER / "paper.toml").read_bytes())
@@ -398,6 +402,7 @@ def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(tmp_pa
     text = page_text(found, "fembridge validate --response response.toml", tmp_path)
     assert "arameters fitted were fitted on finger" in text
     assert "--stored --" not in text
+    monkeypatch.setattr("fembridge.report.validate.gather", lambda *_: found.evidence)
     of_paper = validate(source_of("paper", None, models), models)
     rates = [one.rates.of("fitted", "SA", SINES.stimuli) for one in (found, of_paper)]
     assert_array_equal(*rates)
