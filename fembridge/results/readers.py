@@ -6,6 +6,7 @@ it. Another package adds a row, a `Reader`, under the entry point group
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -178,6 +179,9 @@ def units_of(
 
     CalculiX copies the heading to the start of its results.
     """
+    if run is None and (path.parent / RUN_FILE).exists():
+        with suppress(ResultError):  # of another program, or damaged: who needs it says so
+            run = read_run_folder(path.parent)
     if run is not None:  # settled when its deck was built, heading and all
         return stress_unit or run.stress_unit, length_unit or run.length_unit
     held, told = LENGTH_UNITS.get(length_unit or "mm", MM), None

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fembridge.cli import main
+from fembridge.results.fields import read_fields
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "frd_samples"
@@ -366,6 +367,8 @@ def test_a_run_folder_of_a_model_in_metres_moves_in_mm(here, run_folder):
         replace(run, stress_unit=unit, length_unit=length).write()
         assert main(["ingest", str(run_folder), "--quantity", "displacement"]) == 0
         moved[unit] = float(rows_of(here / "job_displacement.csv")[-1]["d2_mm"])
+        [*_, field] = read_fields(run_folder, "DISP")
+        assert field.at([11])[0, 1] == pytest.approx(moved[unit])
     assert moved["Pa"] == pytest.approx(1000 * moved["MPa"])
 
 
