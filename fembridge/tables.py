@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from decks.unit_system import UNIT_SYSTEMS
 from fembridge.errors import TableError, TraceError, UsageError
 from fembridge.store import (
     read_bytes,
@@ -39,7 +40,7 @@ from fembridge.store import (
     unstructure,
     write_text,
 )
-from fembridge.trace import Origin, StressTrace, Traces, mean_step, resample
+from fembridge.trace import MS_PER_S, Origin, StressTrace, Traces, mean_step, resample
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -49,13 +50,14 @@ AFFERENTS = ("SA", "RA", "PC")
 
 TRACE_COLUMNS = ("time_ms", "afferent", "node", "von_mises_pa")
 _WHOSE = ("stimulus", "afferent", "unit", "node")
-TRACE_KEYS = ("time", "value", *_WHOSE)
+TRACE_KEYS = ("time", "time_ms", "value", *_WHOSE)
 """What the columns of another table of traces can be."""
+MS_PER_UNIT = {"us": 1e-3, "ms": 1.0, "s": MS_PER_S}
+_PA_PER_UNIT = {one.stress_unit.lower(): one.stress_pa for one in UNIT_SYSTEMS.values()}
+_UNIT = re.compile(r"(?:_|[\s.]*[\[(]) *([A-Za-z]+) *[\])]?$")
 SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
-_MS = {"_us": 1e-3, "_ms": 1.0, "_s": 1e3}
-_PA = {"_kpa": 1e3, "_mpa": 1e6, "_pa": 1.0}
 MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
 _FRAME = Path("DataFrame")
 _LOOK_BYTES, _LONGEST_HEADER, _ROWS_AT_ONCE = 1 << 22, 1 << 16, 1 << 18
@@ -113,10 +115,11 @@ def read_traces(
         cut; and what resampling leaves out.
     columns
         Names of columns by `TRACE_KEYS`, where they are others. Several values are a
-        trace each, whose unit is the column's name.
+        trace each, whose unit is the column's name. ``time`` is in s unless its name ends
+        in another unit, as ``t_ms`` or ``t [us]``.
     gain_pa
-        What a value of 1 is in Pa. None: as the name of its column ends, in ``_pa``,
-        ``_kpa`` or ``_mpa``. Times end in ``_us``, ``_ms`` or ``_s``, else they are in ms.
+        What a value of 1 is in Pa. None: as the name of its column ends, in ``_pa`` or
+        ``[kPa]``.
     resample_ms
         The step of the even grid on which traces of uneven times are put.
     """
@@ -124,14 +127,16 @@ def read_traces(
     if unknown := [name for name in names if name not in TRACE_KEYS]:
         raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(TRACE_KEYS)}")
     asked = {key: [each] if isinstance(each, str) else list(each) for key, each in names.items()}
+    to_ms = MS_PER_UNIT["ms" if "time_ms" in asked else "s"]
+    asked["time"] = asked.pop("time_ms", asked.get("time", [_DEFAULTS["time"]]))
     samples, error = _plain_samples(source, asked) or _samples(source, asked)
     if log is not None and isinstance(source, Path) and source.is_file():
         with source.open("rb") as file:
             file.seek(-1, os.SEEK_END)
             if file.read(1) not in b"\r\n":
                 log(f"{source}: no line end behind the last number, which may be cut")
-    time, values = (asked.get(key, [default]) for key, default in _DEFAULTS.items())
-    to_ms = next((each for end, each in _MS.items() if time[0].lower().endswith(end)), 1.0)
+    (time,), values = (asked.get(key, [default]) for key, default in _DEFAULTS.items())
+    to_ms = MS_PER_UNIT.get(unit_in(time), to_ms)
     told: set[str] = set()
 
     def say(line: str) -> None:
@@ -139,6 +144,8 @@ def read_traces(
             log(f"{source if isinstance(source, Path) else 'traces'}: {line}")
         told.add(line)
 
+    if unit_in(time) not in MS_PER_UNIT and "time_ms" not in names:
+        say(f"time taken as s; --columns time_ms={time} takes it as ms")
     traces = Traces(origin=_origin_of(source, log) if isinstance(source, Path) else None)
     keys = [name for name in _WHOSE if name in samples]
     parts: Any = samples.groupby(keys, sort=False, observed=True) if keys else [((), samples)]
@@ -184,13 +191,19 @@ def _to_pa(value: str, gain_pa: float | None) -> float:
     """What 1 in the column `value` is in Pa."""
     if gain_pa is not None:
         return gain_pa
-    for end, factor in _PA.items():
-        if value.lower().endswith(end):
-            return factor
-    raise UsageError(
-        f"column {value} does not say its unit (_pa, _kpa or _mpa): --gain-pa (gain_pa) is how "
-        "many Pa a value of 1 is"
-    )
+    factor = _PA_PER_UNIT.get(unit_in(value))
+    if factor is None:
+        raise UsageError(
+            f"column {value} does not say its unit (_pa, _kpa or _mpa): --gain-pa (gain_pa) is "
+            "how many Pa a value of 1 is"
+        )
+    return factor
+
+
+def unit_in(name: str) -> str:
+    """The word at the end of a name that may be its unit, in small letters; or ""."""
+    found = _UNIT.search(name)
+    return found[1].lower() if found else ""
 
 
 def _found(

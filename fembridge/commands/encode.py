@@ -25,7 +25,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_options
+from fembridge.commands.options import add_options, columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,10 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--columns",
-        type=_columns,
+        type=columns,
         metavar="time=NAME,value=NAME",
-        help="columns of another table, also afferent=, unit=, node=, stimulus=; each value= is a "
-        "trace; times are in ms, or as the name ends: _us, _ms, _s",
+        help="columns of another table: time (in s, or as its name ends: _ms, _us) or time_ms, "
+        "value (each is a trace), afferent, unit, node, stimulus",
     )
     add(
         "--gain-pa",
@@ -103,7 +103,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     def log(line: str) -> None:
         print(line, file=sys.stderr)
 
-    found = traces_of(args.traces, log, args.columns, args.gain_pa, args.resample_ms)
+    named: dict[str, list[str]] = {}
+    for key, name in args.columns or ():
+        named.setdefault(key, []).append(name)
+    found = traces_of(args.traces, log, named or None, args.gain_pa, args.resample_ms)
     notes: list[str] = []
     chosen = parameters_for(found, args.parameters, notes.append)
     unnamed = args.traces.stem
@@ -150,17 +153,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "rates": rows,
         "files": [str(path) for path in files],
     }
-
-
-def _columns(word: str) -> dict[str, list[str]]:
-    """``time=NAME,value=NAME``: names of columns by what they are."""
-    found: dict[str, list[str]] = {}
-    for pair in word.split(","):
-        key, _, name = pair.partition("=")
-        if not (key.strip() and name.strip()) or (key.strip() in found and key.strip() != "value"):
-            raise argparse.ArgumentTypeError(f"expected time=NAME,value=NAME, got {word!r}")
-        found.setdefault(key.strip(), []).append(name.strip())
-    return found
 
 
 def _rates(

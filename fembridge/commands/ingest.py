@@ -19,6 +19,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands.options import columns
+
 if TYPE_CHECKING:
     from fembridge.results import Result
 
@@ -45,14 +47,6 @@ def point(text: str) -> tuple[int, int]:
     """``ELEMENT:POINT``."""
     element, _, number = text.partition(":")
     return int(element), int(number)
-
-
-def columns(text: str) -> dict[str, str]:
-    """``time=NAME,value=NAME``."""
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    if not all(key.strip() and name.strip() for key, _, name in pairs):
-        raise ValueError(text)
-    return {key.strip(): name.strip() for key, _, name in pairs}
 
 
 _MANY: dict[str, Any] = {"nargs": "+", "action": "extend"}
@@ -153,7 +147,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         length_unit=args.length_unit,
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
-        columns=args.columns,
+        columns=dict(args.columns) if args.columns else None,
         log=lambda words: print(f"{where}: {words}", file=sys.stderr),
     )
     where = result.path

@@ -31,6 +31,14 @@ def window(word: str) -> tuple[float, float]:
     return start, end
 
 
+def columns(text: str) -> list[tuple[str, str]]:
+    """``time=NAME,value=NAME``: what a column is, and its name."""
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    if not all(key.strip() and name.strip() for key, _, name in pairs):
+        raise argparse.ArgumentTypeError(f"expected time=NAME,value=NAME, got {text!r}")
+    return [(key.strip(), name.strip()) for key, _, name in pairs]
+
+
 _OPTIONS: dict[str, dict[str, Any]] = {
     "stimulus": {
         "action": "append",

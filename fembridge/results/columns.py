@@ -35,7 +35,7 @@ from fembridge.results.history import OF_STRESS, STRESS, TENSOR_COMPONENTS, VON_
 from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
 from fembridge.results.stress import TENSOR
 from fembridge.store import read_bytes
-from fembridge.tables import AFFERENTS
+from fembridge.tables import AFFERENTS, MS_PER_UNIT, unit_in
 from fembridge.trace import MS_PER_S, StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -45,8 +45,6 @@ _MOST_BYTES = 1 << 28  # of a file, and of what is in it
 _COMMENTS = ("%", "#")
 _FULL = [0, 4, 8, 1, 5, 2]  # of nine, row by row
 _XDMF_ORDER = [0, 3, 5, 1, 4, 2]
-_MS_PER_UNIT = {"us": 1e-3, "ms": 1.0, "s": MS_PER_S}
-_UNIT = re.compile(r"(?:_|[\s.]*[\[(]) *([A-Za-z]+) *[\])]?$")
 
 Arrays = Mapping[str, np.ndarray[Any, Any]]
 Frames = Iterator[tuple[float, Arrays]]
@@ -67,7 +65,7 @@ def describe(path: Path) -> Table:
 
 def stress_unit_in(columns: Mapping[str, str]) -> str | None:
     """The unit that the name of the stress's column says; None of one that does not."""
-    said = _unit_in(columns.get("value", columns.get("xx", "")))
+    said = unit_in(columns.get("value", columns.get("xx", "")))
     return next((unit for unit in PA_PER_UNIT if unit.lower() == said), None)
 
 
@@ -107,7 +105,7 @@ class ColumnSource:
             raise UsageError(f"{self.path}: a table gives the stress that --columns names")
         parts = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
         time, held, values, afferents = parts(names)
-        per_unit = _MS_PER_UNIT.get(_unit_in(time)) or (1.0 if "time_ms" in names else None)
+        per_unit = MS_PER_UNIT.get(unit_in(time)) or (1.0 if "time_ms" in names else None)
         if per_unit is None:
             self._options.note(f"time taken as s; --columns time_ms={time} takes it as ms")
         at, number = held["time"] * (per_unit or MS_PER_S), held["node"]
@@ -387,12 +385,6 @@ class _Unpacker:
         if self._left < 0:
             raise ResultError(f"unpacks to more than {_MOST_BYTES} bytes", self._path)
         return found
-
-
-def _unit_in(name: str) -> str:
-    """The word at the end of a name that may be its unit, in small letters; or ""."""
-    found = _UNIT.search(name)
-    return found[1].lower() if found else ""
 
 
 def _numbers_in(line: str) -> bool:
