@@ -191,7 +191,7 @@ def test_files_are_replaced_all_or_none(here, capsys):
         (traces([None]), [], 2, "node 100 is of class none, expected SA or RA or PC: --afferent"),
         (traces(["SA"]), ["--afferent", "PC"], 2, "no trace of PC"),
         (traces(["SA"]), ["--columns", "time"], 2, "expected time=NAME,value=NAME"),
-        (traces(["SA"]), ["--columns", "z=node"], 2, "column 'z', expected one of time, time_ms, value"),
+        (traces(["SA"]), ["--columns", "z=node"], 2, "column 'z', expected one of time, time_ms"),
         (traces(["SA"]), ["--columns", "value=node"], 2, "column node does not say its unit"),
         (traces(["SA"]), ["--columns", "time=t"], 1, "no column t in"),
     ],
