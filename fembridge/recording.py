@@ -159,6 +159,14 @@ class Recording:
         """When each trial begins ``(K,)`` where they follow one another."""
         return np.arange(len(self.stimulus), dtype=np.float64) * (self.t_stop_ms + self.dt_ms)
 
+    @property
+    def end_ms(self) -> FloatArray:
+        """Last sample of each trial ``(K,)``: that of a shorter waveform comes sooner."""
+        if self.depth_um is None:
+            return np.full(len(self.stimulus), self.t_stop_ms)
+        last = np.isfinite(self.depth_um).sum(axis=1) - 1
+        return np.asarray(last * self.dt_ms, dtype=np.float64)
+
     def _one_clock_ms(self, unit: int) -> FloatArray:
         trials = [start + self.spikes_ms(unit, k) for k, start in enumerate(self.trial_ms)]
         return np.concatenate(trials)
@@ -204,11 +212,12 @@ class Recording:
         """A struct `response`, with the fields of TouchSim's ResponseCollection; seconds."""
         from scipy.io import savemat
 
-        count, seconds = len(self.unit), self.t_stop_ms * _S_PER_MS
-        responses = np.empty((len(self.stimulus), count), dtype=[("spikes", object), ("rate", "O")])
+        count, seconds = len(self.unit), self.end_ms * _S_PER_MS
+        kinds = [(name, object) for name in ("spikes", "rate", "duration")]
+        responses = np.empty((len(self.stimulus), count), dtype=kinds)
         for k, unit in np.ndindex(responses.shape):
             spikes_s = self.spikes_ms(unit, k) * _S_PER_MS
-            responses[k, unit] = spikes_s, spikes_s.size / seconds
+            responses[k, unit] = spikes_s, spikes_s.size / seconds[k], seconds[k]
         nowhere = np.full(count, np.nan)
         place = [self.columns.get(name, nowhere) for name in ("x_mm", "z_mm")]
         classes = [_TOUCHSIM.get(name, name) for name in self.afferent]
@@ -225,7 +234,7 @@ class Recording:
             "name": np.array(self.stimulus, dtype=object),
             "repeat": np.array(self.repeat),
             "sampling_frequency": 1.0 / (self.dt_ms * _S_PER_MS),
-            "duration": seconds,
+            "duration": self.t_stop_ms * _S_PER_MS,
         }
         if self.depth_um is not None:
             stimulus["trace"] = self.depth_um.T * _MM_PER_UM
@@ -233,7 +242,7 @@ class Recording:
             "affpop": afferents,
             "responses": responses,
             "rate": np.vectorize(float)(responses["rate"].T),
-            "duration": seconds,
+            "duration": self.t_stop_ms * _S_PER_MS,
             "stimulus": stimulus,
         }
         savemat(path, {"response": response}, oned_as="column", do_compression=True)
@@ -278,7 +287,7 @@ class Recording:
             trials["stimulus"] = list(self.stimulus)
             trials["repeat"] = np.array(self.repeat)
             trials["start_ms"] = self.trial_ms
-            trials["stop_ms"] = self.trial_ms + self.t_stop_ms
+            trials["stop_ms"] = self.trial_ms + self.end_ms
 
     # ---- To other libraries
 
@@ -295,7 +304,7 @@ class Recording:
                 segment.spiketrains.append(
                     neo.SpikeTrain(
                         self.spikes_ms(u, k) * ms,
-                        t_stop=self.t_stop_ms * ms,
+                        t_stop=self.end_ms[k] * ms,
                         name=unit,
                         unit=unit,
                         afferent=afferent,
@@ -305,7 +314,7 @@ class Recording:
             if self.depth_um is not None:
                 segment.analogsignals.append(
                     neo.AnalogSignal(
-                        self.depth_um[k, :, None] * quantities.um,
+                        self.depth_um[k, np.isfinite(self.depth_um[k]), None] * quantities.um,
                         sampling_period=self.dt_ms * ms,
                         name="depth",
                     )
@@ -323,7 +332,7 @@ class Recording:
             from pynwb import NWBFile, TimeSeries
             from pynwb.file import Subject
             from pynwb.misc import Units
-        seconds = _S_PER_MS * (self.trial_ms[:, None] + (0.0, self.t_stop_ms))
+        seconds = _S_PER_MS * np.stack([self.trial_ms, self.trial_ms + self.end_ms], -1)
         digest = hashlib.sha256(self.time_ms.tobytes() + self.start.tobytes())
         digest.update(repr((self.unit, self.stimulus, self.repeat)).encode())
         stimuli = ", ".join(dict.fromkeys(self.stimulus))

@@ -246,3 +246,19 @@ def test_trials_of_unequal_lengths_end_in_nan():
     assert [np.isfinite(row).sum() for row in recording.depth_um] == ends
     assert recording.t_stop_ms == max(one.times_ms[-1] for one in made.stimuli)
     assert recording.time_ms.size == len(made.spikes)
+
+
+def test_a_trial_ends_where_its_own_waveform_does(tmp_path):
+    depth_um = np.array([[0.0, 1.0, 2.0, 1.0, 0.0], [0.0, 1.0, 0.0, np.nan, np.nan]])
+    trains = [SpikeTrain("long", "SA", np.array([1.5])), SpikeTrain("short", "SA", np.array([0.5]))]
+    recording = fb.Recording.of_trains(trains, 0.5, 2.0, depth_um=depth_um)
+    assert_allclose(recording.end_ms, [2.0, 1.0])
+    long, short = recording.to_neo().segments
+    assert [float(one.spiketrains[0].t_stop) for one in (long, short)] == [2.0, 1.0]
+    assert short.analogsignals[0].shape == (3, 1)
+    trials = recording.to_nwb().trials.to_dataframe()
+    assert_allclose(trials["stop_time"] - trials["start_time"], [0.002, 0.001])
+    from scipy.io import loadmat
+
+    stored = loadmat(recording.write(tmp_path / "a.mat"), squeeze_me=True, struct_as_record=False)
+    assert_allclose(stored["response"].rate, [500.0, 1000.0])
