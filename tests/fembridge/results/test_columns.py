@@ -117,6 +117,21 @@ def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypa
     assert_allclose(trace.stress_pa, 2e6 * STRESS_MPA * scale, rtol=1e-9)
 
 
+def test_an_hdf5_that_announces_gigabytes_is_refused(tmp_path, monkeypatch):
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    with meshio.xdmf.TimeSeriesWriter("them.xdmf") as out:
+        out.write_points_cells(np.zeros((1, 3)), [("vertex", np.array([[0]]))])
+        out.write_data(0.0, point_data={"S": np.zeros(1)})
+    with h5py.File("them.h5", "a") as held:
+        name = list(held)[-1]
+        del held[name]
+        held.create_dataset(name, shape=(10**11,), dtype="f8", chunks=True)
+    assert (tmp_path / "them.h5").stat().st_size < 20_000
+    with pytest.raises(ResultError, match="has 800000000000 bytes, at most 268435456 are read"):
+        read(tmp_path / "them.xdmf", [1], columns={"time": "t", "value": "S"})
+
+
 @pytest.mark.parametrize(
     ("text", "names", "words"),
     [
