@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 # Within these bounds the timing of a model passes for that of a recorded unit.
 STRENGTH_APART, IMPULSES_APART = 0.25, 0.30
 
+# Impulses a cycle that a model may be off the median of human units.
+IMPULSES_IN_MAN_APART = 0.5
+
 # A tuning curve may be off by so many times at one frequency, and by so many in the median.
 MOST_TIMES, MEDIAN_TIMES = 4.0, 1.5
 
@@ -87,8 +90,13 @@ class Evidence:
 
     def shortfalls(self) -> tuple[str, ...]:
         """A sentence for everything that is known and that the model does not do."""
-        found = (_timing_shortfalls(self.timing), _tuning_shortfalls(self.tuning))
-        return (*found[0], *found[1], *_ramp_shortfalls(self.ramp))
+        return (
+            *_timing_shortfalls(self.timing),
+            *_tuning_shortfalls(self.tuning),
+            *_man_shortfalls(self.man),
+            *_ramp_shortfalls(self.ramp),
+            *_distance_shortfalls(self.distance),
+        )
 
 
 def gather(
@@ -339,6 +347,28 @@ def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:
                 f"{worst['frequency_hz']:g} Hz ({worst['criterion'].replace('_', ' ')}): "
                 f"{worst['model_um']:.3g} µm instead of {worst['amplitude_um']:.3g}."
             )
+
+
+def _man_shortfalls(man: "DataFrame") -> Iterator[str]:
+    for afferent, mine in man.groupby("afferent", sort=False):
+        apart = (mine["model"] - mine["impulses_per_cycle"]).abs()
+        row = _records(mine)[int(apart.to_numpy().argmax())]
+        if apart.max() > IMPULSES_IN_MAN_APART:
+            yield (
+                f"{afferent}, impulses a cycle in man: farthest off with {row['model']:.1f} "
+                f"instead of {row['impulses_per_cycle']:.1f} at {row['frequency_hz']:g} Hz, "
+                f"{row['amplitude_um']:g} µm."
+            )
+
+
+def _distance_shortfalls(distance: "DataFrame") -> Iterator[str]:
+    ratio = (distance["model_um"] / distance["amplitude_um"]).dropna()
+    times = np.exp(np.abs(np.log(ratio.to_numpy())))
+    if times.size and np.median(times) > MEDIAN_TIMES:
+        yield (
+            f"RA, away from a probe on the whole fingertip (fitted_pad): amplitudes off by "
+            f"{np.median(times):.1f} times in the median, {times.max():.1f} at most."
+        )
 
 
 def _ramp_shortfalls(trains: Sequence[SpikeTrain]) -> Iterator[str]:

@@ -148,7 +148,6 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         ],
         tuning=_tuning_frame(study),
         ramp_facts=_ramp_facts(),
-        distance_times=_times_apart(study.evidence.distance),
     )
 
 
@@ -606,12 +605,6 @@ def _tuning_frame(study: Validation) -> "DataFrame":
         ]
     heads = ["Thresholds", "median factor", "largest factor"]
     return DataFrame(list(rows.values()), columns=heads, index=list(rows))
-
-
-def _times_apart(table: "DataFrame") -> str:
-    """Median factor between recorded and predicted amplitudes, those that were reached."""
-    ratio = (table["model_um"] / table["amplitude_um"]).dropna()
-    return number(float(np.median(np.exp(np.abs(np.log(ratio))))), ".1f")
 
 
 def _ramp_facts() -> "DataFrame":

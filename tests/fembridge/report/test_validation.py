@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -432,3 +433,18 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study):
     found = gather(stored_source("quick").response, study.judged.parameters, 0.0, trains=trains)
     assert set(found.timing.afferent) == set(found.phases.afferent) == {"RA"}
     assert "given" in found.sources["timing_20hz"]
+
+
+def test_what_is_known_of_man_and_of_distance_has_its_sentence_where_the_model_is_off(study):
+    man = pd.DataFrame(
+        [("SA", 8.0, 100.0, 0.5, 1.0), ("SA", 8.0, 200.0, 1.0, 2.5), ("RA", 8.0, 100.0, 1.0, 1.4)],
+        columns=["afferent", "frequency_hz", "amplitude_um", "impulses_per_cycle", "model"],
+    )
+    far = pd.DataFrame({"amplitude_um": [10.0, 10.0, 10.0], "model_um": [20.0, 5.0, math.nan]})
+    off = replace(study.evidence, man=man, distance=far).shortfalls()
+    near = replace(study.evidence, man=man[2:], distance=far.assign(model_um=12.0)).shortfalls()
+    assert [one for one in off if one not in near] == [
+        "SA, impulses a cycle in man: farthest off with 2.5 instead of 1.0 at 8 Hz, 200 µm.",
+        "RA, away from a probe on the whole fingertip (fitted_pad): amplitudes off by 2.0 times in "
+        "the median, 2.0 at most.",
+    ]
