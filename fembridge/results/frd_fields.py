@@ -270,11 +270,20 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         found = history_of(fields)
         if found.over_time:
             found = replace(found, at=_times_ms(blocks))
+        if blocks[0].name == STRESS:  # as `values_at` has it
+            branches = np.array([options.branches.get(node, 1) for node in found.nodes])
+            values = found.values * branches[:, None]
+            on_axis = np.isin(found.nodes, list(options.on_axis))
+            if on_axis.any():
+                values[:, on_axis, found.components.index("SXY")] = 0.0
+            found = replace(found, values=values)
         if blocks[0].name == STRESS and not options.across_materials:
             held, counts = np.unique(
                 materials_at(self._index, found.nodes)[:, 0], return_counts=True
             )
-            inside = ~np.isin(found.nodes, held[counts > 1])
+            met = np.zeros(branches.size, dtype=np.int64)
+            met[np.searchsorted(found.nodes, held)] = counts  # both rise
+            inside = met <= branches
             if not inside.any():
                 raise ResultError("no node with stress lies inside one material", self.path)
             if not inside.all():

@@ -5,6 +5,7 @@ solver's clock starts before (a ramp to a pre-indentation takes place there), an
 result file has no sample of the start itself.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -117,13 +118,14 @@ class Result:
 
         Beside a ``run.toml`` time 0 is the start of the stimulus; no rest sample is added.
         """
+        run = self.run
         if every:
-            places, options = None, self.options
+            places, options = None, self._in_run()
         else:
             places, options = self._places(nodes, sets, near_mm, deck)
         held = self._history(places, options, quantity, modes)
-        if self.run is not None and held.over_time:
-            held = replace(held, at=held.at - self.run.start_ms)
+        if run is not None and held.over_time:
+            held = replace(held, at=held.at - run.start_ms)
         word = VON_MISES if held.quantity == STRESS else held.quantity
         if quantity is not None:
             word = quantity.lower()
@@ -206,17 +208,19 @@ class Result:
             raise ResultError("no run.toml beside it: name the nodes to read", path)
         if not places:
             raise ResultError("no nodes to read", path)
-        if run is not None:
-            if options.stress_unit != run.stress_unit:
-                raise UsageError(
-                    f"{path}: a run folder of fembridge is in {run.stress_unit}, always"
-                )
-            _check_deck(run, path)
-            options = replace(options, branches=run.branches, on_axis=run.on_axis)
-            if run.before_ms:
-                since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms
-                options = replace(options, since_ms=since_ms)
-        return places, options
+        return places, self._in_run()
+
+    def _in_run(self) -> ReadOptions:
+        """The options, and what the run adds to them."""
+        run, options = self.run, self.options
+        if run is None:
+            return options
+        if options.stress_unit != run.stress_unit:
+            words = f"{self.path}: a run folder of fembridge is in {run.stress_unit}, always"
+            raise UsageError(words)
+        _check_deck(run, self.path)
+        since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms if run.before_ms else -math.inf
+        return replace(options, branches=run.branches, on_axis=run.on_axis, since_ms=since_ms)
 
 
 _Places = list[tuple[str | None, int]]

@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results import READERS, Reader, describe, read, reader_of
+from fembridge.results import READERS, Reader, describe, read, read_history, reader_of
 from fembridge.results.frd import read_stress_tensor
 from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
@@ -255,6 +255,9 @@ def test_stress_is_the_sum_where_there_are_branches_and_else_as_it_was(relaxing,
     assert_allclose(summed[node], 3 * plain[node], rtol=1e-14, atol=1e-100)
     for other in nodes.values():
         assert_array_equal(summed[other], plain[other])
+    every = read_history(relaxing.folder, "all")
+    of_node = every[every["node"] == node]["von_mises_pa"].to_numpy()
+    assert_allclose(of_node, summed[node][1:], rtol=1e-9)
 
 
 def test_a_node_between_as_many_materials_as_branches_is_let_through(samples):
@@ -297,6 +300,9 @@ def test_traces_of_a_half_are_made_without_that_shear(halved, by_number):
     assert np.abs(found[node].stress_pa - plain[node].stress_pa).max() > 1
     for other in set(found) - {node}:
         assert_array_equal(found[other].stress_pa, plain[other].stress_pa)
+    every = read_history(halved.folder, "all", across_materials=True)
+    of_node = every[every["node"] == node]["von_mises_pa"].to_numpy()
+    assert_allclose(of_node, expected_pa[1:], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["cpe4_ascii.frd", "cpe4_bin_f64.frd"])
