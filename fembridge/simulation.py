@@ -340,7 +340,7 @@ def unlike_the_fit(
     found, fitted = [], chosen.finger
     if fitted:
         preset = PRESETS.get(fitted["name"])
-        whole = finger_id(finger_table(preset)) if preset else fitted
+        whole = {**(finger_id(finger_table(preset)) if preset else {}), **fitted}
         if any(finger.get(key) != whole[key] for key in whole):
             here = finger.get("name", "not known")
             here = "another of that name" if here == fitted["name"] else here

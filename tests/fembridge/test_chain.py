@@ -179,6 +179,21 @@ def test_another_finger_is_named_where_a_set_is_used(here, capsys):
     assert said == ["parameters fitted were fitted on finger 'quick' (here: another of that name)"]
 
 
+def test_a_set_fitted_on_a_finger_that_bears_a_preset_s_name_is_told_apart(here):
+    """The preset itself is another finger then."""
+    fit = "[fit.response]\nfinger = 'quick'\nfinger_sha256 = 'ab'\n"
+    (here / "mine.toml").write_text(f"base = 'fitted'\n{fit}", encoding="utf-8")
+    [run] = fb.build_deck("sine_20_250")
+    traces = fb.read(RECORDED)
+    traces.origin = run.origin()
+    said = []
+
+    fb.encode(traces, parameters="fitted", log=said.append)
+    assert said == []
+    fb.encode(traces, parameters="mine.toml", log=said.append)
+    assert said == ["parameters mine were fitted on finger 'quick' (here: another of that name)"]
+
+
 def test_the_summary_of_a_simulation_names_another_finger(capsys):
     words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot", "--json"]
     assert main(["simulate", *words]) == 0
