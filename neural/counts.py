@@ -331,6 +331,7 @@ def _step_each(
         of_x, of_y, alpha, decay, jump, decay_of_jump = values[:, which]
         potential, raised = np.zeros_like(decay), np.zeros_like(decay)
         silent, fired = np.zeros(which.size, np.int32), np.zeros(which.size, np.int32)
+        adaptive = (jump != 0).any()
         first, end = window[0, condition], window[1, condition]
         for row in range(end):
             x, y = drives[0, row, condition], drives[1, row, condition]
@@ -340,14 +341,17 @@ def _step_each(
                     current = (x / (of_x[k] + x) + y / (of_y[k] + y)) * alpha[k]
                 else:
                     current = of_x[k] * x + of_y[k] * y
-                now, more, wait = potential[k] * decay[k] + current, raised[k], silent[k]
+                now, more, wait = potential[k] * decay[k] + current, zero, silent[k]
                 now = zero if wait > none else now
-                more = zero if now < turn else more
+                if adaptive:
+                    more = raised[k]
+                    more = zero if now < turn else more
+                    more *= decay_of_jump[k]
                 now = lowest if now < lowest else now
-                more *= decay_of_jump[k]
                 spike = now > threshold + more
                 potential[k] = zero if spike else now
-                raised[k] = more + (jump[k] if spike else zero)
+                if adaptive:
+                    raised[k] = more + (jump[k] if spike else zero)
                 fired[k] += inside if spike else none
                 silent[k] = rest if spike else wait - one
         for k in range(which.size):
