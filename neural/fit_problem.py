@@ -226,9 +226,10 @@ class ThresholdTarget:
     `stress_pa` ``(T, threshold, amplitude)`` is the stress under vibrations of
     `amplitudes_um` ``(threshold, amplitude)``, rising, around each of `observed_um`
     ``(threshold,)``; `needed` spikes in its window reach it. A cell's threshold is the
-    geometric mean of the last amplitude below it and the first that reaches it; the
-    error is the mean square of the logarithm of model over observed, the model being
-    the geometric mean over cells.
+    geometric mean of the last amplitude below it and the first that reaches it, the
+    model's the geometric mean over cells. The error is the squared logarithm of model over
+    observed of the threshold that is farthest off: on average a search would rather have
+    many that are closer than none that is far away.
     """
 
     stress_pa: FloatArray
@@ -241,7 +242,7 @@ class ThresholdTarget:
     _asked: dict[tuple[str, int], FitProblem] = field(default_factory=dict, repr=False)
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
-        """Mean squared logarithms ``(candidate,)``."""
+        """Largest squared logarithms ``(candidate,)``."""
         rows, count, levels = self.stress_pa.shape
         key = problem.model.name, problem.cells
         if key not in self._asked:
@@ -263,7 +264,7 @@ class ThresholdTarget:
         edges = np.hstack([logs[:, :1] - step / 2, (logs[:, 1:] + logs[:, :-1]) / 2])
         edges = np.hstack([edges, logs[:, -1:] + step / 2])
         found = edges[np.arange(count), below].mean(axis=1)
-        errors: FloatArray = np.mean((found - np.log(self.observed_um)) ** 2, axis=-1)
+        errors: FloatArray = np.max((found - np.log(self.observed_um)) ** 2, axis=-1)
         return errors
 
 

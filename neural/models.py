@@ -22,6 +22,7 @@ from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.filters import (
     COMPRESSION,
+    CORPUSCLE_POWER,
     acceleration_change,
     corpuscle,
     faded,
@@ -48,6 +49,10 @@ from neural.parameters import (
 # Cells of the models whose rates are means over a population: a recorded mean has
 # steps of a fifth of an impulse, as far as cells fire alike.
 CELLS = 5
+
+# Those of the shipped models: cells of one step at 300 Hz are 30 impulses/s apart, not 60,
+# and a fit does not place its few steps on the few frequencies that it sees.
+MORE_CELLS = 10
 
 # Thresholds minus rest of section 2.2 in mV, on which the steps of stress count.
 _SA_GAP_MV, _RA_GAP_MV = 15.0, 10.0
@@ -138,7 +143,7 @@ ALPHA = Free("alpha_mv_per_ms", 1e-1, 1e3, "mV/ms")
 BETA = Free("beta_mv_per_ms", 1e-2, 1e2, "mV/ms")
 STEP = Free("step_pa", 1e3, 1e6, "Pa")
 HELD = Free("held_pa", 1e3, 1e6, "Pa")
-RETRACTION = Free("retraction", 0.5, 1.0, "1", even=True)
+RETRACTION = Free("retraction", 0.4, 1.0, "1", even=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +177,7 @@ class Model:
     until_turn: bool = False
     any_step: bool = False
     whole: bool = False
-    tau: Free = TAU
+    tau: Free | None = TAU
     spread: Free = SPREAD
 
     def filtered(
@@ -190,7 +195,7 @@ class Model:
 
     def free(self, cells: int | None = None) -> tuple[Free, ...]:
         """What a fit of so many cells searches; by default the model's own number."""
-        own = (self.tau, *self.own_free)
+        own = (self.tau, *self.own_free) if self.tau else self.own_free
         if self.adaptive:
             own = (*own, JUMP, RECOVERY)
         return (*own, self.spread) if (cells or self.cells) > 1 else own
@@ -360,14 +365,14 @@ _ROWS = (
         parameters=FadingSaParameters,
         filters=(stress_rate, faded),
         coefficients=_rising_sa,
-        own_free=(replace(STEP, low=1e4, high=3e5), replace(HELD, low=2e3, high=1e5)),
-        tau=replace(TAU, low=5.0, high=300.0),
+        own_free=(replace(STEP, low=2e4, high=2e5), replace(HELD, low=4e3, high=4e4)),
+        tau=replace(TAU, low=10.0, high=100.0),
         spread=replace(SPREAD, high=1.0),
         equation="I' = gap (σ'/step + max(σ - s/2, 0)/(held τ)), s follows σ in 200 ms, v ≥ rest",
         reason="rising, and as in Merkel cells half of the answer to a held stress fades "
         "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz",
         clamped=True,
-        cells=CELLS,
+        cells=MORE_CELLS,
         whole=True,
         any_step=True,
     ),
@@ -378,14 +383,14 @@ _ROWS = (
         filters=(stress_rate,),
         coefficients=_rising_ra,
         own_free=(replace(STEP, high=1e5), RETRACTION),
-        tau=replace(TAU, low=5.0),
+        tau=None,
         spread=replace(SPREAD, high=1.5),
         equation="I' = gap σ'/step and -retraction gap σ'/step, a membrane each, v ≥ rest, "
         "threshold + jump until the turn",
         reason="RA fires at indentation and at retraction: each has its own membrane that "
-        "counts steps of stress; further steps of one sweep are three times as large",
+        "counts steps of stress; further steps of one sweep are four times as large",
         clamped=True,
-        cells=CELLS,
+        cells=MORE_CELLS,
         two_way=True,
         until_turn=True,
         any_step=True,
@@ -396,16 +401,16 @@ _ROWS = (
         parameters=CorpusclePcParameters,
         filters=(corpuscle,),
         coefficients=lambda values: Coefficients(
-            values["beta_mv_per_ms"], weights=(1.0,), degree=0.5
+            values["beta_mv_per_ms"], weights=(1.0,), degree=CORPUSCLE_POWER
         ),
         own_free=(replace(BETA, low=0.3),),
         tau=replace(TAU, high=100.0),
-        equation="I' = β (√max(y, 0) - 0.2 √max(-y, 0)), y = σ through three high and three low "
-        "passes at 300 Hz",
+        equation="I' = β (max(y, 0)^(2/3) - max(-y, 0)^(2/3) / 2), y = σ through three high and three "
+        "low passes at 300 Hz",
         reason="PC cells are keenest between 200 and 300 Hz and duller above, where the "
         "third difference of sharp goes on rising to 500 Hz; the other side takes charge "
         "away, so that a cell fires once a cycle over a wide range of amplitudes",
-        cells=CELLS,
+        cells=MORE_CELLS,
         whole=True,
         any_step=True,
     ),
