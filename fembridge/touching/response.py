@@ -4,7 +4,7 @@ The pin is the flat one of 1 mm that observed rates were recorded with; under it
 median unit of each class, where the finger's sites are.
 
 ``python -m fembridge.touching.response reference response.toml`` writes it, and
-``fembridge fit --response response.toml --evaluations 40000`` made ``fitted_pad`` of it.
+``fembridge fit --response response.toml`` made ``fitted_pad`` of it, see ``docs/model_study.md``.
 """
 
 import sys

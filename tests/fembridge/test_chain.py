@@ -111,7 +111,7 @@ def test_what_the_run_names_travels_with_the_table(here, capsys):
         assert rate.rate_ips == pytest.approx(1000.0 * inside / (last - first))
     other, _ = encoded("--parameters", "fitted", "--stimulus", "else")
     assert {train.stimulus for train in other} == {"else"}
-    assert max(train.repeat for train in other) == 5
+    assert max(train.repeat for train in other) == 10
 
 
 @pytest.mark.usefixtures("recorded")

@@ -119,7 +119,7 @@ def test_the_fitted_population_is_that_of_a_pre_indented_probe(here):
             counts.append(inside(times_ms))
         assert rates[trace.afferent] == pytest.approx(np.mean(counts) / 0.245)
         assert counts == sorted(counts, reverse=True)
-    assert {train.repeat for train in trains if train.afferent == "PC"} == set(range(1, 6))
+    assert {train.repeat for train in trains if train.afferent == "PC"} == set(range(1, 11))
 
 
 def test_json_is_all_that_stdout_holds_and_the_record_names_the_source(here, capsys):
