@@ -33,6 +33,6 @@ def test_encoding_is_timed_against_touchsim(monkeypatch, capsys):
 
     published, fitted, pad = capsys.readouterr().out.splitlines()
     assert "82 stimuli, 3 cells" in published
-    assert "82 stimuli, 15 cells" in fitted
+    assert "82 stimuli, 30 cells" in fitted
     assert pad.startswith("fitted_pad")
     assert "x less than TouchSim" in published

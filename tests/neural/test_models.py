@@ -131,9 +131,7 @@ def test_a_cubic_fires_sharp_with_the_period_of_the_recurrence(sign):
     assert spike_samples(stress, pc) == spikes
 
 
-TWO_WAY = TwoWayRaParameters(
-    tau_ms=LEAKLESS_MS, step_pa=4096.0, retraction=0.5, refractory_ms=0.0
-)
+TWO_WAY = TwoWayRaParameters(tau_ms=LEAKLESS_MS, step_pa=4096.0, retraction=0.5, refractory_ms=0.0)
 
 
 def test_two_way_fires_at_the_first_step_of_a_rise_and_of_twice_that_of_a_fall():
