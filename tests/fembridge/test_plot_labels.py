@@ -94,7 +94,10 @@ PICTURES = {
 
 
 CASES = [(picture, names) for picture in PICTURES for names in ("one", "five")]
-CASES += [(picture, "all") for picture in ("raster", "isi", "rates", "stimulus")]
+CASES += [("raster", "all")]
+CASES += [
+    pytest.param(picture, "all", marks=pytest.mark.slow) for picture in ("isi", "rates", "stimulus")
+]
 
 
 @pytest.mark.parametrize(("picture", "names"), CASES)

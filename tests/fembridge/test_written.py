@@ -40,6 +40,8 @@ def is_told(header, names):
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("FEMBRIDGE_CCX", "/bin/sh")  # found, never started
+    # Pictures are not rendered: here is what the tables hold.
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: None)
     Path("observed.csv").write_text(OBSERVED, encoding="utf-8")
     Path("study.toml").write_text(STUDY, encoding="utf-8")
     return tmp_path
