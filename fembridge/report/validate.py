@@ -273,7 +273,7 @@ def _model(found: ParameterSet, word: str) -> JudgedModel:
 def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
     """Five trains for each class and stimulus of the raster, repeat 1 to 5.
 
-    Those of a population are those of its first five cells. A model of one cell has
+    Those of a population are those of five cells from the keenest on, evenly apart. A model of one cell has
     no noise, so that each of its repeats is the same.
     """
     found = []
@@ -286,7 +286,7 @@ def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
             ]
             cells = sorted(mine, key=lambda train: train.repeat)
             for repeat in range(REPEATS):
-                times_ms = cells[repeat % len(cells)].times_ms
+                times_ms = cells[repeat * len(cells) // REPEATS].times_ms
                 found.append(SpikeTrain(stimulus, afferent, times_ms, repeat + 1))
     return tuple(found)
 

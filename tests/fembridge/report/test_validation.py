@@ -308,6 +308,17 @@ def test_a_population_gives_one_row_a_cell(study):
         assert_array_equal(train.times_ms, expected)
 
 
+def test_rows_of_a_large_population_are_from_the_keenest_to_the_dullest(study):
+    simulation = study.simulations["own"]
+    ten = tuple(
+        replace(one, repeat=k, times_ms=np.array([1.0 * k]))
+        for one in simulation.trains
+        for k in range(1, 11)
+    )
+    found = repeated_trains(replace(simulation, trains=ten))
+    assert [train.times_ms.tolist() for train in found[:5]] == [[1.0], [3.0], [5.0], [7.0], [9.0]]
+
+
 def test_touchsim_against_the_observed_sinusoids_is_as_published():
     """R² and RMSE (ips) that were found of TouchSim when it was computed."""
     if not SINES_OBSERVED.is_file():
