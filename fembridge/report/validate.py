@@ -273,8 +273,8 @@ def _model(found: ParameterSet, word: str) -> JudgedModel:
 def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
     """Five trains for each class and stimulus of the raster, repeat 1 to 5.
 
-    Those of a population are those of five cells from the keenest on, evenly apart. A model of one cell has
-    no noise, so that each of its repeats is the same.
+    Those of a population are those of five cells, the keenest first, evenly apart. A model
+    of one cell has no noise, so that each of its repeats is the same.
     """
     found = []
     for stimulus in RASTER_STIMULI:
