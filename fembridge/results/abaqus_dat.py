@@ -31,7 +31,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile, text_lines
-from fembridge.results.printed import DatSection, dat_sections
+from fembridge.results.dat_section import DatSection
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, read_run_folder
@@ -79,7 +79,7 @@ def read(path: Path, nodes: Sequence[int], options: ReadOptions) -> list[StressT
         run = read_run_folder(path.parent)
         own = {one.node: f"AROUND_{one.afferent}".upper() for one in run.afferents}
     wanted = (MISES_AT_NODES, STRESSES_AT_NODES)
-    sections = list(dat_sections(path, lambda quantity, _: quantity in wanted, options))
+    sections = list(abaqus_sections(path, lambda quantity, _: quantity in wanted, options))
     if not sections:
         words = "no stress averaged at nodes in it: *EL PRINT, POSITION=AVERAGED AT NODES"
         raise ResultError(words, path)

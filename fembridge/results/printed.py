@@ -22,7 +22,7 @@ xx yy zz xy yz zx.
 import csv
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, fields
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from fembridge.errors import ResultError
+from fembridge.results.abaqus_dat import abaqus_sections, is_abaqus
 from fembridge.results.byte_file import (
     Characters,
     fixed_floats,
@@ -38,6 +39,7 @@ from fembridge.results.byte_file import (
     text_lines,
     text_runs,
 )
+from fembridge.results.dat_section import DatSection, of_set
 from fembridge.results.history import History
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.store import replacing
@@ -45,7 +47,6 @@ from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray, Table
 
 STRESSES = "stresses"
-ALL_CONTACT = "all contact elements"
 POINTS_AN_ELEMENT = 100  # no element has more; makes one number of element and point
 _FRD_ORDER = [0, 1, 2, 3, 5, 4]  # xx yy zz xy yz zx of xx yy zz xy xz yz
 _DEFAULTS = ReadOptions()
@@ -217,50 +218,6 @@ _LABEL = re.compile(r"\d{1,18}")
 _TIME = re.compile(r"-?\d*\.\d+(E[+-]\d{2,3}|[+-]\d{3})?")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DatSection:
-    """One quantity of one set at one time.
-
-    `label_names` says what `labels` ``(record, 0 to 2)`` are: nothing, a node,
-    an element, an element and a point or face. `values` ``(record, column)`` are
-    as printed, in units of the deck. `over_time` is False for sections of an
-    eigenmode (`mode` is its number) and of a frequency: these have no time, and
-    `time_ms` is that frequency times 1000.
-    """
-
-    quantity: str
-    set_name: str
-    columns: tuple[str, ...]
-    time_ms: float
-    label_names: tuple[str, ...] = ()
-    labels: IntArray = field(default_factory=lambda: np.empty((0, 0), dtype=np.int64))
-    values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    over_time: bool = True
-    mode: int | None = None
-
-    def __str__(self) -> str:
-        return f"{self.quantity} for {_of(self.set_name)} at {self.time_ms:g} ms"
-
-    def not_finite(self) -> str:
-        """Where a value is NaN or infinite; "" where none is."""
-        if np.isfinite(self.values).all():
-            return ""
-        record, column = np.argwhere(~np.isfinite(self.values))[0].tolist()
-        labels = zip(self.label_names, self.labels[record].tolist(), strict=True)
-        where = ", ".join([str(self), *(f"{name} {label}" for name, label in labels)])
-        return f"{where}: {self.columns[column]} is {self.values[record, column]}"
-
-    def filled(self, labels: IntArray, values: FloatArray) -> "DatSection":
-        """The section with records ``(record, label)``, and names for all columns of `values`."""
-        count, names = values.shape[1] if len(values) else 0, self.columns
-        if count and not names:
-            names = ("x", "y", "z") if count == 3 else (self.quantity,)
-        if count > len(names) == 1:
-            names = tuple(f"{names[0]}{k + 1}" for k in range(count))
-        columns = names[:count] if count else names
-        return replace(self, columns=columns, labels=labels, values=values)
-
-
 def dat_sections(
     path: Path,
     wanted: Callable[[str, str], bool],
@@ -278,8 +235,6 @@ def dat_sections(
         There is no such file; a wanted record is not one; the file is cut inside
         a line, and `options.partial` is not set.
     """
-    from fembridge.results.abaqus_dat import abaqus_sections, is_abaqus
-
     if is_abaqus(path):
         yield from abaqus_sections(path, wanted, options, held)
         return
@@ -328,7 +283,7 @@ def dat_sections(
             quantity, of, columns, _float(time) * MS_PER_S, labels, over_time=over_time, mode=mode
         )
         if held is not None:
-            name = f"{found.quantity} for {_of(found.set_name)}"
+            name = f"{found.quantity} for {of_set(found.set_name)}"
             held[name] = held.get(name, 0) + 1
         if wanted(found.quantity, found.set_name):
             now = found
@@ -336,10 +291,6 @@ def dat_sections(
         yield _filled(now, records, path)
     if foreign:
         options.note(f"tables of another kind are left out, {foreign}")
-
-
-def _of(set_name: str) -> str:
-    return set_name if set_name in (ALL_CONTACT, "") else f"set {set_name}"
 
 
 Opened = tuple[str, str, tuple[str, ...], tuple[str, ...], str]
@@ -668,8 +619,6 @@ def describe_print(path: Path) -> Table:
         columns, *rows = print_rows(path, ReadOptions(log=remarks.append))
         last = dict(zip(map(str, columns), rows[-1], strict=True)) if rows else None
         return described | {"rows": len(rows), "last": last, "problem": (*remarks, None)[0]}
-    from fembridge.results.abaqus_dat import is_abaqus
-
     held: dict[str, int] = {}
     options = ReadOptions(partial=True, log=remarks.append)
     list(dat_sections(path, lambda *_: False, options, held))
@@ -805,7 +754,7 @@ def _note_other_sections(
     if len(groups) < 2 or groups[0][1] == groups[1][1]:
         return False
     (first_ms, was), (time_ms, now) = groups
-    lost = [f"{quantity} for {_of(of)}" for quantity, of in was if (quantity, of) not in now]
+    lost = [f"{quantity} for {of_set(of)}" for quantity, of in was if (quantity, of) not in now]
     words = f"no {lost[0]}" if lost else "more sections"
     options.note(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
     return True
