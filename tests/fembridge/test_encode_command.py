@@ -341,7 +341,9 @@ def test_a_sensor_of_a_robot_is_a_table_too(here, capsys):
     ],
 )
 def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, told):
-    whole = [replace(trace, stress_pa=gain * trace.stress_pa) for trace in traces()]
+    """Without PC, whose keenest cell answers even a 300th of the stress."""
+    felt = [trace for trace in traces() if trace.afferent != "PC"]
+    whole = [replace(trace, stress_pa=gain * trace.stress_pa) for trace in felt]
     write_traces(here / "table.csv", whole)
     assert main(["encode", "table.csv", "--no-raster", "--window-ms", "0:250"]) == 0
     doubts = [line for line in capsys.readouterr().err.splitlines() if "fitted on" not in line]
