@@ -126,13 +126,16 @@ class RunFolder:
         stimulus, finger = self.inputs.get("stimulus"), self.inputs.get("finger")
         if not isinstance(stimulus, Mapping) or "id" not in stimulus:
             return None
+        chosen = {key: stimulus[key] for key in ("window_ms", "preindent_um") if key in stimulus}
         if isinstance(base := self.inputs.get("base_deck"), Mapping):
+            if stands_um := base.get("stands_um"):  # where the deck's own steps leave the probe
+                chosen["preindent_um"] = round(chosen.get("preindent_um", 0.0) + stands_um, 6)
             known = {"name": base.get("file", ""), "sha256": base.get("sha256", "")}
         else:
             known = finger_id(finger) if isinstance(finger, Mapping) else {}
         table = {
             "stimulus": stimulus["id"],
-            **{key: stimulus[key] for key in ("window_ms", "preindent_um") if key in stimulus},
+            **chosen,
             "parameters": self.inputs.get("parameters", {}),
             "finger": known,
         }

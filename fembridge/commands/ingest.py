@@ -226,8 +226,8 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
         (sides and ALL in (args.node or ()), "--one-sided takes numbers of nodes"),
         (
             (whole or sides or (printed and word != "--point"))
-            and (args.resample_ms is not None or args.modes),
-            "--resample-ms and --modes are for a table at nodes or points",
+            and (args.resample_ms is not None or (args.modes and word != "--vtu")),
+            "--resample-ms and --modes are for a table at nodes or points (--modes for --vtu, too)",
         ),
         (whole and args.von_mises, f"{word} and --von-mises do not go together"),
     )
@@ -487,6 +487,7 @@ def _vtu(args: argparse.Namespace, result: "Result") -> Written:
         stress_unit=options.stress_unit,
         length_unit=options.length_unit,
         extrapolate=options.extrapolate,
+        modes=args.modes,
         log=options.log,
     )
     count = len(list(args.vtu.glob("*.vtu")))

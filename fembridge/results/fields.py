@@ -143,8 +143,10 @@ class FieldSource(AbstractContextManager["FieldSource"], Protocol):
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
 
-    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
-        """Increments one by one; the file is looked through at once."""
+    def frames(
+        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
+    ) -> Iterator[Frame]:
+        """Increments, or `modes`, one by one, never both; the file is looked through at once."""
 
     def history(
         self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False

@@ -562,7 +562,7 @@ def values_at(
 ) -> tuple[list[Output], dict[str, FloatArray]]:
     """Those `outputs` that are finite at the nodes of each quantity, and their values there.
 
-    STRESS in Pa, others as the file has them; of `components`, without any those of
+    STRESS in Pa, DISP in mm, others as the file has them; of `components`, without any those of
     `COMPONENTS`.
     """
     file = index.file

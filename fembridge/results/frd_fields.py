@@ -209,12 +209,11 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         whole = next(
             (one for one, part in parts.items() if name in (one, part) and part in held), ""
         )
-        imaginary = {block.key for block in index.named(parts.get(whole, ""))}
         outputs = having(index, outputs, (name,), options)
         found = [output[name] for output in outputs]
-        axes = [FREQUENCY if one.over_time and one.key in imaginary else one.axis for one in found]
+        axes = self._axes(found)
         axis = one_axis(name, axes, modes, options)
-        if imaginary:
+        if whole:
             options.note(f"{whole} is the real part of amplitudes, {parts[whole]} the imaginary")
         found = [one for one, of in zip(found, axes, strict=True) if of == axis]
         blocks = [one for one in found if one.records]
@@ -249,6 +248,14 @@ class FrdSource(AbstractContextManager["FrdSource"]):
             keys=np.array([one.key for one in blocks], dtype=np.int64),
             axis=axis,
         )
+
+    def _axes(self, blocks: Sequence[FrdBlock]) -> list[str]:
+        """What each block is over; one with an imaginary part is over frequency."""
+        parts = (f"{name[:7]}I" for name in self._index.names)  # eight letters are printed
+        complex_ones = {block.key for part in parts for block in self._index.named(part)}
+        return [
+            FREQUENCY if one.over_time and one.key in complex_ones else one.axis for one in blocks
+        ]
 
     def _default_name(self, held: Sequence[str]) -> str:
         """Stress, but for the real part of a complex one, else displacement, else the first."""
@@ -297,12 +304,17 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         check_unchanged(self._file, options)
         return found
 
-    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
-        """Increments one by one; the file is looked through at once."""
+    def frames(
+        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
+    ) -> Iterator[Frame]:
+        """Increments, or `modes`, one by one; the file is looked through at once."""
         index, options = self._index, self._options
         outputs = outputs_of(index, options)
         if quantities is not None:
             outputs = having(index, outputs, quantities, options)
+        axes = self._axes([next(iter(output.values())) for output in outputs])
+        axis = one_axis(", ".join(quantities or ["any quantity"]), axes, modes, options)
+        outputs = [one for one, of in zip(outputs, axes, strict=True) if of == axis]
         outputs = _fullest(outputs, options)
         scene = self._drawn(outputs, _mesh(index, options.length_mm))
         between = int((scene.met > 1).sum())
@@ -312,7 +324,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
                 "more there): nodal stress and strain are a mean over them and belong "
                 "to none"
             )
-        return self._frames(outputs, scene, derived)
+        return self._frames(outputs, axis, scene, derived)
 
     def _drawn(self, outputs: Sequence[Output], scene: Scene) -> Scene:
         """`scene`; or its nodes that have values alone, where no element has them at all nodes.
@@ -349,7 +361,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
         return scene
 
     def _frames(
-        self, outputs: Sequence[Output], scene: Scene, derived: Sequence[str]
+        self, outputs: Sequence[Output], axis: str, scene: Scene, derived: Sequence[str]
     ) -> Iterator[Frame]:
         for output in outputs:
             fields = {}
@@ -361,7 +373,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
                     self._options.note(f"left out: {block}: {error.problem}")
             if fields:
                 first = next(iter(output.values()))
-                time = first.value if first.modal else first.time_ms
+                time = first.time_ms if axis == TIME else first.value
                 yield Frame(time, scene, _at_points(fields, scene, derived))
 
 

@@ -583,7 +583,9 @@ class MarcSource:
         at_mm = mesh.coordinates_mm[keep] * self._options.length_mm
         yield mesh.node_ids[keep], at_mm, points.bearing[keep]
 
-    def frames(self, quantities: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
+    def frames(
+        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
+    ) -> Iterator[Frame]:
         """Check the request now; yield the increments when they are asked for.
 
         A point of the scene is a node as one layer has it: between layers stress jumps, as it
@@ -591,14 +593,24 @@ class MarcSource:
         """
         self._check_whole()
         names = None if quantities is None else [self._name(one) for one in quantities]
-        every = [self._quantities(one) for one in self._post.increments]
+        axes = [FREQUENCY if one.harmonic else TIME for one in self._post.increments]
+        axis = one_axis(", ".join(names or ["any quantity"]), axes, modes, self._options)
+        increments = [
+            one for one, of in zip(self._post.increments, axes, strict=True) if of == axis
+        ]
+        every = [self._quantities(one) for one in increments]
         for name in names or dict.fromkeys(name for held in every for name in held):
             self._note_without(name, [name in held for held in every])
-        return self._frames(names, derived)
+        return self._frames(increments, names, derived)
 
-    def _frames(self, names: Sequence[str] | None, derived: Sequence[str]) -> Iterator[Frame]:
+    def _frames(
+        self,
+        increments: Sequence[PostIncrement],
+        names: Sequence[str] | None,
+        derived: Sequence[str],
+    ) -> Iterator[Frame]:
         points, scene = self._points, None
-        for one in self._post.increments:
+        for one in increments:
             held = self._quantities(one)
             found = {name: held[name] for name in held if names is None or name in names}
             if not found:
@@ -632,7 +644,8 @@ class MarcSource:
                     for name in derived:
                         if DERIVED[name][0] == ("STRESS",):
                             arrays[f"{name}_pa"] = derived_of(name, {"STRESS": field})
-            yield Frame(one.time_s * MS_PER_S, scene, arrays)
+            at = one.frequency if one.harmonic else one.time_s * MS_PER_S
+            yield Frame(at, scene, arrays)
 
     def _values(self, one: PostIncrement, quantity: Quantity) -> FloatArray:
         """A quantity at all nodes, or of element values at all points of the mesh."""

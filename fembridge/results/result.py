@@ -218,6 +218,9 @@ class Result:
         if options.stress_unit != run.stress_unit:
             words = f"{self.path}: a run folder of fembridge is in {run.stress_unit}, always"
             raise UsageError(words)
+        if options.length_unit != run.length_unit:
+            words = f"{self.path}: a run folder of fembridge is in {run.length_unit}, always"
+            raise UsageError(words)
         _check_deck(run, self.path)
         since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms if run.before_ms else -math.inf
         return replace(options, branches=run.branches, on_axis=run.on_axis, since_ms=since_ms)

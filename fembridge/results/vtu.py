@@ -60,6 +60,7 @@ def write_vtu_series(
     stress_unit: str | None = None,
     length_unit: str | None = None,
     extrapolate: str | None = None,
+    modes: bool = False,
     log: Callable[[str], None] | None = None,
 ) -> Path:
     """Write the results in `path` as VTU files in `folder`; the PVD's path.
@@ -81,6 +82,8 @@ def write_vtu_series(
         As for `read_fields`. `log` also gets how many nodes have no value.
     extrapolate
         As for `fembridge.read`, of a Marc file.
+    modes
+        The modes of frequency and buckling steps, of a file that has times too.
 
     Raises
     ------
@@ -100,7 +103,7 @@ def write_vtu_series(
     )
     with open_source(path, options) as source:
         path, folder = source.path, Path(folder)
-        frames = source.frames(quantities, tuple(derived))
+        frames = source.frames(quantities, tuple(derived), modes)
         series = f"{path.stem}.pvd"
         entries: list[tuple[float, str]] = []
         shapes: dict[int, _Shape] = {}

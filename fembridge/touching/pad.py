@@ -28,10 +28,8 @@ from fembridge.store import replacing
 from fembridge.typing import FloatArray, IntArray, SingleArray
 
 FORMAT = 1
-DIRECTIONS = ("x", "y", "z")
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")
-# What becomes of a displacement or a stress component under a mirror.
-_VECTOR_FLIP = {"x": np.array([-1, 1, 1]), "z": np.array([1, 1, -1])}
+# What becomes of a stress or a force component under a mirror.
 STRESS_FLIP = {"x": np.array([1, 1, 1, -1, 1, -1]), "z": np.array([1, 1, 1, 1, -1, -1])}
 FORCE_FLIP = {"x": np.array([-1, 1, 1]), "z": np.array([1, 1, -1])}
 

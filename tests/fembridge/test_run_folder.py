@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,16 @@ def test_a_run_folder_comes_back_as_it_was_written(tmp_path):
     assert run.end_ms == 260.0
     assert run.deck == tmp_path / "job.inp"
     assert run.results == tmp_path / "job.frd"
+
+
+def test_an_own_deck_s_steps_before_the_stimulus_are_part_of_the_pre_indentation(tmp_path):
+    inputs = {
+        "base_deck": {"file": "mine.inp", "sha256": "0", "stands_um": 75.00000000000001},
+        "stimulus": {"id": "sine_50_250", "window_ms": [0.0, 250.0], "preindent_um": 10.0},
+    }
+    assert replace(whole_run(tmp_path), inputs=inputs).origin().preindent_um == 85.0
+    inputs["stimulus"].pop("preindent_um")
+    assert replace(whole_run(tmp_path), inputs=inputs).origin().preindent_um == 75.0
 
 
 def test_a_folder_without_one_is_no_run_folder(tmp_path):

@@ -255,3 +255,25 @@ def test_a_place_that_cannot_be_written_is_an_error_of_ours(samples, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="a file stands where a folder is wanted"):
         write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "file" / "out")
+
+
+def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
+    """The first increment of a recorded file, made a mode of a frequency step."""
+    content = bytearray((samples / "cpe4_ascii.frd").read_bytes())
+    at = content.find(b"  100C")
+    first = content[at + 12 : at + 24]
+    while at >= 0:
+        if content[at + 12 : at + 24] == first:
+            content[at + 56 : at + 58], content[at + 63 : at + 73] = b" 2", b"MODAL     "
+        at = content.find(b"  100C", at + 1)
+    path, said = tmp_path / "both.frd", list[str]()
+    path.write_bytes(content)
+    times = [at for at, _ in written(write_vtu_series(path, tmp_path / "times", log=said.append))]
+    assert times == [field.time_ms for field in read_fields(samples / "cpe4_ascii.frd")][1:]
+    assert any(
+        "left out: 1 outputs of any quantity over freq" in s and "--modes" in s for s in said
+    )
+    modes = written(write_vtu_series(path, tmp_path / "modes", modes=True))
+    assert [at for at, _ in modes] == [float(first)]
+    with pytest.raises(UsageError, match="no modes"):
+        write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "none", modes=True)

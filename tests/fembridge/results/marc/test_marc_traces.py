@@ -578,3 +578,5 @@ def test_someone_s_own_model_may_be_in_another_unit(tmp_path):
     assert read(tmp_path)[0].stress_pa[-1] == pytest.approx(exact, rel=1e-5)
     with pytest.raises(UsageError, match="a run folder of fembridge is in kPa, always"):
         read(tmp_path, stress_unit="MPa")
+    with pytest.raises(UsageError, match="a run folder of fembridge is in mm, always"):
+        read(tmp_path, length_unit="m")
