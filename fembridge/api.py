@@ -403,7 +403,7 @@ def encode(
     chosen = parameters_for(found, parameters, log or (lambda line: None))
     ready = traces_to_encode(found, chosen.parameters, stimulus, "traces", afferents, say)
     trains = encode_traces(ready, chosen.parameters, derivative)
-    if words := doubt(ready, trains):
+    if words := doubt(found, ready, trains):
         say(words)
     return spikes_frame(trains)
 

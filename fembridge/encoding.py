@@ -165,8 +165,8 @@ def encode_traces(
     ]
 
 
-def doubt(traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]) -> str | None:
-    """What may be wrong where stress is far from that of skin, or nothing fires; None: no doubt."""
+def doubt(found: Traces, traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]) -> str | None:
+    """What may be wrong where stress is unlike that of skin, or nothing fires; None: no doubt."""
     peaks_pa = [float(np.abs(trace.stress_pa).max()) for trace in traces]
     shares = [p / _TYPICAL_PA[str(t.afferent)] for p, t in zip(peaks_pa, traces, strict=True)]
     strongest = int(np.argmax(shares))
@@ -182,5 +182,7 @@ def doubt(traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]) -> str | 
     )
     if near:
         return f"no spikes: {line}: too faint, too short or too slow for these parameters?"
+    if found.origin is not None:  # of a run, whose unit is known
+        return f"{line}: too faint, too deep, or of another place?"
     power = 3 * round(-np.log10(share) / 3)
     return f"{line}: in another unit? --gain-pa 1e{power} (gain_pa) takes it so"

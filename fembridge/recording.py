@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -438,6 +439,20 @@ FORMATS: Mapping[str, tuple[str, Callable[[Recording, Path], None]]] = {
     "sonata": (".h5", Recording._write_sonata),
 }
 """Suffix and writer of each word of ``--export``."""
+_LIBRARIES = {"mat": "scipy", "nwb": "pynwb", "neo": "neo", "sonata": "h5py"}
+
+
+def require_libraries(formats: Sequence[str]) -> None:
+    """Refuse `formats` whose library is not installed, before anything is computed.
+
+    Raises
+    ------
+    MissingError
+        It is not.
+    """
+    for word in formats:
+        with _library(word):
+            import_module(_LIBRARIES.get(word, "numpy"))
 
 
 def export(recording: Recording, folder: Path, formats: Sequence[str]) -> list[str]:

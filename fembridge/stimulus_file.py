@@ -84,6 +84,16 @@ def stimuli_of(
     words = [one for one in given if not isinstance(one, Stimulus)]
     if words or not made:
         files, entries = named(words)
+        kinds = {one.suffix.lower() for one in files}
+        for option, given, kind in (
+            ("dt-ms", dt_ms, ".npy"),
+            ("full-scale-um", full_scale_um, ".wav"),
+        ):
+            if given is not None and kind not in kinds:
+                argument = option.replace("-", "_")
+                raise UsageError(
+                    f"--{option} ({argument}=) is for a waveform in {kind}, and none is named"
+                )
         made += [read_stimulus(one, preindent_um, dt_ms, full_scale_um, log) for one in files]
         made += [make_stimulus(entry, preindent_um, seed) for entry in entries]
     names = [one.id for one in made]

@@ -96,13 +96,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
     from fembridge.api import parameters_for, traces_of
     from fembridge.encoding import doubt, encode_traces, traces_to_encode
-    from fembridge.recording import Recording, export
+    from fembridge.recording import Recording, export, require_libraries
     from fembridge.store import filling
     from fembridge.tables import write_rates, write_spikes
 
     def log(line: str) -> None:
         print(line, file=sys.stderr)
 
+    require_libraries(args.export)
     named: dict[str, list[str]] = {}
     for key, name in args.columns or ():
         named.setdefault(key, []).append(name)
@@ -138,7 +139,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         nodes = {(str(trace.afferent), trace.unit): trace.node for trace in traces}
         recording = Recording.of_trains(trains, traces[0].dt_ms, t_stop_ms, nodes)
         files += [args.output / name for name in export(recording, args.output, args.export)]
-    if words := doubt(traces, trains):
+    if words := doubt(found, traces, trains):
         notes.append(words)
     spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
     if args.window_ms is None and not found.windows_ms and spans_ms == windows_ms:

@@ -62,14 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
-    from dataclasses import asdict
     from pathlib import Path
 
     from fembridge.api import simulate
     from fembridge.progress import SolverBars
-    from fembridge.recording import Recording, export
+    from fembridge.recording import Recording, export, require_libraries
     from fembridge.simulation import RASTER_FILE, RATES_FILE, SPIKES_FILE, TRACES_FILE
 
+    require_libraries(args.export)
     output = Path(args.output)
     lines: list[str] = []
 
@@ -102,7 +102,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "method": simulation.origin["method"],
         "parameters": simulation.origin.get("parameter_set", ""),
         "notes": lines,
-        "rates": [asdict(rate) for rate in simulation.mean_rates],
+        "rates": [
+            {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
+            for r in simulation.mean_rates
+        ],
     }
 
 

@@ -122,7 +122,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _paths(ids: list[str], format_name: str, output: str | None) -> "list[Path]":
-    """A file each in the folder `output`; of one stimulus `output` itself may be the file."""
+    """A file each in the folder `output`; of one stimulus an `output` with a suffix is the file."""
     from pathlib import Path
 
     from fembridge.errors import OutputError
@@ -130,7 +130,8 @@ def _paths(ids: list[str], format_name: str, output: str | None) -> "list[Path]"
 
     suffix, _ = FORMATS[format_name]
     folder = Path(output or ".")
-    if output and len(ids) == 1 and not (output.endswith(("/", os.sep)) or folder.is_dir()):
+    named = bool(folder.suffix) and not (str(output).endswith(("/", os.sep)) or folder.is_dir())
+    if len(ids) == 1 and named:
         return [folder]
     if len(ids) > 1 and folder.is_file():
         raise OutputError(f"a file, expected a folder for {len(ids)} stimuli", folder)

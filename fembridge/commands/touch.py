@@ -121,10 +121,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import sys
 
     from fembridge.errors import UsageError
+    from fembridge.recording import Recording, export, require_libraries
     from fembridge.touching.touch import touch
 
     if args.seed < 0:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
+    require_libraries(args.export)
     result = touch(
         **words_of(args, "shape", *_SHAPE, *_WAY),
         **words_of(args, *_WHO),
@@ -135,8 +137,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     output = Path(args.output)
     files = result.write(output)
     if args.export:
-        from fembridge.recording import Recording, export
-
         files += export(Recording.of(result), output, args.export)
     if not args.no_plot:
         from fembridge.plots.pad import PICTURES

@@ -329,6 +329,15 @@ def test_a_sensor_of_a_robot_is_a_table_too(here, capsys):
     assert times_ms.tolist() == found["RA", "right", 1]
 
 
+def test_faint_stress_of_a_run_is_not_taken_for_another_unit(here, capsys):
+    words = ["--stored", "--stimulus", "sine_20_0.1", "--preindent-um", "0", "--no-plot"]
+    assert main(["simulate", *words, "-o", "faint"]) == 0
+    assert main(["encode", "faint", "--no-raster"]) == 0
+    told = capsys.readouterr().err
+    assert "too faint" in told
+    assert "--gain-pa" not in told
+
+
 @pytest.mark.parametrize(
     ("gain", "told"),
     [

@@ -203,6 +203,23 @@ def test_a_library_that_is_absent_is_named_with_what_installs_it(recording, monk
         recording.to_torch()
 
 
+@pytest.mark.parametrize("verb", ["encode", "simulate", "touch"])
+def test_a_format_without_its_library_is_refused_before_anything_is_made(
+    verb, monkeypatch, tmp_path, capsys
+):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pynwb", None)
+    words = {
+        "encode": ["absent.csv"],
+        "simulate": ["--stored", "--stimulus", "sine_20_250"],
+        "touch": ["--press-um", "100"],
+    }[verb]
+    assert main([verb, *words, "--export", "nwb", "-o", str(tmp_path / "out")]) == 1
+    assert "pip install 'fembridge[nwb]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_no_recording_is_refused(recording, tmp_path):
     with pytest.raises(UsageError, match=r"\.nwb"):
         recording.write(tmp_path / "a.nbw")

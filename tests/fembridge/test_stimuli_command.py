@@ -160,6 +160,11 @@ def test_without_o_a_file_named_after_the_id_is_written_here(
     assert [path.name for path in tmp_path.iterdir()] == [f"sine_20_6.71{suffix}"]
 
 
+def test_a_name_without_a_suffix_is_a_folder(tmp_path):
+    main(["stimuli", "--export", "csv", "sine_20_250", "-o", str(tmp_path / "new")])
+    assert (tmp_path / "new" / "sine_20_250.csv").is_file()
+
+
 def test_a_trailing_slash_names_a_folder_that_is_not_there_yet(tmp_path, capsys):
     main(["stimuli", "--export", "csv", "sine_20_250", "-o", f"{tmp_path}/new/"])
     assert (tmp_path / "new" / "sine_20_250.csv").is_file()
@@ -189,6 +194,8 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--seed", "1"], "--seed is for --export"),
         (["--preindent-um", "0"], "--preindent-um is for --export"),
         (["--export", "csv", "sine_20_250", "--seed", "1"], "no noise was named"),
+        (["--export", "csv", "sine_20_250", "--dt-ms", "3"], "--dt-ms (dt_ms=) is for"),
+        (["--export", "wav", "sine_20_250", "--full-scale-um", "3"], "a waveform in .wav"),
         (["--export", "csv", "noise_5_25_1", "--seed", "-1"], "expected 0 or more"),
         (["--export", "csv", "sine_20_250", "--preindent-um", "-1"], "--preindent-um"),
         (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
