@@ -1,4 +1,4 @@
-"""Decks keep their bytes: those of the program before issue 12, of 22 November 2026.
+"""Decks keep their bytes: those of 22 November 2026, when no probe was pre-indented by default.
 
 But for one comment since: which of two opposite forces is printed.
 """
@@ -45,6 +45,7 @@ GOLDEN = {
 def test_a_deck_keeps_its_bytes(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "relaxing.toml").write_text(RELAXING)
-    assert main(["build-deck", "--stimulus", "sine_50_50", *words.split()]) == 0
+    unindented = [] if "--preindent-um" in words else ["--preindent-um", "0"]
+    assert main(["build-deck", "--stimulus", "sine_50_50", *words.split(), *unindented]) == 0
     (deck,) = tmp_path.glob("runs/*/job.*[pt]")
     assert hashlib.sha256(deck.read_bytes()).hexdigest().startswith(GOLDEN[words])

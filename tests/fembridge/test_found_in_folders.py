@@ -53,7 +53,7 @@ def test_a_simulation_comes_back_with_the_probe_as_it_was(out, simulation):
         assert [trace.afferent for trace in read] == ["SA", "RA", "PC"]
         for one, other in zip(read, made, strict=True):
             assert_array_equal(one.stress_pa, other.stress_pa)
-    assert written.cells == {"SA": 5, "RA": 5, "PC": 5}
+    assert written.cells == {"SA": 10, "RA": 10, "PC": 10}
 
 
 def test_cells_that_are_in_no_row_of_the_table_come_back_silent(out, simulation):

@@ -270,6 +270,8 @@ def test_a_trial_ends_where_its_own_waveform_does(tmp_path):
     trains = [SpikeTrain("long", "SA", np.array([1.5])), SpikeTrain("short", "SA", np.array([0.5]))]
     recording = fb.Recording.of_trains(trains, 0.5, 2.0, depth_um=depth_um)
     assert_allclose(recording.end_ms, [2.0, 1.0])
+    for library in ("neo", "pynwb"):
+        pytest.importorskip(library)
     long, short = recording.to_neo().segments
     assert [float(one.spiketrains[0].t_stop) for one in (long, short)] == [2.0, 1.0]
     assert short.analogsignals[0].shape == (3, 1)

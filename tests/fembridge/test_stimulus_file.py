@@ -228,7 +228,7 @@ def test_what_is_no_waveform_is_refused_in_one_line(tmp_path, name, content, fou
     path = tmp_path / name
     path.write_text(content)
     with pytest.raises((StimulusError, TableError)) as refused:
-        stimuli_of(str(path), dt_ms=0.5, full_scale_um=1.0)
+        stimuli_of(str(path), **{".npy": {"dt_ms": 0.5}}.get(path.suffix, {}))
     message = str(refused.value).replace(f"{tmp_path}/", "")
     assert found in message
     assert len(message) < 300

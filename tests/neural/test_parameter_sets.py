@@ -193,7 +193,8 @@ def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
     table = tomllib.loads(tomli_w.dumps(own.to_table()))
     back = parameter_set_of(table, "run", "run.toml")
 
-    assert (back.name, back.preindent_um, dict(back.finger)) == ("fitted", 75.0, {"name": "quick"})
+    assert (back.name, back.preindent_um, back.finger["name"]) == ("fitted", 75.0, "quick")
+    assert dict(back.finger) == dict(own.finger)
     assert dict(back.parameters) == dict(own.parameters)
     assert back.parameters["SA"].tau_ms == 50.0
 
