@@ -17,7 +17,7 @@ from fembridge.results import read
 from fembridge.run_folder import RUN_FILE
 from fembridge.simulation import TRACES_FILE, arrays_in, find_file, stimuli_in, trains_of
 from fembridge.tables import SpikeTrain, read_traces
-from fembridge.trace import Origin, StressTrace, Traces, resample
+from fembridge.trace import Origin, StressTrace, Traces, doubt_of_step, resample
 from fembridge.typing import FloatArray
 from neural import Parameters, encode_afferents
 
@@ -106,7 +106,7 @@ def traces_to_encode(
     apart = len(set(whose)) == len(whose)
     found: list[StressTrace] = []
     names: set[tuple[str, str, str]] = set()
-    other_steps: dict[tuple[float, float], int] = {}
+    other_steps: dict[tuple[float, float], list[str | None]] = {}
     for trace, afferent in classes:
         if afferent not in parameters:
             who = trace.unit or (f"node {trace.node}" if trace.node else "the trace")
@@ -130,13 +130,15 @@ def traces_to_encode(
         if abs(trace.dt_ms - step_ms) > _SAME_STEP * step_ms:
             _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
             steps = (trace.dt_ms, step_ms)
-            other_steps[steps] = other_steps.get(steps, 0) + 1
+            doubt = doubt_of_step(trace.stress_pa, *steps)
+            other_steps.setdefault(steps, []).append(doubt)
         found.append(
             StressTrace(stress_pa, step_ms, trace.node, afferent, trace.start_ms, unit, key[0])
         )
-    for (dt_ms, step_ms), count in other_steps.items():
-        many = f"{count} traces have" if count > 1 else "the trace has"
-        log(f"{many} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms")
+    for (dt_ms, step_ms), doubts in other_steps.items():
+        many = f"{len(doubts)} traces have" if len(doubts) > 1 else "the trace has"
+        lost = "".join(f"; {words}" for words in list(filter(None, doubts))[:1])
+        log(f"{many} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms{lost}")
     return found
 
 

@@ -27,7 +27,6 @@ from decks.stimuli import (
     DT_MS,
     MAX_AMPLITUDE_UM,
     MAX_SAMPLES,
-    NYQUIST_HZ,
     named,
 )
 from decks.waveform import make_stimulus
@@ -36,7 +35,7 @@ from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
 from fembridge.store import read_bytes, replacing, write_text
 from fembridge.tables import MAX_TABLE_BYTES, read_table
-from fembridge.trace import STEP_TOLERANCE, mean_step, resample
+from fembridge.trace import STEP_TOLERANCE, doubt_of_step, mean_step, resample
 from fembridge.typing import FloatArray
 
 Stimuli: TypeAlias = str | Path | Stimulus | Sequence[str | Path | Stimulus]
@@ -50,8 +49,6 @@ _SCALE = re.compile(rb"fembridge: 32767 is (\S{1,40}) um\0")
 _LONGEST_NAME = 60
 # By so much of a step the last sample may be late, where times are rounded.
 _LATE_SAMPLES = 0.05
-# A share of power above half the rate, from which on a waveform is told to be filtered.
-_FOLDED_SHARE = 0.01
 
 
 def stimuli_of(
@@ -383,13 +380,11 @@ def _every_half_ms(
     found: FloatArray = resample(times_ms, samples_um, DT_MS)[1]
     how = f"one every {step_ms:g} ms" if odd is None else "uneven times"
     line = f"{times_ms.size} samples, {how}, resampled to {len(found)}, one every {DT_MS:g} ms"
-    if odd is None and step_ms < DT_MS:
-        power = np.abs(np.fft.rfft(samples_um[:, 0] - samples_um[:, 0].mean())) ** 2
-        above = np.fft.rfftfreq(times_ms.size, step_ms * S_PER_MS) > NYQUIST_HZ
-        share = power[above].sum() / power.sum() if power.any() else 0.0
-        if share > _FOLDED_SHARE:
-            line += (
-                f"; {100 * share:.0f} % of its power is above {NYQUIST_HZ:g} Hz: filter it first"
-            )
+    if (
+        odd is None
+        and step_ms < DT_MS
+        and (doubt := doubt_of_step(samples_um[:, 0], step_ms, DT_MS))
+    ):
+        line += f"; {doubt}"
     log(line)
     return found

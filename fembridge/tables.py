@@ -40,7 +40,15 @@ from fembridge.store import (
     unstructure,
     write_text,
 )
-from fembridge.trace import MS_PER_S, Origin, StressTrace, Traces, mean_step, resample
+from fembridge.trace import (
+    MS_PER_S,
+    Origin,
+    StressTrace,
+    Traces,
+    doubt_of_step,
+    mean_step,
+    resample,
+)
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -54,7 +62,10 @@ TRACE_KEYS = ("time", "time_ms", "value", *_WHOSE)
 """What the columns of another table of traces can be."""
 MS_PER_UNIT = {"us": 1e-3, "ms": 1.0, "s": MS_PER_S}
 _PA_PER_UNIT = {one.stress_unit.lower(): one.stress_pa for one in UNIT_SYSTEMS.values()}
-_UNIT = re.compile(r"(?:_|[\s.]*[\[(]) *([A-Za-z]+) *[\])]?$")
+_PA_PER_UNIT |= {"gpa": 1e9, "n/m2": 1.0, "n/mm2": 1e6}
+_UNIT = re.compile(r"(?:_([A-Za-z]+)|[\[(] *([^][()]*[A-Za-z][^][()]*?) *[])])$")
+_OTHER_UNITS = ("n", "mn", "kn", "lbf", "mm", "um", "v", "mv", "ns", "min", "h")
+_NO_UNIT = re.compile("[xyz]{2}|.*mises.*|v-m")  # in brackets
 SPIKE_COLUMNS = ("stimulus", "afferent", "repeat", "spike_time_ms")
 RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
@@ -121,13 +132,12 @@ def read_traces(
         What a value of 1 is in Pa. None: as the name of its column ends, in ``_pa`` or
         ``[kPa]``.
     resample_ms
-        The step of the even grid on which traces of uneven times are put.
+        The step of the even grid on which traces are put.
     """
     names = {} if columns is None else dict(columns)
     if unknown := [name for name in names if name not in TRACE_KEYS]:
         raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(TRACE_KEYS)}")
     asked = {key: [each] if isinstance(each, str) else list(each) for key, each in names.items()}
-    to_ms = MS_PER_UNIT["ms" if "time_ms" in asked else "s"]
     asked["time"] = asked.pop("time_ms", asked.get("time", [_DEFAULTS["time"]]))
     samples, error = _plain_samples(source, asked) or _samples(source, asked)
     if log is not None and isinstance(source, Path) and source.is_file():
@@ -136,7 +146,6 @@ def read_traces(
             if file.read(1) not in b"\r\n":
                 log(f"{source}: no line end behind the last number, which may be cut")
     (time,), values = (asked.get(key, [default]) for key, default in _DEFAULTS.items())
-    to_ms = MS_PER_UNIT.get(unit_in(time), to_ms)
     told: set[str] = set()
 
     def say(line: str) -> None:
@@ -144,8 +153,7 @@ def read_traces(
             log(f"{source if isinstance(source, Path) else 'traces'}: {line}")
         told.add(line)
 
-    if unit_in(time) not in MS_PER_UNIT and "time_ms" not in names:
-        say(f"time taken as s; --columns time_ms={time} takes it as ms")
+    to_ms = ms_per(time, "time_ms" in names, say)
     traces = Traces(origin=_origin_of(source, log) if isinstance(source, Path) else None)
     keys = [name for name in _WHOSE if name in samples]
     parts: Any = samples.groupby(keys, sort=False, observed=True) if keys else [((), samples)]
@@ -158,7 +166,8 @@ def read_traces(
         if len(rows) < 2:
             raise error(rows[0], f"{who}: one sample, expected more")
         times_ms = part["time"].to_numpy() * to_ms
-        dt_ms, odd = mean_step(times_ms)
+        even_ms, odd = mean_step(times_ms)
+        dt_ms = resample_ms or even_ms
         if odd is not None and resample_ms is None:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise error(
@@ -168,12 +177,13 @@ def read_traces(
             )
         for number, value in enumerate(values):
             stress_pa = part[number].to_numpy() * _to_pa(value, gain_pa)
-            if odd is not None and resample_ms is not None:
+            if resample_ms is not None:
+                if odd is None and (doubt := doubt_of_step(stress_pa, even_ms, resample_ms)):
+                    say(f"{who}: {doubt}")
                 try:
                     _, stress_pa = resample(times_ms, stress_pa, resample_ms, say)
                 except TraceError as problem:
                     raise error(rows[0], f"{who}: {problem}") from problem
-                dt_ms = resample_ms
             unit = [str(whose.get("unit", "")), value if len(values) > 1 else ""]
             traces.append(
                 StressTrace(
@@ -191,7 +201,7 @@ def _to_pa(value: str, gain_pa: float | None) -> float:
     """What 1 in the column `value` is in Pa."""
     if gain_pa is not None:
         return gain_pa
-    factor = _PA_PER_UNIT.get(unit_in(value))
+    factor = pa_per(value)
     if factor is None:
         raise UsageError(
             f"column {value} does not say its unit (_pa, _kpa or _mpa): --gain-pa (gain_pa) is "
@@ -200,10 +210,43 @@ def _to_pa(value: str, gain_pa: float | None) -> float:
     return factor
 
 
-def unit_in(name: str) -> str:
-    """The word at the end of a name that may be its unit, in small letters; or ""."""
-    found = _UNIT.search(name)
-    return found[1].lower() if found else ""
+def pa_per(name: str) -> float | None:
+    """What 1 in a column is in Pa, as its name says; None where it does not."""
+    return _PA_PER_UNIT.get(_unit_in(name)[0])
+
+
+def check_stress_unit(name: str) -> None:
+    """Refuse a column whose name says a unit that is none of stress, or none we know."""
+    unit, sure = _unit_in(name)
+    if sure and unit not in _PA_PER_UNIT:
+        raise UsageError(
+            f"column {name} is in {unit!r}, expected Pa, kPa, MPa, GPa, psi, N/m^2 or N/mm^2: "
+            "--stress-unit (stress_unit) says what its numbers are in"
+        )
+
+
+def ms_per(name: str, in_ms: bool, note: Callable[[str], None]) -> float:
+    """What 1 in a column of times is in ms: as its name says, else as `in_ms`, else of s."""
+    unit, sure = _unit_in(name)
+    if unit in MS_PER_UNIT or in_ms:
+        return MS_PER_UNIT.get(unit, 1.0)
+    if sure:
+        raise UsageError(
+            f"column {name} is in {unit!r}, expected s, ms or us: rename it when its numbers "
+            f"are in s, or --columns time_ms={name} takes them as ms"
+        )
+    note(f"time taken as s; --columns time_ms={name} takes it as ms")
+    return MS_PER_S
+
+
+def _unit_in(name: str) -> tuple[str, bool]:
+    """What may be the unit at the end of a name, in small letters, or ""; whether it must be."""
+    if not (found := _UNIT.search(name)):
+        return "", False
+    unit = re.sub(r"\^|\*\*|\s", "", (found[1] or found[2]).lower()).replace("²", "2")
+    if found[1]:
+        return unit, unit in _OTHER_UNITS
+    return unit, not _NO_UNIT.fullmatch(unit)
 
 
 def _found(

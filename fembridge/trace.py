@@ -18,6 +18,8 @@ MS_PER_S = 1.0e3
 
 # Solvers print times with six to ten digits; a step may be off by that much.
 STEP_TOLERANCE = 1.0e-3
+# A share of power, from which on a change of step is told to lose something.
+_FOLDED_SHARE = 0.01
 _MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
 
 
@@ -165,6 +167,27 @@ def resample(
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e200
         found: FloatArray = PchipInterpolator(times_ms, values, axis=0)(even_ms)
     return even_ms, found
+
+
+def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | None:
+    """What is lost of a history ``(T,)`` every `dt_ms` that goes on a step of `step_ms`.
+
+    What is above half the rate of a longer step folds; of a shorter one PCHIP smooths
+    what is above a tenth of the rate there was. None: neither holds 1 % of the power.
+    """
+    if abs(dt_ms - step_ms) <= STEP_TOLERANCE * step_ms:
+        return None
+    finer = dt_ms < step_ms
+    limit_hz = MS_PER_S / (2 * step_ms if finer else 10 * dt_ms)
+    # The window takes away the jump from end to start, which has power everywhere.
+    windowed = (values - values.mean()) * np.hanning(values.size)
+    power = np.abs(np.fft.rfft(windowed)) ** 2
+    above = np.fft.rfftfreq(values.size, dt_ms / MS_PER_S) > limit_hz
+    share = power[above].sum() / power.sum() if power.any() else 0.0
+    if not share > _FOLDED_SHARE:
+        return None
+    what = f"{100 * share:.0f} % of its power is above {limit_hz:g} Hz: "
+    return what + ("filter it first" if finer else "rates may be off: sample it every 0.5 ms")
 
 
 def stacked(rows: Sequence[FloatArray]) -> FloatArray:

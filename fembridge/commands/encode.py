@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PA",
         help="Pa that a value of 1 is (default: as the column's name ends: _pa, _kpa, _mpa)",
     )
-    resampled = "put uneven times on an even grid of this step, by PCHIP"
+    resampled = "put samples on an even grid of this step, by PCHIP"
     add("--resample-ms", type=float, metavar="MS", help=resampled)
     counted = "count spikes after START up to END (default: as in its run, else of "
     counted += "--stimulus ID, else the whole trace)"

@@ -178,9 +178,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if (suffix in PRINTS and suffix != ".dat") or kind == "plot":
         unit = ""
     else:
-        summary["stress_unit"] = result.options.stress_unit
-        unit = f"; stress in the file taken as {result.options.stress_unit}"
-        if args.stress_unit is None and (kind != "traces" or result.run is None):
+        from fembridge.results.columns import stress_units_in
+
+        taken, open_to = stress_units_in(result.options.columns, result.options.stress_unit)
+        summary["stress_unit"], unit = taken, f"; stress in the file taken as {taken}"
+        if open_to and args.stress_unit is None and (kind != "traces" or result.run is None):
             unit += " (--stress-unit says otherwise)"
         if "mm" in summary.get("units", ()):
             summary["length_unit"] = result.options.length_unit

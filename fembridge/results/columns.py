@@ -5,13 +5,16 @@
 ``time``, ``time_ms``  in s, as solvers have it, or in ms; the ending of a name goes before: t_ms
 ``value``              von Mises stress; or an array with a tensor
 ``xx`` ... ``zx``      or a tensor, component by component
-``node``, ``afferent`` whose it is; without them it is of one place, node 1
+``node``, ``afferent`` whose it is; a table's columns of these names are taken unasked;
+                       without them it is of one place, node 1
 
-Stress is in `ReadOptions.stress_unit`, unless the name of the column says it: ``S_pa``,
-``Mises [kPa]``. Of CSV, lines of ``%``, ``#`` or nothing come before the header, as COMSOL and
-code_aster write it. An NPZ has arrays ``(T,)``, ``(T, node)`` or of tensors ``(T, node, 6)``.
+Stress is in `ReadOptions.stress_unit`, unless the name of the column says it, each of six its
+own: ``S_pa``, ``Mises [kPa]``. Of CSV, lines of ``%``, ``#`` or nothing come before the header,
+as COMSOL and code_aster write it. An NPZ has arrays ``(T,)``, ``(T, node)`` or of tensors
+``(T, node, 6)``.
 A series is a PVD of VTU files, one VTU, or XDMF; its time is that of the PVD or XDMF, under
-any name; nodes are the points, from 1, or what the array ``node`` says.
+any name, in ms of a PVD that we wrote; nodes are the points, from 1, or what the array ``node``
+says.
 
 Tensors are xx yy zz xy yz zx, VTK's order; nine numbers are a whole one; XDMF's Tensor6 is
 xx xy xz yy yz zz (xdmf.org, "XDMF Model and Format", Attribute).
@@ -23,6 +26,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
@@ -30,18 +34,20 @@ from xml.etree import ElementTree
 import numpy as np
 
 from fembridge.errors import FembridgeError, MissingError, ResultError, UsageError
-from fembridge.results.fields import rows_of
+from fembridge.results.byte_file import ByteFile, suffix_of
+from fembridge.results.fields import TIMES_IN_MS, rows_of
 from fembridge.results.history import OF_STRESS, STRESS, TENSOR_COMPONENTS, VON_MISES, History
 from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
 from fembridge.results.stress import TENSOR
 from fembridge.store import read_bytes
-from fembridge.tables import AFFERENTS, MS_PER_UNIT, unit_in
-from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.tables import AFFERENTS, check_stress_unit, ms_per, pa_per
+from fembridge.trace import StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 KEYS = ("time", "time_ms", "value", *TENSOR, "node", "afferent")
 
 _MOST_BYTES = 1 << 28  # of a file, and of what is in it
+_START_BYTES = 1 << 10
 _COMMENTS = ("%", "#")
 _FULL = [0, 4, 8, 1, 5, 2]  # of nine, row by row
 _XDMF_ORDER = [0, 3, 5, 1, 4, 2]
@@ -63,20 +69,31 @@ def describe(path: Path) -> Table:
         return {"format": source.kind, "bytes": path.stat().st_size} | source.about()
 
 
-def stress_unit_in(columns: Mapping[str, str]) -> str | None:
-    """The unit that the name of the stress's column says; None of one that does not."""
-    said = unit_in(columns.get("value", columns.get("xx", "")))
-    return next((unit for unit in PA_PER_UNIT if unit.lower() == said), None)
+def check_units(columns: Mapping[str, str]) -> None:
+    """Refuse columns of stress that say a unit which is none."""
+    for key in ("value", *TENSOR):
+        check_stress_unit(columns.get(key, ""))
+
+
+def stress_units_in(columns: Mapping[str, str], unit: str) -> tuple[str, bool]:
+    """The units of columns of stress, `unit` where a name has none, and whether one has none."""
+    said = [pa_per(columns[key]) for key in ("value", *TENSOR) if key in columns] or [None]
+    units = {pa: name for name, pa in (PA_PER_UNIT | {"GPa": 1e9}).items()}
+    words = dict.fromkeys(unit if pa is None else units[pa] for pa in said)
+    return ", ".join(words), None in said
 
 
 class ColumnSource:
     """An open table or series, see `fembridge.results.fields.FieldSource`."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.path, self._options, suffix = path, options, path.suffix.lower()
+        self.path, self._options, suffix = path, options, suffix_of(path)
         self.kind = {".csv": "table", ".npz": "npz"}.get(suffix, "vtk-series")
-        if path.stat().st_size > _MOST_BYTES:
-            raise ResultError(f"more than {_MOST_BYTES} bytes, which no table has", path)
+        if self.kind != "table" and path.suffix.lower() == ".gz":
+            raise ResultError(f"a packed {suffix} is not read: gunzip it first", path)
+        with ByteFile(path) as file:
+            if file.size > _MOST_BYTES:
+                raise ResultError(f"more than {_MOST_BYTES} bytes, which no table has", path)
 
     def __enter__(self) -> "ColumnSource":
         return self
@@ -105,10 +122,9 @@ class ColumnSource:
             raise UsageError(f"{self.path}: a table gives the stress that --columns names")
         parts = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
         time, held, values, afferents = parts(names)
-        per_unit = MS_PER_UNIT.get(unit_in(time)) or (1.0 if "time_ms" in names else None)
-        if per_unit is None:
-            self._options.note(f"time taken as s; --columns time_ms={time} takes it as ms")
-        at, number = held["time"] * (per_unit or MS_PER_S), held["node"]
+        ours = self.kind == "vtk-series" and TIMES_IN_MS in self._start()
+        to_ms = 1.0 if ours else ms_per(time, "time_ms" in names, self._options.note)
+        at, number = held["time"] * to_ms, held["node"]
         if last:
             at, values = at[-1:], values[-1:]
         if nodes is not None:
@@ -155,7 +171,9 @@ class ColumnSource:
             raise ResultError(
                 f"which column is what? --columns time=NAME,value=NAME; it holds {words}", self.path
             )
-        of_series = self.kind == "vtk-series"
+        of_series, columns = self.kind == "vtk-series", held.get("columns", [])
+        there = [key for key in ("node", "afferent") if columns.count(key) == 1]
+        names = {key: key for key in there if key not in names.values()} | dict(names)
         if unknown := [key for key in names if key not in KEYS]:
             raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(KEYS)}")
         tensor = [key for key in TENSOR if key in names]
@@ -174,13 +192,24 @@ class ColumnSource:
         if not np.isfinite(values).all():
             row, place, _ = np.argwhere(~np.isfinite(values))[0].tolist()
             raise ResultError(f"sample {row + 1} of place {place + 1} is no number", self.path)
-        return in_pa(values, self._options, self.path)
+        columns, unit = self._options.columns, self._options.stress_unit
+        named = [pa_per(columns[key]) for key in ("value", *TENSOR) if key in columns]
+        if not any(named):
+            return in_pa(values, self._options, self.path)
+        with np.errstate(over="ignore"):
+            values = values * np.array([each or PA_PER_UNIT[unit] for each in named])
+        return in_pa(values, replace(self._options, stress_unit="Pa"), self.path)
+
+    def _start(self) -> str:
+        with self.path.open("rb") as file:
+            return file.read(_START_BYTES).decode("latin-1")
 
     # --- CSV
 
     def _header(self) -> tuple[list[str], str, str]:
         """Columns, the text behind their line, and what separates cells."""
-        content = read_bytes(self.path, _MOST_BYTES, UsageError)
+        with ByteFile(self.path) as file:
+            content = file.peek(0, _MOST_BYTES)
         text = content.decode("utf-8-sig", errors="replace")
         line, at = "", 0
         while at < len(text):

@@ -26,6 +26,7 @@ Key = tuple[int, int]  # step and increment
 
 LAST = "last"
 VERTEX = "vertex"  # kind of a cell that is a node alone
+TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # of our PVD; others' have s
 FIELD_SUFFIXES = (".npz", ".csv")
 _INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
 

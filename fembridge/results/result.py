@@ -259,9 +259,9 @@ def open_result(
         except ResultError as error:
             trouble = error
     if columns and stress_unit is None:
-        from fembridge.results.columns import stress_unit_in
+        from fembridge.results.columns import check_units
 
-        stress_unit = stress_unit_in(columns)
+        check_units(columns)
     stress, length = units_of(path, stress_unit, length_unit, run, log)
     options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
     options = replace(options, length_unit=length, columns=dict(columns or {}))

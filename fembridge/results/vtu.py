@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import VERTEX, Scene, open_source
+from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene, open_source
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import result_file, units_of
 from fembridge.results.stress import DERIVED
@@ -194,6 +194,7 @@ _APPENDED = b'<AppendedData encoding="raw">\n_'
 def _pvd(entries: Sequence[tuple[float, str]]) -> str:
     lines = [
         '<?xml version="1.0"?>',
+        TIMES_IN_MS,
         '<VTKFile type="Collection" version="0.1">',
         "  <Collection>",
         *(

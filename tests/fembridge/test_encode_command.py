@@ -10,7 +10,7 @@ import pytest
 
 import fembridge as fb
 from fembridge.cli import main
-from fembridge.tables import read_rates, read_spikes, write_traces
+from fembridge.tables import read_rates, read_spikes, read_traces, write_traces
 from fembridge.trace import StressTrace, Traces
 from neural import PUBLISHED, encode, encode_cells
 from neural.parameter_sets import parameter_set
@@ -361,6 +361,29 @@ def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, t
     if told:
         with pytest.warns(UserWarning, match="peaks|all stress is 0"):
             fb.encode(whole)
+
+
+def test_a_change_of_step_that_loses_power_is_told(here, capsys):
+    """Of a coarse table what PCHIP smooths, of a fine one what folds."""
+    for dt_ms, hz, told in (
+        (2.0, 100, "100 % of its power is above 50 Hz: rates may be off: sample it every 0.5 ms"),
+        (2.0, 10, ""),
+        (0.1, 2500, "100 % of its power is above 1000 Hz: filter it first"),
+        (0.1, 100, ""),
+    ):
+        times_ms = dt_ms * np.arange(round(200 / dt_ms))
+        wave = 1e4 * (1 - np.cos(2e-3 * np.pi * hz * times_ms))
+        write_traces(here / "other.csv", [StressTrace(wave, dt_ms, 1, "SA")])
+        assert main(["encode", "other.csv", "--no-raster"]) == 0
+        (line,) = [x for x in capsys.readouterr().err.splitlines() if "resampled to every" in x]
+        assert line.endswith(told or "every 0.5 ms")
+
+
+def test_an_even_table_is_resampled_where_that_is_asked(here):
+    (trace,) = read_traces(here / "sine_50_250.csv", resample_ms=5.0)[:1]
+    (fine,) = read_traces(here / "sine_50_250.csv")[:1]
+    assert trace.dt_ms == 5.0
+    np.testing.assert_allclose(trace.stress_pa, fine.stress_pa[::10])
 
 
 def test_a_cut_end_is_told_by_the_function_and_by_the_picture(here, capsys):

@@ -1,5 +1,6 @@
 """Tables and series of any program, whose columns the user names."""
 
+import gzip
 import itertools
 import zipfile
 
@@ -12,6 +13,7 @@ from fembridge import read, read_history, write_vtu_series
 from fembridge.cli import main
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results.stress import von_mises_pa
+from fembridge.tables import read_traces
 
 TIMES_S = np.arange(0.0, 0.01, 0.0005)
 STRESS_MPA = 0.01 * np.sin(2 * np.pi * 100 * TIMES_S) ** 2
@@ -58,6 +60,73 @@ def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(tmp_path):
     assert_allclose(held["szx_pa"], -0.75 * 9e6 * STRESS_MPA, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "pa"), [("S [GPa]", 1e9), ("S (N/m^2)", 1.0), ("S [N/mm²]", 1e6), ("S_vm", 1e6),
+                     ("S (von-Mises)", 1e6)],
+)  # fmt: skip
+def test_the_unit_in_a_name_is_taken(tmp_path, name, pa):
+    path = tmp_path / "them.csv"
+    path.write_text(f"t_s,{name}\n0,1\n1,2\n", encoding="utf-8")
+    names = {"time": "t_s", "value": name}
+    assert read(path, columns=names)[0].stress_pa.tolist() == [pa, 2 * pa]
+
+
+def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_path):
+    path = tmp_path / "them.csv"
+    path.write_text("t_s,t [min],S [furlong],force_n\n0,0,1,1\n1,1,2,2\n")
+    for name in ("S [furlong]", "force_n"):
+        names = {"time": "t_s", "value": name}
+        with pytest.raises(UsageError, match=r"expected Pa, .*--stress-unit"):
+            read(path, columns=names)
+        assert read(path, columns=names, stress_unit="kPa")[0].stress_pa.tolist() == [1e3, 2e3]
+    names = {"value": "S [furlong]"}
+    with pytest.raises(UsageError, match=r"in 'min', expected s, ms or us: .*time_ms="):
+        read(path, columns={"time": "t [min]", **names}, stress_unit="Pa")
+    for reader in (read_traces, lambda *a, **k: read(*a, stress_unit="Pa", **k)):
+        how = {"gain_pa": 1.0} if reader is read_traces else {}
+        (trace,) = reader(path, columns={"time_ms": "t [min]", **names}, **how)
+        assert trace.dt_ms == 1.0
+    with pytest.raises(UsageError, match="in 'min', expected s, ms or us"):
+        read_traces(path, columns={"time": "t [min]", **names}, gain_pa=1.0)
+
+
+def test_each_component_is_in_its_own_unit(tmp_path, capsys):
+    path, ends = tmp_path / "them.csv", ["_pa", "_kpa", "_mpa", "", "_kpa", "_pa"]
+    factors = np.array([1.0, 1e3, 1e6, 1e6, 1e3, 1.0])
+    names = {key: f"S{key}{end}" for key, end in zip(SIX, ends, strict=True)}
+    lines = [",".join(map(str, (t, *(TENSOR * 1e3 / factors)))) for t in (0, 1)]
+    path.write_text("\n".join([",".join(["t_s", *names.values()]), *lines]))
+    held = read_history(path, "all", quantity="stress", columns={"time": "t_s", **names})
+    found = [held[f"s{key}_pa"].tolist()[0] for key in SIX]
+    assert_allclose(found, 1e3 * TENSOR, rtol=1e-12)
+    names = ",".join(f"{key}={name}" for key, name in {"time": "t_s", **names}.items())
+    assert main(["ingest", str(path), "--columns", names, "-o", str(tmp_path / "out.csv")]) == 0
+    assert "taken as Pa, kPa, MPa (--stress-unit says otherwise)" in capsys.readouterr().out
+
+
+def test_a_packed_table_is_read_and_a_packed_series_refused(samples, tmp_path):
+    names = {"time": "t_s", "value": "S_pa"}
+    packed = tmp_path / "them.csv.gz"
+    packed.write_bytes(gzip.compress(b"t_s,S_pa\n0,1\n1,2\n"))
+    assert read(packed, columns=names)[0].stress_pa.tolist() == [1, 2]
+    series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path)
+    packed = tmp_path / "them.pvd.gz"
+    packed.write_bytes(gzip.compress(series.read_bytes()))
+    with pytest.raises(ResultError, match=r"a packed \.pvd is not read: gunzip it first"):
+        read(packed, [1], columns=names)
+
+
+def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_path):
+    path = tmp_path / "them.csv"
+    path.write_text("t_s,node,afferent,S_pa\n0,9,RA,1\n1,9,RA,2\n0,7,SA,3\n1,7,SA,4\n")
+    names = {"time": "t_s", "value": "S_pa"}
+    whose = [
+        {(one.node, one.afferent, *one.stress_pa) for one in reader(path, columns=names)}
+        for reader in (read, read_traces)
+    ]
+    assert whose[0] == whose[1] == {(9, "RA", 1, 2), (7, "SA", 3, 4)}
+
+
 def test_uneven_times_are_rows_as_they_are_and_can_be_resampled(tmp_path):
     path = tmp_path / "them.csv"
     path.write_text("t,S_pa\n0,0\n0.001,10\n0.004,40\n")
@@ -86,7 +155,7 @@ def test_our_own_series_comes_back_in(samples, tmp_path):
     path = samples / "cpe4_bin_f64.frd"
     series = write_vtu_series(path, tmp_path)
     for value in ("von_mises_pa", "STRESS_pa"):
-        names = {"time_ms": "timestep", "value": value, "node": "node"}
+        names = {"value": value, "node": "node"}  # the series says that it is in ms
         (found,), (wanted,) = read(series, [25], columns=names), read(path, [25])
         assert_allclose(found.stress_pa, wanted.stress_pa, rtol=1e-12)
         assert_array_equal(found.times_ms, wanted.times_ms)
