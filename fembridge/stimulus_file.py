@@ -82,11 +82,11 @@ def stimuli_of(
     if words or not made:
         files, entries = named(words)
         kinds = {one.suffix.lower() for one in files}
-        for option, given, kind in (
+        for option, value, kind in (
             ("dt-ms", dt_ms, ".npy"),
             ("full-scale-um", full_scale_um, ".wav"),
         ):
-            if given is not None and kind not in kinds:
+            if value is not None and kind not in kinds:
                 argument = option.replace("-", "_")
                 raise UsageError(
                     f"--{option} ({argument}=) is for a waveform in {kind}, and none is named"
