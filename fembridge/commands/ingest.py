@@ -273,7 +273,8 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
             nodes = result.named_nodes()
         where: dict[str, Any] = {"sets": args.sets or (), "near_mm": args.near or ()}
         where |= {"deck": args.deck, "resample_ms": args.resample_ms}
-        if result.run is not None and not (every or quantity or args.modes):
+        plain = (quantity or VON_MISES).lower() == VON_MISES
+        if result.run is not None and plain and not (every or args.modes):
             traces = result.traces(nodes, **where)
             found = of_traces(traces)
         else:

@@ -175,10 +175,12 @@ class History:
         """The rows from `start_ms` on; those of time 0 are stress-free, if it has none."""
         kept = self.at >= start_ms - slack_ms
         at, values = self.at[kept], self.values[kept]
+        keys = self.keys[kept] if self.keys.size else self.keys
         if start_ms == 0.0 and at.size and at[0] > slack_ms:
             at = np.concatenate([[0.0], at])
             values = np.concatenate([np.zeros_like(values[:1]), values])
-        return replace(self, at=at, values=values)
+            keys = np.concatenate([np.zeros_like(keys[:1]), keys])  # of no step
+        return replace(self, at=at, values=values, keys=keys)
 
     def trace(self, row: int, path: Path) -> StressTrace:
         """Von Mises stress of the node at `row`, on an even grid."""

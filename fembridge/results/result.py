@@ -16,7 +16,7 @@ import numpy as np
 from fembridge.errors import FembridgeError, ResultError, TraceError, UsageError
 from fembridge.results.byte_file import suffix_of
 from fembridge.results.fields import open_source
-from fembridge.results.history import STRESS, VON_MISES, History, of_samples
+from fembridge.results.history import STRESS, VON_MISES, History, of_samples, of_traces
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import Reader, reader_of, result_file, units_of
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
@@ -79,6 +79,7 @@ class Result:
         places, options = self._places(nodes, sets, near_mm, deck)
         if resample_ms is not None:
             held = self._history(places, options, None, False)
+            last_ms = float(held.at.max())
             if run is not None:
                 held = held.from_start(run.start_ms, STEP_TOLERANCE * run.dt_ms)
             held = self._taken(held, VON_MISES, resample_ms, options)
@@ -89,9 +90,9 @@ class Result:
                 replace(trace, afferent=afferent or trace.afferent)
                 for trace, (afferent, _) in zip(found, places, strict=True)
             ]
+            last_ms = float(traces[0].times_ms[-1])
         if run is None:
             return Traces(traces)
-        last_ms = float(traces[0].times_ms[-1])
         if abs(last_ms - run.end_ms) > STEP_TOLERANCE * run.dt_ms * 10:
             words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
             if not options.partial:
@@ -435,15 +436,11 @@ def _in_stimulus_time(trace: StressTrace, run: RunFolder, path: Path) -> StressT
     before is dropped. Without one the model is stress-free at time 0 by
     definition, and that sample, exactly 0, is put in front.
     """
-    before = (run.start_ms - trace.start_ms) / trace.dt_ms
-    rows = round(before)
-    on_grid = abs(before - rows) <= STEP_TOLERANCE
-    stress_pa = None
-    if on_grid and 0 <= rows < trace.stress_pa.size - 1:
-        stress_pa = trace.stress_pa[rows:]
-    elif on_grid and rows == -1 and run.start_ms == 0.0:
-        stress_pa = np.concatenate([[0.0], trace.stress_pa])
-    if stress_pa is None:
+    slack_ms = STEP_TOLERANCE * trace.dt_ms
+    held = of_traces([trace]).from_start(run.start_ms, slack_ms)
+    at_ms, stress_pa = held.at, held.values[:, 0, 0]  # noqa: PD011 - no frame
+    expected_ms = (run.start_ms, run.start_ms + trace.dt_ms)
+    if at_ms.size < 2 or not np.allclose(at_ms[:2], expected_ms, rtol=0, atol=slack_ms):
         raise ResultError(
             f"node {trace.node}: the stimulus begins at {run.start_ms:g} ms of solver "
             f"time, the file holds {trace.start_ms:g} to {trace.times_ms[-1]:g} ms in "

@@ -402,6 +402,15 @@ def test_a_damaged_file_shows_the_command_that_takes_what_is_whole(here, capsys)
     assert main(command[1:]) == 0
 
 
+def test_von_mises_by_name_is_the_default_in_a_run_folder_too(here, run_folder):
+    tables = []
+    for more in ([], ["--quantity", "von-mises"]):
+        assert main(["ingest", str(run_folder), "-o", "traces.csv", *more]) == 0
+        assert Path("traces.csv").read_text().splitlines()[1].startswith("0.0,SA,25,0.0")
+        tables.append(Path("traces.csv").read_bytes())
+    assert tables[0] == tables[1]
+
+
 def test_a_run_folder_is_resampled_from_its_rest_and_moves_in_its_own_time(here, run_folder):
     assert main(["ingest", str(run_folder), "--resample-ms", "0.25"]) == 0
     rows = [row for row in rows_of(here / "job_traces.csv") if row["afferent"] == "SA"]

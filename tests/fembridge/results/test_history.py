@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 import fembridge as fb
 from fembridge.errors import ResultError, UsageError
+from fembridge.results.result import open_result
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
 TENSOR = (0.003, -0.001, 0.002, 0.0005, -0.0002, 0.0001)
@@ -250,3 +251,14 @@ def test_principal_stresses_are_those_of_the_tensor(samples):
     tensor = fb.read_history(path, [25], quantity="stress").iloc[:, -6:].to_numpy()
     principal = fb.read_history(path, [25], quantity="principal").iloc[:, -3:].to_numpy()
     assert_allclose(principal, principal_stresses_pa(tensor), rtol=1e-12)
+
+
+def test_a_row_keeps_its_step_and_increment_from_the_start_on(write_frd, block):
+    held = open_result(write_frd(stresses(block, UNEVEN_S))).history([1])
+    later = held.from_start(200.0, 1.0)
+    assert_array_equal(later.keys, held.keys[1:])
+    assert later.at.tolist() == held.at.tolist()[1:]
+    rest = held.from_start(0.0, 1.0)
+    assert_array_equal(rest.keys, [[0, 0], *held.keys])
+    assert rest.at.tolist() == [0.0, *held.at.tolist()]
+    assert_array_equal(rest.columns()["von_mises_pa"], [0.0, *held.columns()["von_mises_pa"]])
