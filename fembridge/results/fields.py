@@ -116,7 +116,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One increment: `time_ms`, or the value of its axis, and values at the points.
+    """One increment: `time_ms`, or if not `over_time` a mode's value, and values at the points.
 
     Each of `values` is ``(P,)`` or ``(P, component)``, NaN where there is none; its name
     carries the unit, as `arrays_of` makes it.
@@ -125,6 +125,7 @@ class Frame:
     time_ms: float
     scene: Scene
     values: Mapping[str, FloatArray]
+    over_time: bool = True
 
 
 class FieldSource(AbstractContextManager["FieldSource"], Protocol):

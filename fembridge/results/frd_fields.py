@@ -374,7 +374,7 @@ class FrdSource(AbstractContextManager["FrdSource"]):
             if fields:
                 first = next(iter(output.values()))
                 time = first.time_ms if axis == TIME else first.value
-                yield Frame(time, scene, _at_points(fields, scene, derived))
+                yield Frame(time, scene, _at_points(fields, scene, derived), axis == TIME)
 
 
 def _fullest(outputs: Sequence[Output], options: ReadOptions) -> list[Output]:

@@ -645,7 +645,7 @@ class MarcSource:
                         if DERIVED[name][0] == ("STRESS",):
                             arrays[f"{name}_pa"] = derived_of(name, {"STRESS": field})
             at = one.frequency if one.harmonic else one.time_s * MS_PER_S
-            yield Frame(at, scene, arrays)
+            yield Frame(at, scene, arrays, not one.harmonic)
 
     def _values(self, one: PostIncrement, quantity: Quantity) -> FloatArray:
         """A quantity at all nodes, or of element values at all points of the mesh."""

@@ -121,7 +121,9 @@ def write_vtu_series(
                 seen |= frame.values.keys()
             if not entries:
                 raise ResultError("no increment with a value is left", path)
-            (draft / series).write_text(_pvd(entries, modes), encoding="utf-8", newline="\n")
+            (draft / series).write_text(
+                _pvd(entries, frame.over_time), encoding="utf-8", newline="\n"
+            )
         for name in derived:
             if f"{name}_pa" not in seen and (quantities is None or name != "von_mises"):
                 takes = " and ".join(DERIVED[name][0])
@@ -191,10 +193,10 @@ _HEAD = (
 _APPENDED = b'<AppendedData encoding="raw">\n_'
 
 
-def _pvd(entries: Sequence[tuple[float, str]], modes: bool) -> str:
+def _pvd(entries: Sequence[tuple[float, str]], over_time: bool) -> str:
     lines = [
         '<?xml version="1.0"?>',
-        *[TIMES_IN_MS] * (not modes),
+        *[TIMES_IN_MS] * over_time,
         '<VTKFile type="Collection" version="0.1">',
         "  <Collection>",
         *(

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import OutputError, ResultError, UsageError
-from fembridge.results.fields import tensor_of
+from fembridge.results.fields import TIMES_IN_MS, tensor_of
 from fembridge.results.frd_fields import read_mesh
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
@@ -257,15 +257,21 @@ def test_a_place_that_cannot_be_written_is_an_error_of_ours(samples, tmp_path):
         write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "file" / "out")
 
 
-def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
-    """The first increment of a recorded file, made a mode of a frequency step."""
-    content = bytearray((samples / "cpe4_ascii.frd").read_bytes())
+def as_modes(path, only=b""):
+    """The bytes of a .frd whose blocks, `only` those of one value, are modes of frequency."""
+    content = bytearray(path.read_bytes())
     at = content.find(b"  100C")
-    first = content[at + 12 : at + 24]
     while at >= 0:
-        if content[at + 12 : at + 24] == first:
+        if only in content[at + 12 : at + 24]:
             content[at + 56 : at + 58], content[at + 63 : at + 73] = b" 2", b"MODAL     "
         at = content.find(b"  100C", at + 1)
+    return content
+
+
+def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
+    """The first increment of a recorded file, made a mode; the others keep their times."""
+    first = b" 5.00000E-04"
+    content = as_modes(samples / "cpe4_ascii.frd", first)
     path, said = tmp_path / "both.frd", list[str]()
     path.write_bytes(content)
     times = [at for at, _ in written(write_vtu_series(path, tmp_path / "times", log=said.append))]
@@ -277,3 +283,14 @@ def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
     assert [at for at, _ in modes] == [float(first)]
     with pytest.raises(UsageError, match="no modes"):
         write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "none", modes=True)
+
+
+def test_a_series_of_modes_is_not_marked_as_times(samples, tmp_path):
+    path = tmp_path / "modes.frd"
+    path.write_bytes(as_modes(samples / "cpe4_ascii.frd"))
+    for modes in (False, True):
+        series = write_vtu_series(path, tmp_path / f"{modes}", modes=modes)
+        assert next(at for at, _ in written(series)) == 5e-4
+        assert TIMES_IN_MS not in series.read_text()
+    series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "times")
+    assert TIMES_IN_MS in series.read_text()
