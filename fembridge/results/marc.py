@@ -502,7 +502,7 @@ class MarcSource:
         self._check_whole()
         name = self._name(quantity)
         held = [name in self._quantities(one) for one in self._post.increments]
-        self._note_without(name, held)
+        self._note_without(name, self._post.increments, held)
         return [_key(one) for one, has in zip(self._post.increments, held, strict=True) if has]
 
     def field(self, quantity: str, key: Key) -> Field:
@@ -600,7 +600,7 @@ class MarcSource:
         ]
         every = [self._quantities(one) for one in increments]
         for name in names or dict.fromkeys(name for held in every for name in held):
-            self._note_without(name, [name in held for held in every])
+            self._note_without(name, increments, [name in held for held in every])
         return self._frames(increments, names, derived)
 
     def _frames(
@@ -672,9 +672,11 @@ class MarcSource:
                 self.path,
             )
 
-    def _note_without(self, name: str, held: Sequence[bool]) -> None:
+    def _note_without(
+        self, name: str, increments: Sequence[PostIncrement], held: Sequence[bool]
+    ) -> None:
         """Say which increments have no `name`, where some have and some have not."""
-        without = [one for one, has in zip(self._post.increments, held, strict=True) if not has]
+        without = [one for one, has in zip(increments, held, strict=True) if not has]
         if without:
             self._options.note(f"no {name} in increments {_some(without)}")
 

@@ -177,6 +177,7 @@ class Increment:
     number: int = 0
     sub: int = 0
     time_s: float = 0.0
+    hz: float = 0.0  # of a harmonic one
     title: str = "lcase1"
     element: object = None
     nodal: tuple = ()
@@ -262,6 +263,7 @@ def write_increment(sink, model, increment):
     words = [0] * 12
     words[0] = 1 if increment.new_model else 0
     words[1:4] = increment.number, increment.sub, 2
+    words[6] = int(increment.hz > 0)
     words[3] = 2 if increment.element is None else 102
     sink.word("****")
     block(sink, 51600, "Loadcase Title", lambda: sink.text(" " * 10 + increment.title, 70))
@@ -269,7 +271,7 @@ def write_increment(sink, model, increment):
 
     def reals():
         sink.mixed((24,), ())
-        sink.flow([increment.time_s, 0.0, *range(2, 24)])
+        sink.flow([increment.time_s, increment.hz, *range(2, 24)])
 
     def element():
         for row in np.asarray(increment.element).reshape(-1, len(model.codes)):

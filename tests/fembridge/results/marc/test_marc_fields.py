@@ -2,6 +2,7 @@
 
 import contextlib
 import warnings
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import meshio
@@ -156,6 +157,19 @@ def test_paraview_gets_each_layer_s_own_values_at_a_boundary(path, plane, tmp_pa
             assert data["von_mises_pa"][point] == pytest.approx(mises, rel=1e-4)
             assert data["Displacement_mm"][point].tolist() == [pytest.approx(0.002), -node]
             assert data["materials"][point] == 1 + (x == 2.0)
+
+
+def test_paraview_gets_times_or_frequencies(tmp_path):
+    plane = models.Plane(11, *models.grid(2, 2))
+    timed = plane.increments(lambda x, y, layer, t: (t, 0, 0, 0, 0, 0), (0.0, 0.001, 0.002))
+    increments = [*timed[:2], replace(timed[2], hz=40.0)]
+    path, said = tmp_path / "both.t16", list[str]()
+    path.write_bytes(writer.post_bytes(writer.Storage(), plane.model(), increments))
+    series = write_vtu_series(path, tmp_path / "times", log=said.append)
+    assert [at for at, _ in entries(series)] == pytest.approx([0.0, 1.0])
+    assert any("left out: 1 outputs" in line and "--modes" in line for line in said)
+    series = write_vtu_series(path, tmp_path / "modes", modes=True)
+    assert [at for at, _ in entries(series)] == [40.0]
 
 
 def test_paraview_gets_what_was_asked_for_alone(path, tmp_path):
