@@ -27,8 +27,9 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 from xml.etree import ElementTree
 
 import numpy as np
@@ -43,6 +44,9 @@ from fembridge.store import read_bytes
 from fembridge.tables import AFFERENTS, check_stress_unit, ms_per, pa_per
 from fembridge.trace import StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
+
+if TYPE_CHECKING:
+    import pandas
 
 KEYS = ("time", "time_ms", "value", *TENSOR, "node", "afferent")
 
@@ -104,7 +108,7 @@ class ColumnSource:
     def about(self) -> Table:
         """Columns, or arrays with their shapes; times of a series."""
         if self.kind == "table":
-            return {"columns": self._header()[0]}
+            return {"columns": _header(self.path)[0]}
         if self.kind == "npz":
             return {"arrays": {name: str(one.shape) for name, one in self._npz().items()}}
         points, count, frames = self._series()
@@ -206,54 +210,12 @@ class ColumnSource:
 
     # --- CSV
 
-    def _header(self) -> tuple[list[str], str, str]:
-        """Columns, the text behind their line, and what separates cells."""
-        with ByteFile(self.path) as file:
-            content = file.peek(0, _MOST_BYTES)
-        text = content.decode("utf-8-sig", errors="replace")
-        line, at = "", 0
-        while at < len(text):
-            end = text.find("\n", at) + 1 or len(text)
-            now, begin, at = text[at:end].strip(), at, end
-            if not now:
-                continue
-            comment = now.startswith(_COMMENTS)
-            if line.startswith(_COMMENTS) and not comment and _numbers_in(now):
-                at = begin  # the comment before it was the header
-                break
-            line = now
-            if not comment:
-                break
-        line = line.lstrip("".join(_COMMENTS)).strip()
-        separator = next((one for one in (";", "\t", ",") if one in line), " ")
-        if separator == " ":
-            return line.split(), text[at:], separator
-        cells = next(csv.reader([line], delimiter=separator))
-        return [cell.strip() for cell in cells], text[at:], separator
-
     def _of_table(self, names: Mapping[str, str]) -> "_Parts":
         import pandas
 
-        header, text, separator = self._header()
+        header, text, separator = _header(self.path)
         places = {key: header.index(name) for key, name in names.items()}
-        first = next((line for line in text.splitlines() if line.strip()), "")
-        blank = separator == " "
-        cells = first.split() if blank else next(csv.reader([first], delimiter=separator), [])
-        if cells and len(cells) != len(header):
-            words = f"no table: {len(cells)} cells under a header of {len(header)}: {first[:60]!r}"
-            raise ResultError(words, self.path)
-        try:
-            table = pandas.read_csv(
-                io.StringIO(text),
-                sep=r"\s+" if blank else separator,
-                decimal="," if separator == ";" and not re.search(r"\d\.\d", text[:4096]) else ".",
-                header=None,
-                names=range(len(header)),
-                skipinitialspace=True,
-                index_col=False,
-            )
-        except ValueError as error:  # a row with more cells than the header
-            raise ResultError(f"no table: {str(error)[:120]}", self.path) from error
+        table = _table(self.path, len(header), text, separator)
         columns: dict[str, Any] = {key: table[at] for key, at in places.items()}
         afferent = columns.pop("afferent", None)
         for key, column in columns.items():
@@ -398,6 +360,57 @@ class ColumnSource:
 
 _Parts = tuple[str, dict[str, Any], FloatArray, tuple[str | None, ...]]
 """The name of the time, times and node numbers, values ``(T, node, component)``, classes."""
+
+
+def _header(path: Path) -> tuple[list[str], str, str]:
+    """Columns, the text behind their line, and what separates cells."""
+    with ByteFile(path) as file:
+        content = file.peek(0, _MOST_BYTES)
+    text = content.decode("utf-8-sig", errors="replace")
+    line, at = "", 0
+    while at < len(text):
+        end = text.find("\n", at) + 1 or len(text)
+        now, begin, at = text[at:end].strip(), at, end
+        if not now:
+            continue
+        comment = now.startswith(_COMMENTS)
+        if line.startswith(_COMMENTS) and not comment and _numbers_in(now):
+            at = begin  # the comment before it was the header
+            break
+        line = now
+        if not comment:
+            break
+    line = line.lstrip("".join(_COMMENTS)).strip()
+    separator = next((one for one in (";", "\t", ",") if one in line), " ")
+    if separator == " ":
+        return line.split(), text[at:], separator
+    cells = next(csv.reader([line], delimiter=separator))
+    return [cell.strip() for cell in cells], text[at:], separator
+
+
+@lru_cache(maxsize=1)
+def _table(path: Path, width: int, text: str, separator: str) -> "pandas.DataFrame":
+    """Cells of `text` under a header of `width`, which an ingest asks for three times."""
+    import pandas
+
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    blank = separator == " "
+    cells = first.split() if blank else next(csv.reader([first], delimiter=separator), [])
+    if cells and len(cells) != width:
+        words = f"no table: {len(cells)} cells under a header of {width}: {first[:60]!r}"
+        raise ResultError(words, path)
+    try:
+        return pandas.read_csv(
+            io.StringIO(text),
+            sep=r"\s+" if blank else separator,
+            decimal="," if separator == ";" and not re.search(r"\d\.\d", text[:4096]) else ".",
+            header=None,
+            names=range(width),
+            skipinitialspace=True,
+            index_col=False,
+        )
+    except ValueError as error:  # a row with more cells than the header
+        raise ResultError(f"no table: {str(error)[:120]}", path) from error
 
 
 class _Unpacker:

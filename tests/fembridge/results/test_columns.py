@@ -6,6 +6,7 @@ import zipfile
 
 import meshio
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -102,6 +103,19 @@ def test_each_component_is_in_its_own_unit(tmp_path, capsys):
     names = ",".join(f"{key}={name}" for key, name in {"time": "t_s", **names}.items())
     assert main(["ingest", str(path), "--columns", names, "-o", str(tmp_path / "out.csv")]) == 0
     assert "taken as Pa, kPa, MPa (--stress-unit says otherwise)" in capsys.readouterr().out
+
+
+def test_a_table_is_parsed_once_and_again_when_it_was_written_anew(tmp_path, monkeypatch):
+    parsed, parse = [], pd.read_csv
+    monkeypatch.setattr(pd, "read_csv", lambda *a, **k: parsed.append(1) or parse(*a, **k))
+    path = tmp_path / "them.csv"
+    for stress in ("1", "22"):
+        path.write_text(f"t_s,S_pa\n0,{stress}\n1,2\n")
+        words = ["--columns", "time=t_s,value=S_pa", "-o", str(tmp_path / "out.csv")]
+        assert main(["ingest", str(path), *words]) == 0
+        (trace,) = read(path, columns={"time": "t_s", "value": "S_pa"})
+        assert trace.stress_pa[0] == float(stress)
+    assert len(parsed) == 2
 
 
 def test_a_packed_table_is_read_and_a_packed_series_refused(samples, tmp_path):
