@@ -21,6 +21,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,6 +75,7 @@ _FRAME = Path("DataFrame")
 _LOOK_BYTES, _LONGEST_HEADER, _ROWS_AT_ONCE = 1 << 22, 1 << 16, 1 << 18
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
+_COMMENT_SIGNS = ("%", "#")
 _COMMENTS = re.compile("(?:#.*\\n)*")
 _IN_QUOTES = re.compile(r"EOF inside string starting at row (\d+)")
 
@@ -139,7 +141,7 @@ def read_traces(
         raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(TRACE_KEYS)}")
     asked = {key: [each] if isinstance(each, str) else list(each) for key, each in names.items()}
     asked["time"] = asked.pop("time_ms", asked.get("time", [_DEFAULTS["time"]]))
-    samples, error = _plain_samples(source, asked) or _samples(source, asked)
+    samples, error = _plain_samples(source, asked) or _samples(source, asked, bool(names))
     if log is not None and isinstance(source, Path) and source.is_file():
         with source.open("rb") as file:
             file.seek(-1, os.SEEK_END)
@@ -267,12 +269,13 @@ def _found(
 
 
 def _samples(
-    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]]
+    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]], named: bool
 ) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
     """Samples of a table of traces, cell by cell, and what makes an error of a row."""
     import pandas as pd
 
-    table = read_table(source)
+    others = named and isinstance(source, Path) and _others_table(source)
+    table = others or read_table(source)
     found = _found(table.header, asked, table.path)
     if not table.size:
         raise TableError("a header and no rows, expected samples", table.path)
@@ -618,6 +621,70 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
     cells = cells.apply(lambda column: column.str.strip())
     records = np.flatnonzero((cells != "").any(axis=1))[1:]  # without blank rows
     return TextTable(path, text, header, cells.iloc[records], records)
+
+
+def header_in(text: str) -> tuple[list[str], str, str]:
+    """Columns of any program's table, the text behind their line, and what separates cells."""
+    line, at = "", 0
+    while at < len(text):
+        end = text.find("\n", at) + 1 or len(text)
+        now, begin, at = text[at:end].strip(), at, end
+        if not now:
+            continue
+        comment = now.startswith(_COMMENT_SIGNS)
+        if line.startswith(_COMMENT_SIGNS) and not comment and _numbers_in(now):
+            at = begin  # the comment before it was the header
+            break
+        line = now
+        if not comment:
+            break
+    line = line.lstrip("".join(_COMMENT_SIGNS)).strip()
+    separator = next((one for one in (";", "\t", ",") if one in line), " ")
+    if separator == " ":
+        return line.split(), text[at:], separator
+    cells = next(csv.reader([line], delimiter=separator))
+    return [cell.strip() for cell in cells], text[at:], separator
+
+
+@lru_cache(maxsize=1)
+def cells_in(text: str, width: int, separator: str) -> "pd.DataFrame":
+    """Cells behind a header of `width`; kept, as an ingest asks three times; or a ValueError."""
+    import pandas as pd
+
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    blank = separator == " "
+    cells = first.split() if blank else next(csv.reader([first], delimiter=separator), [])
+    if cells and len(cells) != width:
+        raise ValueError(f"{len(cells)} cells under a header of {width}: {first[:60]!r}")
+    return pd.read_csv(
+        io.StringIO(text),
+        sep=r"\s+" if blank else separator,
+        decimal="," if separator == ";" and not re.search(r"\d\.\d", text[:4096]) else ".",
+        header=None,
+        names=range(width),
+        skipinitialspace=True,
+        index_col=False,
+    )
+
+
+def _numbers_in(line: str) -> bool:
+    """Whether a line begins with a number."""
+    return re.match(r"[+-]?\.?\d", line) is not None
+
+
+def _others_table(path: Path) -> TextTable | None:
+    """A table as other programs write it, with lines of %, or no commas; None of any other."""
+    text = _decoded(path)
+    header, rest, separator = header_in(text)
+    commented = _numbers_in(_COMMENTS.sub("", text, count=1).lstrip())
+    if separator == "," and not commented and not text.lstrip().startswith("%"):
+        return None
+    try:
+        table = read_table(cells_in(rest, len(header), separator).set_axis(header, axis=1))
+    except ValueError as error:
+        raise TableError(f"no table: {str(error)[:120]}", path) from error
+    above = text[: len(text) - len(rest)].count("\n")
+    return replace(table, path=path, records=table.records + above)
 
 
 def _decoded(path: Path) -> str:

@@ -20,16 +20,13 @@ Tensors are xx yy zz xy yz zx, VTK's order; nine numbers are a whole one; XDMF's
 xx xy xz yy yz zz (xdmf.org, "XDMF Model and Format", Attribute).
 """
 
-import csv
-import io
 import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 import numpy as np
@@ -41,18 +38,14 @@ from fembridge.results.history import OF_STRESS, STRESS, TENSOR_COMPONENTS, VON_
 from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
 from fembridge.results.stress import TENSOR
 from fembridge.store import read_bytes
-from fembridge.tables import AFFERENTS, check_stress_unit, ms_per, pa_per
+from fembridge.tables import AFFERENTS, cells_in, check_stress_unit, header_in, ms_per, pa_per
 from fembridge.trace import StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
-
-if TYPE_CHECKING:
-    import pandas
 
 KEYS = ("time", "time_ms", "value", *TENSOR, "node", "afferent")
 
 _MOST_BYTES = 1 << 28  # of a file, and of what is in it
 _START_BYTES = 1 << 10
-_COMMENTS = ("%", "#")
 _FULL = [0, 4, 8, 1, 5, 2]  # of nine, row by row
 _XDMF_ORDER = [0, 3, 5, 1, 4, 2]
 
@@ -215,7 +208,10 @@ class ColumnSource:
 
         header, text, separator = _header(self.path)
         places = {key: header.index(name) for key, name in names.items()}
-        table = _table(self.path, len(header), text, separator)
+        try:
+            table = cells_in(text, len(header), separator)
+        except ValueError as error:
+            raise ResultError(f"no table: {str(error)[:120]}", self.path) from error
         columns: dict[str, Any] = {key: table[at] for key, at in places.items()}
         afferent = columns.pop("afferent", None)
         for key, column in columns.items():
@@ -366,51 +362,7 @@ def _header(path: Path) -> tuple[list[str], str, str]:
     """Columns, the text behind their line, and what separates cells."""
     with ByteFile(path) as file:
         content = file.peek(0, _MOST_BYTES)
-    text = content.decode("utf-8-sig", errors="replace")
-    line, at = "", 0
-    while at < len(text):
-        end = text.find("\n", at) + 1 or len(text)
-        now, begin, at = text[at:end].strip(), at, end
-        if not now:
-            continue
-        comment = now.startswith(_COMMENTS)
-        if line.startswith(_COMMENTS) and not comment and _numbers_in(now):
-            at = begin  # the comment before it was the header
-            break
-        line = now
-        if not comment:
-            break
-    line = line.lstrip("".join(_COMMENTS)).strip()
-    separator = next((one for one in (";", "\t", ",") if one in line), " ")
-    if separator == " ":
-        return line.split(), text[at:], separator
-    cells = next(csv.reader([line], delimiter=separator))
-    return [cell.strip() for cell in cells], text[at:], separator
-
-
-@lru_cache(maxsize=1)
-def _table(path: Path, width: int, text: str, separator: str) -> "pandas.DataFrame":
-    """Cells of `text` under a header of `width`, which an ingest asks for three times."""
-    import pandas
-
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    blank = separator == " "
-    cells = first.split() if blank else next(csv.reader([first], delimiter=separator), [])
-    if cells and len(cells) != width:
-        words = f"no table: {len(cells)} cells under a header of {width}: {first[:60]!r}"
-        raise ResultError(words, path)
-    try:
-        return pandas.read_csv(
-            io.StringIO(text),
-            sep=r"\s+" if blank else separator,
-            decimal="," if separator == ";" and not re.search(r"\d\.\d", text[:4096]) else ".",
-            header=None,
-            names=range(width),
-            skipinitialspace=True,
-            index_col=False,
-        )
-    except ValueError as error:  # a row with more cells than the header
-        raise ResultError(f"no table: {str(error)[:120]}", path) from error
+    return header_in(content.decode("utf-8-sig", errors="replace"))
 
 
 class _Unpacker:
@@ -427,11 +379,6 @@ class _Unpacker:
         if self._left < 0:
             raise ResultError(f"unpacks to more than {_MOST_BYTES} bytes", self._path)
         return found
-
-
-def _numbers_in(line: str) -> bool:
-    """Whether a line begins with a number."""
-    return re.match(r"[+-]?\.?\d", line) is not None
 
 
 def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge import read, read_history, write_vtu_series
 from fembridge.cli import main
-from fembridge.errors import FembridgeError, ResultError, UsageError
+from fembridge.errors import FembridgeError, ResultError, TableError, UsageError
 from fembridge.results.stress import von_mises_pa
 from fembridge.tables import read_traces
 
@@ -42,6 +42,13 @@ def test_a_table_of_one_place_is_a_trace(tmp_path, head, separator, columns, fac
     assert (trace.node, trace.start_ms) == (1, 0.0)
     assert trace.dt_ms == pytest.approx(0.5)
     assert_allclose(trace.stress_pa, STRESS_MPA * factor, rtol=1e-12)
+    names = dict(zip(("time", "value"), columns, strict=True))
+    (again,) = read_traces(path, columns=names, gain_pa=factor)
+    assert_allclose(again.stress_pa, trace.stress_pa, rtol=1e-12)
+    path.write_text(path.read_text().rstrip("\n") + "x\n")
+    with pytest.raises(TableError, match="expected a number") as caught:
+        read_traces(path, columns=names, gain_pa=factor)
+    assert caught.value.line == len(path.read_text().splitlines())
 
 
 def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(tmp_path):
@@ -109,7 +116,7 @@ def test_a_table_is_parsed_once_and_again_when_it_was_written_anew(tmp_path, mon
     parsed, parse = [], pd.read_csv
     monkeypatch.setattr(pd, "read_csv", lambda *a, **k: parsed.append(1) or parse(*a, **k))
     path = tmp_path / "them.csv"
-    for stress in ("1", "22"):
+    for stress in ("1.0625", "22.0625"):
         path.write_text(f"t_s,S_pa\n0,{stress}\n1,2\n")
         words = ["--columns", "time=t_s,value=S_pa", "-o", str(tmp_path / "out.csv")]
         assert main(["ingest", str(path), *words]) == 0
