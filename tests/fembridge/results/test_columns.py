@@ -77,6 +77,8 @@ def test_the_unit_in_a_name_is_taken(tmp_path, name, pa):
     path.write_text(f"t_s,{name}\n0,1\n1,2\n", encoding="utf-8")
     names = {"time": "t_s", "value": name}
     assert read(path, columns=names)[0].stress_pa.tolist() == [pa, 2 * pa]
+    other = read(path, columns=names, stress_unit="kPa")[0].stress_pa[0]
+    assert other == (1e3 if name in ("S_vm", "S (von-Mises)") else pa)  # the name goes before
 
 
 def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_path):
