@@ -49,7 +49,7 @@ from fembridge.typing import Table
 GRACE_S = 3.0
 """From the request to end until it is no longer a request."""
 FIRST_LOOK_S = 0.05
-READING_S = 60.0
+READING_S = 30.0
 """Longest reading of a deck without analysis."""
 SLOWEST_LOOK_S = 1.0
 """Looks get rarer as a run gets longer: each reads the growing files again."""
@@ -127,7 +127,7 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
     """What ccx will leave out of the deck of `run`: it reads it, without analysis.
 
     Lines are those of `deck`, from which that was made. None where there is no ccx; what
-    was said until then where it takes longer than a minute.
+    was said until then, and that it was not read, where it takes longer than half a minute.
     """
     program = find_ccx()
     if program is None:
@@ -142,12 +142,15 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
         process = start(program, ["-i", JOB], work, log, threads=1)
         try:
             process.wait(READING_S)
+            unread = []
         except subprocess.TimeoutExpired:
             stop(process, grace_s=0)
+            unread = [f"CalculiX had not read the deck after {READING_S:g} s: it may never"]
         said = [each for each in read_solver_log(log).dropped if _NO_ANALYSIS not in each.text]
         lines = [each.card and find_card(deck, each.card) for each in said]
         places = [f"line {line}: " if line else "" for line in lines]
-        return [f"{at}CalculiX warns: {each}" for at, each in zip(places, said, strict=True)]
+        warned = zip(places, said, strict=True)
+        return [*(f"{at}CalculiX warns: {each}" for at, each in warned), *unread]
     return []
 
 

@@ -3,6 +3,7 @@
 import pytest
 
 from fembridge.run_folder import read_run_folder
+from fembridge.solver import ccx
 from fembridge.solver.ccx import run_ccx
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
@@ -165,3 +166,10 @@ def test_a_solver_that_the_system_cannot_run_is_told(fake_ccx, make_run):
 
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert f"{fake_ccx} cannot be run" in str(outcome.failure)
+
+
+def test_a_deck_that_ccx_never_finishes_reading_is_told_of(fake_ccx, make_run, monkeypatch):
+    monkeypatch.setattr(ccx, "READING_S", 0.5)
+    folder = make_run("hang")
+    (told,) = ccx.warnings_of(read_run_folder(folder), folder / "job.inp")
+    assert "had not read the deck after 0.5 s" in told
