@@ -164,7 +164,7 @@ class Simulation:
         record = {**self.origin, "stimuli": stimuli}
         response = record.get("response")
         finger = response.get("finger") if isinstance(response, Mapping) else None
-        old_finger = not isinstance(finger, Mapping) and _has_finger(Path(folder))
+        old_finger = not isinstance(finger, Mapping) and has_finger(Path(folder))
         with filling(Path(folder), last=RECORD_FILE) as draft:
             with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
                 np.savez(
@@ -190,7 +190,7 @@ class Simulation:
             remove_file(Path(folder) / FINGER_FILE)
 
 
-def _has_finger(folder: Path) -> bool:
+def has_finger(folder: Path) -> bool:
     """Whether an earlier simulation left the file of its finger in `folder`."""
     try:
         response = read_toml(folder / RECORD_FILE, FembridgeError).get("response")

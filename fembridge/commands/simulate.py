@@ -65,12 +65,24 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.api import simulate
+    from fembridge.errors import UsageError
     from fembridge.progress import SolverBars
     from fembridge.recording import Recording, export, require_libraries
-    from fembridge.simulation import RASTER_FILE, RATES_FILE, SPIKES_FILE, TRACES_FILE
+    from fembridge.simulation import (
+        FINGER_FILE,
+        RASTER_FILE,
+        RATES_FILE,
+        SPIKES_FILE,
+        TRACES_FILE,
+        has_finger,
+    )
 
     require_libraries(args.export)
     output = Path(args.output)
+    whole = output / FINGER_FILE
+    own = Path(args.finger or "")
+    if whole.is_file() and own.is_file() and whole.samefile(own) and not has_finger(output):
+        raise UsageError(f"{whole}: the whole finger would be written over it: another -o, or name")
     lines: list[str] = []
 
     def log(line: str) -> None:
