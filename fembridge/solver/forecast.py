@@ -26,10 +26,12 @@ def increment_s(elements: float) -> float:
 
 def in_words(seconds: float) -> str:
     """A time of which the first figure may be right: ``20 s``, ``4 min``, ``6 h``."""
-    for size, unit in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.2g} {unit}"
-    return f"{max(seconds, 1):.1g} s" if seconds < 10 else f"{seconds:.2g} s"
+    size, unit = next(
+        (each for each in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * each[0]), (1.0, "s")
+    )
+    count = max(seconds, 1.0) / size
+    figures = 1 if unit == "s" and count < 10 else 2
+    return f"{float(f'{count:.{figures}g}'):g} {unit}"
 
 
 def _reference_s(elements: float) -> float:

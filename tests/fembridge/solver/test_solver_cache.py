@@ -93,7 +93,15 @@ def test_a_forecast_learns_from_the_runs_in_the_cache(fake_ccx, make_run, tmp_pa
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0.2, "1 s"), (7.4, "7 s"), (41.3, "41 s"), (240, "4 min"), (20_500, "5.7 h")],
+    [
+        (9.7, "10 s"),
+        (500_000, "140 h"),
+        (0.2, "1 s"),
+        (7.4, "7 s"),
+        (41.3, "41 s"),
+        (240, "4 min"),
+        (20_500, "5.7 h"),
+    ],
 )
 def test_a_time_in_words(seconds, words):
     assert in_words(seconds) == words
