@@ -20,6 +20,7 @@ WANTED = (
     "neural/fitted.toml",
     "neural/fitted_pad.toml",
     "fembridge/touching/pads/reference.npz",
+    "fembridge/commands/outputs.md",
     "fembridge/cli.py",
 )
 

@@ -14,7 +14,7 @@ from pandas import DataFrame
 
 from decks.material import Material
 from fembridge.commands import verify as command
-from fembridge.commands.written import OUTPUTS
+from fembridge.commands.written import outputs_of
 from fembridge.errors import MissingError, UsageError
 from fembridge.report import contact, laws, patch
 from fembridge.report import verify as module
@@ -166,7 +166,7 @@ def test_the_two_cheapest_studies_keep_their_bounds_and_their_whole_runs(tmp_pat
     assert other["skipped"] or len(other["checks"]) == 2
     assert json.loads((tmp_path / "verification.json").read_text())["studies"] == [one, other]
     assert not list(tmp_path.glob(".*"))
-    told = {one.file for one in OUTPUTS["verify"]}
+    told = {one.file for one in outputs_of("verify")}
     assert told == {"verification.md", "verification.json", "tables/verification_*.csv"}
     assert (tmp_path / "verification.md").is_file()
     assert (tmp_path / "tables/verification_patch.csv").is_file()
