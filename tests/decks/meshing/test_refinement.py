@@ -54,7 +54,7 @@ def test_an_edge_of_the_fine_part_has_two_nodes_at_its_thirds():
     size=st.tuples(st.floats(0.5, 1), st.floats(0.5, 1)),
 )
 def test_nothing_hangs_and_no_area_is_lost_wherever_it_is_refined(place, radius, size):
-    """`Mesh` refuses gaps, overlaps, folds and what is too skewed."""
+    """`Mesh` refuses gaps, folds and what is too skewed."""
     coarse = grid(8, 6, *size)
     fine = refined(coarse, (place[0] * size[0], place[1] * size[1]), radius)
     assert_allclose(fine.area_mm2().sum(), coarse.area_mm2().sum(), rtol=1e-7)
