@@ -168,11 +168,6 @@ class Block:
     pieces: list[Piece] = field(default_factory=list)
 
     @property
-    def own(self) -> bool:
-        """Whether the keyword is in the deck itself."""
-        return not self.text.name
-
-    @property
     def where(self) -> str:
         """The keyword's place, as an error names it."""
         return self.text.place(self.line)
@@ -190,23 +185,6 @@ class Block:
         """The data lines, split at the first commas."""
         for piece in self.pieces:
             yield from piece.rows(splits)
-
-    def own_rows(self) -> list[Row]:
-        """The data lines, all of which are in the deck itself.
-
-        Raises
-        ------
-        DeckError
-            One is in an included file, where it cannot be changed.
-        """
-        rows = list(self.rows())
-        for row in rows:
-            if row.text.name:
-                raise DeckError(
-                    f"{row.where}: data of {self.title}, {self.where}, in an included file; "
-                    "put it into the deck itself"
-                )
-        return rows
 
     def error(self, problem: str) -> DeckError:
         """The error that says `problem` about this block."""
@@ -440,17 +418,31 @@ def _member(word: str, where: str) -> int:
 # ---- Changes
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Edit:
-    """`new` in the place of the bytes from `start` to `stop`."""
+    """`new` in the place of the bytes of `text` from `start` to `stop`."""
 
+    text: Text
     start: int
     stop: int
     new: bytes = b""
 
 
 def edited(data: bytes, edits: list[Edit]) -> bytes:
-    """`data` with all `edits`; those at one place in the order they are given in."""
+    """`data` with all `edits`; those at one place in the order they are given in.
+
+    Raises
+    ------
+    DeckError
+        One is in an included file.
+    """
+    for edit in edits:
+        if edit.text.name:
+            line = edit.text.data.count(b"\n", 0, edit.start) + 1
+            raise DeckError(
+                f"{edit.text.place(line)}: would have to change, and an included file is not "
+                "changed; put this line and its data into the deck itself"
+            )
     pieces, done = [], 0
     for edit in sorted(edits, key=lambda edit: (edit.start, edit.stop)):
         pieces += [data[done : edit.start], edit.new]
@@ -463,7 +455,7 @@ def inserted(text: Text, place: int, lines: list[str]) -> Edit:
     new = b"".join(line.encode("latin-1") + text.newline for line in lines)
     if place and text.data[place - 1 : place] != b"\n":  # after a last line without end
         new = text.newline + new.removesuffix(text.newline)
-    return Edit(place, place, new)
+    return Edit(text, place, place, new)
 
 
 def in_place_of(block: Block, rows: list[Row], lines: list[str]) -> list[Edit]:
@@ -471,19 +463,37 @@ def in_place_of(block: Block, rows: list[Row], lines: list[str]) -> list[Edit]:
 
     Comments between them stay. Without rows the lines follow the keyword line.
     """
-    text = block.text
     if not rows:
-        return [inserted(text, block.body, lines)]
+        return [inserted(block.text, block.body, lines)]
     first, *others = rows
+    text = first.text
     said = text.data[first.start : first.stop]
     end = said[len(said.rstrip(b"\r\n")) :]
     joined = (end or text.newline).join(line.encode("ascii") for line in lines) + end
     if rows[-1].stop == len(text.data) and not text.data.endswith(b"\n"):
         joined = joined.removesuffix(end)  # the deck's last line had no end
-    return [Edit(first.start, first.stop, joined), *(Edit(row.start, row.stop) for row in others)]
+    return [Edit(text, first.start, first.stop, joined), *map(gone, others)]
+
+
+def gone(row: Row) -> Edit:
+    """A data line taken out."""
+    return Edit(row.text, row.start, row.stop)
 
 
 def without(block: Block) -> list[Edit]:
     """A block taken out: its keyword line and data; comments under it stay."""
-    rows = block.own_rows()
-    return [Edit(block.start, block.body), *(Edit(row.start, row.stop) for row in rows)]
+    return [Edit(block.text, block.start, block.body), *map(gone, block.rows())]
+
+
+def without_option(block: Block, there: Option) -> Edit:
+    """An option taken out of the keyword line, with the comma before it."""
+    comma = block.text.data.rindex(b",", block.start, there.start)
+    return Edit(block.text, comma, there.stop)
+
+
+def with_option(block: Block, there: Option | None, new: str) -> Edit:
+    """`new` in the place of an option of the keyword line, or behind the last one."""
+    if there is not None:
+        return Edit(block.text, there.start, there.stop, new.encode())
+    comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
+    return Edit(block.text, block.head, block.head, f"{comma}{new}".encode())

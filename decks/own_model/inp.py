@@ -10,15 +10,17 @@ from decks.inp import (
     Block,
     Deck,
     Edit,
-    Option,
     Resolver,
     Text,
     blocks_in,
     edited,
+    gone,
     in_place_of,
     inserted,
     read_inp,
     whole,
+    with_option,
+    without_option,
 )
 from decks.keyword_deck import fixed, pair_lines
 from decks.motion import Motion
@@ -221,7 +223,7 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
         edits, remarks = _new_amplitude(drive, lines)
         remarks = [f"{remarks[0]} {samples}"]
     else:
-        rows = curve.own_rows()
+        rows = list(curve.rows())
         edits = in_place_of(curve, rows, lines)
         clock = "total time" if drive.total_time else "step time"
         remarks = [
@@ -257,10 +259,9 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
             "time, and the waveform with it"
         )
     for later in drive.steps[drive.step.number :]:
-        if not (later.head.own and later.end.own):
-            raise later.head.error(f"{later.name} follows the waveform's; take it out")
+        text = later.head.text if later.head.text.name else later.end.text
         remarks.append(f"{later.head.where}: left out to *END STEP, the run ends with the waveform")
-        edits.append(Edit(later.head.start, later.end.body))
+        edits.append(Edit(text, later.head.start, later.end.body))
     return edits, remarks
 
 
@@ -271,9 +272,7 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
     edits = [inserted(head.text, head.start, [f"*AMPLITUDE, NAME={OWN_AMPLITUDE}", *lines])]
     for start in dict.fromkeys(push.block.start for push in drive.push):
         mine = [push for push in drive.push if push.block.start == start]
-        block, rows = mine[0].block, mine[0].block.own_rows()
-        if not (block.own and head.own):
-            raise block.error(f"{block.title}, {head.title} in an included file; put both here")
+        block, rows = mine[0].block, list(mine[0].block.rows())
         ours = {push.row.start for push in mine}
         moved = [row for row in rows if row.start in ours]
         said = [
@@ -284,11 +283,11 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
             for push in mine[:1]
         ]
         if len(moved) == len(rows):
-            edits.append(_with_option(block, block.option("AMPLITUDE"), use))
+            edits.append(with_option(block, block.option("AMPLITUDE"), use))
             if mine[0].turned:
                 edits += in_place_of(block, moved, said)
             continue
-        edits += [Edit(row.start, row.stop) for row in moved]
+        edits += map(gone, moved)
         again = block.option("OP")
         op = f", OP={again.word}" if again is not None else ""
         edits.append(inserted(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said]))
@@ -311,7 +310,7 @@ def _increment_edits(
     needed = count * (_CUTS if automatic else 1)
     if most < needed:
         remarks.append(f"{step.head.where}: INC raised from {most} to {needed}")
-        edits.append(_with_option(step.head, option, f"INC={needed}"))
+        edits.append(with_option(step.head, option, f"INC={needed}"))
     before = drive.steps[: step.number]
     linear = procedure.keyword != "DYNAMIC" and not deck.of(*_NONLINEAR)
     if not abaqus and linear and not any(one.head.option("NLGEOM") for one in before):
@@ -319,18 +318,18 @@ def _increment_edits(
             f"{step.head.where}: NLGEOM put in: without it, contact or a nonlinear material ccx "
             "makes one increment of a step"
         )
-        edits.append(_with_option(step.head, None, "NLGEOM"))
+        edits.append(with_option(step.head, None, "NLGEOM"))
     for one in () if abaqus else [each for step in before for each in step.of(*MOVABLE)]:
         solver = one.option("SOLVER")
-        if solver is not None and solver.word not in _SOLVERS and one.own:
+        if solver is not None and solver.word not in _SOLVERS and not one.text.name:
             remarks.append(
                 f"{one.where}: SOLVER={solver.word} left out: not every ccx has it, and each "
                 "takes the best of its own"
             )
-            edits.append(_without_option(one, solver))
+            edits.append(without_option(one, solver))
     direct = procedure.option("DIRECT")
     period = fixed(count * motion.dt_s, _TIME_DIGITS)
-    rows = procedure.own_rows()
+    rows = list(procedure.rows())
     was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
     words = f"(was: {was.decode('latin-1')})"
     if automatic:
@@ -339,14 +338,14 @@ def _increment_edits(
         dt, least = fixed(motion.dt_s, _TIME_DIGITS), fixed(_SMALLEST * motion.dt_s, 9)
         line = f"{dt}, {period}, {least}, {dt}"
         if direct is not None:
-            edits.append(_without_option(procedure, direct))
+            edits.append(without_option(procedure, direct))
         edits += in_place_of(procedure, rows[:1], [line])
         points = next((one for one in deck.of("TIMEPOINTS") if one.word("NAME") == TIMES), None)
         new = [f"*TIME POINTS, NAME={TIMES}, GENERATE", f"{dt}, {period}, {dt}"]
         if points is None:
             edits.append(inserted(drive.steps[0].head.text, drive.steps[0].head.start, new))
         else:
-            edits += in_place_of(points, points.own_rows(), new[1:])
+            edits += in_place_of(points, list(points.rows()), new[1:])
         remarks.append(
             f"{procedure.where}: {procedure.title} takes increments of {motion.dt_s:g} s or less, "
             f"with results at {count} time points: {line} {words}"
@@ -355,9 +354,9 @@ def _increment_edits(
     no_stop = abaqus and direct is not None and direct.word == "NOSTOP"
     if direct is None:
         if not (procedure.keyword == "VISCO" and abaqus):  # fixed there without CETOL
-            edits.append(_with_option(procedure, None, "DIRECT"))
+            edits.append(with_option(procedure, None, "DIRECT"))
     elif direct.word.startswith("NO") and not no_stop:  # to ccx, NO STOP is a no
-        edits.append(_with_option(procedure, direct, "DIRECT"))
+        edits.append(with_option(procedure, direct, "DIRECT"))
     line = f"{fixed(motion.dt_s, _TIME_DIGITS)}, {period}"
     edits += in_place_of(procedure, rows[:1], [line])
     remarks.append(
@@ -387,11 +386,6 @@ def _procedure(drive: Drive, abaqus: bool) -> Block:
                 f"{procedure.title}, {name} chooses its increments itself; the "
                 "waveform needs fixed ones"
             )
-    for block in (step.head, procedure):
-        if not block.own:
-            raise block.error(
-                f"{block.title} of the waveform's step is in an included file; put it into the deck"
-            )
     curve = drive.amplitude
     smooth = curve.option("SMOOTH") if curve is not None else None
     sharp = smooth is not None and smooth.word.strip("0.") == ""
@@ -401,17 +395,3 @@ def _procedure(drive: Drive, abaqus: bool) -> Block:
             "without it, and the waveform with them; write SMOOTH=0"
         )
     return procedure
-
-
-def _without_option(block: Block, there: Option) -> Edit:
-    """An option taken out of the keyword line, with the comma before it."""
-    comma = block.text.data.rindex(b",", block.start, there.start)
-    return Edit(comma, there.stop)
-
-
-def _with_option(block: Block, there: Option | None, new: str) -> Edit:
-    """`new` in the place of an option of the keyword line, or behind the last one."""
-    if there is not None:
-        return Edit(there.start, there.stop, new.encode())
-    comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
-    return Edit(block.head, block.head, f"{comma}{new}".encode())

@@ -13,7 +13,7 @@ Depth counts from where the steps before have put the probe.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -99,6 +99,11 @@ class Push:
         """As ``--move`` names it."""
         return f"{self.what},{self.axis}"
 
+    @property
+    def amplitude(self) -> str:
+        """The amplitude that it is multiplied by; "" for none."""
+        return self.block.word("AMPLITUDE")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
@@ -107,7 +112,7 @@ class Drive:
     `amplitude` is the deck's own for it, None where it gets one. `factor` is the size of
     the magnitudes that it is multiplied by, `stands` the depth in the deck's unit at
     which the step finds the probe. The step begins at `start_s` of total time; None where
-    that is not known, which an amplitude that counts total time cannot do without.
+    that is not known.
     """
 
     amplitude: Block | None
@@ -116,17 +121,19 @@ class Drive:
     push: tuple[Push, ...]
     factor: float
     stands: float
-    total_time: bool
     start_s: float | None
 
     @property
-    def where(self) -> str:
-        """Where the waveform is put in."""
-        return self.push[0].where if self.amplitude is None else self.amplitude.where
+    def total_time(self) -> bool:
+        """Whether the amplitude counts total time, not that of the step."""
+        return self.amplitude is not None and _in_total(self.amplitude)
 
 
 def find_drive(deck: Deck, request: Request) -> Drive:
     """Find displacement and step that the request names, or the only ones that there can be.
+
+    An amplitude means all that it moves in its step, ``--move`` the one displacement. An
+    amplitude that something else needs too, or that cannot hold a waveform, stays as it is.
 
     Raises
     ------
@@ -134,25 +141,43 @@ def find_drive(deck: Deck, request: Request) -> Drive:
         There is none or more than one, or something about it that cannot be kept.
     """
     steps = _steps_of(deck)
-    if not steps:
-        raise DeckError(f"no *STEP in the deck{deck.unread}")
-    if request.move:
-        name = ""
-    elif any(block.word("AMPLITUDE") == OWN_AMPLITUDE for block in deck.of("BOUNDARY")):
-        name = OWN_AMPLITUDE  # a deck that has been here before
-    else:
-        name = squeezed(request.amplitude) if request.amplitude else _only_amplitude(deck)
-    if name:
-        chosen, push, curve = _by_amplitude(deck, steps, name, request.step)
-    else:
-        chosen, push, curve = _by_move(deck, steps, request)
-    total = curve is not None and curve.word("TIME") == "TOTALTIME"
-    try:
+    able = [
+        (step, push)
+        for step in steps
+        for block in step.of("BOUNDARY")
+        for push in _magnitudes(block, zero=request.move is not None)
+        if push.axis in _TRANSLATIONS and block.word("TYPE") in _DISPLACEMENT
+    ]
+    name = "" if request.move else _amplitude(able, request)
+    what, axis, sign = request.moved or ("", 0, 0)
+    mine = [
+        (step, push)
+        for step, push in able
+        if (not name or push.amplitude == name)
+        and (not axis or (squeezed(push.what), push.axis) == (what, axis))
+    ]
+    wanted = f"anything by amplitude {name}" if name else request.move or "anything"
+    if not mine:
+        raise DeckError(
+            f"no *BOUNDARY of a step moves {wanted}; what moves there: {_listed(able) or 'nothing'}"
+            f" (the deck has {_known(deck)}){deck.unread}; write the probe's displacement into "
+            "its step, as PROBE, 2, 2, -0.1"
+        )
+    chosen = _chosen(steps, [step for step, _ in mine], wanted, request.step, last=not name)
+    push = [push for step, push in mine if step is chosen]
+    if not name:
+        push = [_only_one(chosen, push, able, sign)]
+    for one in push:
+        _refuse_foreign(one.block, one.name)
+        if abs(one.magnitude) != abs(push[0].magnitude):
+            raise DeckError(
+                f"{one.where}: magnitude {one.magnitude:g}, but {push[0].magnitude:g} at "
+                f"{push[0].where}: one amplitude cannot give both the waveform's depth; --move "
+                f"{one.name} gives it one of its own"
+            )
+    start_s = None
+    with suppress(DeckError):
         start_s = sum(_periods_s(deck, steps[: chosen.number])[:-1])
-    except DeckError:
-        if total:
-            raise
-        start_s = None
     before = steps[: chosen.number - 1]
     stands = [np.sign(one.magnitude) * _standing(deck, before, one) for one in push]
     for one, place in zip(push, stands, strict=True):
@@ -161,73 +186,33 @@ def find_drive(deck: Deck, request: Request) -> Drive:
                 f"{one.where}: {one.name} stands {place:g} deep when its step begins, but "
                 f"{push[0].name} {stands[0]:g}: one waveform cannot begin at both"
             )
+    curve = _own_curve(deck, push, start_s)
     factor, first = abs(push[0].magnitude), float(stands[0])
-    return Drive(curve, chosen, tuple(steps), push, factor, first, total, start_s)
+    return Drive(curve, chosen, tuple(steps), tuple(push), factor, first, start_s)
 
 
-def _by_amplitude(
-    deck: Deck, steps: list[Step], name: str, step: str | None
-) -> tuple[Step, tuple[Push, ...], Block | None]:
-    """Step, displacements and curve of the amplitude `name`; no curve if others need it."""
-    curve = _definition(deck, name)
-    users = [block for block in deck.blocks if block.word("AMPLITUDE") == name]
-    for block in users:
-        if block.keyword not in ("BOUNDARY", "STEP"):
-            raise block.error(
-                f"{block.title} uses amplitude {name} too, and would follow the waveform; "
-                "--move NSET,DOF gives the probe an amplitude of its own"
-            )
-        if block.keyword == "BOUNDARY" and not any(block in one.blocks for one in steps):
-            raise block.error(
-                f"*BOUNDARY with amplitude {name} is in no step; put it into the one that it "
-                "belongs to"
-            )
-    mine = [one for one in steps if any(user in one.blocks for user in users)]
-    if not mine:
-        raise curve.error(f"no *BOUNDARY of a step uses amplitude {name}")
-    chosen = _chosen(steps, mine, f"amplitude {name}", step)
-    push = _pushes(f"amplitude {name}", [user for user in users if user in chosen.blocks])
-    return chosen, push, None if len(mine) > 1 else curve
+def _amplitude(able: list[tuple[Step, Push]], request: Request) -> str:
+    """The amplitude that is asked for, or the only one that moves something; "" for none."""
+    moving = {push.amplitude: push.block.where for _, push in reversed(able) if push.amplitude}
+    if OWN_AMPLITUDE in moving:
+        return OWN_AMPLITUDE  # a deck that has been here before
+    if request.amplitude:
+        return squeezed(request.amplitude)
+    if len(moving) > 1:
+        listed = ", ".join(f"{name} ({where})" for name, where in reversed(moving.items()))
+        raise DeckError(f"several amplitudes move something: {listed}; name one")
+    return next(iter(moving), "")
 
 
-def _by_move(
-    deck: Deck, steps: list[Step], request: Request
-) -> tuple[Step, tuple[Push, ...], Block | None]:
-    """Step and displacement that the request, or nothing else, can mean; a curve it has alone."""
-    wanted = request.moved
-    found = [
-        (step, push)
-        for step in steps
-        for block in step.of("BOUNDARY")
-        for push in _magnitudes(block, zero=wanted is not None)
-        if push.axis in _TRANSLATIONS and block.word("TYPE") in _DISPLACEMENT
-    ]
-    moving = sorted((push for _, push in found), key=lambda push: push.magnitude == 0)
-    names = list(dict.fromkeys(f"{push.name} ({push.where})" for push in moving))
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    known = "; ".join(names[:_SHOWN]) + more
-    if wanted is not None:
-        what, axis, sign = wanted
-        found = [(s, p) for s, p in found if (squeezed(p.what), p.axis) == (what, axis)]
-    if not found and wanted is not None:
-        raise DeckError(f"no *BOUNDARY prescribes {request.move}; those there: {known or 'none'}")
-    if not found:
-        raise DeckError(
-            f"no *BOUNDARY of a step moves anything (the deck has {_known(deck)}){deck.unread}; "
-            "write the probe's displacement into its step, as PROBE, 2, 2, -0.1"
+def _only_one(step: Step, found: list[Push], able: list[tuple[Step, Push]], sign: int) -> Push:
+    """The only displacement of `found`, in the direction `sign` where that is not 0."""
+    push = found[-1]  # the last line counts
+    if any(other.name != push.name for other in found):
+        raise step.head.error(
+            f"several displacements: {_listed(able)}; name one: --move {found[0].name}"
         )
-    mine = [step for step in steps if any(step is one for one, _ in found)]
-    last = mine[-1:] if request.step is None else mine
-    chosen = _chosen(steps, last, request.move or "a displacement", request.step)
-    pushes = [push for step, push in found if step is chosen]
-    if len({push.name for push in pushes}) > 1:
-        raise chosen.head.error(
-            f"several displacements: {known}; name one: --move {pushes[0].name}"
-        )
-    push = pushes[-1]  # the last one counts
-    _refuse_foreign(push.block, push.name)
-    if wanted is not None and sign and sign != np.sign(push.magnitude):
-        push = Push(push.block, push.row, push.what, push.axis, float(sign), turned=True)
+    if sign and sign != np.sign(push.magnitude):
+        push = replace(push, magnitude=float(sign), turned=True)
     if push.magnitude == 0:
         raise DeckError(
             f"{push.where}: {push.name} is held at 0, which gives no direction; write "
@@ -238,13 +223,28 @@ def _by_move(
             f"{push.where}: degrees of freedom {push.row.words[1]} to {push.row.words[2]} "
             f"in one line; give {push.axis} a line of its own"
         )
-    name = push.block.word("AMPLITUDE")
-    alone = [block for block in deck.blocks if name and block.word("AMPLITUDE") == name]
-    others = [one for one in _magnitudes(push.block) if one.row.start != push.row.start]
-    with suppress(DeckError):  # one that cannot hold a waveform: it gets its own
-        if alone == [push.block] and not others:
-            return chosen, (push,), _definition(deck, name)
-    return chosen, (push,), None
+    return push
+
+
+def _own_curve(deck: Deck, push: list[Push], start_s: float | None) -> Block | None:
+    """The deck's amplitude of `push`, where it can hold a waveform and moves nothing else."""
+    name, ours = push[0].amplitude, {one.where for one in push}
+    for block in deck.blocks:
+        if block.word("AMPLITUDE") == name and block.keyword != "STEP":
+            moved = _magnitudes(block) if block.keyword == "BOUNDARY" else [None]
+            if any(one is None or one.where not in ours for one in moved):
+                return None
+    with suppress(DeckError):
+        curve = _definition(deck, name)
+        texts = [curve.text, *(row.text for row in curve.rows())]
+        if not any(text.name for text in texts) and not (_in_total(curve) and start_s is None):
+            return curve
+    return None
+
+
+def _in_total(curve: Block) -> bool:
+    """Whether an amplitude counts total time, not that of the step."""
+    return curve.word("TIME") == "TOTALTIME"
 
 
 def _steps_of(deck: Deck) -> list[Step]:
@@ -265,21 +265,17 @@ def _steps_of(deck: Deck) -> list[Step]:
             inside.append(block)
     if head is not None:
         raise head.error("this *STEP has no *END STEP")
+    if not steps:
+        raise DeckError(f"no *STEP in the deck{deck.unread}")
     return steps
 
 
-def _only_amplitude(deck: Deck) -> str:
-    """The only amplitude that moves something; "" for none."""
-    found: dict[str, str] = {}
-    for block in deck.of("BOUNDARY"):
-        name = block.word("AMPLITUDE")
-        moves = any(push.axis in _TRANSLATIONS for push in _magnitudes(block))
-        if name and moves and block.word("TYPE") in _DISPLACEMENT:
-            found.setdefault(name, block.where)
-    if len(found) > 1:
-        listed = ", ".join(f"{name} ({where})" for name, where in found.items())
-        raise DeckError(f"several amplitudes move something: {listed}; name one")
-    return next(iter(found), "")
+def _listed(able: list[tuple[Step, Push]]) -> str:
+    """The displacements to choose from, those that move first."""
+    moving = sorted((push for _, push in able), key=lambda push: push.magnitude == 0)
+    names = list(dict.fromkeys(f"{push.name} ({push.where})" for push in moving))
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return "; ".join(names[:_SHOWN]) + more
 
 
 def _known(deck: Deck) -> str:
@@ -291,49 +287,37 @@ def _known(deck: Deck) -> str:
 
 
 def _definition(deck: Deck, name: str) -> Block:
-    """The amplitude `name`, of a kind that can hold a waveform."""
+    """The amplitude `name`, of a kind whose data are times and values, linear between them."""
     found = [block for block in deck.of("AMPLITUDE") if block.word("NAME") == name]
     if len(found) != 1:
-        there = " and ".join(block.where for block in found)
-        problem = f"duplicate, at {there}" if found else f"it has {_known(deck)}{deck.unread}"
-        raise DeckError(
-            f"{len(found)} *AMPLITUDE, NAME={name} in the deck, expected one; {problem}"
-        )
+        raise DeckError(f"{len(found)} *AMPLITUDE, NAME={name}; the deck has {_known(deck)}")
     (curve,) = found
-    if not curve.own or curve.option("INPUT") is not None:
-        raise curve.error(f"*AMPLITUDE, NAME={name}: its data is in another file; put it here")
-    curve.own_rows()
     for option in curve.options:
         words = _CURVE_OPTIONS.get(option.name, ())
         if words is not None and option.word not in words:
-            expected = f"expected {' or '.join(words)}" if words else "take it out"
             said = option.name if option.value is None else f"{option.name}={option.value}"
-            raise curve.error(
-                f"*AMPLITUDE with {said} may be no waveform; {expected}, or --move NSET,DOF gives "
-                "the probe one of its own"
-            )
+            raise curve.error(f"*AMPLITUDE with {said}: its value at a time is not known")
     return curve
 
 
-def _chosen(steps: list[Step], mine: list[Step], name: str, wanted: str | None) -> Step:
-    """The step that is `wanted`, or the only one of `mine`, which have `name`."""
+def _chosen(
+    steps: list[Step], mine: list[Step], name: str, wanted: str | None, *, last: bool
+) -> Step:
+    """The step that is `wanted`, else the only one of `mine`, which have `name`, or the last."""
+    mine = list({step.number: step for step in mine}.values())
     if wanted is None:
-        if len(mine) > 1:
+        if len(mine) > 1 and not last:
             listed = "; ".join(step.name for step in mine)
-            raise DeckError(f"several steps use {name}: {listed}; name one")
-        return mine[0]
-    named = [
-        step
-        for step in steps
-        if wanted.strip() == str(step.number) or step.head.word("NAME") == squeezed(wanted) != ""
-    ]
-    if not named:
-        known = "; ".join(step.name for step in steps)
-        raise DeckError(f"no step {wanted!r} in the deck; it has: {known}")
-    if named[0] not in mine:
-        known = "; ".join(one.name for one in mine)
-        raise named[0].head.error(f"no *BOUNDARY here uses {name}; those that have one: {known}")
-    return named[0]
+            raise DeckError(f"several steps move {name}: {listed}; name one")
+        return mine[-1]
+    for step in steps:
+        if wanted.strip() == str(step.number) or step.head.word("NAME") == squeezed(wanted) != "":
+            if step in mine:
+                return step
+            there = "; ".join(one.name for one in mine)
+            raise step.head.error(f"no *BOUNDARY here moves {name}; steps that do: {there}")
+    known = "; ".join(step.name for step in steps)
+    raise DeckError(f"no step {wanted!r} in the deck; it has: {known}")
 
 
 def _refuse_foreign(block: Block, name: str) -> None:
@@ -342,31 +326,8 @@ def _refuse_foreign(block: Block, name: str) -> None:
         foreign = [f"TYPE={block.word('TYPE')}"]
     if foreign:
         raise block.error(
-            f"{block.title} with {foreign[0]} and {name}: it would not follow the "
-            "waveform, a displacement"
+            f"{block.title} with {foreign[0]}: {name} would not follow the waveform, a displacement"
         )
-
-
-def _pushes(name: str, blocks: list[Block]) -> tuple[Push, ...]:
-    """What the amplitude moves in its step: displacements of one size."""
-    found: list[Push] = []
-    for block in blocks:
-        _refuse_foreign(block, name)
-        found += _magnitudes(block)
-    for push in found:
-        if push.axis not in _TRANSLATIONS:
-            raise DeckError(
-                f"{push.where}: degree of freedom {push.axis} with {name} is no displacement"
-            )
-        if abs(push.magnitude) != abs(found[0].magnitude):
-            raise DeckError(
-                f"{push.where}: magnitude {push.magnitude:g}, but {found[0].magnitude:g} at "
-                f"{found[0].where}: one amplitude cannot give both the waveform's depth; --move "
-                f"{push.name} gives it one of its own"
-            )
-    if not found:
-        raise blocks[0].error(f"the magnitudes with {name} are 0: nothing would move")
-    return tuple(found)
 
 
 def _magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
@@ -463,7 +424,7 @@ def _at_end(deck: Deck, steps: Sequence[Step], held: Push) -> float:
         return held.magnitude
     curve = _definition(deck, name)
     periods_s = _periods_s(deck, steps)
-    end_s = sum(periods_s) if curve.word("TIME") == "TOTALTIME" else periods_s[-1]
+    end_s = sum(periods_s) if _in_total(curve) else periods_s[-1]
     words = [(row, at) for row in curve.rows() for at, word in enumerate(row.words) if word]
     numbers = [row.number(at) for row, at in words]
     if not numbers or len(numbers) % 2:

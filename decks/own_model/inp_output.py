@@ -112,12 +112,6 @@ def output_edits(
             lines = _calculix_request(drive, step, on_set, binary, automatic)
         every = "every time point" if automatic else "every increment"
         when = every if step is drive.step else "its last increment"
-        for block in (*gone, step.end):
-            if not block.own:
-                raise block.error(
-                    f"{block.title} of {step.name} is in an included file, and its output "
-                    "has to be changed; put it into the deck"
-                )
         edits += [edit for block in gone for edit in without(block)]
         edits.append(inserted(step.end.text, step.end.start, lines))
         removed = ", ".join(f"{block.title} ({block.where})" for block in gone)
@@ -252,11 +246,8 @@ def _sets(
     if not lines:
         return [], []
     ends = deck.of("ENDASSEMBLY") if any(together) else [drive.steps[0].head]
-    if len(ends) != 1 or not ends[0].own:
-        raise DeckError(
-            f"sets have to be put before {ends[0].where if ends else '*END ASSEMBLY'}; expected "
-            f"one there in the deck itself, found {len(ends)}"
-        )
+    if len(ends) != 1:
+        raise DeckError(f"{len(ends)} *END ASSEMBLY, expected one to put sets before")
     text, start = ends[0].text, ends[0].start
     # A node set and an element set may share a name.
     names = dict.fromkeys(each.split("=")[1].split(",")[0] for each in lines if "=" in each)
