@@ -5,8 +5,11 @@
 >>> result.rates["afferent"].tolist()
 ['SA', 'RA', 'PC']
 
-``import fembridge`` loads NumPy and nothing heavier; each name below is
-imported when it is first asked for.
+``import fembridge`` loads NumPy and nothing heavier; a name is imported when it is first
+asked for. Beside those of ``__all__`` there are ``Shape`` and ``Population`` for `touch`,
+``make_stimulus`` and ``resolve`` of the catalogue, ``read_history``, ``read_fields`` and
+``write_vtu_series`` for whole result files, ``Recording`` for spikes in other programs'
+formats, ``ResponseMap``, ``read_observed`` and ``touchsim_rates``.
 """
 
 from importlib import import_module
@@ -19,8 +22,8 @@ from fembridge.version import __version__ as __version__
 if TYPE_CHECKING:
     from decks.finger import Finger
     from decks.probe import Probe
-    from decks.stimuli import resolve
-    from decks.waveform import make_stimulus
+    from decks.stimuli import resolve as resolve
+    from decks.waveform import make_stimulus as make_stimulus
     from fembridge.api import (
         build_deck,
         encode,
@@ -34,45 +37,38 @@ if TYPE_CHECKING:
     )
     from fembridge.errors import FembridgeError
     from fembridge.observed import read_observed as read_observed
-    from fembridge.recording import Recording
-    from fembridge.response.response_map import ResponseMap
-    from fembridge.results import read, read_history
-    from fembridge.results.fields import read_fields
+    from fembridge.recording import Recording as Recording
+    from fembridge.response.response_map import ResponseMap as ResponseMap
+    from fembridge.results import read
+    from fembridge.results import read_history as read_history
+    from fembridge.results.fields import read_fields as read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
     from fembridge.touching.field import receptive_field
-    from fembridge.touching.population import Population
-    from fembridge.touching.shape import Shape
+    from fembridge.touching.population import Population as Population
+    from fembridge.touching.shape import Shape as Shape
     from fembridge.touching.touch import touch
     from fembridge.touchsim import touchsim_rates as touchsim_rates
     from fembridge.trace import StressTrace
 
-__all__ = [
-    "FembridgeError",
-    "Finger",
-    "Population",
-    "Probe",
-    "Recording",
-    "ResponseMap",
-    "Shape",
+__all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then what is built on it
+    "simulate",
+    "plot",
+    "build_deck",
+    "run",
+    "read",
+    "encode",
+    "touch",
+    "receptive_field",
+    "sweep",
+    "fit",
+    "thresholds",
+    "validate",
     "Stimulus",
     "StressTrace",
-    "build_deck",
-    "encode",
-    "fit",
-    "make_stimulus",
-    "plot",
-    "read",
-    "read_fields",
-    "read_history",
-    "receptive_field",
-    "resolve",
-    "run",
-    "simulate",
-    "sweep",
-    "thresholds",
-    "touch",
-    "validate",
+    "Finger",
+    "Probe",
+    "FembridgeError",
 ]
 
 _HOMES = {

@@ -22,6 +22,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, TextIO
 
+from fembridge.commands.options import Words, invalid_choice
 from fembridge.errors import FembridgeError, UsageError
 from fembridge.terminal import PlainStream, PrintError, error_line
 from fembridge.version import __version__
@@ -184,14 +185,57 @@ class _Parser(argparse.ArgumentParser):
                 raise UsageError(f"no option {name}{hint}")
         return super().parse_args(words, namespace)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
+        """Parse; a list of several words as the option repeated before each."""
+        return super().parse_known_args(self._repeated(args), namespace)
+
+    def _repeated(self, words: Sequence[str]) -> list[str]:
+        """`words` with ``--stimulus=a --stimulus=b`` for ``--stimulus a b``.
+
+        A list ends at an option or at what is no item of it; and where the verb wants a word
+        of its own, as a file, and there is none, at that.
+        """
+        known = self._option_string_actions
+        found: list[str] = []
+        listed, own, at = range(0), 0, 0
+        while at < len(words):
+            word, at = words[at], at + 1
+            action = known.get(word)
+            if word == "--":
+                own += len(words) - at
+                return [*found, *words[at - 1 :]]
+            if isinstance(action, Words) and at < len(words) and not _is_option(words[at]):
+                end = at + 1
+                while end < len(words) and not _is_option(words[end]) and action.takes(words[end]):
+                    end += 1
+                listed = range(len(found), len(found) + (0 if action.known else end - at))
+                found += [f"{word}={each}" for each in words[at:end]]
+                at = end
+                continue
+            found.append(word)
+            if action is None:
+                own += not _is_option(word)
+            else:  # with what belongs to it
+                count = action.nargs if isinstance(action.nargs, int) else 1
+                end = at
+                while end < min(at + count, len(words)) and not _is_option(words[end]):
+                    end += 1
+                found, at = [*found, *words[at:end]], end
+        wanted = sum(one.nargs in (None, "+") for one in self._get_positional_actions())
+        if 0 < (lacking := wanted - own) < len(listed):
+            for row in listed[-lacking:]:
+                found[row] = found[row].partition("=")[2]
+        return found
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:  # noqa: ANN401
         choices = list(map(str, action.choices or ()))
         if choices and value not in (action.choices or ()):
-            from fembridge.store import near_hint
+            raise argparse.ArgumentError(action, invalid_choice(str(value), choices))
 
-            expected = f"expected one of {', '.join(choices)}"
-            message = f"invalid choice: {value!r}, {expected}{near_hint(str(value), choices)}"
-            raise argparse.ArgumentError(action, message)
+
+def _is_option(word: str) -> bool:
+    """Whether `word` is an option, not a value, which may be a negative number."""
+    return re.match(r"-\.?\d", word) is None and word.startswith("-") and len(word) > 1
 
 
 def _options_of(parser: argparse.ArgumentParser) -> set[str]:

@@ -536,6 +536,8 @@ class TextTable:
     ) -> NDArray[Any]:
         """Column of finite numbers of a `kind`, `least` or more."""
         cells = self.column(name)
+        if not self.text:  # of a DataFrame, where nothing is no number
+            cells = np.where(cells == "", "nan", cells)
         try:
             if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
                 raise ValueError

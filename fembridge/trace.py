@@ -18,7 +18,7 @@ MS_PER_S = 1.0e3
 
 # Solvers print times with six to ten digits; a step may be off by that much.
 STEP_TOLERANCE = 1.0e-3
-# A share of power, from which on a change of step is told to lose something.
+# A share of power, from which on a change of step is said to lose something.
 _FOLDED_SHARE = 0.01
 _MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
 
@@ -170,7 +170,7 @@ def resample(
 
 
 def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | None:
-    """What is lost of a history ``(T,)`` every `dt_ms` that goes on a step of `step_ms`.
+    """What is lost of a history ``(T, ...)`` every `dt_ms` that goes on a step of `step_ms`.
 
     What is above half the rate of a longer step folds; of a shorter one PCHIP smooths
     what is above a tenth of the rate there was. None: neither holds 1 % of the power.
@@ -180,9 +180,10 @@ def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | Non
     finer = dt_ms < step_ms
     limit_hz = MS_PER_S / (2 * step_ms if finer else 10 * dt_ms)
     # The window takes away the jump from end to start, which has power everywhere.
-    windowed = (values - values.mean()) * np.hanning(values.size)
-    power = np.abs(np.fft.rfft(windowed)) ** 2
-    above = np.fft.rfftfreq(values.size, dt_ms / MS_PER_S) > limit_hz
+    count = len(values)
+    windowed = ((values - values.mean(axis=0)).T * np.hanning(count)).reshape(-1, count)
+    power = (np.abs(np.fft.rfft(windowed)) ** 2).sum(axis=0)
+    above = np.fft.rfftfreq(count, dt_ms / MS_PER_S) > limit_hz
     share = power[above].sum() / power.sum() if power.any() else 0.0
     if not share > _FOLDED_SHARE:
         return None

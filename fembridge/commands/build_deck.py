@@ -19,6 +19,7 @@ from fembridge.commands.options import (
     FINGER,
     SOLVING,
     STIMULUS,
+    Several,
     add_options,
     add_output_option,
     option,
@@ -62,10 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--afferent",
         type=_afferent,
-        action="append",
+        action=Several,
         default=[],
         metavar="SA=NODE",
-        help="the node of an afferent; repeat it for each. Without one, results of "
+        help="the nodes of afferents. Without one, results of "
         "all nodes are written and fembridge ingest asks which to read",
     )
     unit = "of the deck: with mm stress is in MPa, with m in Pa, with in in psi (default: as "

@@ -25,7 +25,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_options, columns
+from fembridge.commands.options import Several, add_options, column
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,13 +60,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--stimulus", metavar="ID", help=named)
     add(
         "--afferent",
+        action=Several,
         choices=("SA", "RA", "PC"),
-        nargs="+",
         help="classes to encode, and those that a trace without one is taken for",
     )
     add(
         "--columns",
-        type=columns,
+        action=Several,
+        type=column,
         metavar="time=NAME,value=NAME",
         help="columns of another table: time (in s, or as its name ends: _ms, _us) or time_ms, "
         "value (each is a trace), afferent, unit, node, stimulus",

@@ -11,7 +11,13 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import STORED_FINGER, add_options, add_output_option, words_of
+from fembridge.commands.options import (
+    STORED_FINGER,
+    Several,
+    add_options,
+    add_output_option,
+    words_of,
+)
 
 if TYPE_CHECKING:
     from fembridge.fitting.fit import Fit
@@ -38,10 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "--afferent",
-        nargs="+",
+        action=Several,
         choices=("SA", "RA", "PC", EVERY),
-        metavar="CLASS",
-        help="SA, RA, PC or all (default: all that the table and the model have)",
+        help="default: all that the table and the model have",
     )
     add(
         "--drive",

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import columns
+from fembridge.commands.options import Several, Words, column
 
 if TYPE_CHECKING:
     from fembridge.results import Result
@@ -49,7 +49,7 @@ def point(text: str) -> tuple[int, int]:
     return int(element), int(number)
 
 
-_MANY: dict[str, Any] = {"nargs": "+", "action": "extend"}
+_MANY: dict[str, Any] = {"action": Several}
 _YES: dict[str, Any] = {"action": "store_true"}
 # By group: option, help, and how it is read.
 _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
@@ -71,7 +71,8 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--set", "nodes of a set: of the file, or of its deck",
          {"metavar": "NAME", "dest": "sets", **_MANY}),
         ("--near", "the node with results nearest to a place in mm of the undeformed mesh; "
-         "before a negative X write --near=-X,Y", {"type": place, "metavar": "X,Y[,Z]", **_MANY}),
+         "several as words or by repetition",
+         {"type": place, "metavar": "X,Y[,Z]", "action": Words}),
         ("--deck", "where --set looks (default: the sets in a .t16 or .t19; of a .frd the deck "
          "of the same name in .inp)", {"type": Path, "metavar": "DECK"}),
         ("--afferents", "the nodes of run.toml's afferents (the default where there is one)", _YES),
@@ -106,7 +107,7 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
     "any other result: a CSV or NPZ, or a VTU, PVD or XDMF with point data": (
         ("--columns", "which column or array is what: time (in s) or time_ms, value (von Mises, or "
          "an array of tensors) or xx, yy, zz, xy, yz, zx, node, afferent",
-         {"type": columns, "metavar": "time=NAME,value=NAME"}),
+         {"type": column, "metavar": "time=NAME,value=NAME", **_MANY}),
     ),
     "printed results in a .dat": (
         ("--point", "stress traces at integration points, which no averaging has touched; in the "

@@ -1,7 +1,7 @@
 """Options that verbs share, each described once; a verb names those that it takes."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -31,22 +31,88 @@ def window(word: str) -> tuple[float, float]:
     return start, end
 
 
-def columns(text: str) -> list[tuple[str, str]]:
-    """``time=NAME,value=NAME``: what a column is, and its name."""
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    if not all(key.strip() and name.strip() for key, _, name in pairs):
+def column(text: str) -> tuple[str, str]:
+    """``time=NAME``: what a column is, and its name."""
+    key, _, name = map(str.strip, text.partition("="))
+    if not (key and name):
         raise argparse.ArgumentTypeError(f"expected time=NAME,value=NAME, got {text!r}")
-    return [(key.strip(), name.strip()) for key, _, name in pairs]
+    return key, name
+
+
+class Words(argparse.Action):
+    """A list of words, each its own or by repetition of the option; `type` is that of an item.
+
+    ``--stimulus a b`` comes as ``--stimulus=a --stimulus=b`` (`fembridge.cli`).
+    """
+
+    separator: str | None = None
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **how: Any) -> None:  # noqa: ANN401 - as argparse calls it
+        self.item, self.known = how.pop("type", str), tuple(how.pop("choices", ()))
+        super().__init__(option_strings, dest, **how)
+        if self.known and self.metavar is None:
+            self.metavar = ",".join(self.known)
+
+    def items(self, word: str) -> list[Any]:
+        """The items of one word."""
+        words = [word] if self.separator is None else word.split(self.separator)
+        found = []
+        for each in filter(None, map(str.strip, words)):
+            try:
+                found.append(self.item(each))
+            except argparse.ArgumentTypeError as error:
+                raise argparse.ArgumentError(self, str(error)) from error
+            except ValueError as error:
+                kind = getattr(self.item, "__name__", "")
+                problem = f"invalid {kind} value: {each!r}"
+                raise argparse.ArgumentError(self, problem) from error
+            if self.known and found[-1] not in self.known:
+                raise argparse.ArgumentError(self, invalid_choice(each, self.known))
+        return found
+
+    def takes(self, word: str) -> bool:
+        """Whether `word` is an item or several."""
+        try:
+            self.items(word)
+        except argparse.ArgumentError:
+            return False
+        return True
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,  # noqa: ANN401 - as argparse has it
+        option_string: str | None = None,
+    ) -> None:
+        """Add the items of a word; the first one takes the place of the default."""
+        before = getattr(namespace, self.dest)
+        before = [] if before is self.default else before
+        setattr(namespace, self.dest, [*before, *self.items(values)])
+
+
+class Several(Words):
+    """A list, the items also separated by commas."""
+
+    separator = ","
+
+
+def invalid_choice(word: str, choices: Sequence[str]) -> str:
+    """What is wrong with a `word` that is none of `choices`."""
+    from fembridge.store import near_hint
+
+    expected = f"expected one of {', '.join(choices)}"
+    return f"invalid choice: {word!r}, {expected}{near_hint(word, choices)}"
 
 
 _OPTIONS: dict[str, dict[str, Any]] = {
     "stimulus": {
-        "action": "append",
+        "action": Words,
         "required": True,
         "metavar": "ID|FILE",
         "help": "sine_20_250, a set as noise_25_250 or all, ramp_300_100_200_100 (300 um deep "
         "in 100 ms, held for 200, back in 100), or a waveform: .csv with time_ms and "
-        "displacement_um, .wav, .npy; commas or repetition join",
+        "displacement_um, .wav, .npy; several as words or with commas",
     },
     "dt_ms": {
         "type": float,
@@ -129,10 +195,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "SA units read compression along the skin's normal in place of von Mises stress",
     },
     "export": {
-        "action": "append",
+        "action": Several,
         "default": [],
         "choices": ("npz", "mat", "nwb", "neo", "sonata"),
-        "help": "also write the spikes for other programs, see docs/recording.md; may be repeated",
+        "help": "also write the spikes for other programs, see docs/recording.md",
     },
     "parameters": {
         "metavar": "NAME",

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import FINGER, add_options, window
+from fembridge.commands.options import FINGER, Several, Words, add_options, window
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,12 +31,12 @@ _PREINDENT: tuple[str, str, dict[str, Any]] = (
     {"type": float, "metavar": "DEPTH"},
 )
 _FILE: dict[str, Any] = {"type": Path, "metavar": "FILE|DIR"}
-_CLASSES: dict[str, Any] = {"choices": ("SA", "RA", "PC"), "nargs": "+"}
+_CLASSES: dict[str, Any] = {"choices": ("SA", "RA", "PC"), "action": Several}
 _Options = tuple[tuple[str, str, dict[str, Any]], ...]
 _OF_SPIKES: _Options = (
     ("table", "table of spikes, or a folder of simulate or encode", _FILE),
     ("--stimulus", "rows from top to bottom, silent ones too; a single one is drawn above "
-     "(default: those of the folder, else of the table)", {"action": "append", "metavar": "ID"}),
+     "(default: those of the folder, else of the table)", {"action": Words, "metavar": "ID"}),
     ("--afferent", "panels from left to right (default: those of the table)", _CLASSES),
 )  # fmt: skip
 _COUNTED: _Options = (

@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_options, add_output_option, words_of
+from fembridge.commands.options import Several, add_options, add_output_option, words_of
 
 EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
 
@@ -21,20 +21,29 @@ EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o fie
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     parser.add_argument(
-        "--afferent", default="SA,RA,PC", metavar="CLASS", help="commas join (default: all three)"
+        "--afferent",
+        action=Several,
+        type=str.upper,
+        choices=("SA", "RA", "PC"),
+        default=["SA", "RA", "PC"],
+        help="default: all three",
     )
     parser.add_argument(
         "--probe-diameter-mm", type=float, default=0.5, metavar="D", help="default: 0.5"
     )
     parser.add_argument(
         "--depth-um",
-        default="100,200,300,400,500",
+        action=Several,
+        type=float,
+        default=[100.0, 200.0, 300.0, 400.0, 500.0],
         metavar="UM",
         help="depths, or amplitudes (default: 100 to 500)",
     )
     parser.add_argument(
         "--times-threshold",
-        default="",
+        action=Several,
+        type=float,
+        default=[],
         metavar="N",
         help="further depths, as multiples of threshold",
     )
@@ -69,14 +78,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     pad = pad_named(args.pad)
     output = Path(args.output)
     fields = []
-    for name in filter(None, (word.strip().upper() for word in args.afferent.split(","))):
+    for name in args.afferent:
         field = receptive_field(
             name,
-            depth_um=_numbers(args.depth_um, "--depth-um"),
-            times_threshold=_numbers(args.times_threshold, "--times-threshold"),
             pad=pad,
             **words_of(
                 args,
+                "depth_um",
+                "times_threshold",
                 "probe_diameter_mm",
                 "criterion",
                 "frequency_hz",
@@ -103,12 +112,3 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "threshold_um": thresholds,
         "areas": areas.to_dict(orient="records"),
     }
-
-
-def _numbers(text: str, option: str) -> list[float]:
-    from fembridge.errors import UsageError
-
-    try:
-        return [float(word) for word in text.split(",") if word.strip()]
-    except ValueError as error:
-        raise UsageError(f"{option} {text!r}: {error}") from error

@@ -16,7 +16,7 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import WAVE, add_options, option, words_of
+from fembridge.commands.options import WAVE, Words, add_options, option, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     word = "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas join several"
     add("ids", nargs="*", metavar="ID|FILE", help=word)
-    add("--waveform", action="append", default=[], metavar="FILE", help="the same as FILE")
+    add("--waveform", action=Words, default=[], metavar="FILE", help="the same as FILE")
     add(
         "--export",
         choices=("csv", "wav", "npy", "marc-table"),

@@ -12,7 +12,7 @@ import sys
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import STORED_FINGER, add_options, add_output_option
+from fembridge.commands.options import STORED_FINGER, Several, add_options, add_output_option
 
 if TYPE_CHECKING:
     import pandas
@@ -33,19 +33,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     numbers: dict[str, Any] = {"type": int, "metavar": "N"}
     add(
         "--drive",
-        nargs="+",
+        action=Several,
         metavar="NAME",
         help="models to compare, of all classes that have them (default: the study)",
     )
     add("--cells", **numbers, help="cells of each (default: the model's)")
     add(
         "--preindent-um",
+        action=Several,
         type=float,
-        nargs="+",
         metavar="DEPTH",
         help="depths of the probe before time 0, with --drive (default: 0)",
     )
-    add("--seeds", type=int, nargs="+", default=(1, 2, 3), help="default: 1 2 3")
+    add("--seeds", action=Several, **numbers, default=[1, 2, 3], help="default: 1 2 3")
     tried = "candidates that each search tries (default: %(default)d)"
     add("--evaluations", **numbers, default=10_000, help=tried)
     add("--jobs", **numbers, default=1, help="processes (default: 1)")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import (
     STORED_FINGER,
+    Several,
     add_options,
     add_output_option,
     words_of,
@@ -28,15 +29,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "--afferent",
-        nargs="+",
+        action=Several,
         choices=("SA", "RA", "PC"),
         default=["SA", "RA", "PC"],
-        metavar="CLASS",
-        help="SA, RA, PC (default: all)",
+        help="default: all",
     )
     add(
         "--hz",
-        default="2:800",
+        action=Several,
+        default=["2:800"],
         metavar="LOW:HIGH|F,F,...",
         help="third octaves of a range, or frequencies, from 2 to 800 (default: 2:800)",
     )
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     observed = read_evidence(args.thresholds, THRESHOLDS).table
     names = ("parameters", "preindent_um", "finger", "response")
-    found = api.thresholds(args.afferent, args.hz, **words_of(args, *names))
+    found = api.thresholds(args.afferent, ",".join(args.hz), **words_of(args, *names))
     with filling(Path(args.output), last=TABLE_FILE) as draft:
         save_figure(thresholds_figure(found, observed), draft / PICTURE_FILE)
         write_table(draft / TABLE_FILE, list(found.columns), found.to_numpy().tolist())

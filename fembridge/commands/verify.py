@@ -12,7 +12,7 @@ import argparse
 import sys
 from typing import Any
 
-from fembridge.commands.options import add_output_option
+from fembridge.commands.options import Several, add_output_option
 
 EXAMPLE = "fembridge verify --quick -o verification"
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--only",
-        nargs="+",
+        action=Several,
         metavar="NAME",
         help="patch, solver, hertz, incompressible, mesh, contact, penalty, laws, map "
         "(default: all)",

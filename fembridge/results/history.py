@@ -17,7 +17,7 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import TENSOR, principal_stresses_pa, von_mises_pa
-from fembridge.trace import STEP_TOLERANCE, StressTrace, mean_step, resample
+from fembridge.trace import STEP_TOLERANCE, StressTrace, doubt_of_step, mean_step, resample
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -169,6 +169,10 @@ class History:
         if np.isnan(self.values).any():
             raise UsageError("nodes that some outputs lack cannot be resampled: name nodes")
         at, values = resample(self.at, self.values, dt_ms, log)
+        step_ms, odd = mean_step(self.at)
+        coarser = odd is None and step_ms < dt_ms
+        if log and coarser and (doubt := doubt_of_step(self.values, step_ms, dt_ms)):
+            log(doubt)
         return replace(self, at=at, values=values, keys=np.empty((0, 2), dtype=np.int64))
 
     def from_start(self, start_ms: float, slack_ms: float) -> "History":

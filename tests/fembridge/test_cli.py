@@ -102,6 +102,9 @@ def test_an_unknown_verb_is_misuse_and_tells_the_near_one(capsys, word, told):
         (["simulate"], "required: --stimulus/--waveform; see fembridge simulate --help"),
         (["simulate", "--stimulus", "sine_20_250", "--jobs", "0"], "--jobs is 0, expected"),
         (["run", ".", "--stall-limit", "-3"], "--stall-limit is -3.0, expected"),
+        (["encode", "--afferent", "SA", "RA"], "required: CSV|NPZ|DIR"),
+        (["encode", "--afferent", "SA,XA", "t.csv"], "invalid choice: 'XA', expected one of SA"),
+        (["study", "--observed", "t.csv", "--seeds", "x"], "--seeds: invalid int value: 'x'"),
     ],
 )
 def test_misuse_of_options_is_2_in_one_line_that_says_what_to_write(capsys, words, told):
@@ -110,6 +113,34 @@ def test_misuse_of_options_is_2_in_one_line_that_says_what_to_write(capsys, word
     assert told in streams.err
     assert (streams.err.count("\n"), streams.out) == (1, "")
     assert len(streams.err) <= 301
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("encode --afferent SA RA t.csv", {"afferent": ["SA", "RA"], "traces": Path("t.csv")}),
+        ("encode t.csv --afferent SA,RA --afferent PC", {"afferent": ["SA", "RA", "PC"]}),
+        ("encode --columns time=t value=f t.csv", {"columns": [("time", "t"), ("value", "f")]}),
+        ("encode t.csv --export npz mat -o out", {"export": ["npz", "mat"]}),
+        ("simulate --stimulus sine_20 own.csv", {"stimulus": ["sine_20", "own.csv"]}),
+        ("simulate --stimulus=a --waveform b c --json", {"stimulus": ["a", "b", "c"]}),
+        ("build-deck --stimulus a --afferent SA=1 RA=2", {"afferent": [("SA", 1), ("RA", 2)]}),
+        ("study --observed t --seeds 4 5,6", {"seeds": [4, 5, 6]}),
+        ("threshold --hz 10 20 --afferent PC", {"hz": ["10", "20"], "afferent": ["PC"]}),
+        ("receptive-field --depth-um 50 100,200", {"depth_um": [50.0, 100.0, 200.0]}),
+        ("ingest --near -1,2 0.5,3 r.frd", {"near": [(-1.0, 2.0), (0.5, 3.0)]}),
+        ("ingest --node 1 2,3 r.frd --set A B", {"node": [1, 2, 3], "sets": ["A", "B"]}),
+        ("plot raster --stimulus a b out", {"stimulus": ["a", "b"], "table": Path("out")}),
+        ("plot raster out --stimulus a b", {"stimulus": ["a", "b"], "table": Path("out")}),
+        ("stimuli a b --waveform c.csv d.csv", {"ids": ["a", "b"], "waveform": ["c.csv", "d.csv"]}),
+        ("touch --at-mm -1 2 --stimulus a", {"at_mm": [-1.0, 2.0], "stimulus": "a"}),
+        ("verify --only patch hertz", {"only": ["patch", "hertz"]}),
+    ],
+)
+def test_a_list_is_given_with_commas_by_repetition_or_as_several_words(words, expected):
+    parser, _ = cli._parser(words.split())
+    args = vars(parser.parse_args(words.split()))
+    assert {name: args[name] for name in expected} == expected
 
 
 SIMULATE = ("simulate", "--stored", "--stimulus", "sine_20_250")

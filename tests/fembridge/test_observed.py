@@ -171,5 +171,5 @@ def test_another_header_is_named(table, header):
 
 def test_a_frame_names_its_row():
     frame = pd.DataFrame({"stimulus": ["sine_20_250"] * 2, "afferent": ["SA", "RA"]})
-    with pytest.raises(TableError, match="DataFrame:2: rate_ips is"):
+    with pytest.raises(TableError, match="DataFrame:2: rate_ips is nan"):
         read_observed(frame.assign(rate_ips=[3.0, np.nan]))
