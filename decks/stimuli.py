@@ -336,6 +336,13 @@ def set_name(entry: Entry) -> str:
     return _id(entry.family, (n for name, n in entry.numbers().items() if name.endswith("_hz")))
 
 
+def set_title(entry: Entry) -> str:
+    """Frequencies or band of a set: ``20 Hz``, ``10 + 50 Hz``, ``5–100 Hz``."""
+    between = " + " if isinstance(entry, Diharmonic) else "–"
+    numbers = [number_text(n) for name, n in entry.numbers().items() if name.endswith("_hz")]
+    return f"{between.join(numbers)} Hz"
+
+
 def _named(name: str) -> tuple[Entry, ...]:
     if name.lower() == EVERY:
         return CATALOGUE

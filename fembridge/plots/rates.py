@@ -1,15 +1,13 @@
 """Rates against amplitude: a block of panels a family, a row a class, a column a frequency."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from decks.stimuli import Diharmonic, Entry, Sine, number_text, resolve, set_name
+from decks.stimuli import Entry, resolve, set_name, set_title
 from fembridge.errors import StimulusError, UsageError
 from fembridge.plots.style import (
+    GREY,
     INK,
     LINE_PT,
     PAGE_WIDTH_IN,
@@ -19,39 +17,37 @@ from fembridge.plots.style import (
     class_style,
     dots,
     fitting,
+    grid_figure,
     in_style,
     legend_above,
     log_axis,
-    make_plain,
     note,
 )
 from fembridge.tables import AFFERENTS, Rate
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import Series
 
 MOST_SETS = 60
-OBSERVED, TOUCHSIM, OWN = "observed", "TouchSim", "own"
-
-_LEVELS = {
+OWN, OBSERVED, PUBLISHED, TOUCHSIM = "own", "observed", "published", "TouchSim"
+LEVELS = {
     "sine": "Amplitude (µm)",
     "diharm": "Amplitude of component 1 (µm)",
     "noise": "RMS amplitude (µm)",
 }
+_DOT_PT = 3.2
+OBSERVED_DOTS = dots(
+    INK, _DOT_PT, markerfacecolor=WHITE, markeredgewidth=0.8, clip_on=False, zorder=5
+)
 _MOST_COLUMNS = 5
-# Inches. Margins are given, not found: a layout engine takes seconds for all 82.
-_PANEL_IN, _GAP_IN, _ROW_GAP_IN, _BLOCK_IN = 0.85, 0.14, 0.14, 0.74
-_LEFT_IN, _RIGHT_IN, _LEGEND_IN, _BOTTOM_IN = 1.0, 0.2, 0.3, 0.4
-_TITLE_IN, _WIDEST_IN, _LEAST_IN, _LEVEL_DOWN_IN = 0.22, 2.4, 5.6, 0.34
+# Inches.
+_PANEL_IN, _GAP_IN, _BLOCK_IN = 0.85, 0.14, 0.74
+_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 1.0, 0.2, 0.52, 0.4
+_WIDEST_IN, _LEAST_IN = 2.4, 4.4
 # The name of a class stands that far left of its panels: at the page's edge.
 _NAME_PT = 6.0 - PT_PER_IN * _LEFT_IN
 _ROOM, _LEVEL_ROOM = 1.08, 1.35
-_DOT_PT = 3.2
-_TOUCHSIM: dict[str, Any] = {
-    "color": "#808080", "linewidth": 1.3 * LINE_PT, "dashes": (4, 1.8), "zorder": 2,
-}  # fmt: skip
-_OBSERVED = dots(INK, _DOT_PT, markerfacecolor=WHITE, markeredgewidth=0.8, clip_on=False, zorder=5)
 
 
 def placed(rates: Iterable[Rate]) -> tuple[dict[str, Entry], list[str]]:
@@ -64,7 +60,7 @@ def placed(rates: Iterable[Rate]) -> tuple[dict[str, Entry], list[str]]:
         except (StimulusError, ValueError):
             strange.append(name)
             continue
-        if entry.family in _LEVELS:
+        if entry.family in LEVELS:
             found[name] = entry
         else:
             strange.append(name)
@@ -76,83 +72,88 @@ def rates_figure(
     rates: Sequence[Rate],
     *,
     observed: Sequence[Rate] = (),
+    published: Sequence[Rate] = (),
     touchsim: Sequence[Rate] = (),
     afferents: Sequence[str] | None = None,
+    name: str = "these rates",
+    panel_in: float = _PANEL_IN,
 ) -> "Figure":
     """Rate against amplitude: a block of panels a family of stimuli, in it a row a class.
 
-    Lines are `rates`, in the colour of their class; dots `observed`, dashes `touchsim`,
-    both of the frequencies of `rates` alone. Panels of a class and family share a scale.
+    Lines with dots are `rates`, called `name`, in the colour of their class; rings are
+    `observed`, thin lines `published`, dashes `touchsim`, all of the frequencies of `rates`
+    alone. Panels of a class and family share a scale.
 
     Raises
     ------
     UsageError
         No rate of a stimulus that has a frequency and an amplitude.
     """
-    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
     entries, _ = placed(rates)
-    sets: dict[str, Entry] = {set_name(entry): entry for entry in entries.values()}
+    sets = {set_name(entry): entry for entry in entries.values()}
     present = {rate.afferent for rate in rates}
-    classes = list(afferents or [name for name in AFFERENTS if name in present])
+    classes = list(afferents or [one for one in AFFERENTS if one in present])
     if not sets or not present & set(classes):
         raise UsageError("no rate of a sinusoid, diharmonic or noise to draw")
     if len(sets) > MOST_SETS:
         raise UsageError(f"{len(sets)} frequencies, expected at most {MOST_SETS} in one picture")
-    points = {
-        source: _points(given, sets)
-        for source, given in ((OWN, rates), (OBSERVED, observed), (TOUCHSIM, touchsim))
-        if given
-    }
-    families = list(_LEVELS)
-    names = sorted(sets, key=lambda name: families.index(sets[name].family))
+    words = {OWN: name, OBSERVED: "observed", PUBLISHED: "published model"}
+    words[TOUCHSIM] = "TouchSim (fitted to recordings of the same experiments)"
+    sources = dict(zip(words, (rates, observed, published, touchsim), strict=True))
+    sources = {source: given for source, given in sources.items() if given}
+    points = DataFrame(
+        [
+            (source, set_name(entry), entry.family, rate.afferent, entry.level_um, rate.rate_ips)
+            for source, given in sources.items()
+            for known in (placed(given)[0],)
+            for rate in given
+            if (entry := known.get(rate.stimulus)) is not None and set_name(entry) in sets
+        ],
+        columns=["source", "set", "family", "afferent", "level_um", "rate_ips"],
+    ).sort_values(["level_um", "rate_ips"])
     blocks: list[list[str]] = []
-    for _, members in groupby(names, key=lambda name: sets[name].family):
-        mine = list(members)
+    for family in LEVELS:
+        mine = [each for each, entry in sets.items() if entry.family == family]
         blocks += [mine[k : k + _MOST_COLUMNS] for k in range(0, len(mine), _MOST_COLUMNS)]
     columns = max(map(len, blocks))
     wide_in = (PAGE_WIDTH_IN - _LEFT_IN - _RIGHT_IN + _GAP_IN) / columns - _GAP_IN
-    wide_in = _LEAST_IN - _LEFT_IN - _RIGHT_IN if columns == 1 else min(wide_in, _WIDEST_IN)
-    page_in = _LEFT_IN + columns * (wide_in + _GAP_IN) - _GAP_IN + _RIGHT_IN
-    block_in = len(classes) * (_PANEL_IN + _ROW_GAP_IN) - _ROW_GAP_IN
-    around_in = _LEGEND_IN + _TITLE_IN + _BOTTOM_IN
-    height_in = around_in + len(blocks) * (block_in + _BLOCK_IN) - _BLOCK_IN
-    figure = Figure(figsize=(page_in, height_in))
-    page = np.array([page_in, height_in, page_in, height_in])
-    top_in = height_in - _LEGEND_IN - _TITLE_IN
-    for block in blocks:
-        family = [name for name in names if sets[name].family == sets[block[0]].family]
+    wide_in = _LEAST_IN if columns == 1 else min(wide_in, _WIDEST_IN)
+    block_in = [panel_in, *[_GAP_IN, panel_in] * (len(classes) - 1)]
+    figure, new_panel = grid_figure(
+        [_LEFT_IN, wide_in, *[_GAP_IN, wide_in] * (columns - 1), _RIGHT_IN],
+        [_TOP_IN, *block_in, *[_BLOCK_IN, *block_in] * (len(blocks) - 1), _BOTTOM_IN],
+    )
+    for number, block in enumerate(blocks):
+        family = sets[block[0]].family
+        of_family = points[points["family"] == family]
         for row, afferent in enumerate(classes):
-            low_in = top_in - row * (_PANEL_IN + _ROW_GAP_IN) - _PANEL_IN
-            low_um, high_um, most_ips = _scales(points, family, afferent)
-            for column, name in enumerate(block):
-                left_in = _LEFT_IN + column * (wide_in + _GAP_IN)
-                panel = figure.add_axes(tuple([left_in, low_in, wide_in, _PANEL_IN] / page))
-                make_plain(panel)
-                _draw(panel, points, name, afferent)
-                log_axis(panel, low_um, high_um)
-                panel.set_ylim(0.0, _ROOM * most_ips)
+            of_class = of_family[of_family["afferent"] == afferent]
+            top_ips = _ROOM * max(1.0, of_class["rate_ips"].max())
+            for column, one in enumerate(block):
+                panel = new_panel(number * len(classes) + row, column)
+                for source, curve in of_class[of_class["set"] == one].groupby("source"):
+                    style = _style(str(source), afferent)
+                    panel.plot(curve["level_um"], curve["rate_ips"], **style)
+                log_axis(panel, *_ends_um(of_family["level_um"]))
+                panel.set_ylim(0.0, top_ips)
                 panel.tick_params(labelleft=not column, labelbottom=row == len(classes) - 1)
                 if not row:
-                    title = fitting(_title(sets[name]), wide_in, TEXT_PT)
+                    title = fitting(set_title(sets[one]), wide_in, TEXT_PT)
                     panel.set_title(title, fontsize=TEXT_PT, pad=5)
                 if not column:
                     panel.set_ylabel("impulses/s")
                     style, by_pt = class_style(afferent, TEXT_PT + 2), (_NAME_PT, 0.0)
                     note(panel, afferent, (0, 0.5), by_pt, ha="left", va="center", **style)
-        middle_in = _LEFT_IN + (len(block) * (wide_in + _GAP_IN) - _GAP_IN) / 2
-        level = _LEVELS[sets[block[0]].family]
-        low = (top_in - block_in - _LEVEL_DOWN_IN) / height_in
-        figure.text(middle_in / page_in, low, level, ha="center", va="bottom", fontsize=TEXT_PT)
-        top_in -= block_in + _BLOCK_IN
-    colours = [_own(afferent) for afferent in classes]
-    samples = {OWN: colours, OBSERVED: _OBSERVED, TOUCHSIM: _TOUCHSIM}
-    words = {OWN: "these rates", OBSERVED: "observed"}
-    words[TOUCHSIM] = "TouchSim (fitted to recordings of the same experiments)"
+        middle = 0.5 * len(block) + 0.5 * (len(block) - 1) * _GAP_IN / wide_in
+        below = {"ha": "center", "va": "top", "fontsize": TEXT_PT}
+        note(figure.axes[-len(block)], LEVELS[family], (middle, 0.0), (0, -14), **below)
+    shown = {source: classes if source in (OWN, PUBLISHED) else classes[:1] for source in sources}
     legend_above(
         figure,
-        [samples[source] for source in points],
-        [words[source] for source in points],
+        [[_style(source, one) for one in each] for source, each in shown.items()],
+        [words[source] for source in sources],
         down_in=0.14,
         handlelength=2.8,
         columnspacing=1.6,
@@ -160,55 +161,22 @@ def rates_figure(
     return figure
 
 
-def _draw(panel: "Axes", points: "Mapping[str, _Points]", name: str, afferent: str) -> None:
-    """Draw what each source has of a set and class."""
-    styles = {OWN: _own(afferent), OBSERVED: _OBSERVED, TOUCHSIM: _TOUCHSIM}
-    for source, found in points.items():
-        if mine := found.get((name, afferent)):
-            panel.plot(*np.array(mine).T, **styles[source])
+def _style(source: str, afferent: str) -> dict[str, Any]:
+    """Line of a source: rings, grey dashes, or the class colour."""
+    colour = class_style(afferent)["color"]
+    own = {"marker": "o", "markersize": _DOT_PT - 0.6, "clip_on": False, "zorder": 3}
+    return {
+        OWN: {"color": colour, "linewidth": 1.5 * LINE_PT, **own},
+        OBSERVED: OBSERVED_DOTS,
+        PUBLISHED: {"color": colour, "linewidth": 0.8 * LINE_PT, "zorder": 2.5},
+        TOUCHSIM: {"color": GREY, "linewidth": 1.3 * LINE_PT, "dashes": (4, 1.8), "zorder": 2},
+    }[source]
 
 
-_Points: TypeAlias = Mapping[tuple[str, str], Sequence[tuple[float, float]]]
-_Scales: TypeAlias = tuple[float, float, float]
-
-
-def _points(rates: Sequence[Rate], sets: Mapping[str, Entry]) -> _Points:
-    """Level in um and rate of each set and class, the weakest first."""
-    entries, _ = placed(rates)
-    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for rate in rates:
-        entry = entries.get(rate.stimulus)
-        if entry is not None and set_name(entry) in sets:
-            key = (set_name(entry), rate.afferent)
-            found.setdefault(key, []).append((entry.level_um, rate.rate_ips))
-    return {key: sorted(each) for key, each in found.items()}
-
-
-def _scales(points: Mapping[str, _Points], family: Sequence[str], afferent: str) -> _Scales:
-    """Ends of amplitude, the same for a family, and the highest rate of a class in it."""
-    of_family = [
-        (who, *point)
-        for found in points.values()
-        for (name, who), each in found.items()
-        if name in family
-        for point in each
-    ]
-    levels_um = [level_um for _, level_um, _ in of_family]
-    low_um, high_um = min(levels_um) / _LEVEL_ROOM, max(levels_um) * _LEVEL_ROOM
-    if high_um < 10 * low_um:  # both ends have a number
+def _ends_um(level_um: "Series[float]") -> tuple[float, float]:
+    """Ends of the axis of amplitudes; of less than a decade both have a number."""
+    low_um, high_um = level_um.min() / _LEVEL_ROOM, level_um.max() * _LEVEL_ROOM
+    if high_um < 10 * low_um:
         low_um = 10.0 ** math.floor(math.log10(low_um))
         high_um = 10.0 ** math.ceil(math.log10(high_um))
-    return low_um, high_um, max([1.0, *(rate for who, _, rate in of_family if who == afferent)])
-
-
-def _own(afferent: str) -> dict[str, Any]:
-    style = {"marker": "o", "markersize": _DOT_PT - 0.6, "clip_on": False, "zorder": 3}
-    return {"color": class_style(afferent)["color"], "linewidth": 1.5 * LINE_PT, **style}
-
-
-def _title(entry: Entry) -> str:
-    """Frequencies or band of a set."""
-    numbers = [number_text(number) for number in entry.numbers().values()]
-    if isinstance(entry, Sine):
-        return f"{numbers[0]} Hz"
-    return f"{numbers[0]}{' + ' if isinstance(entry, Diharmonic) else '–'}{numbers[1]} Hz"
+    return low_um, high_um

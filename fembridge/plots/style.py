@@ -30,7 +30,7 @@ _Given = ParamSpec("_Given")
 _Drawn = TypeVar("_Drawn")
 
 AFFERENT_COLOURS = {"SA": "#009E73", "RA": "#0072B2", "PC": "#D55E00"}
-INK, FAINT, SHADE, WHITE = "#1A1A1A", "#B8B8B8", "#E6E6E6", "#FFFFFF"
+INK, GREY, FAINT, SHADE, WHITE = "#1A1A1A", "#808080", "#B8B8B8", "#E6E6E6", "#FFFFFF"
 LAYER_COLOURS: Mapping[str, str] = {
     "stratum_corneum": "#96794E",
     "epidermis": "#E8C699",
@@ -208,6 +208,30 @@ def new_figure(
     for panel in panels.flat:
         make_plain(panel)
     return figure, panels
+
+
+def grid_figure(
+    widths_in: Sequence[float], heights_in: Sequence[float]
+) -> tuple["Figure", Callable[[int, int], "Axes"]]:
+    """Figure, and what makes its panel of a row and column, for hundreds of panels.
+
+    Widths and heights are those of margin, panel, gap, panel, ... margin.
+    """
+    import_matplotlib()
+    from matplotlib.figure import Figure
+
+    right_in, low_in = np.cumsum(widths_in), np.cumsum(heights_in)
+    page = np.tile([right_in[-1], low_in[-1]], 2)
+    figure = Figure(figsize=(right_in[-1], low_in[-1]))
+
+    def panel(row: int, column: int) -> "Axes":
+        wide, tall = widths_in[2 * column + 1], heights_in[2 * row + 1]
+        corner_in = right_in[2 * column], low_in[-1] - low_in[2 * row + 1]
+        made: Axes = figure.add_axes(tuple((*corner_in, wide, tall) / page))
+        make_plain(made)
+        return made
+
+    return figure, panel
 
 
 def make_plain(panel: "Axes") -> None:

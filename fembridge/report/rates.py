@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.stimuli import CATALOGUE, Diharmonic, Entry, Sine, number_text, set_name
+from decks.stimuli import CATALOGUE, Entry, set_name, set_title
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.typing import FloatArray
 from neural import agreement
@@ -57,11 +57,7 @@ class StimulusSet:
     @property
     def title(self) -> str:
         """Its frequencies or its band."""
-        numbers = [number_text(number) for number in self.entries[0].numbers().values()]
-        if isinstance(self.entries[0], Sine):
-            return f"{numbers[0]} Hz"
-        between = " + " if isinstance(self.entries[0], Diharmonic) else "–"
-        return f"{numbers[0]}{between}{numbers[1]} Hz"
+        return set_title(self.entries[0])
 
     @property
     def frequency_hz(self) -> float:
@@ -211,8 +207,6 @@ def held_out_table(
     """
     from pandas import DataFrame
 
-    columns = ["afferent", "frequency_hz", "count", "fitted_rmse_ips", "held_out_rmse_ips"]
-    columns += ["held_out_bias_ips", "touchsim_rmse_ips"]
     rows: list[tuple[Any, ...]] = []
     for afferent, found in held_out.items():
         left_ips: Mapping[str, float] = found["rates_ips"]
@@ -220,27 +214,22 @@ def held_out_table(
             known = (len(left_ips), np.nan, found["rmse_ips"], np.nan, np.nan)
             rows.append((afferent, np.nan, *known))
             continue
-        parts: list[StimulusSet | Family] = [*SINES.sets, SINES]
-        for one in parts:
-            stimuli = [stimulus for stimulus in one.stimuli if stimulus in left_ips]
-            target = rates.of(OBSERVED, afferent, stimuli)
-            left = np.array([left_ips[stimulus] for stimulus in stimuli])
-            there = np.isfinite(target)
-            if not there.any():
-                continue
-            off = {
-                name: (found_ips - target)[there]
-                for name, found_ips in (
-                    ("fitted", rates.of(judged, afferent, stimuli)),
-                    ("left", left),
-                    ("touchsim", rates.of(TOUCHSIM, afferent, stimuli)),
-                )
-            }
-            rmse = {name: float(np.sqrt(np.mean(each**2))) for name, each in off.items()}
-            numbers = rmse["fitted"], rmse["left"], float(off["left"].mean()), rmse["touchsim"]
-            frequency_hz = one.frequency_hz if isinstance(one, StimulusSet) else np.nan
-            rows.append((afferent, frequency_hz, int(there.sum()), *numbers))
-    return DataFrame(rows, columns=columns)
+        stimuli = [stimulus for stimulus in SINES.stimuli if stimulus in left_ips]
+        target = rates.of(OBSERVED, afferent, stimuli)
+        off = DataFrame(
+            {
+                "fitted": rates.of(judged, afferent, stimuli) - target,
+                "left": np.array([left_ips[stimulus] for stimulus in stimuli]) - target,
+                "touchsim": rates.of(TOUCHSIM, afferent, stimuli) - target,
+            },
+            [float(stimulus.split("_")[1]) for stimulus in stimuli],
+        )[np.isfinite(target)]
+        for frequency_hz, mine in [*off.groupby(level=0), (np.nan, off)] if len(off) else ():
+            rmse_ips, bias_ips = np.sqrt((mine**2).mean()), mine["left"].mean()
+            numbers = (rmse_ips["fitted"], rmse_ips["left"], bias_ips, rmse_ips["touchsim"])
+            rows.append((afferent, frequency_hz, len(mine), *numbers))
+    columns = ["afferent", "frequency_hz", "count", "fitted_rmse_ips", "held_out_rmse_ips"]
+    return DataFrame(rows, columns=[*columns, "held_out_bias_ips", "touchsim_rmse_ips"])
 
 
 def row_of(table: "DataFrame", *key: Any) -> "Series[Any]":  # noqa: ANN401 - labels
@@ -316,33 +305,24 @@ def locking_table(rates: RateTable, trains: Mapping[str, Iterable[SpikeTrain]]) 
     """
     from pandas import DataFrame
 
-    cells: dict[tuple[str, str, str], list[FloatArray]] = {}
+    entries = {entry.id: entry for one in SINES.sets for entry in one.entries}
+    found: dict[tuple[str, str, str], list[float]] = {}
     for source, mine in trains.items():
         for train in mine:
-            cells.setdefault((source, train.afferent, train.stimulus), []).append(train.times_ms)
-    entries = [entry for one in SINES.sets for entry in one.entries]
-    rows = []
-    for source, afferent in product(rates.sources, AFFERENTS):
-        rate_ips = rates.of(source, afferent, SINES.stimuli).tolist()
-        for entry, rate in zip(entries, rate_ips, strict=True):
-            frequency_hz, amplitude_um = entry.numbers().values()
-            start_ms, end_ms = entry.window_ms
-            strengths = [
-                vector_strength(counted, frequency_hz)
-                for times_ms in cells.get((source, afferent, entry.id), [])
-                for counted in [
-                    times_ms[(times_ms > start_ms + EDGE_MS) & (times_ms <= end_ms + EDGE_MS)]
-                ]
-                if counted.size
-            ]
-            strength = float(np.mean(strengths)) if strengths else np.nan
-            if not np.isnan(rate):
-                names = (source, afferent, entry.id, frequency_hz, amplitude_um)
-                rows.append((*names, rate / frequency_hz, strength))
-    return DataFrame(
-        rows,
-        columns=[
-            *("source", "afferent", "stimulus", "frequency_hz", "amplitude_um"),
-            *("impulses_per_cycle", "vector_strength"),
-        ],
-    )
+            if (entry := entries.get(train.stimulus)) is not None:
+                start_ms, end_ms = (end + EDGE_MS for end in entry.window_ms)
+                times_ms = train.times_ms[(train.times_ms > start_ms) & (train.times_ms <= end_ms)]
+                if times_ms.size:
+                    strength = vector_strength(times_ms, entry.numbers()["frequency_hz"])
+                    found.setdefault((source, train.afferent, entry.id), []).append(strength)
+    rows = [
+        (*key, *entry.numbers().values(), rate_ips / entry.numbers()["frequency_hz"],
+         float(np.mean(found.get(key, [np.nan]))))
+        for source, afferent in product(rates.sources, AFFERENTS)
+        for entry, rate_ips in zip(
+            entries.values(), rates.of(source, afferent, SINES.stimuli).tolist(), strict=True
+        )
+        if not np.isnan(rate_ips) and (key := (source, afferent, entry.id))
+    ]  # fmt: skip
+    columns = ["frequency_hz", "amplitude_um", "impulses_per_cycle", "vector_strength"]
+    return DataFrame(rows, columns=["source", "afferent", "stimulus", *columns])

@@ -2,7 +2,10 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 ABSENT = "–"
 
@@ -26,8 +29,19 @@ def rendered(
         keep_trailing_newline=True,
         autoescape=".html" in template,
     )
-    environment.filters |= {"number": number, **filters}
+    environment.filters |= {"number": number, "worded": worded, **filters}
     return environment.get_template(template).render(values)
+
+
+def worded(frame: "DataFrame", formats: str) -> "DataFrame":
+    """`frame` in words; `formats` has one for the numbers of each column, ``|`` between."""
+    columns = zip(frame.columns, formats.split("|"), strict=True)
+    return frame.astype(object).assign(
+        **{
+            name: [cell if isinstance(cell, str) else number(cell, spec) for cell in frame[name]]
+            for name, spec in columns
+        }
+    )
 
 
 def number(value: float, spec: str) -> str:

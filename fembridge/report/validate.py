@@ -1,7 +1,8 @@
 """Compute everything that a validation shows: models, rates, thresholds, deflections."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -34,8 +35,8 @@ from fembridge.solver.settings import DEFAULTS
 from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.touchsim import touchsim_rates
-from neural import Parameters, ParameterSet
-from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set, parameter_set_or_file
+from neural import ParameterSet
+from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set_or_file
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -53,20 +54,11 @@ _SHORT_DIGEST = 12
 
 
 @dataclass(frozen=True, slots=True)
-class JudgedModel:
-    """Parameters under a name, and the pre-indentation that they hold for.
+class JudgedModel(ParameterSet):
+    """A parameter set, the `word` that chooses it, and in a line the `source` of its numbers."""
 
-    `word` chooses it on a command line, `source` says in a line where its numbers
-    come from, `origin` all that is known of that, `finger` on whose stress they were fitted.
-    """
-
-    name: str
-    parameters: Parameters
-    preindent_um: float
-    word: str
-    source: str
-    origin: Mapping[str, object] = field(default_factory=dict)
-    finger: Mapping[str, str] = field(default_factory=dict)
+    word: str = ""
+    source: str = ""
 
     def held_out(self) -> dict[str, dict[str, Any]]:
         """What `fembridge fit --held-out` left of each class: see `held_out_table`."""
@@ -77,12 +69,9 @@ class JudgedModel:
 
     def unlike(self, response: ResponseMap) -> str:
         """What was otherwise where the parameters were fitted; "": nothing."""
-        fitted = ParameterSet(
-            self.name, self.parameters, self.preindent_um, self.origin, self.finger
-        )
         table = response.origin.get("finger")
         here = finger_id(table) if isinstance(table, Mapping) else {}
-        return unlike_the_fit(fitted, here, {self.preindent_um})
+        return unlike_the_fit(self, here, {self.preindent_um})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +84,6 @@ class Validation:
     tables of `fembridge.report.rates`, `evidence` is the judged model beside recorded afferents.
     """
 
-    finger: str
     response: ResponseMap
     stored: bool
     models: tuple[JudgedModel, ...]
@@ -115,6 +103,12 @@ class Validation:
     def judged(self) -> JudgedModel:
         """The model that the report is about."""
         return self.models[0]
+
+    @property
+    def finger(self) -> str:
+        """Name of the finger that the response is of."""
+        finger = self.response.origin.get("finger")
+        return str(finger.get("name", "own")) if isinstance(finger, Mapping) else "own"
 
 
 def validate(
@@ -157,7 +151,6 @@ def validate(
     if unlike := judged.unlike(response):
         log(unlike)
     return Validation(
-        finger=_finger_of(response),
         stored=source.stored,
         response=response,
         models=tuple(models),
@@ -204,12 +197,6 @@ def source_of(
     return ResponseSource(solved, Path(finger), stored=False)
 
 
-def _finger_of(response: ResponseMap) -> str:
-    """Name of the finger that a response is of."""
-    finger = response.origin.get("finger")
-    return str(finger.get("name", "own")) if isinstance(finger, Mapping) else "own"
-
-
 def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
     stimuli = [make_stimulus(entry, model.preindent_um) for entry in CATALOGUE]
     traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
@@ -240,10 +227,10 @@ def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
     ParameterError
         No model of that name, or a file that is not there or holds none.
     """
-    published = _model(parameter_set(PUBLISHED_NAME), PUBLISHED_NAME)
+    published = _model(PUBLISHED_NAME)
     if word == PUBLISHED_NAME:
         return (published,)
-    judged = _model(parameter_set_or_file(word), word)
+    judged = _model(word)
     if judged.name in (OBSERVED, TOUCHSIM, PUBLISHED_NAME):
         raise UsageError(
             f"{word}: a model called {judged.name!r} would be beside another of "
@@ -252,22 +239,15 @@ def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
     return (judged, published)
 
 
-def _model(found: ParameterSet, word: str) -> JudgedModel:
+def _model(word: str) -> JudgedModel:
+    found = parameter_set_or_file(word)
     fit = found.origin.get("fit")
     source = fit.get("source") if isinstance(fit, Mapping) else None
     source = str(source or f"parameter set {word!r} of fembridge")
     if word not in SET_NAMES:
-        path = Path(word)
-        source = f"file {path.name}, SHA-256 {sha256_of(path)[:_SHORT_DIGEST]}"
-    return JudgedModel(
-        found.name,
-        found.parameters,
-        found.preindent_um,
-        word,
-        source,
-        found.origin,
-        found.finger,
-    )
+        source = f"file {Path(word).name}, SHA-256 {sha256_of(Path(word))[:_SHORT_DIGEST]}"
+    known = {each.name: getattr(found, each.name) for each in fields(found)}
+    return JudgedModel(**known, word=word, source=source)
 
 
 def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
@@ -277,17 +257,12 @@ def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
     of one cell has no noise, so that each of its repeats is the same.
     """
     found = []
-    for stimulus in RASTER_STIMULI:
-        for afferent in AFFERENTS:
-            mine = [
-                train
-                for train in simulation.trains
-                if (train.stimulus, train.afferent) == (stimulus, afferent)
-            ]
-            cells = sorted(mine, key=lambda train: train.repeat)
-            for repeat in range(REPEATS):
-                times_ms = cells[repeat * len(cells) // REPEATS].times_ms
-                found.append(SpikeTrain(stimulus, afferent, times_ms, repeat + 1))
+    for place in product(RASTER_STIMULI, AFFERENTS):
+        mine = [train for train in simulation.trains if (train.stimulus, train.afferent) == place]
+        cells = sorted(mine, key=lambda train: train.repeat)
+        for repeat in range(REPEATS):
+            times_ms = cells[repeat * len(cells) // REPEATS].times_ms
+            found.append(SpikeTrain(*place, times_ms, repeat + 1))
     return tuple(found)
 
 

@@ -1,11 +1,11 @@
-"""The figures of a validation: rates, regressions, a raster, thresholds, recorded afferents.
+"""The figures that only a validation has: regressions, a raster, thresholds, recorded afferents.
 
-A source looks the same in all: observed rates are black dots, TouchSim is grey, a model has
-the colour of the class, the judged one thick or filled.
+A source looks the same in all: observed rates are black, TouchSim is grey, a model has the
+colour of the class, the judged one filled.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +14,12 @@ from decks.stimuli import number_text, resolve
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
+    GREY,
     HAIR_PT,
     INK,
     LINE_PT,
     MARKERS,
     PAGE_WIDTH_IN,
-    SMALL_TEXT_PT,
     TEXT_PT,
     class_style,
     dots,
@@ -30,12 +30,11 @@ from fembridge.plots.style import (
     new_figure,
     note,
 )
-from fembridge.report.evidence import RAMP, Evidence
+from fembridge.report.evidence import Evidence
 from fembridge.report.rates import EVERY_SET, OBSERVED, TOUCHSIM, Family, RateTable, row_of
-from fembridge.report.validate import PUBLISHED_NAME, REPEATS
+from fembridge.report.validate import PUBLISHED_NAME
 from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS, SpikeTrain
-from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,11 +50,10 @@ _EQUAL: dict[str, Any] = {"color": FAINT, "linewidth": 1.6 * HAIR_PT}
 # Thresholds: lanes of a block, one a frequency.
 _LANE_IN, _BETWEEN_BLOCKS = 0.135, 0.9
 _BAR_PT, _DOT_PT = 3.4, 4.2
-# Raster.
-_TRAIN_HEIGHT = 0.74
+# Raster: a train in its row, and a row for each cell where there are many.
+_TRAIN_HEIGHT, _FEW_ROWS_IN, _ROW_IN = 0.74, 0.62, 0.07
 # Beside recorded afferents; the tuning curves are `fembridge.plots.thresholds`.
 _EVIDENCE_IN, _EVIDENCE_MARGINS_IN = 2.1, (0.6, 0.12, 0.42, 0.4, 0.22, 0.0)
-_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center"}
 
 
 def source_title(source: str, judged: str) -> str:
@@ -65,27 +63,7 @@ def source_title(source: str, judged: str) -> str:
 
 
 def _colour(source: str, afferent: str) -> str:
-    return {OBSERVED: INK, TOUCHSIM: "#808080"}.get(source) or class_style(afferent)["color"]
-
-
-def _samples(
-    style: Callable[[str, str, str], dict[str, Any]], sources: Iterable[str], judged: str
-) -> list[Any]:
-    """Styles that a legend has to show: a model has a colour of its own for each class."""
-    classes = {OBSERVED: AFFERENTS[:1], TOUCHSIM: AFFERENTS[:1]}
-    return [[style(s, one, judged) for one in classes.get(s, AFFERENTS)] for s in sources]
-
-
-def _curve(source: str, afferent: str, judged: str) -> dict[str, Any]:
-    """Line of a source: dots, grey dashes, or the class colour."""
-    colour = _colour(source, afferent)
-    if source == OBSERVED:
-        return dots(colour, 3.6, zorder=4)
-    if source == TOUCHSIM:
-        return {"color": colour, "linewidth": 1.3 * LINE_PT, "dashes": (4, 1.8), "zorder": 2}
-    thick = source == judged
-    width_pt = (2.2 if thick else 0.8) * LINE_PT
-    return {"color": colour, "linewidth": width_pt, "zorder": 3 if thick else 2.5}
+    return {OBSERVED: INK, TOUCHSIM: GREY}.get(source) or class_style(afferent)["color"]
 
 
 def _name_figure(figure: "Figure", panels: Any, x: str, y: str = "") -> None:  # noqa: ANN401 - array
@@ -94,36 +72,6 @@ def _name_figure(figure: "Figure", panels: Any, x: str, y: str = "") -> None:  #
     low = 0.05 / figure.get_figheight()
     figure.supxlabel(x, x=middle, y=low, va="bottom", fontsize=TEXT_PT)
     figure.supylabel(y, x=0.03 / PAGE_WIDTH_IN, fontsize=TEXT_PT)
-
-
-@in_style
-def rate_figure(rates: RateTable, family: Family, judged: str) -> "Figure":
-    """Rate against amplitude under every source: a row a class, a column a set."""
-    sources = rates.known(family.stimuli)
-    margins_in = (1.0, 0.1, 0.55, 0.44, 0.14, 0.17)
-    figure, panels = new_figure(
-        4.99, len(AFFERENTS), len(family.sets), margins_in=margins_in, sharex=True, sharey="row"
-    )
-    levels_um = [level for one in family.sets for level in one.level_um]
-    for row, afferent in zip(panels, AFFERENTS, strict=True):
-        for panel, one in zip(row, family.sets, strict=True):
-            for source in sources:
-                rate_ips = rates.of(source, afferent, one.stimuli)
-                style = _curve(source, afferent, judged)
-                panel.plot(one.level_um, rate_ips, clip_on=False, **style)
-            log_axis(panel, min(levels_um) / 1.35, max(levels_um) * 1.35)
-            panel.tick_params(axis="x", pad=3.5)
-        row[0].set_ylim(0.0, _ROOM * max(1.0, rates.largest_ips(afferent, family.stimuli)))
-        place: dict[str, Any] = {"ha": "right", "va": "center"}
-        note(row[0], afferent, (0.0, 0.5), (-30, 0), **place, **class_style(afferent, TEXT_PT + 2))
-    for panel, one in zip(panels[0], family.sets, strict=True):
-        panel.set_title(one.title, fontsize=TEXT_PT, pad=5)
-    _name_figure(figure, panels, family.level_title, "Rate (impulses/s)")
-    samples = _samples(_curve, sources, judged)
-    names = [source_title(source, judged) for source in sources]
-    spacing = {**_LEGEND, "columnspacing": 2.2, "handletextpad": 0.8}
-    legend_above(figure, samples, names, handlelength=3.4, fontsize=SMALL_TEXT_PT + 0.5, **spacing)
-    return figure
 
 
 @in_style
@@ -187,17 +135,19 @@ def raster_figure(
     stimuli: Sequence[Stimulus],
     recorded: Sequence[SpikeTrain] = (),
 ) -> "Figure":
-    """Spikes of `repeated_trains`, as in Fig. 3 (a): a column an amplitude, a row a class.
+    """Spikes as in Fig. 3 (a): a column a stimulus under its waveform, a row a class.
 
-    The waveform is above each column; `recorded` trains of the same stimuli are black,
+    Repeats, or cells, lie under one another; `recorded` trains of the same stimuli are black,
     above the model's.
     """
+    lanes = max(train.repeat for train in trains)
+    class_in = max(_FEW_ROWS_IN, _ROW_IN * lanes)
     figure, panels = new_figure(
-        3.5,
+        1.75 + 3 * class_in,
         1 + len(AFFERENTS),
         len(stimuli),
         margins_in=(0.78, 0.14, 0.3, 0.44, 0.178, 0.099),
-        heights=(1.15, 1.0, 1.0, 1.0),
+        heights=(0.72, class_in, class_in, class_in),
         sharex=True,
         sharey="row",
     )
@@ -209,19 +159,25 @@ def raster_figure(
         top.set_xlim(stimulus.times_ms[0], stimulus.times_ms[-1])
         top.set_ylim(depth_um.min() - room_um, depth_um.max() + room_um)
         [entry] = resolve(stimulus.id)
-        frequency, amplitude = map(number_text, entry.numbers().values())
-        top.set_title(f"{frequency} Hz, {amplitude} µm", fontsize=TEXT_PT, pad=4)
+        if entry.family == "sine":
+            frequency, amplitude = map(number_text, entry.numbers().values())
+            top.set_title(f"{frequency} Hz, {amplitude} µm", fontsize=TEXT_PT, pad=4)
         for panel, afferent in zip(rows, AFFERENTS, strict=True):
             mine, theirs = (
                 [t for t in source if (t.stimulus, t.afferent) == (stimulus.id, afferent)]
                 for source in (trains, recorded)
             )
-            _draw_trains(panel, mine, class_style(afferent)["color"])
+            drawn = [(train.repeat, class_style(afferent)["color"], train) for train in mine]
+            drawn += [(-row, INK, train) for row, train in enumerate(theirs)]
+            for row, colour, train in drawn:
+                ends = row - _TRAIN_HEIGHT / 2, row + _TRAIN_HEIGHT / 2
+                style = {"linewidths": 1.2 * LINE_PT, "clip_on": False}
+                panel.vlines(train.times_ms, *ends, colors=colour, **style)
             if not any(train.times_ms.size for train in (*mine, *theirs)):
-                panel.text(0.5, 0.5, "no spikes", transform=panel.transAxes, **_MIDDLE)
-            for row, train in enumerate(theirs):
-                _draw_train(panel, train.times_ms, -row, INK)
-            panel.set_ylim(REPEATS + 0.6, 0.4 - len(theirs))
+                note(panel, "no spikes", (0.5, 0.5), (0, 0), ha="center", va="center")
+            panel.set_yticks(sorted({1, lanes}))
+            panel.tick_params(axis="y", length=0.0)
+            panel.set_ylim(lanes + 0.6, 0.4 - len(theirs))
         for panel in (top, *rows[:-1]):
             panel.spines["bottom"].set_visible(False)
             panel.tick_params(axis="x", bottom=False, labelbottom=False)
@@ -231,19 +187,6 @@ def raster_figure(
     for panel, afferent in zip(panels[1:, 0], AFFERENTS, strict=True):
         panel.set_ylabel(afferent, **place, **class_style(afferent, TEXT_PT + 2))
     return figure
-
-
-def _draw_trains(panel: "Axes", trains: Sequence[SpikeTrain], colour: str) -> None:
-    for train in trains:
-        _draw_train(panel, train.times_ms, train.repeat, colour)
-    panel.set_yticks([1, REPEATS])
-    panel.tick_params(axis="y", length=0.0)
-
-
-def _draw_train(panel: "Axes", times_ms: FloatArray, row: int, colour: str) -> None:
-    low, high = row - _TRAIN_HEIGHT / 2, row + _TRAIN_HEIGHT / 2
-    style: dict[str, Any] = {"colors": colour, "linewidths": 1.2 * LINE_PT, "clip_on": False}
-    panel.vlines(times_ms, low, high, **style)
 
 
 @in_style
@@ -277,7 +220,13 @@ def threshold_figure(thresholds: "DataFrame", judged: str) -> "Figure":
         panel.spines["left"].set_visible(False)
         panel.set_title(afferent, pad=5, **class_style(afferent, TEXT_PT + 1))
     _name_figure(figure, panels[None], "Amplitude (µm)")
-    samples = _samples(_threshold_mark, sources, judged)
+    samples = [
+        [
+            _threshold_mark(s, one, judged)
+            for one in AFFERENTS[: 1 if s in (OBSERVED, TOUCHSIM) else 3]
+        ]
+        for s in sources
+    ]
     bar = {"linewidth": _BAR_PT, "solid_capstyle": "butt"}
     names = [source_title(source, judged) for source in sources]
     legend_above(
@@ -374,43 +323,4 @@ def distance_figure(found: Evidence) -> "Figure":
     legend_above(
         figure, [dots(INK, 3.5), {"color": colour}], ["recorded", "fitted_pad"], down_in=0.15
     )
-    return figure
-
-
-@in_style
-def ramp_figure(found: Evidence) -> "Figure":
-    """Spikes of every cell while a probe is pressed in, stays and is taken away."""
-    wave = found.ramp_stimulus
-    heights = [0.5, 1.0]
-    figure, panels = new_figure(
-        2.2, 2, margins_in=(0.6, 0.12, 0.1, 0.4, 0.0, 0.12), heights=heights, sharex=True
-    )
-    above, below = panels[:, 0]
-    above.plot(wave.times_ms, wave.displacement_um)
-    above.set_ylabel("Depth\n(µm)")
-    rows = [(train.afferent, train) for train in found.ramp]
-    for height, (name, train) in enumerate(rows):
-        low = [-height - 0.4] * train.times_ms.size
-        high = [-height + 0.4] * train.times_ms.size
-        below.vlines(train.times_ms, low, high, color=AFFERENT_COLOURS[name], linewidth=0.7)
-    for name in AFFERENTS:
-        places = [-height for height, (one, _) in enumerate(rows) if one == name]
-        middle = sum(places) / len(places)
-        note(
-            below,
-            name,
-            (0.0, middle),
-            (-8, 0),
-            frame=("axes fraction", "data"),
-            ha="right",
-            va="center",
-            **class_style(name),
-        )
-    for corner_ms in RAMP.corners_ms:
-        for panel in (above, below):
-            panel.axvline(corner_ms, color=INK, linewidth=0.3, alpha=0.4)
-    below.set_ylim(0.6 - len(rows), 0.6)
-    below.set_yticks([])
-    below.set_xlim(0.0, float(wave.times_ms[-1]))
-    below.set_xlabel("Time (ms)")
     return figure

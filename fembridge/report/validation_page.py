@@ -9,15 +9,15 @@ import math
 import platform
 import shlex
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fembridge.evidence import RAMP, evidence
 from fembridge.plots.deflection import deflection_figure
+from fembridge.plots.rates import rates_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
 from fembridge.plots.thresholds import thresholds_figure
 from fembridge.report import rates, validate
@@ -38,18 +38,16 @@ from fembridge.report.validation_figures import (
     distance_figure,
     man_figure,
     phase_figure,
-    ramp_figure,
     raster_figure,
-    rate_figure,
     regression_figure,
     source_title,
     threshold_figure,
 )
 from fembridge.simulation import spikes_frame
 from fembridge.store import filling, sha256_of, write_text
-from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
+from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, Rate
 from fembridge.touchsim import TABLE
-from fembridge.typing import FloatArray, Table
+from fembridge.typing import Table
 from fembridge.version import __version__
 from neural import threshold
 from neural.parameter_sets import parameters_to_table
@@ -64,6 +62,17 @@ RECORD = "validation.toml"
 # An RMSE above this share of the mean rate is a shortfall even where R² is high.
 RMSE_SHARE = 0.5
 
+_RATES_IN = 1.25
+_TIMING_HEADS = {
+    "impulses_per_cycle": "impulses a cycle",
+    "model_keenest_impulses": "keenest cell",
+    "model_impulses_per_cycle": "mean of cells",
+    "strength_f": "strength at f",
+    "model_strength_f": "model",
+    "strength_2f": "at 2 f",
+    "model_strength_2f": "model ",
+    "strengths_near": "strengths within 0.25",
+}
 _LIBRARIES = ("numpy", "scipy", "matplotlib")
 _LEAST_P = 0.001
 _HEADS = ("R²", "p", "RMSE (ips)", "bias (ips)")
@@ -152,25 +161,40 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
 
 
 def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
-    judged = study.judged.name
+    judged, known = study.judged.name, study.evidence
     simulation = study.simulations[judged]
     stimuli = [one for one in simulation.stimuli if one.id in RASTER_STIMULI]
     yield "skin_deflection", deflection_figure(study.deflections)
-    yield "rasters", raster_figure(repeated_trains(simulation), stimuli, study.evidence.trains)
+    yield "rasters", raster_figure(repeated_trains(simulation), stimuli, known.trains)
     for family in FAMILIES:
+        of_family = study.rates.frame[study.rates.frame.family == family.name]
+        rows = of_family[["source", "stimulus", "afferent", "rate_ips"]].groupby("source")
+        sources = {
+            str(source): [Rate(*row) for row in each.drop(columns="source").itertuples(index=False)]
+            for source, each in rows
+        }
+        yield (
+            f"rates_{family.name}",
+            rates_figure(
+                sources[judged],
+                observed=sources.get(OBSERVED, ()),
+                published=sources[PUBLISHED_NAME] if judged != PUBLISHED_NAME else (),
+                touchsim=sources[TOUCHSIM],
+                name="this model",
+                panel_in=_RATES_IN,
+            ),
+        )
         reference = study.rates.reference(family.stimuli)
-        yield f"rates_{family.name}", rate_figure(study.rates, family, judged)
         yield (
             f"regression_{family.name}",
             regression_figure(study.rates, study.agreement, family, reference, judged),
         )
     yield "thresholds", threshold_figure(study.thresholds, judged)
-    known = study.evidence
     yield "tuning", thresholds_figure(known.curves, known.tuning)
     yield "phases", phase_figure(known)
     yield "man", man_figure(known)
     yield "distance", distance_figure(known)
-    yield "ramp", ramp_figure(known)
+    yield "ramp", raster_figure(known.ramp, [known.ramp_stimulus])
 
 
 def _inline_svg(figure: "Figure", path: Path) -> "Markup":
@@ -213,11 +237,9 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
     thresholds = study.thresholds
     keys = ["source", "afferent", "frequency_hz"]
     tried = ["criterion_ips", "lowest_tried_um", "highest_tried_um", "threshold_um"]
-    spikes = [
-        (name, train.stimulus, train.afferent, train.repeat, time_ms)
+    rasters = [
+        spikes_frame(repeated_trains(simulation)).assign(source=name)
         for name, simulation in study.simulations.items()
-        for train in repeated_trains(simulation)
-        for time_ms in train.times_ms.tolist()
     ]
     profiles = [
         DataFrame({"distance_mm": mesh.distance_mm, "deflection_mm": mesh.deflection_mm}).assign(
@@ -234,7 +256,7 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
     return {
         "rates": study.rates.frame,
         "agreement": study.agreement,
-        "rasters": DataFrame(spikes, columns=["source", *SPIKE_COLUMNS]),
+        "rasters": concat(rasters)[["source", *SPIKE_COLUMNS]],
         "thresholds": thresholds[keys + tried],
         "entrainment": thresholds.drop(columns=tried),
         "locking": study.locking,
@@ -277,10 +299,6 @@ def _simulations(study: Validation, stimuli: str) -> list[str]:
         )
         for model in study.models
     ]
-
-
-def _reference(study: Validation, family: Family) -> str:
-    return study.rates.reference(family.stimuli)
 
 
 def _in_words(agreement: "DataFrame") -> "DataFrame":
@@ -355,22 +373,15 @@ def _mark(met: bool | None) -> str:
 
 def _family(study: Validation, family: Family) -> dict[str, Any]:
     """One family of stimuli, what it is compared with, and how that went."""
-    reference = _reference(study, family)
+    reference = study.rates.reference(family.stimuli)
     sources = [source for source in study.rates.sources if source not in (OBSERVED, reference)]
     words = _in_words(study.agreement).loc[reference].xs(family.name, level="family")
     titles = {one.name: one.title for one in family.sets} | {EVERY_SET: "all"}
     rows, columns = list(product(sources, titles)), list(product(AFFERENTS, _HEADS))
     frame = _laid_out(words, "afferent", rows, columns).rename(index=_titles(study), level=0)
-    judged = study.judged.name
-    cells = [
-        row_of(study.agreement, reference, judged, family.name, EVERY_SET, afferent)
-        for afferent in AFFERENTS
-    ]
+    cells = [_judged(study, family, afferent) for afferent in AFFERENTS]
     return {
-        "name": family.name,
-        "title": family.title,
-        "figure": family.figure,
-        "table": family.table,
+        "of": family,
         "observed": reference == OBSERVED,
         "sources": study.rates.known(family.stimuli),
         "cells": [
@@ -380,9 +391,16 @@ def _family(study: Validation, family: Family) -> dict[str, Any]:
     }
 
 
+def _judged(study: Validation, family: Family, afferent: str) -> "Series[Any]":
+    """Agreement of the judged model over a whole family with what that is compared with."""
+    key = (study.rates.reference(family.stimuli), study.judged.name, family.name, EVERY_SET)
+    return row_of(study.agreement, *key, afferent)
+
+
 def _worst_set(study: Validation, family: Family, afferent: str) -> str:
     """Set with the largest mean error, how far and to which side: in words."""
-    place = (_reference(study, family), study.judged.name, family.name, afferent)
+    reference = study.rates.reference(family.stimuli)
+    place = (reference, study.judged.name, family.name, afferent)
     titles = {one.name: one.title for one in family.sets}
     levels = ["reference", "source", "family", "afferent"]
     biases_ips = study.agreement.xs(place, level=levels).bias_ips
@@ -397,74 +415,63 @@ def shortfalls(study: Validation) -> tuple[str, ...]:
 
     Of a class whose rates are near enough in every family it is the family that is worst.
     """
-    found: list[str] = []
-    for afferent in AFFERENTS:
-        cells = [_Cell.of(study, family, afferent) for family in FAMILIES]
-        known = [cell for cell in cells if cell.row["count"]]
-        short = [cell for cell in known if cell.is_short]
-        found += [cell.sentence() for cell in short]
-        if known and not any(cell.observed for cell in short):
-            worst = max(known, key=lambda cell: (cell.observed, cell.share))
+    found = [*_held_out_shortfalls(study), *study.evidence.shortfalls()]
+    for afferent in reversed(AFFERENTS):
+        known = [family for family in FAMILIES if _judged(study, family, afferent)["count"]]
+        off = {family: _off(study, family, afferent) for family in known}
+        short = [family for family in known if off[family].short]
+        sentences = [_rate_sentence(study, family, afferent, off[family]) for family in short]
+        if known and not any(off[family].observed for family in short):
+            worst = max(known, key=lambda family: (off[family].observed, off[family].share))
             if worst not in short:
-                found.append(worst.sentence("weakest under "))
-    found += [*_held_out_shortfalls(study), *study.evidence.shortfalls()]
+                sentences.append(
+                    _rate_sentence(study, worst, afferent, off[worst], "weakest under ")
+                )
+        found = sentences + found
     return tuple(sorted(found, key=lambda sentence: AFFERENTS.index(sentence[:2])))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Cell:
-    """Rates of the judged model and of what it is compared with, of a family and a class."""
+class _Off(NamedTuple):
+    """RMSE as a `share` of the mean rate, whether that is `short` of what it should be."""
 
-    name: str
-    worst: str
-    row: "Series[Any]"
-    predicted_ips: FloatArray
-    target_ips: FloatArray
-    beaten: bool | None
+    observed: bool
+    share: float
+    short: bool
 
-    @classmethod
-    def of(cls, study: Validation, family: Family, afferent: str) -> "_Cell":
-        reference, judged = _reference(study, family), study.judged.name
-        row = row_of(study.agreement, reference, judged, family.name, EVERY_SET, afferent)
-        return cls(
-            f"{family.title.lower()}{'' if reference == OBSERVED else ', against TouchSim'}",
-            _worst_set(study, family, afferent).replace(", ", " ", 1) if row["count"] else "",
-            row,
-            study.rates.of(judged, afferent, family.stimuli),
-            study.rates.of(reference, afferent, family.stimuli),
-            _goals(study, family, afferent)[1] if reference == OBSERVED else None,
-        )
 
-    @property
-    def observed(self) -> bool:
-        return bool(self.row.reference == OBSERVED)
+def _off(study: Validation, family: Family, afferent: str) -> _Off:
+    cell = _judged(study, family, afferent)
+    observed = cell.reference == OBSERVED
+    mean_ips = float(np.nanmean(study.rates.of(cell.reference, afferent, family.stimuli)))
+    if not mean_ips:
+        return _Off(observed, math.inf, bool(cell.rmse_ips > 0))
+    good = _goals(study, family, afferent)[1] if observed else cell.r_squared > PAPER_R_SQUARED
+    share = float(cell.rmse_ips) / mean_ips
+    return _Off(observed, share, not (good and share <= RMSE_SHARE))
 
-    @property
-    def share(self) -> float:
-        """RMSE over the mean rate; infinity where that is 0 and the model fires."""
-        mean_ips = float(np.nanmean(self.target_ips))
-        return float(self.row.rmse_ips) / mean_ips if mean_ips else math.inf
 
-    @property
-    def is_short(self) -> bool:
-        if not np.nanmean(self.target_ips):
-            return bool(self.row.rmse_ips > 0)
-        good = self.beaten if self.observed else self.row.r_squared > PAPER_R_SQUARED
-        return not (good and self.share <= RMSE_SHARE)
-
-    def sentence(self, opening: str = "") -> str:
-        """What is off, and where most."""
-        name = f"{self.row.afferent}, {opening}{self.name}"
-        top_ips, mean_ips = np.nanmax(self.target_ips), np.nanmean(self.target_ips)
-        if top_ips > 0 and not np.nanmax(self.predicted_ips) > 0:
-            whose = self.row.reference
-            return f"{name}: silent throughout, where {whose} reaches {top_ips:.1f} impulses/s."
-        high = self.row.r_squared >= rates.GOAL_R_SQUARED
-        lost = ", not below TouchSim’s" if high and self.beaten is False else ""
-        return (
-            f"{name}: R² {number(self.row.r_squared, '.2f')}, RMSE {self.row.rmse_ips:.1f} "
-            f"impulses/s{lost} where the mean rate is {mean_ips:.1f}; at {self.worst}."
-        )
+def _rate_sentence(
+    study: Validation, family: Family, afferent: str, off: _Off, opening: str = ""
+) -> str:
+    """What is off, and where most."""
+    cell = _judged(study, family, afferent)
+    against = "" if off.observed else ", against TouchSim"
+    name = f"{afferent}, {opening}{family.title.lower()}{against}"
+    target_ips, predicted_ips = (
+        study.rates.of(source, afferent, family.stimuli) for source in (cell.reference, cell.source)
+    )
+    top_ips = np.nanmax(target_ips)
+    if top_ips > 0 and not np.nanmax(predicted_ips) > 0:
+        where = f"where {cell.reference} reaches {top_ips:.1f} impulses/s"
+        return f"{name}: silent throughout, {where}."
+    beaten = _goals(study, family, afferent)[1] is False
+    lost = cell.r_squared >= rates.GOAL_R_SQUARED and off.observed and beaten
+    worst = _worst_set(study, family, afferent).replace(", ", " ", 1)
+    return (
+        f"{name}: R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s"
+        f"{', not below TouchSim’s' if lost else ''} where the mean rate is "
+        f"{np.nanmean(target_ips):.1f}; at {worst}."
+    )
 
 
 def _held_out_shortfalls(study: Validation) -> Iterator[str]:
@@ -478,20 +485,12 @@ def _held_out_shortfalls(study: Validation) -> Iterator[str]:
             )
 
 
-def _amplitude(value_um: float) -> str:
-    return f"{value_um:#.3g}".removesuffix(".")
-
-
 def _amplitude_words(row: Any, amplitude_um: float) -> str:  # noqa: ANN401 - a row
     """An amplitude of a row of thresholds: ``≤ 6.71``, ``23.0``, ``> 250``."""
     if math.isinf(amplitude_um):
         return f"> {_amplitude(row.highest_tried_um)}"
     sign = "≤ " if amplitude_um <= row.lowest_tried_um else ""
     return f"{sign}{_amplitude(amplitude_um)}"
-
-
-def _threshold_words(row: Any) -> str:  # noqa: ANN401 - a row
-    return _amplitude_words(row, row.threshold_um)
 
 
 def _entrainment_words(row: Any) -> str:  # noqa: ANN401 - a row
@@ -502,15 +501,23 @@ def _entrainment_words(row: Any) -> str:  # noqa: ANN401 - a row
     return f"{words} ({'–'.join(dict.fromkeys(ends))})"
 
 
+def _amplitude(value_um: float) -> str:
+    return f"{value_um:#.3g}".removesuffix(".")
+
+
 def _threshold_frames(study: Validation) -> dict[str, "DataFrame"]:
     """Thresholds, entrainment and locking by source, class and frequency."""
     strongest = {one.entries[-1].id: one.frequency_hz for one in SINES.sets}
     locked = study.locking[study.locking.stimulus.isin(list(strongest))]
     strengths = locked.set_index(["source", "afferent", "frequency_hz"]).vector_strength
     known = study.rates.known(SINES.stimuli)
+    rows = study.thresholds
     tables = {
-        "thresholds": (study.thresholds.apply(_threshold_words, axis=1), known),
-        "entrainment": (study.thresholds.apply(_entrainment_words, axis=1), known),
+        "thresholds": (
+            rows.apply(lambda row: _amplitude_words(row, row.threshold_um), axis=1),
+            known,
+        ),
+        "entrainment": (rows.apply(_entrainment_words, axis=1), known),
         "locking": (strengths.map(lambda value: number(value, ".2f")), list(study.simulations)),
     }
     heads = {frequency_hz: f"{frequency_hz:g} Hz" for frequency_hz in strongest.values()}
@@ -554,57 +561,42 @@ def _source_frame(study: Validation) -> "DataFrame":
 
 def _held_out_frame(study: Validation) -> "DataFrame":
     """RMSE by frequency of rates whose frequency was fitted, or left out, and TouchSim's."""
-    from pandas import DataFrame
-
-    names = {"fitted": "all fitted", "held_out": "left out", "touchsim": "TouchSim"}
-    found: dict[tuple[str, str], dict[str, str]] = {}
-    for row in study.held_out.to_dict("records"):
-        head = "all" if math.isnan(row["frequency_hz"]) else f"{row['frequency_hz']:g} Hz"
-        for name, words in names.items():
-            place = found.setdefault((row["afferent"], words), {})
-            place[head] = number(row[f"{name}_rmse_ips"], ".1f")
-    return DataFrame.from_dict(found, orient="index")
+    titles = {
+        "fitted_rmse_ips": "all fitted",
+        "held_out_rmse_ips": "left out",
+        "touchsim_rmse_ips": "TouchSim",
+    }
+    table = study.held_out.rename(columns=titles)
+    heads = [f"{hz:g} Hz".replace("nan Hz", "all") for hz in table.frequency_hz]
+    long = table.assign(head=heads).melt(["afferent", "head"], list(titles.values()))
+    words = long.set_index(["afferent", "variable", "head"])["value"].map(
+        lambda value: number(value, ".1f")
+    )
+    rows = list(product(dict.fromkeys(table.afferent), titles.values()))
+    return _laid_out(words, "head", rows, list(dict.fromkeys(heads)))
 
 
 def _timing_frame(study: Validation) -> "DataFrame":
     """Recorded and predicted timing, a row a class and vibration."""
-    from pandas import DataFrame
-
-    rows = {}
-    for row in study.evidence.timing.to_dict("records"):
-        name = f"{row['afferent']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} µm"
-        rows[name] = [
-            number(row["impulses_per_cycle"], ".1f"),
-            number(row["model_keenest_impulses"], ".1f"),
-            number(row["model_impulses_per_cycle"], ".1f"),
-            *(
-                number(row[f"{prefix}{strength}"], ".2f")
-                for strength in ("strength_f", "strength_2f")
-                for prefix in ("", "model_")
-            ),
-            "yes" if row["strengths_near"] else "no",
-        ]
-    heads = ["impulses a cycle", "keenest cell", "mean of cells", "strength at f", "model"]
-    heads += ["at 2 f", "model ", "strengths within 0.25"]
-    return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+    table = study.evidence.timing
+    names = [
+        f"{row.afferent}, {row.frequency_hz:g} Hz, {row.amplitude_um:g} µm"
+        for row in table.itertuples()
+    ]
+    near = table["strengths_near"].map({True: "yes", False: "no"})
+    shown = table.assign(strengths_near=near).set_axis(names)[list(_TIMING_HEADS)]
+    return shown.rename(columns=_TIMING_HEADS)
 
 
 def _tuning_frame(study: Validation) -> "DataFrame":
     """How far thresholds are off, a row a class."""
-    from pandas import DataFrame
+    from pandas import concat
 
     known = study.evidence.tuning.dropna(subset="ratio")
-    rows = {}
-    for afferent in [*dict.fromkeys(known["afferent"]), "all"]:
-        mine = known if afferent == "all" else known[known["afferent"] == afferent]
-        times = np.exp(np.abs(np.log(mine["ratio"].to_numpy())))
-        rows[afferent] = [
-            f"{times.size}",
-            number(np.median(times), ".2f"),
-            number(times.max(), ".1f"),
-        ]
-    heads = ["Thresholds", "median factor", "largest factor"]
-    return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+    times = np.exp(np.abs(np.log(known["ratio"]))).set_axis(known["afferent"])
+    every = concat([times, times.set_axis(["all"] * times.size)])
+    numbers: DataFrame = every.groupby(level=0, sort=False).agg(["size", "median", "max"])
+    return numbers.set_axis(["Thresholds", "median factor", "largest factor"], axis=1)
 
 
 def _ramp_facts() -> "DataFrame":
@@ -616,20 +608,21 @@ def _ramp_facts() -> "DataFrame":
 def _convergence_frame(study: Validation) -> "DataFrame":
     from pandas import DataFrame
 
-    rows = {}
-    for row in study.convergence:
-        deflection = row.quantity.startswith("deflection_mm")
-        name = row.quantity.replace("deflection_mm", "deflection")
-        rows[name if deflection else "force on the probe"] = [
-            "mm" if deflection else "N/mm",
-            *(number(value, ".4f") for value in row.values),  # noqa: PD011 - no frame
-            number(row.change_percent, ".2f"),
-            number(row.limit, ".4f"),
-            number(row.order, ".1f"),
-        ]
     meshes = [f"{mesh.name}, {mesh.elements} elements" for mesh in study.deflections]
+    rows = {
+        row.quantity.replace("deflection_mm", "deflection").replace(
+            "force_n_per_mm", "force on the probe"
+        ): (
+            "mm" if "_mm at" in row.quantity else "N/mm",
+            *row.values,  # noqa: PD011 - no frame
+            row.change_percent,
+            row.limit,
+            row.order,
+        )
+        for row in study.convergence
+    }
     heads = ["Unit", *meshes, "last step (%)", "limit", "order"]
-    return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+    return DataFrame(list(rows.values()), list(rows), heads)
 
 
 def _record(study: Validation, command: str, folder: Path) -> Table:

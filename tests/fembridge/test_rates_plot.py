@@ -31,21 +31,24 @@ def test_a_panel_a_frequency_has_levels_in_order_and_a_family_one_scale():
     assert shown["20 Hz"].get_ylim() == shown["300 Hz"].get_ylim()
     assert shown["20 Hz"].get_xlim() == shown["300 Hz"].get_xlim()
     assert shown["25–250 Hz"].get_ylim()[1] < 3
-    words = {text.get_text() for text in figure.texts}
-    assert words == {"Amplitude (µm)", "RMS amplitude (µm)"}
+    words = [text.get_text() for panel in figure.axes for text in panel.texts]
+    assert words == ["SA", "Amplitude (µm)", "SA", "RMS amplitude (µm)"]
 
 
 def test_what_is_beside_is_of_the_same_frequencies_and_the_legend_names_it():
     observed = [Rate("sine_20_100", "SA", 12.0), Rate("sine_50_100", "SA", 99.0)]
     touchsim = [Rate("sine_20_100", "SA", 14.0), Rate("sine_20_100", "PC", 500.0)]
 
-    figure = rates_figure(OWN, observed=observed, touchsim=touchsim)
+    published = [Rate("sine_20_100", "SA", 13.0)]
+
+    figure = rates_figure(OWN, observed=observed, published=published, touchsim=touchsim)
 
     lines = panels(figure)["20 Hz"].lines
-    assert [line.get_xydata().tolist() for line in lines[1:]] == [[[100, 12]], [[100, 14]]]
+    found = sorted(line.get_xydata().tolist() for line in lines)
+    assert found == [[[25, 3], [250, 30]], [[100, 12]], [[100, 13]], [[100, 14]]]
     [legend] = figure.legends
-    own, seen, other = (text.get_text() for text in legend.get_texts())
-    assert (own, seen) == ("these rates", "observed")
+    *words, other = (text.get_text() for text in legend.get_texts())
+    assert words == ["these rates", "observed", "published model"]
     assert other.startswith("TouchSim (fitted to recordings of the same experiments")
     assert panels(figure)["20 Hz"].get_ylim()[1] < 40
 

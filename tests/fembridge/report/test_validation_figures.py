@@ -9,7 +9,6 @@ from fembridge.report.rates import FAMILIES, OBSERVED, SINES, TOUCHSIM
 from fembridge.report.validate import RASTER_STIMULI, repeated_trains
 from fembridge.report.validation_figures import (
     raster_figure,
-    rate_figure,
     regression_figure,
     threshold_figure,
 )
@@ -18,10 +17,6 @@ from fembridge.tables import AFFERENTS
 # Points a figure of 7.2 inches may have at least, so that on the page, where it is
 # 8.1 inches wide or more, no letter is below 8 points.
 LEAST_PT = 7.0
-
-
-def rates(study):
-    return rate_figure(study.rates, FAMILIES[2], "own")
 
 
 def regression(study):
@@ -34,6 +29,10 @@ def raster(study):
     simulation = study.simulations["own"]
     stimuli = [one for one in simulation.stimuli if one.id in RASTER_STIMULI]
     return raster_figure(repeated_trains(simulation), stimuli)
+
+
+def ramp(study):
+    return raster_figure(study.evidence.ramp, [study.evidence.ramp_stimulus])
 
 
 def thresholds(study):
@@ -55,10 +54,10 @@ def words_of(figure):
     return [text for text in words if text.get_text().strip() and text.get_visible()]
 
 
-@pytest.mark.parametrize("figure_of", [rates, regression, raster, thresholds])
+@pytest.mark.parametrize("figure_of", [regression, raster, ramp, thresholds])
 def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_of):
     shown = words_of(figure := figure_of(study))
-    assert len(shown) > 15
+    assert len(shown) > 8
     boxes = [(text, text.get_window_extent()) for text in shown]
     for k, (text, box) in enumerate(boxes):
         assert text.get_fontsize() >= LEAST_PT, text
@@ -66,30 +65,6 @@ def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_
         assert figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1, text
         for other, its in boxes[k + 1 :]:
             assert not box.overlaps(its), (text, other)
-
-
-def test_a_panel_holds_each_source_s_rates_over_the_levels_of_its_set(study):
-    figure = rate_figure(study.rates, SINES, "own")
-    panels = np.array(figure.axes).reshape(len(AFFERENTS), len(SINES.sets))
-    for row, afferent in zip(panels, AFFERENTS, strict=True):
-        assert len({panel.get_ylim() for panel in row}) == 1
-        for panel, one in zip(row, SINES.sets, strict=True):
-            assert len(panel.lines) == len(study.rates.sources)
-            for line, source in zip(panel.lines, study.rates.sources, strict=True):
-                expected = study.rates.of(source, afferent, one.stimuli)
-                assert_allclose(line.get_xdata(), one.level_um)
-                assert_allclose(line.get_ydata(), expected)
-                dots = line.get_linestyle() == "None"
-                assert dots == (source == OBSERVED)
-
-
-def test_a_source_without_rates_of_a_family_is_not_in_its_legend(study):
-    names = {}
-    for family in FAMILIES:
-        [legend] = rate_figure(study.rates, family, "own").legends
-        names[family.name] = [text.get_text() for text in legend.get_texts()]
-    assert names["sine"] == ["Observed", "This model", "Published model", "TouchSim"]
-    assert names["noise"] == names["sine"][1:]
 
 
 def test_the_dashed_line_is_the_regression_and_the_grey_one_is_equality(study):
