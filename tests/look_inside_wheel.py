@@ -10,6 +10,7 @@ WANTED = (
     "neural/py.typed",
     "decks/meshes/quick.npz",
     "decks/meshes/paper.npz",
+    "decks/marc/job.dat.j2",
     "fembridge/response/maps/quick.toml",
     "fembridge/response/maps/paper.toml",
     "fembridge/touchsim/rates.csv",

@@ -26,7 +26,6 @@ from decks.marc.grammar import (
     blocks,
     cut,
     integers_line,
-    keyword_line,
     names,
     read_list,
     read_options,
@@ -67,11 +66,9 @@ POINTS, FORMULA = 2, 3
 FIXED_DISPLACEMENT = "fixed disp"
 TRANSLATIONS = 3
 """The first numbers of a body's motion, and degrees of freedom of a node: x, y and z."""
-DEFORMABLE, RIGID = 1, 2
-BODY_KINDS = {DEFORMABLE: "deformable", RIGID: "rigid", 3: "symmetry"}
-POSITION, VELOCITY = -1, 0
-"""How a rigid body is controlled; above 0 it is by a load."""
-COULOMB_BILINEAR = 6
+BODY_KINDS = {1: "deformable", 2: "rigid", 3: "symmetry"}
+POSITION = -1
+"""How a rigid body is controlled: 0 is by velocity, above that by a load."""
 _BEFORE_BODIES, _BODY_LINES = 4, 7  # lines
 _BEFORE_PAIRS = 5  # lines of an interaction before its reals and their tables
 
@@ -855,17 +852,10 @@ def _post(option: Option) -> Post:
     )
 
 
-def post_lines(
-    codes: Sequence[int], kind: int, layout: Layout, nodal: Sequence[int] = ()
-) -> list[str]:
+def post_lines(codes: Sequence[int], kind: int, layout: Layout) -> list[str]:
     """``post`` of all layers and every increment; `kind` is one of `POST_KINDS`.
 
     The numbers after the kinds are units of the files as Mentat writes them.
     """
-    head = [len(codes), 16, 17, kind, 0, 19, 20, 0, 1, 0, 0, 0, len(nodal), 0, 0, 0]
-    return [
-        "post",
-        integers_line(head, layout),
-        *[integers_line((code, 0), layout) for code in codes],
-        *[keyword_line("nodal", code) for code in nodal],
-    ]
+    head = [len(codes), 16, 17, kind, 0, 19, 20, 0, 1, 0, 0, 0, 0, 0, 0, 0]
+    return ["post", *(integers_line(row, layout) for row in (head, *((code, 0) for code in codes)))]

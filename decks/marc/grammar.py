@@ -119,12 +119,6 @@ def integers_line(
     return "".join([f"{value:{layout.integer}d}" for value in values])
 
 
-def keyword_line(keyword: str, *fields: str | int) -> str:
-    """The first line of an option, in extended columns: words take 20, integers 10."""
-    rest = [f"{each:10d}" if isinstance(each, int) else f"{each:<20}" for each in fields]
-    return f"{keyword:<20}{''.join(rest)}".rstrip()
-
-
 def _between_commas(texts: list[str]) -> str:
     return ", ".join(texts) + ("," if len(texts) == 1 else "")
 
