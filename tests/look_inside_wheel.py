@@ -17,7 +17,7 @@ WANTED = (
     "fembridge/report/style.css",
     "fembridge/report/validation.html.j2",
     "fembridge/report/verification.md.j2",
-    "fembridge/deflection/profiles/quick.toml",
+    "fembridge/response/profiles/quick.toml",
     "neural/fitted.toml",
     "neural/fitted_pad.toml",
     "fembridge/touching/pads/reference.npz",

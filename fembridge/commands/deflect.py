@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from fembridge.deflection.profile import Deflection
+    from fembridge.response.deflection import Deflection
 
 EXAMPLE = "fembridge deflect -o deflection"
 
@@ -50,10 +50,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     import numpy as np
 
-    from fembridge.deflection.profile import convergence, stored_deflection, stored_deflections
     from fembridge.errors import UsageError
     from fembridge.plots.deflection import deflection_figure
     from fembridge.plots.style import save_figure
+    from fembridge.response.deflection import convergence, stored_deflection, stored_deflections
     from fembridge.store import check_output, filling
     from fembridge.tables import write_table
 
@@ -97,9 +97,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
     from decks.presets import read_finger
-    from fembridge.deflection.press import DEPTH_MM, FINGERS, press_of, solve_deflection
-    from fembridge.deflection.profile import stored_deflections
     from fembridge.progress import SolverBars
+    from fembridge.response.deflection import (
+        DEPTH_MM,
+        FINGERS,
+        press_of,
+        solve_deflection,
+        stored_deflections,
+    )
     from fembridge.solver.settings import SolverSettings
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
@@ -111,7 +116,7 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
             on_progress=bars,
             cache=not args.no_cache,
         )
-        solved = solve_deflection(output / "run", press_of(finger, depth_mm), settings)
+        solved = solve_deflection(output / "run", press_of(finger), depth_mm, settings)
     for stored in stored_deflections():
         same_mesh = stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]
         if same_mesh and stored.depth_mm == solved.depth_mm:
@@ -122,7 +127,7 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
 
 def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> None:
     """A column a mesh; of several also the last step between two, and the limit if there is one."""
-    from fembridge.deflection.profile import COMPARED_MM
+    from fembridge.response.deflection import COMPARED_MM
 
     def line(label: str, cells: "Sequence[object]", end: str = "") -> None:
         print(f"{label:<22}{''.join(f'{cell:>10}' for cell in cells)}{end}")

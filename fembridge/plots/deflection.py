@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.deflection.profile import PAPER_STEP_MM, Deflection
 from fembridge.errors import UsageError
 from fembridge.plots.style import FAINT, HAIR_PT, INK, LINE_PT, dots, in_style, new_figure
+from fembridge.response.deflection import PAPER_STEP_MM, Deflection
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

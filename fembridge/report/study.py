@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fembridge.deflection.profile import richardson
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -20,6 +19,7 @@ from fembridge.plots.style import (
     new_figure,
 )
 from fembridge.report.runs import Cost
+from fembridge.response.deflection import richardson
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from decks.presets import finger_id, model_of, read_finger
 from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
-from fembridge.deflection.profile import ConvergenceRow, Deflection, convergence, stored_deflections
 from fembridge.errors import MissingError, UsageError
 from fembridge.evidence import Facts
 from fembridge.fitting.problem import ResponseSource, solved_source, stored_source
@@ -27,6 +26,12 @@ from fembridge.report.rates import (
     locking_table,
     rate_table,
     threshold_table,
+)
+from fembridge.response.deflection import (
+    ConvergenceRow,
+    Deflection,
+    convergence,
+    stored_deflections,
 )
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import LADDER, accept_contact

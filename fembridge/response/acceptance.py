@@ -90,8 +90,7 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM, steps: int = STEPS) -> Stimu
             f"{depth_um:g} um deep, expected {_LEAST_UM:g} to {REACH_UM:g} um: no deeper "
             "indentation was ever solved; take a smaller amplitude or pre-indentation"
         )
-    share = np.arange(steps + 1) / steps
-    load_um = np.round(depth_um * share**_GROWTH, _DIGITS)
+    load_um = loading_um(depth_um, steps)
     unload_um = load_um[steps - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
     samples_um = np.concatenate([load_um, unload_um])
     return Stimulus(
@@ -101,6 +100,12 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM, steps: int = STEPS) -> Stimu
         window_ms=(0.0, (samples_um.size - 1) * _DT_MS),
         origin={"family": "indentation", "depth_um": float(depth_um)},
     )
+
+
+def loading_um(depth_um: float, steps: int) -> FloatArray:
+    """Depths from 0 to `depth_um` in `steps` that grow, ``(steps + 1,)``."""
+    load_um: FloatArray = np.round(depth_um * (np.arange(steps + 1) / steps) ** _GROWTH, _DIGITS)
+    return load_um
 
 
 def depth_for(needed_um: float) -> float:

@@ -14,29 +14,28 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.material import TABLE_1, Material
 from decks.presets import PAPER, QUICK, mesh_of
 from fembridge.commands import deflect
-from fembridge.deflection.press import (
-    PROBE,
-    STEPS,
-    Press,
-    both_sides,
-    press_of,
-    solve_deflection,
-    why_not,
-)
-from fembridge.deflection.profile import (
-    COMPARED_MM,
-    PAPER_STEP_MM,
-    PROFILE_FILE,
-    Deflection,
-    convergence,
-    read_profile,
-    richardson,
-    stored_deflection,
-    stored_deflections,
-    write_profile,
-)
 from fembridge.errors import ResponseError, UsageError
 from fembridge.plots.deflection import MOST_MESHES, deflection_figure
+from fembridge.response.deflection import (
+    COMPARED_MM,
+    PAPER_STEP_MM,
+    PROBE,
+    PROFILE_FILE,
+    STEPS,
+    Deflection,
+    both_sides,
+    convergence,
+    made_from,
+    press_of,
+    read_profile,
+    richardson,
+    solve_deflection,
+    stored_deflection,
+    stored_deflections,
+    way_down,
+    why_not,
+    write_profile,
+)
 from fembridge.solver.settings import SolverSettings
 
 MESHES = stored_deflections()
@@ -163,16 +162,8 @@ def test_the_table_has_the_distances_and_the_force_and_finds_the_limit_of_each()
     assert_allclose(force.limit, 0.035, rtol=1e-6)
 
 
-PRESSES = {finger.name: press_of(finger) for finger in (QUICK, PAPER)}
-
-
-@pytest.fixture(params=PRESSES)
-def press(request):
-    return PRESSES[request.param]
-
-
-def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth(press):
-    depth_um = press.stimulus().displacement_um
+def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth():
+    depth_um = way_down().displacement_um
     assert (depth_um.size, depth_um[0], depth_um[-1]) == (STEPS + 1, 0.0, 1000.0)
     steps_um = np.diff(depth_um)
     assert (np.diff(steps_um) > 0).all()
@@ -183,7 +174,7 @@ def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth(p
 @pytest.mark.parametrize("depth_mm", [0.0, -1.0, 0.04, 2.1, np.nan])
 def test_a_depth_that_no_pad_has_is_refused(depth_mm):
     with pytest.raises(UsageError, match=r"expected 0\.05 to 2 mm"):
-        Press(QUICK, PRESSES["quick"].mesh, depth_mm=depth_mm)
+        way_down(depth_mm)
 
 
 FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
@@ -231,7 +222,7 @@ def deflection(request):
 def test_those_of_the_presets_were_solved_on_the_meshes_that_we_ship(finger):
     found, press = STORED[finger.name], press_of(finger)
     assert found.elements == len(press.mesh.quad)
-    for part, made_of in press.inputs().items():
+    for part, made_of in made_from(press, way_down()).items():
         assert found.origin[part] == made_of, part
 
 
@@ -347,7 +338,7 @@ def test_no_mesh_or_too_many_make_no_picture(count):
 @pytest.mark.solver
 def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     press = press_of(QUICK)
-    solved = solve_deflection(tmp_path, press, ONE_THREAD)
+    solved = solve_deflection(tmp_path, press, settings=ONE_THREAD)
     stored = stored_deflection("quick")
     assert solved.origin["deck_sha256"] == stored.origin["deck_sha256"]
     assert_allclose(solved.deflection_mm, stored.deflection_mm, rtol=0, atol=1e-4)
@@ -356,7 +347,7 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     assert_allclose(written.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
     before = (tmp_path / "job.frd").stat().st_mtime_ns
-    again = solve_deflection(tmp_path, press, ONE_THREAD)
+    again = solve_deflection(tmp_path, press, settings=ONE_THREAD)
     assert (tmp_path / "job.frd").stat().st_mtime_ns == before
     assert_allclose(again.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
@@ -371,7 +362,7 @@ def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_l
     soft = Material(0.05, 0.40)
     skin = dict.fromkeys(("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue"), soft)
     finger = replace(QUICK, materials={**TABLE_1, **skin})
-    solved = solve_deflection(tmp_path, press_of(finger, 0.05), ONE_THREAD)
+    solved = solve_deflection(tmp_path, press_of(finger), 0.05, ONE_THREAD)
     plane = 2 * (1 - soft.poisson**2) / (math.pi * soft.young_mpa)
     for near_mm, far_mm in ((0.1, 0.2), (0.25, 0.5), (0.5, 1.0)):
         found_mm = float(solved.at(near_mm) - solved.at(far_mm))
@@ -383,9 +374,9 @@ def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_l
 @pytest.mark.solver
 def test_on_the_mesh_as_it_is_stored_the_probe_slips_and_the_run_is_refused(tmp_path):
     """CalculiX ends well there: at 1 mm, with no force and the skin at rest."""
-    press = Press(QUICK, mesh_of(QUICK))
+    press = press_of(QUICK, mesh_of(QUICK))
     write_profile(tmp_path / PROFILE_FILE, stored_deflection("quick"))  # of before
     with pytest.raises(ResponseError, match="slipped between its nodes"):
-        solve_deflection(tmp_path, press, ONE_THREAD)
+        solve_deflection(tmp_path, press, settings=ONE_THREAD)
     assert (tmp_path / "solver.toml").is_file()
     assert not (tmp_path / PROFILE_FILE).exists()
