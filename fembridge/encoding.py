@@ -15,11 +15,10 @@ from fembridge.errors import UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.results import read
 from fembridge.run_folder import RUN_FILE
-from fembridge.simulation import TRACES_FILE, arrays_in, find_file, stimuli_in, trains_of
+from fembridge.simulation import TRACES_FILE, arrays_in, find_file, fired, stimuli_in, trains_of
 from fembridge.tables import SpikeTrain, read_traces
 from fembridge.trace import Origin, StressTrace, Traces, doubt_of_step, resample
-from fembridge.typing import FloatArray
-from neural import Parameters, encode_afferents
+from neural import Parameters
 
 # What a 1 mm probe gives where each class sits; beyond so many times less or more, the
 # stress is in another unit.
@@ -146,24 +145,10 @@ def encode_traces(
     traces: Sequence[StressTrace], parameters: Parameters, derivative: str = "backward"
 ) -> list[SpikeTrain]:
     """Spike trains of `traces` of `traces_to_encode`: a train a cell; see `fembridge.encode`."""
-    found: dict[int, list[FloatArray]] = {}
-    alike: dict[tuple[int, float], dict[str, list[int]]] = {}
-    for row, trace in enumerate(traces):
-        of_size = alike.setdefault((trace.stress_pa.size, trace.start_ms), {})
-        of_size.setdefault(str(trace.afferent), []).append(row)
-    for (_, start_ms), classes in alike.items():
-        stress_pa = {
-            name: np.stack([traces[row].stress_pa for row in rows], -1)
-            for name, rows in classes.items()
-        }
-        dt_ms = traces[next(iter(classes.values()))[0]].dt_ms
-        cells = encode_afferents(stress_pa, dt_ms, parameters, start_ms, derivative)
-        for name, rows in classes.items():
-            found |= dict(zip(rows, cells[name], strict=True))
     return [
         train
-        for row, trace in enumerate(traces)
-        for train in trains_of(trace.stimulus, str(trace.afferent), found[row], trace.unit)
+        for trace, cells in zip(traces, fired(traces, parameters, derivative), strict=True)
+        for train in trains_of(trace.stimulus, str(trace.afferent), cells, trace.unit)
     ]
 
 

@@ -33,7 +33,7 @@ from fembridge.response.solve import (
     LADDER,
     FrictionSlipError,
     Log,
-    accept_contact,
+    solve_response,
     why_no_map,
 )
 from fembridge.response.transients import RESPONSE_FOLDER, check_cost, solve_transients
@@ -49,10 +49,10 @@ from fembridge.tables import (
     write_rates,
     write_spikes,
 )
-from fembridge.trace import STEP_TOLERANCE, StressTrace, stacked
+from fembridge.trace import StressTrace, stacked
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
-from neural import PUBLISHED, Parameters, encode_afferents, mean_rate_ips
+from neural import Parameters, encode_afferents, mean_rate_ips
 from neural.parameter_sets import (
     SET_NAMES,
     ParameterSet,
@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas
 
+PUBLISHED_SET = parameter_set("published")
 METHODS = ("map", "transient")
 AUTO = "auto"
 RATES_FILE = "rates.csv"
@@ -206,9 +207,7 @@ def simulate(
     *,
     method: str = AUTO,
     stored: bool = False,
-    parameters: Parameters = PUBLISHED,
-    parameters_name: str = "",
-    parameters_table: Table | None = None,
+    parameters: ParameterSet = PUBLISHED_SET,
     ladder: Sequence[Contact] = LADDER,
     response: ResponseMap | None = None,
     settings: SolverSettings = DEFAULTS,
@@ -217,10 +216,9 @@ def simulate(
 ) -> Simulation:
     """Compute stress and spikes; what a solver makes is kept below `folder`.
 
-    As `fembridge.simulate`, and `parameters_name` is what the record calls the
-    `parameters`, `parameters_table` what is in the run folder of a transient; `ladder` are
-    the contact models to try, in this order; `response` is what was accepted for `model`
-    with its contact before, taken and not solved.
+    As `fembridge.simulate`, and `ladder` are the contact models to try, in this order;
+    `response` is what was accepted for `model` with its contact before, taken and not
+    solved.
     """
     if method not in (AUTO, *METHODS):
         raise UsageError(f"method {method!r}, expected {AUTO}, {' or '.join(METHODS)}")
@@ -229,7 +227,7 @@ def simulate(
     reason = why_no_map(model, stimuli)
     if stored and (reason or method == "transient"):
         raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
-    method = _possible(method, reason, parameters, log)
+    method = _possible(method, reason, parameters.parameters, log)
     deepest = max(stimuli, key=lambda stimulus: stimulus.deepest_um)
     closure_percent: float | None = None
     origin: Table = {"source": "CalculiX"}
@@ -248,13 +246,13 @@ def simulate(
         if method == "transient":
             check_cost(stimuli, model, settings, log, yes=yes)
         try:
-            model, response = accept_contact(
-                model, place, deepest.deepest_um, settings, log, ladder
+            model, response = solve_response(
+                place, model, deepest.deepest_um, settings, ladder=ladder, log=log
             )
         except FrictionSlipError as slip:
             reason = "; ".join(why for why in (reason, str(slip)) if why)
             announced = method == "transient"
-            method = _possible(method, reason, parameters, log)
+            method = _possible(method, reason, parameters.parameters, log)
             if not announced:
                 check_cost(stimuli, model, settings, log, yes=yes)
             model = replace(model, contact=slip.contact)
@@ -268,11 +266,11 @@ def simulate(
             log,
             ladder,
             slips=closure_percent is not None,
-            parameters=parameters_table,
+            parameters=parameters.to_table(),
         )
     else:
         method = "map"
-        traces = [response.traces(stimulus, parameters) for stimulus in stimuli]
+        traces = [response.traces(stimulus, parameters.parameters) for stimulus in stimuli]
     if response is not None:
         closure_percent = response.closure_percent
         origin["response"] = dict(response.origin)
@@ -282,11 +280,11 @@ def simulate(
         **origin,
         "no_map": reason,
         "closure_percent": closure_percent,
-        "parameter_set": parameters_name or None,
-        "parameters": parameters_to_table(parameters),
+        "parameter_set": parameters.name,
+        "parameters": parameters_to_table(parameters.parameters),
     }
     known = {key: value for key, value in record.items() if value is not None}
-    return encode_all(stimuli, traces, parameters, known)
+    return encode_all(stimuli, traces, parameters.parameters, known)
 
 
 def encode_all(
@@ -300,31 +298,48 @@ def encode_all(
     Raises
     ------
     TraceError, ParameterError
-        Not the same afferents and one step for all; a time step that the parameters
-        were not made for.
+        A class without parameters, samples at other times than the stimulus's; a time
+        step that the parameters were not made for.
     """
-    afferents = [str(trace.afferent) for trace in traces[0]]
-    _check_alike(stimuli, traces, afferents, parameters)
-    sizes = [row[0].stress_pa.size for row in traces]
-    fired: dict[tuple[int, str], list[FloatArray]] = {}
-    for size in dict.fromkeys(sizes):
-        alike = [row for row, each in enumerate(sizes) if each == size]
-        stress_pa = {
-            afferent: np.stack([traces[row][column].stress_pa for row in alike], -1)
-            for column, afferent in enumerate(afferents)
-        }
-        cells = encode_afferents(stress_pa, traces[0][0].dt_ms, parameters)
-        for name, by_row in cells.items():
-            fired |= {(row, name): each for row, each in zip(alike, by_row, strict=True)}
+    whose = [
+        (stimulus, trace) for stimulus, row in zip(stimuli, traces, strict=True) for trace in row
+    ]
+    for stimulus, trace in whose:
+        size, expected = trace.stress_pa.size, stimulus.displacement_um.size
+        if trace.afferent not in parameters or size != expected:
+            raise TraceError(
+                f"{stimulus.id}: {size} samples of {trace.afferent}, expected {expected} of "
+                f"{', '.join(parameters)}"
+            )
     trains, rates = [], []
-    for row, stimulus in enumerate(stimuli):
-        for afferent in afferents:
-            spikes_ms = fired[row, afferent]
-            trains.extend(trains_of(stimulus.id, afferent, spikes_ms))
-            rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
-            rates.append(Rate(stimulus.id, afferent, rate))
+    cells = fired([trace for _, trace in whose], parameters)
+    for (stimulus, trace), spikes_ms in zip(whose, cells, strict=True):
+        afferent = str(trace.afferent)
+        trains.extend(trains_of(stimulus.id, afferent, spikes_ms))
+        rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
+        rates.append(Rate(stimulus.id, afferent, rate))
     rows = tuple(tuple(row) for row in traces)
     return Simulation(tuple(stimuli), rows, tuple(trains), tuple(rates), origin)
+
+
+def fired(
+    traces: Sequence[StressTrace], parameters: Parameters, derivative: str = "backward"
+) -> list[list[FloatArray]]:
+    """Spike times in ms of each cell of each trace; traces of one length are one batch."""
+    found: dict[int, list[FloatArray]] = {}
+    alike: dict[tuple[int, float, float], dict[str, list[int]]] = {}
+    for row, trace in enumerate(traces):
+        batch = alike.setdefault((trace.stress_pa.size, trace.dt_ms, trace.start_ms), {})
+        batch.setdefault(str(trace.afferent), []).append(row)
+    for (_, dt_ms, start_ms), classes in alike.items():
+        stress_pa = {
+            name: np.stack([traces[row].stress_pa for row in rows], -1)
+            for name, rows in classes.items()
+        }
+        cells = encode_afferents(stress_pa, dt_ms, parameters, start_ms, derivative)
+        for name, rows in classes.items():
+            found |= dict(zip(rows, cells[name], strict=True))
+    return [found[row] for row in range(len(traces))]
 
 
 def unlike_the_fit(
@@ -422,33 +437,6 @@ def _stored(model: Model, deepest: Stimulus, asked_for: bool, log: Log) -> Respo
     instead = f"no ccx on the PATH: {line}; to solve it here: {SOLVER_INSTALL_LINE}"
     log(line if asked_for else instead)
     return response
-
-
-def _check_alike(
-    stimuli: Sequence[Stimulus],
-    traces: Sequence[Sequence[StressTrace]],
-    afferents: Sequence[str],
-    parameters: Parameters,
-) -> None:
-    """Refuse traces of other afferents or another step than the first stimulus's."""
-    dt_ms = stimuli[0].dt_ms
-    near_ms = STEP_TOLERANCE * dt_ms
-    expected = afferents if set(afferents) <= set(parameters) else list(parameters)
-    for stimulus, row in zip(stimuli, traces, strict=True):
-        found = [str(trace.afferent) for trace in row]
-        if found != expected:
-            raise TraceError(
-                f"{stimulus.id}: traces of {', '.join(found)}, expected of {', '.join(expected)}"
-            )
-        count = stimulus.displacement_um.size
-        axes = [(trace.stress_pa.size, trace.dt_ms, trace.start_ms) for trace in row]
-        axes.append((count, stimulus.dt_ms, 0.0))
-        for size, step_ms, start_ms in axes:
-            if size != count or abs(step_ms - dt_ms) > near_ms or abs(start_ms) > near_ms:
-                raise TraceError(
-                    f"{stimulus.id}: {size} samples every {step_ms:g} ms from {start_ms:g} ms, "
-                    f"expected {count} every {dt_ms:g} ms from 0 ms"
-                )
 
 
 def find_file(place: Path, names: Sequence[str], made_by: str) -> Path:

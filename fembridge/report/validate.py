@@ -34,9 +34,8 @@ from fembridge.response.deflection import (
     stored_deflections,
 )
 from fembridge.response.response_map import ResponseMap
-from fembridge.response.solve import LADDER, accept_contact
+from fembridge.response.solve import solve_response
 from fembridge.simulation import Simulation, encode_all, unlike_the_fit
-from fembridge.solver.settings import DEFAULTS
 from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.touchsim import touchsim_rates
@@ -198,7 +197,7 @@ def source_of(
             f"({SOLVER_INSTALL_LINE}), or give --response DIR of `fembridge simulate`"
         )
     with TemporaryDirectory() as place:
-        _, solved = accept_contact(pressed, Path(place), deepest_um, DEFAULTS, log, LADDER)
+        _, solved = solve_response(Path(place), pressed, deepest_um, log=log)
     return ResponseSource(solved, Path(finger), stored=False)
 
 

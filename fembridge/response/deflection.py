@@ -174,17 +174,19 @@ def way_down(depth_mm: float = DEPTH_MM) -> Stimulus:
     )
 
 
-def made_from(press: Model, stimulus: Stimulus) -> Table:
-    """What a run is made from, as ``run.toml`` and the profile have it."""
+def build_press(folder: Path, press: Model, stimulus: Stimulus) -> RunFolder:
+    """The run folder of `press`: displacements of the pad's whole surface are written."""
     mesh = press.mesh
     arrays = (mesh.node_mm, mesh.quad, mesh.layer)
     parts = [np.ascontiguousarray(a).astype(f"<{a.dtype.kind}8") for a in arrays]
-    return {
+    inputs: Table = {
         "law": press.law,
         "elements": len(mesh.quad),
         "mesh_sha256": hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest(),
         **inputs_of(press, stimulus),
     }
+    analysis = press.analysis(stimulus, watched=_surface_of(mesh))
+    return build_analysis_folder(folder, analysis, stimulus, inputs)
 
 
 def solve_deflection(
@@ -203,15 +205,9 @@ def solve_deflection(
         It did, but the probe did not push the skin down: see `why_not`.
     """
     stimulus = way_down(depth_mm)
-    surface = _surface_of(press.mesh)
-    run = build_analysis_folder(
-        folder,
-        press.analysis(stimulus, watched=surface),
-        stimulus,
-        made_from(press, stimulus),
-    )
+    run = build_press(folder, press, stimulus)
     remove_file(folder / PROFILE_FILE)  # it may be of another run
-    outcome, found = solve_once(run, settings, lambda run: _measured(run, press, surface, stimulus))
+    outcome, found = solve_once(run, settings, lambda run: _measured(run, press, stimulus))
     if found is None:
         raise outcome.to_error()
     made = {"version": outcome.version or "", "iterations": outcome.iterations}
@@ -229,8 +225,9 @@ def _surface_of(mesh: Mesh) -> IntArray:
     return ordered
 
 
-def _measured(run: RunFolder, press: Model, surface: IntArray, stimulus: Stimulus) -> Deflection:
+def _measured(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflection:
     """Read the run, and accept it, or say why not."""
+    surface = _surface_of(press.mesh)
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     found_ms, moved_mm = read_displacement(run.results, (surface + 1).tolist())
     check_times(found_ms, stimulus.times_ms[1:], run.results)

@@ -21,7 +21,7 @@ without friction, it is not the contact that is path-dependent but the skin that
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -94,15 +94,6 @@ class Attempt(NamedTuple):
         return f"{self.contact}{spring}{steps}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solved:
-    """An accepted response, the contact model that gave it, and what it cost."""
-
-    response: ResponseMap
-    contact: Contact
-    outcome: Outcome
-
-
 def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
     """Why stress is no function of depth alone; None: nothing is known.
 
@@ -126,16 +117,18 @@ def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
 def solve_response(
     folder: Path,
     model: Model,
+    needed_um: float = DEFAULT_DEPTH_UM,
     settings: SolverSettings = DEFAULTS,
     *,
-    depth_um: float = DEFAULT_DEPTH_UM,
     ladder: Sequence[Contact] = LADDER,
     log: Log = lambda line: None,
-) -> Solved:
-    """Solve the response of `model` in `folder`, one run folder a contact model.
+) -> tuple[Model, ResponseMap]:
+    """`model` with the first contact of the `ladder` that is accepted, and its response.
 
-    One that was solved before, with the same deck, there or as the cache has it, is read
-    again as long as its files are whole. The accepted map is written as
+    The response answers stimuli down to `needed_um`; of a model whose stress depends on
+    time it is the one that it has at once. It is solved in `folder`, one run folder a
+    contact model. One that was solved before, with the same deck, there or as the cache
+    has it, is read again as long as its files are whole. The accepted map is written as
     ``response.toml``.
 
     Raises
@@ -145,10 +138,9 @@ def solve_response(
     FrictionSlipError
         One is not accepted for the friction alone: no map holds for it.
     ResponseError
-        None was accepted: each with its reason. Or stress depends on time.
+        None was accepted: each with its reason.
     """
-    if (reason := why_no_map(model, ())) is not None:
-        raise ResponseError(f"{folder}: no response map: {reason}")
+    depth_um, settings, still = depth_for(needed_um), settings.shared_by(1), model.at_once()
 
     def solved(name: str, attempt: Attempt) -> tuple[Outcome, ResponseMap | ResponseError]:
         """The response that was accepted, or why the attempt is left."""
@@ -160,7 +152,7 @@ def solve_response(
             except ResponseError as error:
                 return error
 
-        moved = replace(model, support=attempt.support, contact=attempt.contact)
+        moved = replace(still, support=attempt.support, contact=attempt.contact)
         run = build_run_folder(folder / name, moved, stimulus)
         outcome, found = solve_once(run, settings, measured)
         if outcome.failure is not None and outcome.failure.cause not in CONTACT_CAUSES:
@@ -169,7 +161,7 @@ def solve_response(
 
     attempts = attempts_for(depth_um, ladder)
     increments = indentation(depth_um).displacement_um.size - 1
-    half = attempts[0].support == "spring" and model.section == "half"
+    half = attempts[0].support == "spring" and still.section == "half"
     elements = len(model.mesh.quad) * (0.5 if half else 1.0)
     about = in_words(increments * increment_s(elements))
     log(f"indentation to {depth_um:g} um: {increments} increments, about {about}")
@@ -181,7 +173,14 @@ def solve_response(
         outcome, found = solved(f"contact_{number}", attempt)
         if isinstance(found, ResponseMap):
             write_map(folder / MAP_FILE, found)
-            return Solved(found, attempt.contact, outcome)
+            how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
+            how = "taken from the cache" if outcome.cached else how
+            log(
+                f"response of finger {model.finger.name!r} {how}: "
+                f"{outcome.increments} increments, contact {attempt.contact}, unloading within "
+                f"{found.closure_percent:.2g} % of loading"
+            )
+            return replace(model, contact=attempt.contact), found
         if isinstance(found, HysteresisError) and attempt.contact.friction > 0:
             without = replace(attempt.contact, friction=0.0)
             _, smooth = solved(f"frictionless_{number}", attempt._replace(contact=without))
@@ -213,35 +212,3 @@ def attempts_for(depth_um: float, ladder: Sequence[Contact]) -> list[Attempt]:
     firsts = [first] if support == "spring" else [first, spring]
     firsts.append(spring._replace(steps=2 * STEPS))
     return firsts if depth_um > DEEP_UM else [*firsts, *others]
-
-
-def accept_contact(
-    model: Model,
-    folder: Path,
-    needed_um: float,
-    settings: SolverSettings,
-    log: Log,
-    ladder: Sequence[Contact],
-) -> tuple[Model, ResponseMap]:
-    """The model with the contact that its indentation accepted, and its response.
-
-    Of a model whose stress depends on time it is the response that it has at once.
-    Errors are those of `solve_response`.
-    """
-    solved = solve_response(
-        folder,
-        model.at_once(),
-        settings.shared_by(1),
-        depth_um=depth_for(needed_um),
-        ladder=ladder,
-        log=log,
-    )
-    outcome = solved.outcome
-    how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
-    how = "taken from the cache" if outcome.cached else how
-    log(
-        f"response of finger {model.finger.name!r} {how}: "
-        f"{outcome.increments} increments, contact {solved.contact}, unloading within "
-        f"{solved.response.closure_percent:.2g} % of loading"
-    )
-    return replace(model, contact=solved.contact), solved.response

@@ -8,7 +8,7 @@ from decks.analysis import Contact, Model
 from decks.motion import SUBSTEPS
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError, UsageError
-from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, accept_contact
+from fembridge.response.solve import CONTACT_CAUSES, FrictionSlipError, Log, solve_response
 from fembridge.results import read
 from fembridge.run_folder import RunFolder
 from fembridge.solver.batch import run_folders
@@ -85,7 +85,9 @@ def solve_transients(
         if contact != model.contact:
             again = folder / f"{RESPONSE_FOLDER}_{number}"
             try:
-                model, _ = accept_contact(model, again, deepest_um, settings, log, (contact,))
+                model, _ = solve_response(
+                    again, model, deepest_um, settings, ladder=(contact,), log=log
+                )
             except FrictionSlipError:
                 slips = True
                 model = replace(model, contact=contact)

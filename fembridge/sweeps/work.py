@@ -62,7 +62,7 @@ from fembridge.sweeps.study import Asked, ladder_of
 from fembridge.tables import write_spikes, write_table
 from fembridge.typing import Table
 from fembridge.version import __version__
-from neural import AfferentParameters, Parameters
+from neural import AfferentParameters, Parameters, ParameterSet
 from neural.parameter_sets import parameters_to_table
 from neural.rates import spikes_inside
 
@@ -312,9 +312,9 @@ def _solve(task: Response, folder: Path, settings: SolverSettings) -> None:
     place = folder / task.place
     solve_response(
         place,
-        Model(task.finger, _mesh(task, place), task.probe, element=task.element).at_once(),
-        settings.shared_by(1),
-        depth_um=task.depth_um,
+        Model(task.finger, _mesh(task, place), task.probe, element=task.element),
+        task.depth_um,
+        settings,
         ladder=ladder_of(task.asked),
     )
 
@@ -365,8 +365,7 @@ def _simulate(
         Model(task.finger, mesh, task.probe, asked, task.element),
         where,
         method=item.method,
-        parameters=item.parameters,
-        parameters_name=item.parameters_name,
+        parameters=ParameterSet(item.parameters_name, item.parameters),
         ladder=ladder_of(task.asked),
         response=response,
         settings=settings,

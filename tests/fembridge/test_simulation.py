@@ -140,25 +140,16 @@ def other_clock(**changes):
     return rows
 
 
-def without(row, column):
-    rows = traces_of()
-    del rows[row][column]
-    return rows
-
-
 @pytest.mark.parametrize(
-    ("traces", "found"),
+    ("traces", "kind", "found"),
     [
-        (without(1, 0), "noise_25_250_20: traces of RA, PC,"),
-        ([traces_of()[0], traces_of()[1][::-1]], "PC, RA, SA,"),
-        (traces_of(afferents=("SA", "XY")), "SA, XY,"),
-        (other_clock(dt_ms=1.0), "501 samples every 1 ms from 0 ms"),
-        (other_clock(start_ms=0.5), "501 samples every 0.5 ms from 0.5 ms"),
-        (other_clock(stress_pa=np.zeros(500)), "500 samples every 0.5 ms from 0 ms"),
+        (traces_of(afferents=("SA", "XY")), TraceError, "of XY, expected 501 of SA, RA, PC"),
+        (other_clock(stress_pa=np.zeros(500)), TraceError, "500 samples of PC, expected 501"),
+        (other_clock(dt_ms=1.0), ParameterError, "PC: the trace has a sample every 1 ms"),
     ],
 )
-def test_traces_that_do_not_fit_the_stimuli_are_refused(traces, found):
-    with pytest.raises(TraceError, match=found):
+def test_traces_that_do_not_fit_stimuli_or_parameters_are_refused(traces, kind, found):
+    with pytest.raises(kind, match=found):
         encode_all(STIMULI, traces, PUBLISHED, {})
 
 
@@ -167,13 +158,6 @@ def test_a_clock_with_the_rounding_of_a_solver_is_the_same_clock(simulation):
     rounded = other_clock(dt_ms=0.5 * (1 + 1e-9))
     found = encode_all(STIMULI, rounded, PUBLISHED, {})
     assert_array_equal(found.trains[-1].times_ms, simulation.trains[-1].times_ms)
-
-
-def test_a_step_that_the_parameters_were_not_made_for_is_refused():
-    slow = [dataclasses.replace(s, dt_ms=1.0, window_ms=(5.0, 500.0)) for s in STIMULI]
-    traces = [[dataclasses.replace(t, dt_ms=1.0) for t in row] for row in traces_of()]
-    with pytest.raises(ParameterError, match="a sample every 1 ms"):
-        encode_all(slow, traces, PUBLISHED, {})
 
 
 def test_rates_and_spikes_as_tables_are_those_of_the_files(tmp_path, simulation):

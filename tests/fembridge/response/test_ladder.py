@@ -29,14 +29,14 @@ ATTEMPTS = attempts_for(DEFAULT_DEPTH_UM, LADDER)
 def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
     told = []
 
-    solved = solve_response(tmp_path, model, log=told.append)
+    solved, response = solve_response(tmp_path, model, log=told.append)
 
     assert player.numbers == [1]
     assert solved.contact == LADDER[0]
-    assert [line.split(":")[0] for line in told] == ["indentation to 400 um"]
-    assert not solved.outcome.skipped
+    assert told[0].startswith("indentation to 400 um")
+    assert "solved in 12 s: 39 increments, contact node-to-surface, 200 MPa/mm" in told[1]
     shipped = read_map(FOLDER / "quick.toml")
-    np.testing.assert_array_equal(solved.response.tensor_pa, shipped.tensor_pa)
+    np.testing.assert_array_equal(response.tensor_pa, shipped.tensor_pa)
 
 
 @pytest.mark.parametrize("cause", [Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN])
@@ -44,13 +44,13 @@ def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, play
     player.plays[1] = cause
     told = []
 
-    solved = solve_response(tmp_path, model, log=told.append)
+    solved, response = solve_response(tmp_path, model, log=told.append)
 
     assert player.numbers == [1, 2]
     assert told[1].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
     assert told[2] == f"contact model 2 of {len(ATTEMPTS)}: {LADDER[0]}, probe on a spring"
     assert solved.contact == LADDER[0]
-    assert solved.response.origin["drive"] == "spring"
+    assert response.origin["drive"] == "spring"
 
 
 def test_a_contact_that_does_not_come_back_is_left_and_told(
@@ -112,7 +112,7 @@ def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
     path_dependent.add(1)
     solve_response(tmp_path, model)
 
-    again = solve_response(tmp_path, model)
+    again, _ = solve_response(tmp_path, model)
 
     assert player.numbers == [1, 2]
     assert again.contact == LADDER[0]
@@ -123,10 +123,9 @@ def test_a_finished_run_that_lost_a_file_is_solved_again(tmp_path, model, player
     solve_response(tmp_path, model)
     (tmp_path / "contact_1" / name).unlink()
 
-    solved = solve_response(tmp_path, model)
+    solve_response(tmp_path, model)
 
     assert player.numbers == [1, 1]
-    assert not solved.outcome.skipped
 
 
 def test_what_comes_back_without_friction_alone_is_skin_that_slips(

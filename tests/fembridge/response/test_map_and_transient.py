@@ -64,12 +64,12 @@ def test_map_and_transient_agree_on_noise_solved_here(tmp_path):
         whole, displacement_um=whole.displacement_um[:41], window_ms=(0.0, 20.0)
     )
     model = model_of(PRESETS["quick"])
-    solved = solve_response(tmp_path / "response", model)
+    _, solved = solve_response(tmp_path / "response", model)
     folder = tmp_path / "transient"
     build_run_folder(folder, model, stimulus)
     run_ccx(read_run_folder(folder))
 
-    assert_same_neurons(solved.response.traces(stimulus), read(folder))
+    assert_same_neurons(solved.traces(stimulus), read(folder))
     stored = stored_response(model.finger, model.probe, model.element)
-    np.testing.assert_allclose(solved.response.tensor_pa, stored.tensor_pa, rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(solved.tensor_pa, stored.tensor_pa, rtol=1e-6, atol=1e-3)
     assert read_run_folder(folder).start_ms > 0

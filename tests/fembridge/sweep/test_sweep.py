@@ -48,7 +48,7 @@ def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
             model_of(PRESETS["quick"]),
             tmp_path,
             stored=True,
-            parameters=chosen.parameters,
+            parameters=chosen,
         )
         windows = {each.id: each.window_ms for each in expected.stimuli}
         for rate in expected.mean_rates:
