@@ -8,6 +8,7 @@ deck's own units. `describe_marc_deck` is all of it in words and counts.
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,8 +70,7 @@ TRANSLATIONS = 3
 BODY_KINDS = {1: "deformable", 2: "rigid", 3: "symmetry"}
 POSITION = -1
 """How a rigid body is controlled: 0 is by velocity, above that by a load."""
-_BEFORE_BODIES, _BODY_LINES = 4, 7  # lines
-_BEFORE_PAIRS = 5  # lines of an interaction before its reals and their tables
+_BEFORE_BODIES = 4  # lines
 
 # Increments. What else can make them does not say how long they take.
 FIXED, ADAPTIVE = "auto load", "auto step"
@@ -88,7 +88,6 @@ POST_KINDS = {"binary": 0, "text": 1, "both": 2}
 inferred from Mentat's three choices."""
 
 _LISTED_IN_MATERIAL = 11  # the last input version, of those seen, with lists of elements there
-_MATERIAL_TABLES = 8
 
 
 # ---- Values
@@ -159,38 +158,33 @@ class MarcTable:
 class Isotropic:
     """A material: eight `values`, the first Young's modulus and Poisson's ratio.
 
-    `tables` multiply them. `elements` are those that the option lists, none where the
-    mesh says them.
+    `elements` are those that the option lists, none where the mesh says them.
     """
 
     number: int
     name: str
     values: tuple[float, ...]
-    tables: tuple[int, ...]
     elements: tuple[int, ...]
-    line: Line
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A boundary or initial condition: `values`, each times a table, 0 for none.
+    """A boundary or initial condition: a value, its table (0 for none), its direction.
 
-    `directions` are degrees of freedom from 1, of fixed displacements alone. `where` is
-    the set it acts on; `line` holds the values.
+    Directions are degrees of freedom from 1, 0 but of fixed displacements. `where` is the
+    set it acts on; `line` holds the values.
     """
 
     family: str
     name: str
-    values: tuple[float, ...]
-    tables: tuple[int, ...]
-    directions: tuple[int, ...]
+    drives: tuple[tuple[float, int, int], ...]
     where: str
     line: Line
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A contact body; `motion` (8), on `line`, is multiplied by `tables` (8).
+    """A contact body; its motion, on `line`: eight values and the table of each.
 
     Positions are relative to where the body was drawn: inferred from one deck whose
     author says what it does.
@@ -199,17 +193,7 @@ class Body:
     name: str
     kind: int
     control: int
-    motion: tuple[float, ...]
-    tables: tuple[int, ...]
-    line: Line
-
-
-@dataclass(frozen=True, slots=True)
-class Interaction:
-    """How two bodies touch, as far as tables of its numbers go."""
-
-    name: str
-    tables: tuple[int, ...]
+    drives: tuple[tuple[float, int], ...]
     line: Line
 
 
@@ -340,16 +324,6 @@ class MarcDeck:
     def bodies(self) -> list[Body]:
         """The contact bodies, none of a deck without contact."""
         return [body for option in self.find("contact")[:1] for body in _bodies(option)]
-
-    def interactions(self) -> list[Interaction]:
-        """All contact interactions: a name, kinds, numbers, then reals and their tables."""
-        interactions = []
-        for option in self.find("con intera"):
-            rows, head = option.data, option.head
-            head.check(len(rows) >= _BEFORE_PAIRS + 2, "a contact interaction cut short")
-            tables = [each for row in rows[_BEFORE_PAIRS + 1 :: 2] for each in row.integers()]
-            interactions.append(Interaction(rows[0].fields("iit")[2], tuple(tables), head))
-        return interactions
 
     def load_cases(self) -> list[LoadCase]:
         """All load cases."""
@@ -494,6 +468,22 @@ def describe_marc_deck(path: Path) -> Table:
     }
 
 
+# ---- Options: each reads what it announces, as far as that is known
+
+
+@contextmanager
+def _in_shape(option: Option) -> Iterator[None]:
+    """One refusal for an option in which something is not where it should be."""
+    try:
+        yield
+    except (IndexError, ValueError):
+        named = f" {option.name!r}" if option.name else ""
+        raise option.head.refuse(
+            f"`{option.keyword}`{named} is cut short, holds less or more than it announces, or "
+            "is in a shape that no deck read so far has"
+        ) from None
+
+
 # ---- Mesh and sets
 
 
@@ -605,22 +595,16 @@ def _materials(option: Option, listed: bool, driven: bool) -> list[Isotropic]:
     E, Poisson's ratio, density, thermal expansion, yield stress, three more
             0         0 ...                      table of each of the eight
     """
-    rows = option.data
+    rows, materials = option.data, []
     starts = [row for row, line in enumerate(rows) if _starts_material(line)]
-    empty = all(line.blank for line in rows)
-    option.head.check(bool(starts) or empty, "`isotropic` without a line that names a material")
     before_list = 3 if driven else 2  # decks without tables have none here
-    materials = []
     for block in blocks(rows, starts):
-        words = "a material without its values and their tables"
-        block[0].check(len(block) >= before_list, words)
-        number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
-        values = block[1].reals()
-        block[1].check(len(values) >= 2, "expected Young's modulus, Poisson's ratio, ...")
-        members = [each for each in block[before_list:] if not each.blank] if listed else []
-        tables = block[2].integers() if driven else [0] * _MATERIAL_TABLES
-        elements = tuple(each for each in read_list(members) if isinstance(each, int))
-        materials.append(Isotropic(number, name, tuple(values), tuple(tables), elements, block[0]))
+        with _in_shape(option):
+            number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
+            young, poisson, *others = block[1].reals()
+            members = [each for each in block[before_list:] if not each.blank] if listed else []
+            elements = tuple(each for each in read_list(members) if isinstance(each, int))
+            materials.append(Isotropic(number, name, (young, poisson, *others), elements))
     return materials
 
 
@@ -641,27 +625,16 @@ def _table(option: Option) -> MarcTable:
     follow, 3 for a formula. Of each variable follow its type, its points, and whether
     values beyond them are extrapolated.
     """
-    rows, head = option.filled, option.head
-    head.check(len(rows) >= 2, f"table {option.name!r} has no lines of numbers")
-    number, count, _, _, kind = _at_least(rows[0], 2, "a table's number, count of variables", 5)
-    variable, points = 0, None
-    if kind != FORMULA and count >= 1:
-        variable, expected = _at_least(rows[1], 2, "a variable's type, count of points", 2)
-        # A line with letters mentions a file that was not read.
-        if count == 1 and kind == POINTS and not any(line.lettered for line in rows):
-            found = f"table {option.name!r} has {len(rows) - 2} lines of points"
-            words = f"{found}, while {rows[1].place} says {expected}"
-            head.check(len(rows) - 2 == expected, words)
-            pairs = [line.fields("rr") for line in rows[2:]]
-            points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
-    return MarcTable(option.name, number, variable, points, head, tuple(rows))
-
-
-def _at_least(line: Line, needed: int, what: str, count: int) -> list[int]:
-    """The first `count` integers of a line that has the `needed` first ones."""
-    values = line.integers()
-    line.check(len(values) >= needed, f"{len(values)} fields, expected {needed}: {what}")
-    return (values + [0] * count)[:count]
+    rows, variable, points = option.filled, 0, None
+    with _in_shape(option):
+        number, count, _, _, kind = (rows[0].integers() + [0] * 3)[:5]
+        if kind != FORMULA and count >= 1:
+            variable, expected = rows[1].integers()[:2]
+            # A line with letters mentions a file that was not read.
+            if count == 1 and kind == POINTS and not any(line.lettered for line in rows):
+                pairs = [line.fields("rr") for line in rows[2:]]
+                points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
+    return MarcTable(option.name, number, variable, points, option.head, tuple(rows))
 
 
 # ---- Conditions and contact
@@ -687,29 +660,19 @@ def _conditions(option: Option) -> Iterator[Condition]:
         not rows or starts[:1] in ([0], [1]),
         f"{family} is not in the table-driven style, expected a line of six integers and a name",
     )
-    displacement = option.keyword == FIXED_DISPLACEMENT
-    needed = 6 if displacement else 5
     for block in blocks(rows, starts):
-        found = f"{family} has {len(block)} lines from {block[0].place} on"
-        block[-1].check(len(block) >= needed, f"{found}, expected at least {needed}")
-        name = block[0].fields("iiiiiit")[6]
-        values, tables = block[1].reals(), block[2].integers()
-        found = f"{len(tables)} tables for {len(values)} values"
-        block[2].check(len(tables) <= len(values), found)
-        tables += [0] * (len(values) - len(tables))
-        directions: list[int] = []
-        if displacement:
-            directions, where = block[3].integers(), block[5]
-            found = f"{len(directions)} degrees of freedom for {len(values)} values"
-            block[3].check(len(directions) == len(values), found)
-        else:
-            # Kinds of loads differ in what comes between; a name is always last.
-            where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
-        yield Condition(
-            *(option.keyword, name, tuple(values), tuple(tables), tuple(directions)),
-            where.word,
-            block[1],
-        )
+        with _in_shape(option):
+            name = block[0].fields("iiiiiit")[6]
+            values, tables = block[1].reals(), block[2].integers()
+            tables += [0] * (len(values) - len(tables))
+            directions = [0] * len(values)
+            if option.keyword == FIXED_DISPLACEMENT:
+                directions, where = block[3].integers(), block[5]
+            else:
+                # Kinds of loads differ in what comes between; a name is always last.
+                where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
+            drives = tuple(zip(values, tables, directions, strict=True))
+            yield Condition(option.keyword, name, drives, where.word, block[1])
 
 
 def _starts_condition(line: Line) -> bool:
@@ -733,9 +696,7 @@ def _bodies(option: Option) -> list[Body]:
 
     The sixth number is its control. A rigid body's curves or surfaces follow.
     """
-    rows, needed = option.data, f"expected {_BEFORE_BODIES} and bodies"
-    words = f"`contact` has {len(rows)} lines, {needed}"
-    option.head.check(len(rows) >= _BEFORE_BODIES, words)
+    rows, bodies = option.data, list[Body]()
     starts: list[int] = []
     for row, line in enumerate(rows[_BEFORE_BODIES:], start=_BEFORE_BODIES):
         # Their numbers rise from 1, a name is last.
@@ -743,22 +704,11 @@ def _bodies(option: Option) -> list[Body]:
         is_number = name.replace(".", "").replace("+", "").replace("-", "").isdigit()
         if name and not is_number and numbers[0] == str(len(starts) + 1):
             starts.append(row)
-    announced = rows[0].first_integer()
-    words = f"{announced} contact bodies announced, but {len(starts)} found"
-    rows[0].check(len(starts) == announced, words)
-    bodies = []
-    for block in blocks(rows, starts):
-        words = f"a contact body of {len(block)} lines from {block[0].place} on"
-        block[-1].check(len(block) >= _BODY_LINES, f"{words}, expected at least {_BODY_LINES}")
-        *_, control, _, _, name = block[0].fields("iiiiiiiit")
-        motion, tables = block[4].reals(), block[5].integers()
-        block[4].check(
-            len(tables) == len(motion) >= TRANSLATIONS,
-            f"a body's motion of {len(motion)} numbers and {len(tables)} tables, "
-            f"expected as many of both, and {TRANSLATIONS} at least",
-        )
-        kind = block[1].first_integer()
-        bodies.append(Body(name, kind, control, tuple(motion), tuple(tables), block[4]))
+    with _in_shape(option):
+        for block, _ in zip(blocks(rows, starts), range(rows[0].first_integer()), strict=True):
+            *_, control, _, _, name = block[0].fields("iiiiiiiit")
+            drives = tuple(zip(block[4].reals(), block[5].integers(), strict=True))
+            bodies.append(Body(name, block[1].first_integer(), control, drives, block[4]))
     return bodies
 
 
@@ -790,19 +740,16 @@ def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
         raise other.head.refuse(f"a second way of stepping, `{other.keyword}`, {beside}")
     time_step = times[-1] if times else None
     name = (named or titled)[-1].name if named or titled else ""
-    active = _active(named[-1].data) if named else ()
+    active = tuple(name for option in named[-1:] for name in _active(option))
     increments, period = _increments(step, time_step)
     return LoadCase(number, name, active, step, time_step, increments, period, options[0].head)
 
 
-def _active(rows: Sequence[Line]) -> tuple[str, ...]:
+def _active(option: Option) -> list[str]:
     """Names of the conditions that act, as many as the first line says."""
-    if not rows:
-        return ()
-    count = rows[0].first_integer()
-    words = f"{count} conditions announced, but {len(rows) - 1} named"
-    rows[0].check(len(rows) > count, words)
-    return tuple(line.word for line in rows[1 : 1 + count])
+    rows = option.data
+    with _in_shape(option):
+        return [rows[row + 1].word for row in range(rows[0].first_integer())] if rows else []
 
 
 def _increments(
@@ -811,8 +758,8 @@ def _increments(
     """The count of a load case's increments, and their time together."""
     if stepping is None:
         return 0, 0.0
-    stepping.head.check(bool(stepping.data), f"`{stepping.keyword}` without numbers")
-    first = stepping.data[0]
+    with _in_shape(stepping):
+        first = stepping.data[0]
     if stepping.keyword == ADAPTIVE:
         return None, first.fields(_AUTO_STEP)[1]
     if stepping.keyword != FIXED:
@@ -820,8 +767,8 @@ def _increments(
     count = first.first_integer()
     if time_step is None:
         return count, None
-    time_step.head.check(bool(time_step.data), "`time step` without a number")
-    return count, count * time_step.data[0].fields("r")[0]
+    with _in_shape(time_step):
+        return count, count * time_step.data[0].fields("r")[0]
 
 
 def _post(option: Option) -> Post:
@@ -835,20 +782,18 @@ def _post(option: Option) -> Post:
     Fields of the first line: 1 element codes; 4 is 0 for binary, 1 for formatted; 9 every
     n-th increment; 13 nodal codes, where 0 stands for displacement and forces.
     """
-    rows = [line for line in option.data if not line.blank]
-    option.head.check(bool(rows), "`post` without a line of numbers")
-    head = rows[0].integers()
-    head += [0] * (POST_NODAL + 1 - len(head))
-    count = head[POST_COUNT]
-    codes = [line for line in rows[1:] if not line.lettered]
-    words = f"{count} element codes announced, but {len(codes)} lines of them"
-    rows[0].check(len(codes) >= count, words)
+    with _in_shape(option):
+        first, *rows = [line for line in option.data if not line.blank]
+        head = first.integers()
+        head += [0] * (POST_NODAL + 1 - len(head))
+        codes = [line for line in rows if not line.lettered]
+        codes = [codes[row] for row in range(head[POST_COUNT])]
     return Post(
-        tuple(line.fields("i")[0] for line in codes[:count]),
-        tuple(line.fields("wi")[1] for line in rows[1:] if line.lettered),
+        tuple(line.fields("i")[0] for line in codes),
+        tuple(line.fields("wi")[1] for line in rows if line.lettered),
         tuple(head),
-        rows[0],
-        tuple(codes[:count]),
+        first,
+        tuple(codes),
     )
 
 

@@ -553,9 +553,7 @@ def _member(line: Line, word: str, paired: bool) -> tuple[int, int]:
 
 _NODAL = re.compile(r"nodal\b", re.IGNORECASE)
 _FORMULA = "3"
-_MEMBERSHIP_IN_MESH = "2"
 _BEFORE_SET = 4  # lines of a condition before its set, at least
-_CAD_BODY = 6  # numbers before the names of a body
 
 
 def condition_name(line: Line) -> str:
@@ -576,33 +574,6 @@ def _in_condition(data: Sequence[Line], _line: Line) -> bool:
     return False
 
 
-def _in_displacement(data: Sequence[Line], line: Line) -> bool:
-    """A set's name, with degrees of freedom before it too."""
-    before = data[-_BEFORE_SET - 1 : -_BEFORE_SET]
-    return any(map(condition_name, before)) and _in_condition(data, line)
-
-
-def _in_geometry(data: Sequence[Line], _line: Line) -> bool:
-    """A geometry's name: it follows numbers, since input version 12 or so."""
-    if len(data) < 2 or count_integers(data[-1].text, data[-1].layout) < 2:
-        return False
-    return cut(data[0].text, data[0].layout, "iii")[2] == _MEMBERSHIP_IN_MESH
-
-
-def _in_cad_bodies(data: Sequence[Line], _line: Line) -> bool:
-    """The two names after a body's numbers: its own and its file's."""
-    if len(data) < 2:
-        return False
-    if count_integers(data[-1].text, data[-1].layout) == _CAD_BODY:
-        return True
-    return data[-1].lettered and not data[-2].lettered
-
-
-def _in_define(data: Sequence[Line], _line: Line) -> bool:
-    """The first line of a list: every set has one, if only an empty line."""
-    return not data
-
-
 def _in_table(data: Sequence[Line], _line: Line) -> bool:
     """A formula: the value of a table can be one."""
     if len(data) < 2 or any(line.lettered for line in data):
@@ -617,10 +588,6 @@ def _in_post(_data: Sequence[Line], line: Line) -> bool:
 
 _RULES: dict[str, Callable[[Sequence[Line], Line], bool]] = {
     **dict.fromkeys(CONDITIONS, _in_condition),
-    "cad bodies": _in_cad_bodies,
-    "define": _in_define,
-    "fixed disp": _in_displacement,
-    "geometry": _in_geometry,
     "post": _in_post,
     "table": _in_table,
 }

@@ -182,8 +182,7 @@ def _uses(deck: MarcDeck) -> Iterator[_Use]:
     """All uses of tables that the grammar can see."""
     for each in deck.conditions():
         displacement = each.family == FIXED_DISPLACEMENT
-        directions = each.directions or (0,) * len(each.values)
-        for value, table, direction in zip(each.values, each.tables, directions, strict=True):
+        for value, table, direction in each.drives:
             if table and (value or not displacement):
                 what = f"`{each.family}` {each.name!r}"
                 if turns := direction > TRANSLATIONS:
@@ -191,7 +190,7 @@ def _uses(deck: MarcDeck) -> Iterator[_Use]:
                 moves = displacement and not turns
                 yield _Use(table, value, what, moves, each.name, each.line, each.where)
     for body in deck.bodies():
-        for row, (value, table) in enumerate(zip(body.motion, body.tables, strict=True)):
+        for row, (value, table) in enumerate(body.drives):
             if table and value:
                 moves = body.control == POSITION and row < TRANSLATIONS
                 what = f"contact body {body.name!r}"
@@ -199,12 +198,6 @@ def _uses(deck: MarcDeck) -> Iterator[_Use]:
                     manner = "rotation" if row >= TRANSLATIONS else "velocity or load"
                     what = f"the {manner} of {what}"
                 yield _Use(table, value, what, moves, "", body.line)
-    for material in deck.materials():
-        for table in filter(None, material.tables):
-            yield _Use(table, 1.0, f"material {material.name!r}", False, "", material.line)
-    for touch in deck.interactions():
-        for table in filter(None, touch.tables):
-            yield _Use(table, 1.0, f"contact interaction {touch.name!r}", False, "", touch.line)
 
 
 def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
@@ -333,7 +326,7 @@ def _standing(deck: MarcDeck, table: MarcTable, drives: _Uses, chosen: _Chosen) 
         if each.family == FIXED_DISPLACEMENT and each.name in active and each.where in sets:
             words = f"`{each.family}` {each.name!r} moves {each.where!r} in a load case before, so "
             words += f"where {chosen.words} finds it is not known; drive it by one table in both"
-            each.line.check(not any(each.values), words)
+            each.line.check(not any(value for value, _, _ in each.drives), words)
     return None
 
 

@@ -29,7 +29,7 @@ def test_every_line_is_in_one_option_and_none_is_unknown(built):
     assert first["auto load"] is first["continue"] is Section.HISTORY
     assert (deck.remarks, deck.version) == ((), 15)
     finger, other = deck.bodies()
-    motion = (other.control, other.motion[1], other.tables[1])
+    motion = (other.control, *other.drives[1])
     assert (finger.name, finger.kind, other.name) == ("finger", 1, "probe")
     assert motion == ((POSITION, -1.0, 1) if probe == "rigid" else (0, 0.0, 0))
     parts = [*model.layers, *([model.probe] if probe == "meshed" else [])]
