@@ -1,4 +1,4 @@
-"""The probe: a rigid body of quadrilaterals whose every node is moved alike.
+"""The probe: a rigid body of quadrilaterals whose every node has the same motion.
 
 Its lower side is a polyline, fine beside the skin's elements; towards the inside
 a single row of quads gives it a surface that a solver can find.

@@ -54,7 +54,7 @@ REST_MS = 50.0
 """Before a ramp the probe stands for so long, behind it for twice as long."""
 
 MIN_BAND_HZ = 1.0
-"""Least low cutoff and least width of a noise band: less than that cannot be told
+"""Least low cutoff and least width of a noise band: less than that cannot be distinguished
 from no noise at all in 250 ms."""
 
 SINE_AMPLITUDES_UM: dict[float, tuple[float, ...]] = {

@@ -361,7 +361,7 @@ def encode(
     traces
         Each with the class of its afferent, in any even step; or their table, a DataFrame
         or a path: ``time_ms, afferent, node, von_mises_pa``, with ``unit`` or ``stimulus``
-        where these tell them apart; or a folder of `simulate`, its ``traces.npz``, a run
+        where these distinguish them; or a folder of `simulate`, its ``traces.npz``, a run
         folder. `repeat` numbers the cells of a population from 1, and is 0 for one cell.
         Where a class has several units, ``unit`` is a column of the result.
     parameters

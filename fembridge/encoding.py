@@ -122,7 +122,7 @@ def traces_to_encode(
         key = (trace.stimulus or name, afferent, unit)
         if key in names:
             raise UsageError(
-                f"two traces of {' '.join(filter(None, key))}: a column unit tells them apart"
+                f"two traces of {' '.join(filter(None, key))}: a column unit distinguishes them"
             )
         names.add(key)
         step_ms, stress_pa = parameters[afferent].dt_ms, trace.stress_pa

@@ -281,7 +281,7 @@ def rank_regressions(
     x = _standardised(value)
     for row, column in np.argwhere(np.tril(np.abs(x.T @ x) / fingers > 1 - _SINGULAR, k=-1)):
         both = " and ".join(swept.parameters.columns[[column, row]])
-        raise UsageError(f"{both} rise and fall together: their effects cannot be told apart")
+        raise UsageError(f"{both} rise and fall together: their effects cannot be separated")
     coefficient, r_squared = _fitted(value, answer)
     rows = np.random.default_rng(seed).integers(fingers, size=(resamples, fingers))
     drawn, _ = _fitted(value[rows], answer[rows])

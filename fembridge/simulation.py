@@ -327,11 +327,11 @@ def fired(
 ) -> list[list[FloatArray]]:
     """Spike times in ms of each cell of each trace; traces of one length are one batch."""
     found: dict[int, list[FloatArray]] = {}
-    alike: dict[tuple[int, float, float], dict[str, list[int]]] = {}
+    by_grid: dict[tuple[int, float, float], dict[str, list[int]]] = {}
     for row, trace in enumerate(traces):
-        batch = alike.setdefault((trace.stress_pa.size, trace.dt_ms, trace.start_ms), {})
+        batch = by_grid.setdefault((trace.stress_pa.size, trace.dt_ms, trace.start_ms), {})
         batch.setdefault(str(trace.afferent), []).append(row)
-    for (_, dt_ms, start_ms), classes in alike.items():
+    for (_, dt_ms, start_ms), classes in by_grid.items():
         stress_pa = {
             name: np.stack([traces[row].stress_pa for row in rows], -1)
             for name, rows in classes.items()

@@ -321,9 +321,9 @@ def _wav(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float |
             raise ValueError(f"{samples.shape} samples every second {rate_hz}, expected mono")
     except Exception as error:  # whatever a damaged header makes of the parser
         raise StimulusError(f"not a WAV: {_short(error)}") from error
-    told = _SCALE.search(content)
+    stated = _SCALE.search(content)
     try:
-        scale_um = full_scale_um or float(told[1]) if told else full_scale_um
+        scale_um = full_scale_um or float(stated[1]) if stated else full_scale_um
     except ValueError:
         scale_um = None
     if scale_um is None or not 0 < scale_um < np.inf:

@@ -148,12 +148,12 @@ def read_traces(
             if file.read(1) not in b"\r\n":
                 log(f"{source}: no line end behind the last number, which may be cut")
     (time,), values = (asked.get(key, [default]) for key, default in _DEFAULTS.items())
-    told: set[str] = set()
+    said: set[str] = set()
 
     def say(line: str) -> None:
-        if log is not None and line not in told:
+        if log is not None and line not in said:
             log(f"{source if isinstance(source, Path) else 'traces'}: {line}")
-        told.add(line)
+        said.add(line)
 
     to_ms = ms_per(time, "time_ms" in names, say)
     traces = Traces(origin=_origin_of(source, log) if isinstance(source, Path) else None)

@@ -47,7 +47,7 @@ from neural.parameters import (
 )
 
 # Cells of the models whose rates are means over a population: a recorded mean has
-# steps of a fifth of an impulse, as far as cells fire alike.
+# steps of a fifth of an impulse, as far as cells fire equally.
 CELLS = 5
 
 # Those of the shipped models: cells of one step at 300 Hz are 30 impulses/s apart, not 60,
@@ -269,7 +269,7 @@ _ROWS = (
             model,
             name="energy",
             quantity="energy",
-            reason="does strain energy density, held to drive SA, tell more than von Mises "
+            reason="does strain energy density, held to drive SA, explain more than von Mises "
             "stress? σ is the uniaxial stress of equal strain energy, √(2EW)",
         )
         for model in _PUBLISHED

@@ -66,7 +66,7 @@ def encode_units(
         ``(unit,)``: how much less sensitive than the median, see the module; None: 0.
     trials, noise_mv, rng
         How often, with how much noise: the standard deviation that it would give the
-        potential in 1 ms without leak. 0 makes all trials alike.
+        potential in 1 ms without leak. 0 makes all trials equal.
 
     Raises
     ------

@@ -108,7 +108,7 @@ def rebase_inp(
     abaqus, binary = kind == "abaqus", request.results != "text"
     deck = read_inp(data, abaqus=abaqus, resolver=resolver)
     drive = find_drive(deck, request)
-    units, told = _units(deck, request)
+    units, stated = _units(deck, request)
     scopes = scopes_of(deck)
     places: dict[str, Place] = {}
     if request.afferents:
@@ -118,8 +118,8 @@ def rebase_inp(
     remarks = [f"read as a deck for {'Abaqus' if abaqus else 'CalculiX'}"]
     if sign is not None:
         remarks = [f"line {sign.line}: {sign.title}: {remarks[0]}"]
-    remarks += told
-    by_heading = bool(told) and request.length_unit is None
+    remarks += stated
+    by_heading = bool(stated) and request.length_unit is None
     remarks += too_far(motion, size_of(deck) * units.length_mm, units, by_heading)
     automatic = request.increments == "automatic"
     if not abaqus:
@@ -277,14 +277,14 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
         moved = [row for row in rows if row.start in ours]
         said = [
             f"{push.what}, {push.axis}, {push.axis}, {push.magnitude:g}."
-            if push.turned
+            if push.by_request
             else block.text.data[row.start : row.stop].strip().decode("latin-1")
             for row in moved
             for push in mine[:1]
         ]
         if len(moved) == len(rows):
             edits.append(with_option(block, block.option("AMPLITUDE"), use))
-            if mine[0].turned:
+            if mine[0].by_request:
                 edits += in_place_of(block, moved, said)
             continue
         edits += map(gone, moved)

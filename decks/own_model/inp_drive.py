@@ -79,7 +79,7 @@ class Step:
 class Push:
     """A line `row` of `block` that prescribes `magnitude` along `axis` of a set or node.
 
-    `turned` where the request gives the direction and the line another one, or none.
+    `by_request` where the request gives the direction and the line another one, or none.
     """
 
     block: Block
@@ -87,7 +87,7 @@ class Push:
     what: str
     axis: int
     magnitude: float
-    turned: bool = False
+    by_request: bool = False
 
     @property
     def where(self) -> str:
@@ -212,7 +212,7 @@ def _only_one(step: Step, found: list[Push], able: list[tuple[Step, Push]], sign
             f"several displacements: {_listed(able)}; name one: --move {found[0].name}"
         )
     if sign and sign != np.sign(push.magnitude):
-        push = replace(push, magnitude=float(sign), turned=True)
+        push = replace(push, magnitude=float(sign), by_request=True)
     if push.magnitude == 0:
         raise DeckError(
             f"{push.where}: {push.name} is held at 0, which gives no direction; write "

@@ -79,7 +79,7 @@ class Scope:
     instance: str
     blocks: tuple[Block, ...]
     shift: tuple[float, ...] = (0.0, 0.0, 0.0)
-    turned: str = ""
+    rotated: str = ""
 
 
 def output_edits(
@@ -348,8 +348,8 @@ def _instance(block: Block, parts: dict[str, list[Block]], own: list[Block]) -> 
     name = said.strip().decode("latin-1")
     rows = list(block.rows())
     shift = tuple(rows[0].number(one, blank=0.0) for one in range(3)) if rows else (0.0,) * 3
-    turned = rows[1].where if len(rows) > 1 else ""
-    return Scope(name, (*parts.get(part, ()), *own), shift, turned)
+    rotated = rows[1].where if len(rows) > 1 else ""
+    return Scope(name, (*parts.get(part, ()), *own), shift, rotated)
 
 
 def find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[Place]:
@@ -396,9 +396,9 @@ def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, Place]:
                 raise DeckError(f"{row.where}: node {node} again, elsewhere than at {before.where}")
             found[node] = place
     moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
-    if found and (moved or scope.turned):
+    if found and (moved or scope.rotated):
         raise DeckError(
-            f"{(moved or [scope.turned])[0]}: turns or moves the nodes of "
+            f"{(moved or [scope.rotated])[0]}: rotates or moves the nodes of "
             f"{scope.instance or 'the deck'}, and where they come to lie is not worked out; "
             "write them in global coordinates"
         )

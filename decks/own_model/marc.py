@@ -97,7 +97,7 @@ def rebase_marc(
         remarks.append(f"one length unit of the deck is {units.length_mm:g} mm")
     position = deck.coordinates.position
     size = float(np.ptp(position, axis=0).max()) if position.size else 0.0
-    remarks += too_far(motion, size * units.length_mm, units, told=False)
+    remarks += too_far(motion, size * units.length_mm, units, by_heading=False)
     stands = _standing(deck, table, drives, chosen)
     remarks += _set_points(edits, table, motion, chosen, units.length_mm * factor, stands)
     remarks += _set_increments(edits, deck, chosen, motion)

@@ -100,7 +100,7 @@ class Rebased:
     units: UnitSystem = MM
 
 
-def too_far(motion: Motion, size_mm: float, units: UnitSystem, told: bool) -> list[str]:
+def too_far(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
     """A remark where a waveform or a model is of no size that both can have."""
     reach_mm = float(motion.depth_mm.max() - motion.depth_mm.min())
     if size_mm > 0 and reach_mm > size_mm:
@@ -109,5 +109,5 @@ def too_far(motion: Motion, size_mm: float, units: UnitSystem, told: bool) -> li
         found = f"the model is {size_mm / _BIG_MM:g} m big"
     else:
         return []
-    hint = "as its heading says" if told else "--length-unit names it"
+    hint = "as its heading says" if by_heading else "--length-unit names it"
     return [f"{found}: is its unit of length {units.length_unit}? ({hint})"]

@@ -2,7 +2,7 @@
 
 Takes stress from
   a table  time_ms,afferent,node,von_mises_pa, as `fembridge ingest` writes it: any number
-           of traces of SA, RA and PC afferents, told apart by node, unit or stimulus
+           of traces of SA, RA and PC afferents, distinguished by node, unit or stimulus
            (columns of these names); with --columns a table of another kind
   a folder of `fembridge simulate`, or its traces.npz; a run folder with results
 in any even step, and writes into the output folder

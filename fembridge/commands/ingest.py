@@ -373,7 +373,7 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
     for partial in dict.fromkeys((result.options.partial, True)):
         options = replace(result.options, partial=partial, log=None)
         try:
-            number, across, found = replace(result, options=options).telling_node()
+            number, across, found = replace(result, options=options).largest_node()
         except FembridgeError as error:
             problem = problem or str(error)
             continue

@@ -27,7 +27,7 @@ _TABLES = (".csv", ".md")
 _PREINDENT: tuple[str, str, dict[str, Any]] = (
     "--preindent-um",
     "depth of the probe before time 0, where no simulation.toml or run.toml is beside the "
-    "table to tell it",
+    "table that has it",
     {"type": float, "metavar": "DEPTH"},
 )
 _FILE: dict[str, Any] = {"type": Path, "metavar": "FILE|DIR"}

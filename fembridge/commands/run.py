@@ -2,7 +2,7 @@
 
 A run is accepted when the solver reports no error, left no part of the deck
 out, converged at the end of the run, and closed its result file; the exit code
-alone proves nothing. What it leaves out of your own deck is told, and the run
+alone proves nothing. What it leaves out of your own deck is named, and the run
 accepted. Accepted results are beside the deck with solver.toml, which says what
 they answer and cost. A run that is not accepted leaves its files and the cause
 in failed/ and touches no earlier result. A folder whose results are whole and

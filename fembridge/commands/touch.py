@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Z"),
         help="where its middle is at first, across and along the finger (default: 0 0)",
     )
-    what.add_argument("--angle-deg", type=float, default=0.0, help="how far it is turned")
+    what.add_argument("--angle-deg", type=float, default=0.0, help="how far it is rotated")
     what.add_argument("--pixel-mm", type=float, metavar="MM", help="of a height map")
     what.add_argument(
         "--relief-mm",

@@ -183,7 +183,7 @@ def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, 
 
 
 def _linear(knots: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Values ``(S, ...)`` at rising `knots`, linear between them: what an eye can tell."""
+    """Values ``(S, ...)`` at rising `knots`, linear between them: enough for the eye."""
     low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = (at - knots[low]) / (knots[low + 1] - knots[low])
     return np.asarray(values[low] + (values[low + 1] - values[low]) * share[:, None, None])

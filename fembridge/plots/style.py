@@ -1,7 +1,7 @@
 """The one style of every picture: colours, sizes, plain axes, and how a file is saved.
 
 The class colours are those of Okabe and Ito (2008), which people with any common
-colour blindness tell apart; green, blue and orange for SA, RA and PC is the custom
+colour blindness distinguish; green, blue and orange for SA, RA and PC is the custom
 of the field. The fills of a finger's layers are muted, so that afferents stand out on
 all of them. Layers that touch differ in lightness, not in hue alone: they stay apart in
 print without colour. Their hues are those of histology where they can be.

@@ -99,14 +99,14 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
 
 
 def strongest_tradeoff(errors: FloatArray) -> tuple[int, int]:
-    """The two columns of ``(candidate, group)`` that rank candidates least alike.
+    """The two columns of ``(candidate, group)`` that rank candidates most differently.
 
     The least rank correlation; the first of equals. Two groups or more.
     """
     ranks = errors.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable")
     centred = ranks - ranks.mean(axis=0)
-    alike = centred.T @ centred
-    return min(combinations(range(errors.shape[1]), 2), key=lambda pair: alike[pair])
+    products = centred.T @ centred
+    return min(combinations(range(errors.shape[1]), 2), key=lambda pair: products[pair])
 
 
 def _draw_lines(panel: "Axes", fit: Fit) -> None:

@@ -1,6 +1,6 @@
 """Study: how the stress at the afferents converges with the mesh, and to what.
 
-A family of meshes made alike: every width of the `paper` finger's resolution times a
+A family of meshes made in one way: every width of the `paper` finger's resolution times a
 factor, every number of rows divided by it. `quick` is no member: it is finest where
 the afferents are. The afferents' nodes are at the same point on all meshes.
 """

@@ -22,7 +22,7 @@ MATERIAL = TABLE_1["dermis"]
 SMALL = np.array([[2e-3, -1e-3], [4e-3, 1.5e-3]])
 LARGE = np.array([[0.20, -0.10], [0.15, -0.25]])
 BOUND = 1.0e-6
-# Five quads, none a parallelogram: one within a rectangle, turned and shifted.
+# Five quads, none a parallelogram: one within a rectangle, rotated and shifted.
 _DISTORTED = Mesh(
     np.array(
         [

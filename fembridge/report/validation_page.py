@@ -148,7 +148,7 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         tables=_threshold_frames(study),
         half_mm=float(half_mm),
         convergence=_convergence_frame(study),
-        told=study.evidence.sources,
+        cited=study.evidence.sources,
         unlike=study.judged.unlike(study.response),
         held_out=_held_out_frame(study),
         timing=_timing_frame(study),

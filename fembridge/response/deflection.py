@@ -86,7 +86,7 @@ _UM_PER_MM, _MM_PER_UM = 1000.0, 1.0e-3
 
 # The skin under the probe follows it, less what the penalty springs give.
 FOLLOWED = (0.95, 1.01)
-# Both sides of a symmetric finger go down alike, to this share of the depth.
+# Both sides of a symmetric finger go down equally, to this share of the depth.
 _UNLIKE_SHARE = 0.01
 # No step down makes the force smaller by more than this share of the last one.
 _FORCE_DIP_SHARE = 0.02
@@ -347,7 +347,7 @@ def convergence(deflections: Sequence[Deflection]) -> tuple[ConvergenceRow, ...]
     """Compare the deflections at `COMPARED_MM` in mm, and the force in N/mm.
 
     They are of two meshes or more and one depth. The element width goes with the number
-    of elements to the power -1/2, since the meshes are made alike.
+    of elements to the power -1/2, since the meshes are made in one way.
     """
     meshes = sorted(deflections, key=lambda mesh: mesh.elements)
     quantities = {

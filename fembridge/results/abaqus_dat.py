@@ -122,7 +122,7 @@ class _Clock:
     before_s: float = 0.0
     now_s: float = 0.0
 
-    def hear(self, line: str) -> bool:
+    def reads(self, line: str) -> bool:
         """Whether `line` was about time."""
         if found := _INCREMENT.fullmatch(line):
             self.increment = int(found[1])
@@ -227,7 +227,7 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
     clock, table, at = _Clock(), None, 0
     for number, line, ended in text_lines(path):
         text = line.strip()
-        if _ENDED in line or clock.hear(line) or _TABLE in line:
+        if _ENDED in line or clock.reads(line) or _TABLE in line:
             if table is not None:
                 yield table, at, True
             table = None

@@ -922,8 +922,8 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
         while same and done < records and at + width <= file.size:
             some = min(look, records - done, CHUNK_BYTES // width, (file.size - at) // width)
             words = np.frombuffer(file.take(at, some * width), "<i4").reshape(some, -1)
-            alike = words[:, 1] == kind
-            same = some if alike.all() else int(np.argmin(alike))
+            of_kind = words[:, 1] == kind
+            same = some if of_kind.all() else int(np.argmin(of_kind))
             if same:
                 rows = words[:same].astype(np.int64)
                 at, done = at + same * width, done + same
@@ -1028,7 +1028,7 @@ def _at_nodes(
     rows = np.empty(0, dtype=np.int64)
     heads = np.empty((0, 0), dtype=np.uint8)
     form: tuple[object, ...] = ()
-    alike: dict[tuple[object, ...], list[tuple[int, Characters]]] = {}
+    by_form: dict[tuple[object, ...], list[tuple[int, Characters]]] = {}
     for at, block in enumerate(blocks):
         before, form = form, (block.flag, block.record_bytes, block.components, block.free)
         columns = [block.components.index(name) for name in names]
@@ -1046,8 +1046,8 @@ def _at_nodes(
                 continue
             found = _gather(file, block, rows)
             heads = found[:, :head]
-        alike.setdefault(form, []).append((at, found))
-    for taken in alike.values():
+        by_form.setdefault(form, []).append((at, found))
+    for taken in by_form.values():
         places, tables = zip(*taken, strict=True)
         of = [blocks[at] for at in places]
         columns = [of[0].components.index(name) for name in names]

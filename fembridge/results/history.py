@@ -294,12 +294,12 @@ def one_axis(name: str, axes: Sequence[str], modes: bool, options: ReadOptions) 
 def of_samples(samples: Sequence[tuple[int, FloatArray]]) -> History:
     """Von Mises stress of nodes, each with its ``(time_ms, stress_pa)`` samples ``(T, 2)``."""
     times_ms = samples[0][1][:, 0]
-    alike = all(np.array_equal(one[:, 0], times_ms) for _, one in samples)
-    if not alike:
+    same_times = all(np.array_equal(one[:, 0], times_ms) for _, one in samples)
+    if not same_times:
         times_ms = np.unique(np.concatenate([one[:, 0] for _, one in samples]))
     values = np.full((times_ms.size, len(samples), 1), np.nan)
     for column, (_, one) in enumerate(samples):
-        rows = slice(None) if alike else np.searchsorted(times_ms, one[:, 0])
+        rows = slice(None) if same_times else np.searchsorted(times_ms, one[:, 0])
         values[rows, column, 0] = one[:, 1]
     return History.of_stress(tuple(node for node, _ in samples), times_ms, values)
 

@@ -23,7 +23,7 @@ from fembridge.results.marc_post import PostMesh
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
-UNKNOWN_LAYERS = "the file does not tell the materials of its elements"
+UNKNOWN_LAYERS = "the file does not hold the materials of its elements"
 _LARGEST_DECK_BYTES = 200_000_000
 _KINDS = {
     "quad4": "qu4", "quad8": "qu8", "tri3": "tr3", "tri6": "tr6", "hex8": "he8",

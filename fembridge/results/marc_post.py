@@ -366,7 +366,7 @@ class PostFile:
         """Read a block; one that can be left out and is not built as known is, and said."""
         records = self._records
         start, kept = records.at, len(records.free)
-        also = "" if target is self._model else ", also in increments built alike"
+        also = "" if target is self._model else ", also in increments built in the same way"
         said = self._lost if base in _VALUES else self.remarks
         try:
             read(records, target)
@@ -518,7 +518,7 @@ class _Place:
     """A place `at` in the file, moved on by what is read there.
 
     `free` collects the stretches (first, last + 1) that hold values: what is between them is
-    the same in all increments that are built alike.
+    the same in all increments that are built in the same way.
     """
 
     def __init__(self, file: ByteFile) -> None:
@@ -591,7 +591,7 @@ class _BinaryRecords(_Place):
         return found
 
     def table(self, rows: int, integers: int, reals: int) -> _Tables:
-        """Skip `rows` records alike: where their `integers` and `reals` are; None for none."""
+        """Skip `rows` equal records: where their `integers` and `reals` are; None for none."""
         if rows == 0 or integers + reals == 0:
             return None, None
         start, payload = self.at, self._record()
@@ -984,7 +984,7 @@ class _Layout:
     """Where the parts of an increment are that begins at byte `start`.
 
     `integers` and `reals` are its verification data; a quantity of `nodal` has None where
-    the file has no data. Increments of a run are alike to the byte, but for their values:
+    the file has no data. Increments of a run are equal to the byte, but for their values:
     one layout serves all.
     """
 

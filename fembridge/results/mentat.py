@@ -7,7 +7,7 @@ A history or path plot, saved as text or copied out of a table::
     0.0005  <tab> 205.897
 
 Mentat describes none of its layouts. Known from real files is the one above, as it was
-copied from Mentat 2014 (there over strain); programs that read others tell of a header of
+copied from Mentat 2014 (there over strain); programs that read others report a header of
 some lines over two columns, and of an index before the columns. So a table is consecutive
 lines with the same count of numbers: the longest, and all others as wide. Names come from
 the line above that has one cell between tabs for each column. What has no name stays

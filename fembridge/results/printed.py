@@ -332,8 +332,8 @@ def _filled(
     labels = [np.empty((0, names), dtype=np.int64)]
     values: list[FloatArray] = []
     for number, piece in pieces:
-        alike = None if isinstance(piece, str) or not count else _alike(piece, section, count)
-        if alike is None:
+        regular = None if isinstance(piece, str) or not count else _regular(piece, section, count)
+        if regular is None:
             text = piece if isinstance(piece, str) else piece.tobytes().decode("latin-1")
             rows = []
             for at, line in enumerate(text.splitlines()):
@@ -344,14 +344,14 @@ def _filled(
                         raise ResultError(problem, path, number + at)
                     count = len(rows[-1][1])
             found = [row for row in rows if row is not None]
-            alike = np.array([row[0] for row in found]), np.array([row[1] for row in found])
-        labels.append(alike[0].astype(np.int64).reshape(len(alike[1]), names))
-        values.append(alike[1].reshape(-1, count or 1))
+            regular = np.array([row[0] for row in found]), np.array([row[1] for row in found])
+        labels.append(regular[0].astype(np.int64).reshape(len(regular[1]), names))
+        values.append(regular[1].reshape(-1, count or 1))
     together = np.concatenate(values) if values else np.empty((0, 1))
     return section.filled(np.concatenate(labels), together)
 
 
-def _alike(
+def _regular(
     records: Characters, section: DatSection, count: int
 ) -> tuple[IntArray, FloatArray] | None:
     """Labels and values of records with `count` numbers of the usual form each; else None."""

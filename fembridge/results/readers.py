@@ -184,13 +184,13 @@ def units_of(
             run = read_run_folder(path.parent)
     if run is not None:  # settled when its deck was built, heading and all
         return stress_unit or run.stress_unit, length_unit or run.length_unit
-    held, told = LENGTH_UNITS.get(length_unit or "mm", MM), None
+    held, stated = LENGTH_UNITS.get(length_unit or "mm", MM), None
     if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
         with ByteFile(path) as file:
-            told = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
-    held = told or held
-    if told is not None and log is not None:
-        log(f"the heading names the unit system {told}")
+            stated = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
+    held = stated or held
+    if stated is not None and log is not None:
+        log(f"the heading names the unit system {stated}")
     return stress_unit or held.stress_unit, length_unit or held.length_unit
 
 

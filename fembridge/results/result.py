@@ -140,7 +140,7 @@ class Result:
         except TraceError as error:
             raise ResultError(str(error), self.path) from error
 
-    def telling_node(self) -> tuple[int, bool, History]:
+    def largest_node(self) -> tuple[int, bool, History]:
         """The node where what is taken by default is largest at the end, and its history.
 
         Inside one material where there is such a node; whether it is not comes second.

@@ -2,7 +2,7 @@
 
 A tensor is six components in the order of a ``.frd``: xx, yy, zz, xy, yz, zx.
 The trap: a ``.dat`` prints xx, yy, zz, xy, xz, yz. Von Mises stress does not
-tell the two apart (the shears enter alike), everything else does; the ``.dat``
+distinguish the two (the shears enter in the same way), everything else does; the ``.dat``
 reader reorders, so that downstream there is one order.
 
 The shears of a strain are tensor components, half the engineering angle: so

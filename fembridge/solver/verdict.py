@@ -275,7 +275,7 @@ def judge(work: Path, run: RunFolder, exit_code: int, log: SolverLog) -> Failure
     except ResultError as error:
         made, unread = [], str(error)
     failure = _from_log(work, run, log, made) or _from_exit(work, exit_code, log)
-    # ccx does to someone's own deck what it always does to it: that is told, and no more.
+    # ccx does to someone's own deck what it always does to it: that is a remark, and no more.
     if failure is None and log.dropped and "base_deck" not in run.inputs:
         line = _line(log.dropped, work / f"{JOB}.inp")
         failure = Failure(Cause.CARD_DROPPED, _quoted(log.dropped), deck_line=line)

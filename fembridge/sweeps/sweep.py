@@ -203,7 +203,7 @@ def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict
 
 
 def _label(study: Study, variant: Variant, probe: Probe, asked: Asked) -> str:
-    """What tells a response from the others of the study, and no more."""
+    """What distinguishes a response from the others of the study, and no more."""
     words = [str(variant)]
     if len(study.probes) > 1:
         words.append(f"{probe.shape} {probe.diameter_mm:g} mm at x = {probe.x_mm:g} mm")

@@ -12,7 +12,7 @@ pivoting, Júdice & Pires 1994). From one step of a touch to the next few nodes 
 the inverse over the nodes in contact is kept and changed by them alone.
 
 Where skin slips along a shape that moves over it, friction drags each node by ``mu f_n``
-in that direction, and C is that of both: no longer symmetric, solved alike.
+in that direction, and C is that of both: no longer symmetric, solved in the same way.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from fembridge.touching.shape import Shape
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # Forces below this share of the largest are rounding; nodes may be inside the shape by
-# this share of its depth, a nanometre or so: what single precision tells.
+# this share of its depth, a nanometre or so: what single precision resolves.
 _TOLERANCE = 1e-10
 _INSIDE = 1e-5
 # Under a force, so many nodes are first taken to touch: those nearest the shape.

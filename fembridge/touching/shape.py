@@ -2,7 +2,7 @@
 
 Seen from above the finger, x is to the right and z towards the tip. A shape's height is
 0 where it is lowest, rises from there and is infinite where there is no shape; its middle
-is at the origin until it is `turned` or `moved`. Edges rise at 45 degrees, as they do on
+is at the origin until it is `rotated` or `moved`. Edges rise at 45 degrees, as they do on
 embossed plates.
 
 A word is a shape's name and its sizes, ``bar:width_mm=1,length_mm=8``.
@@ -63,8 +63,8 @@ class Shape:
         """The shape, that way further."""
         return replace(self, x_mm=self.x_mm + x_mm, z_mm=self.z_mm + z_mm)
 
-    def turned(self, angle_deg: float) -> "Shape":
-        """The shape, turned about its middle, counter-clockwise."""
+    def rotated(self, angle_deg: float) -> "Shape":
+        """The shape, rotated about its middle, counter-clockwise."""
         return replace(self, angle_deg=self.angle_deg + angle_deg)
 
     # ---- Shapes
@@ -86,7 +86,7 @@ class Shape:
 
     @classmethod
     def cylinder(cls, diameter_mm: float = 5.0, length_mm: float = math.inf) -> "Shape":
-        """A rod that lies along the finger; turned by 90 degrees, across it."""
+        """A rod that lies along the finger; rotated by 90 degrees, across it."""
         _check(diameter_mm=diameter_mm)
         half_mm = 0.5 * length_mm
 

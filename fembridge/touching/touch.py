@@ -196,7 +196,7 @@ def touch(
     pins
         In place of a shape, a table ``x_mm,z_mm,diameter_mm,stimulus``.
     at_mm, angle_deg
-        Where the shape's middle is at first, and how far it is turned.
+        Where the shape's middle is at first, and how far it is rotated.
     population
         A `Population`, ``fingertip``, ``grid``, ``line``, ``one_each``, or a table.
     endings_mm
@@ -253,7 +253,7 @@ def touch(
         return touch_pins(skin, array, units, chosen.parameters, **common)
     if not isinstance(shape, Shape):
         shape = shape_named(shape, pixel_mm, relief_mm, log)
-    shape = shape.turned(angle_deg).moved(*at_mm)
+    shape = shape.rotated(angle_deg).moved(*at_mm)
     way = way_of(
         stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,
         duration_ms, path, depth_um, log,

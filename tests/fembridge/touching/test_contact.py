@@ -73,7 +73,7 @@ def test_a_sphere_on_a_half_space_is_hertz():
         Shape.punch(1.0),
         Shape.sphere(8.0).moved(1.0, 2.0),
         Shape.plate(),
-        Shape.grating(1.0, 1.0).turned(30.0),
+        Shape.grating(1.0, 1.0).rotated(30.0),
         Shape.braille("b"),
     ],
     ids=lambda shape: shape.name,

@@ -20,7 +20,7 @@ def test_heights_are_those_of_the_body():
     assert_allclose(heights(Shape.cylinder(2.0), (0.6, 50.0)), [0.2])
     bar = Shape.bar(width_mm=1.0, length_mm=6.0)
     assert_allclose(heights(bar, (2.9, 0.4), (0, 0.8), (3.3, 0.9)), [0, 0.3, 0.5])
-    assert_allclose(heights(bar.turned(90.0), (0.4, 2.9), (0.8, 0)), [0, 0.3], atol=1e-12)
+    assert_allclose(heights(bar.rotated(90.0), (0.4, 2.9), (0.8, 0)), [0, 0.3], atol=1e-12)
     assert_allclose(heights(bar.moved(1.0, 2.0), (3.9, 2.4)), [0], atol=1e-12)
     assert_allclose(heights(Shape.edge(), (3, 1), (3, -0.2)), [0, 0.2])
     grating = Shape.grating(groove_mm=2.0, ridge_mm=1.0, relief_mm=0.8)

@@ -279,7 +279,7 @@ def test_a_file_that_tells_no_layers_is_read_and_that_is_said(two_layers, write_
     said = []
     mean = (2 * SOFT_MPA + 2 * STIFF_MPA) / 4
     assert last_mpa(path, BETWEEN, log=said.append) == pytest.approx(mean)
-    assert "the file does not tell the materials of its elements" in said
+    assert "the file does not hold the materials of its elements" in said
 
 
 def extended(*values):
