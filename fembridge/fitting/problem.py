@@ -21,6 +21,7 @@ from fembridge.evidence import CRITERIA
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.response.transients import RESPONSE_FOLDER
+from fembridge.stimulus import Stimulus
 from fembridge.store import sha256_of
 from fembridge.tables import SpikeTrain
 from fembridge.tuning import vibration
@@ -130,18 +131,12 @@ def fit_problem(
             f"{' or '.join(families)}, only of {', '.join(sorted(known))}: "
             f"{observed.path}"
         )
-    classes = [place.afferent for place in response.places]
-    if model.afferent not in classes:
-        raise ResponseError(f"no {model.afferent} in the response, only {', '.join(classes)}")
-    column = classes.index(model.afferent)
-    models = {model.afferent: model}
     stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]
-    traces = [response.traces(each, models)[column] for each in stimuli]
     names, rate_ips = observed.of(model.afferent)
     by_name = dict(zip(names, rate_ips.tolist(), strict=True))
     return FitProblem(
         model=model,
-        stress_pa=np.stack([trace.stress_pa for trace in traces], -1),
+        stress_pa=response.stress_pa(model, stimuli),
         observed_ips=np.array([by_name[entry.id] for entry in entries]),
         groups=tuple(map(group_of, entries)),
         windows_ms=tuple(entry.window_ms for entry in entries),
@@ -171,27 +166,22 @@ def threshold_target(
     ]
     if mine.empty:
         return None
-    column = [place.afferent for place in response.places].index(model.afferent)
-    stress, levels, needed, windows = [], [], [], []
+    waves: list[Stimulus] = []
+    levels, needed, windows = [], [], []
     for criterion, frequency_hz, amplitude_um in zip(
         mine["criterion"], mine["frequency_hz"], mine["amplitude_um"], strict=True
     ):
         most_um = min(amplitude_um * _AROUND, reach_um)
         levels.append(np.geomspace(amplitude_um / _AROUND, most_um, _LEVELS))
-        waves = [vibration(frequency_hz, a, preindent_um, cycles=_CYCLES) for a in levels[-1]]
-        models = {model.afferent: model}
-        stress.append([response.traces(wave, models)[column].stress_pa for wave in waves])
-        cycle_ms, end_ms = 1000.0 / frequency_hz, waves[0].window_ms[1]
+        waves += [vibration(frequency_hz, a, preindent_um, cycles=_CYCLES) for a in levels[-1]]
+        cycle_ms, end_ms = 1000.0 / frequency_hz, waves[-1].window_ms[1]
         cycles = math.floor(end_ms / cycle_ms + 1e-9) - 1
         first = criterion == CRITERIA[0]
         needed.append(1 if first else cycles)
         windows.append((0.0, end_ms) if first else (cycle_ms, (cycles + 1) * cycle_ms))
-    longest = max(len(one[0]) for one in stress)
-    padded = [
-        [np.pad(trace, (0, longest - len(trace)), mode="edge") for trace in one] for one in stress
-    ]
+    stress_pa = response.stress_pa(model, waves)
     return ThresholdTarget(
-        stress_pa=np.moveaxis(np.array(padded), -1, 0),
+        stress_pa=stress_pa.reshape(len(stress_pa), -1, _LEVELS),
         amplitudes_um=np.array(levels),
         observed_um=mine["amplitude_um"].to_numpy(np.float64),
         needed=np.array(needed),
@@ -212,19 +202,14 @@ def phase_target(
     mine = observed[observed["afferent"] == model.afferent]
     if mine.empty:
         return None
-    column = [place.afferent for place in response.places].index(model.afferent)
-    models = {model.afferent: model}
     waves = [
         vibration(frequency_hz, amplitude_um, preindent_um)
         for frequency_hz, amplitude_um in zip(
             mine["frequency_hz"], mine["amplitude_um"], strict=True
         )
     ]
-    traces = [response.traces(wave, models)[column].stress_pa for wave in waves]
-    longest = max(map(len, traces))
-    padded = [np.pad(trace, (0, longest - len(trace)), mode="edge") for trace in traces]
     return PhaseTarget(
-        stress_pa=np.stack(padded, -1),
+        stress_pa=response.stress_pa(model, waves),
         frequencies_hz=mine["frequency_hz"].to_numpy(np.float64),
         strengths=mine[["strength_f", "strength_2f"]].to_numpy(np.float64),
     )
@@ -241,15 +226,12 @@ def timing_target(
     mine = [train for train in trains if train.afferent == model.afferent]
     if not mine:
         return None
-    column = [place.afferent for place in response.places].index(model.afferent)
     ids = list(dict.fromkeys(train.stimulus for train in mine))
     stimuli = [make_stimulus(resolve(name)[0], preindent_um=preindent_um) for name in ids]
-    models = {model.afferent: model}
-    traces = [response.traces(each, models)[column].stress_pa for each in stimuli]
-    if len({each.size for each in traces}) > 1:
+    if len({each.displacement_um.size for each in stimuli}) > 1:
         raise UsageError(f"spikes of stimuli of unequal lengths, expected of one: {', '.join(ids)}")
     return TimingTarget(
-        stress_pa=np.stack(traces, -1),
+        stress_pa=response.stress_pa(model, stimuli),
         trains_ms=tuple(
             tuple(train.times_ms for train in mine if train.stimulus == name) for name in ids
         ),

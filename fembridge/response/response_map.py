@@ -6,7 +6,7 @@ recorded run ``fixtures/response_NAME`` of the repository gave, and
 ``python fixtures/record.py`` makes both again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -103,15 +103,40 @@ class ResponseMap:
             that an energy takes.
         """
         tensor_pa = self.tensors(stimulus.displacement_um, stimulus.id)
-        traces = []
-        for column, place in enumerate(self.places):
-            model = (models or {}).get(place.afferent)
-            if model is not None and _reads_energy(model):
-                stress_pa = energy_stress_pa(tensor_pa[:, column], self.poisson_at(place))
-            else:
-                stress_pa = von_mises_pa(tensor_pa[:, column])
-            traces.append(StressTrace(stress_pa, stimulus.dt_ms, place.node, place.afferent))
-        return traces
+        return [
+            StressTrace(
+                self._scalar_pa(tensor_pa, column, (models or {}).get(place.afferent)),
+                stimulus.dt_ms,
+                place.node,
+                place.afferent,
+            )
+            for column, place in enumerate(self.places)
+        ]
+
+    def stress_pa(
+        self, model: Model | AfferentParameters, stimuli: Sequence[Stimulus]
+    ) -> FloatArray:
+        """Stress that drives the class of `model`, ``(T, stimulus)``; a short one holds its end.
+
+        Errors are those of `traces`, and a `ResponseError` where the map lacks the class.
+        """
+        classes = [place.afferent for place in self.places]
+        if model.afferent not in classes:
+            raise ResponseError(f"no {model.afferent} in the response, only {', '.join(classes)}")
+        column = classes.index(model.afferent)
+        found = [
+            self._scalar_pa(self.tensors(one.displacement_um, one.id), column, model)
+            for one in stimuli
+        ]
+        longest = max(map(len, found))
+        return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in found], -1)
+
+    def _scalar_pa(
+        self, tensor_pa: FloatArray, column: int, model: Model | AfferentParameters | None
+    ) -> FloatArray:
+        if model is not None and _reads_energy(model):
+            return energy_stress_pa(tensor_pa[:, column], self.poisson_at(self.places[column]))
+        return von_mises_pa(tensor_pa[:, column])
 
     def tensors(self, displacement_um: FloatArray, name: str = "probe") -> FloatArray:
         """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)``."""

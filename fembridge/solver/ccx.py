@@ -158,7 +158,7 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
     """The outcome on record, if the results are whole and of the deck there; else None."""
     try:
         table = read_toml(run.folder / SOLVER_FILE, FembridgeError)
-        digests = _digests(run)
+        digests = _digests(run.folder)
         # Records of earlier versions have no digest of what was printed.
         recorded = {"printed_sha256": digests.get("printed_sha256")} | table
         known = [recorded[name] == found for name, found in digests.items()]
@@ -338,10 +338,9 @@ def _run(
         shutil.copyfile(run.deck, work / f"{JOB}.inp")
     except OSError as error:
         raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
-    deck_sha256 = sha256_of(work / f"{JOB}.inp")
-    key = _cache_key(program, work / f"{JOB}.inp", deck_sha256) if settings.cache else None
-    if key is not None and (known := _from_cache(key, run, work)) is not None:
-        return known
+    key = _cache_key(program, work / f"{JOB}.inp") if settings.cache else None
+    if key is not None and (known := cache.take(key, work)) is not None:
+        return _solved_before(run, work, known)
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
@@ -368,42 +367,38 @@ def _run(
         increments=progress.increment,
         iterations=progress.iterations,
         threads=settings.threads,
-        as_built=deck_sha256 == run.deck_sha256,
+        as_built=sha256_of(work / f"{JOB}.inp") == run.deck_sha256,
         warnings=tuple(map(str, log.dropped)) if failure is None else (),
     )
     if failure is None:
-        _publish(run, work)
-        _write_record(run, outcome, deck_sha256)
+        write_record(work, run.solver, outcome)
     if key is not None:
         _into_cache(key, run, work, outcome)
-    if failure is not None:
+    if failure is None:
+        _publish(run, work)
+    else:
         _keep_evidence(run, work, failure)
     return outcome
 
 
-def _cache_key(program: Path, deck: Path, deck_sha256: str) -> str | None:
+def _cache_key(program: Path, deck: Path) -> str | None:
     """Key of a run by what it is made from; None where files beside the deck count too."""
     if REFERS.search(deck.read_text(encoding="ascii", errors="replace")):
         return None
-    return cache.key_of({"deck": deck_sha256, "solver": sha256_of(program)})
+    made_from = {"deck": sha256_of(deck), "solver": sha256_of(program), "record": RECORD_FORMAT}
+    return cache.key_of(made_from)
 
 
-def _from_cache(key: str, run: RunFolder, work: Path) -> Outcome | None:
-    """The outcome of a run that was solved before, its files where they belong."""
-    record = cache.take(key, work)
-    if record is None:
-        return None
-    if "cause" in record:
-        failure = Failure(Cause[record["cause"]], record["found"])
+def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome:
+    """The outcome of a run from the cache, whose files are in `work`."""
+    if "cause" in known:
+        failure = Failure(Cause[known["cause"]], known["found"])
         _keep_evidence(run, work, failure)
-        return Outcome(run.folder, failure, cached=True, version=record["version"])
-    import tomli_w
-
+        return Outcome(run.folder, failure, cached=True, version=known["version"])
     _publish(run, work)
-    del record["deck_bytes"]
-    write_text(run.folder / SOLVER_FILE, tomli_w.dumps(record))
-    found = finished_outcome(run)
-    return None if found is None else replace(found, cached=True)
+    outcome = finished_outcome(run)
+    assert outcome is not None  # by checksums, what was kept
+    return replace(outcome, cached=True)
 
 
 def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
@@ -411,18 +406,17 @@ def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
     failure = outcome.failure
     made_from = ((run.inputs.get(part) or {}).get(key) for part, key in _NAMED)
     what = ", ".join(str(name) for name in made_from if name) or run.folder.name
+    record: Table = {"version": outcome.version or "", "deck_bytes": run.deck.stat().st_size}
+    kept: tuple[str, ...] = (LOG_FILE,)
     if failure is None:
-        record = read_toml(run.folder / SOLVER_FILE, FembridgeError)
-        files = [run.folder / f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")]
-        files.append(run.folder / LOG_FILE)
+        record |= {"wall_s": outcome.wall_s, "increments": outcome.increments}
+        kept += (SOLVER_FILE, *(f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")))
     elif failure.cause in (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN):
-        cause = {"cause": failure.cause.name, "found": failure.found}
-        record = {**cause, "version": outcome.version or ""}
-        files, what = [work / LOG_FILE], f"{what}: {failure.cause.value}"
+        record |= {"cause": failure.cause.name, "found": failure.found}
+        what = f"{what}: {failure.cause.value}"
     else:
         return
-    record["deck_bytes"] = run.deck.stat().st_size
-    cache.keep(key, what, record, [file for file in files if file.is_file()])
+    cache.keep(key, what, record, [file for file in work.iterdir() if file.name in kept])
 
 
 def _watch(
@@ -463,14 +457,14 @@ def _collect(run: RunFolder, work: Path) -> None:
 
 
 def _publish(run: RunFolder, work: Path) -> None:
-    """Move the results of an accepted run beside the deck, ``.frd`` last.
+    """Move the results of an accepted run beside the deck, the record last.
 
     Empty files are left out: a ``.dat`` that nobody asked for, say.
     """
     remove_file(run.folder / SOLVER_FILE)
     found = (path for path in work.iterdir() if path.is_file())
     new = [p for p in found if p.stat().st_size and p.name != f"{JOB}.inp"]
-    new.sort(key=lambda path: path.suffix == ".frd")
+    new.sort(key=lambda path: path.name == SOLVER_FILE)
     try:
         for name in sorted({f"{JOB}{suffix}" for suffix in OLD_RESULTS} - {p.name for p in new}):
             (run.folder / name).unlink(missing_ok=True)
@@ -492,33 +486,34 @@ def _keep_evidence(run: RunFolder, work: Path, failure: Failure) -> None:
         raise OutputError(f"cannot become {FAILED_FOLDER}/: {error.strerror}", work) from error
 
 
-def _write_record(run: RunFolder, outcome: Outcome, deck_sha256: str) -> None:
+def write_record(folder: Path, solver: str, outcome: Outcome) -> None:
+    """Write ``solver.toml`` beside the deck and the results that `outcome` is of."""
     import tomli_w
 
     table: Table = {
         "format": RECORD_FORMAT,
-        "solver": run.solver,
+        "solver": solver,
         "version": outcome.version or "",
         "exit_code": outcome.exit_code,
         "wall_s": round(outcome.wall_s, 3),
         "increments": outcome.increments,
         "iterations": outcome.iterations,
-        **_digests(run),
-        "deck_sha256": deck_sha256,  # as it was solved
+        **_digests(folder),
         **({} if outcome.threads is None else {"threads": outcome.threads}),
     }
-    write_text(run.folder / SOLVER_FILE, tomli_w.dumps(table))
+    write_text(folder / SOLVER_FILE, tomli_w.dumps(table))
 
 
-def _digests(run: RunFolder) -> dict[str, str]:
+def _digests(folder: Path) -> dict[str, str]:
     """Checksums of the deck, the results, and the forces where the deck asks for them."""
-    printed = run.folder / f"{JOB}.dat"
-    paths = {"deck": run.deck, "results": run.results, "printed": printed}
-    return {
-        f"{name}_sha256": sha256_of(path)
-        for name, path in paths.items()
-        if path is not printed or path.is_file()
+    digests = {
+        "deck_sha256": sha256_of(folder / f"{JOB}.inp"),
+        "results_sha256": sha256_of(folder / f"{JOB}.frd"),
     }
+    printed = folder / f"{JOB}.dat"
+    if printed.is_file() and printed.stat().st_size:
+        digests["printed_sha256"] = sha256_of(printed)
+    return digests
 
 
 def _remove(folder: Path) -> None:

@@ -28,7 +28,6 @@ from fembridge.simulation import simulate
 from fembridge.solver import ccx as ccx_module
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
-from fembridge.store import sha256_of
 from fembridge.trace import StressTrace
 from neural import PUBLISHED, ParameterSet
 
@@ -175,7 +174,7 @@ def test_results_that_are_there_answer_without_another_solve(tmp_path, model, mo
         for name in ("job.frd", "job.dat"):
             shutil.copy(RECORDED / name, run.folder)
         outcome = Outcome(run.folder, exit_code=0, wall_s=9.6, increments=39)
-        ccx_module._write_record(run, outcome, sha256_of(run.deck))
+        ccx_module.write_record(run.folder, run.solver, outcome)
         return outcome
 
     monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))

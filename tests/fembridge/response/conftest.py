@@ -17,7 +17,6 @@ from fembridge.response.solve import HysteresisError
 from fembridge.run_folder import AfferentNode, read_run_folder
 from fembridge.solver import ccx
 from fembridge.solver.verdict import Cause, Failure, Outcome
-from fembridge.store import sha256_of
 
 DEPTH_UM = np.array([0.0, 2.0, 7.0, 20.0, 55.0, 110.0, 190.0, 300.0])
 PLACES = (
@@ -91,7 +90,7 @@ class Player:
         for name in ("job.frd", "job.dat"):
             shutil.copy(RECORDED / name, folder)
         outcome = Outcome(folder, version="2.20", exit_code=0, wall_s=12.3, increments=39)
-        ccx._write_record(run, outcome, sha256_of(run.deck))
+        ccx.write_record(folder, run.solver, outcome)
         return outcome
 
 
