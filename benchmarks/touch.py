@@ -17,7 +17,7 @@ from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
 from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.touch import touch_pins, touch_skin
+from fembridge.touching.touch import touch_skin
 from fembridge.touching.way import Pins, Way
 from neural import parameter_set
 
@@ -49,7 +49,9 @@ def pin_array(count):
     x = (np.arange(count) % across - 0.5 * (across - 1)) * 0.5
     z = (np.arange(count) // across - 0.5 * (np.ceil(count / across) - 1)) * 0.5
     depth = np.repeat(stimulus.displacement_um[:, None], count, axis=1)
-    return Pins(x, z, np.full(count, 0.5), depth, stimulus.dt_ms, stimulus.window_ms)
+    places = tuple(zip(x.tolist(), z.tolist(), [0.5] * count, strict=True))
+    pins = Pins(places, depth)
+    return pins.shape, Way.of_pins(pins, stimulus.dt_ms, stimulus.window_ms)
 
 
 def touched(shape, way, units=UNITS_958):
@@ -87,7 +89,7 @@ def main():
         ("a bar of 1 x 8 mm, 250 ms", touched(Shape.bar(1.0, 8.0), sine)),
         (
             "80 pins, each with its waveform, 250 ms",
-            lambda: touch_pins(PAD, pin_array(80), UNITS_958, PARAMETERS),
+            touched(*pin_array(80)),
         ),
         ("dots 2 mm apart, scanned for 1 s", touched(Shape.dots(2.0), scan)),
     ):

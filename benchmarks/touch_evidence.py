@@ -8,12 +8,15 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 import fembridge as fb
 from decks.stimuli import DT_MS
+from fembridge.touching.contact import press_to
 from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
+from fembridge.touching.stress import influence_pa, von_mises_pa
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.way import Way
 from neural import parameter_set
@@ -26,14 +29,17 @@ JOHNSON = (
     (3.90, 160), (4.39, 191), (4.96, 273), (5.46, 242), (6.06, 326), (6.89, 409), (7.18, 352),
     (7.78, 541),
 )  # fmt: skip
+# Of the ten cells of a class the most sensitive.
+KEENEST = float(norm.ppf(0.05))
 HUMAN_MM2 = {"SA": 11.0, "RA": 12.6, "PC": 101.3}
 
 
 def fields():
     print("receptive fields at 4.5 times threshold")
     for name, human in HUMAN_MM2.items():
-        for probe_mm, criterion, endings_mm in (
-            (0.5, 0.1, 0.0), (0.5, 1e-6, 0.0), (1.0, 0.1, 0.0), (1.0, 1e-6, 0.0), (0.5, 0.1, 0.5)
+        for probe_mm, criterion, endings_mm, sa_von_mises in (
+            (0.5, 0.1, 0.5, False), (1.0, 0.1, 0.5, False), (0.5, 1e-6, 0.5, False),
+            (0.5, 0.1, 0.0, False), (0.5, 0.1, 1.0, False), (0.5, 0.1, 0.5, True),
         ):  # fmt: skip
             field = fb.receptive_field(
                 name,
@@ -42,74 +48,93 @@ def fields():
                 probe_diameter_mm=probe_mm,
                 criterion=criterion,
                 endings_mm=endings_mm,
+                sa_von_mises=sa_von_mises,
             )
             area, whole = field.areas[["area_mm2", "whole"]].iloc[0]
             print(
                 f"  {name}, probe {probe_mm:g} mm, {'a tenth' if criterion == 0.1 else 'any'}, "
-                f"endings within {endings_mm:g} mm: "
+                f"endings within {endings_mm:g} mm{', von Mises' * sa_von_mises}: "
                 f"threshold {field.threshold_um:.0f} um, {'' if whole else 'over '}"
                 f"{area:.1f} mm2, in man {human}"
             )
 
 
-def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=0.0):
+def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=0.5, deviate=0.0):
     print(
-        f"RA, 40 Hz, {probe_mm:g} mm, {preindent_um:g} um deep, endings within {endings_mm:g} mm: "
-        "um for an impulse a cycle by mm"
+        f"RA of deviate {deviate:g}, 40 Hz, {probe_mm:g} mm, {preindent_um:g} um deep, endings "
+        f"within {endings_mm:g} mm: um for an impulse a cycle by mm"
     )
     times_ms = np.arange(501) * DT_MS
     sine = np.sin(2 * np.pi * 40 * times_ms / 1000)
     units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
-    branched = replace(units, endings_mm=endings_mm)
-    amplitudes = np.geomspace(15, 900, 28)
+    units = replace(units, endings_mm=endings_mm, deviate=np.full(len(units), deviate))
+    amplitudes = np.geomspace(15, 900, 40)
     counts = []
     for amplitude in amplitudes:
         way = Way("sine", DT_MS, (50.0, 250.0), preindent_um + amplitude * sine)
-        touched = touch_skin(PAD, Shape.punch(probe_mm), way, branched, PARAMETERS)
+        touched = touch_skin(PAD, Shape.punch(probe_mm), way, units, PARAMETERS)
         counts.append(touched.rate_ips / 40)
     reached = np.array(counts) >= 0.99
     needed = np.where(reached.any(axis=0), amplitudes[reached.argmax(axis=0)], np.inf)
-    for mm, um in JOHNSON:
-        ours = np.interp(mm, units.z_mm, needed)
-        print(f"  {mm:.2f} mm: {ours:.0f} um, observed {um}")
+    pairs = [f"{mm:.2f} {np.interp(mm, units.z_mm, needed):.0f} ({um})" for mm, um in JOHNSON]
+    print("  mm, um, (observed):", ", ".join(pairs))
 
 
-def bars(sa_compression=False):
-    print(f"SA, {'compression' if sa_compression else 'von Mises stress'}")
-    print("bars pressed by 1 mm, impulses/s every 0.5 mm from the middle of the bar")
+def decay():
+    """Change of depth and of von Mises stress where RA sits, by a micrometre of a deep probe."""
+    depth_um = np.array([510.0, 590.0])
+    nodes, forces, _ = press_to(PAD, Shape.punch(2.0), depth_um)
+    site = PAD.finger.afferents["RA"]
+    z = np.array([0.0, 0.75, 1.25, 1.75, 2.25, 3.25, 5.0, 7.0])
+    middle = PAD.x_mm.size // 2
+    apart = np.abs(nodes.row[:, None] - np.round(z / PAD.spacing_mm).astype(int))
+    down = 1000 * forces @ PAD.lattice_compliance[1][nodes.column[:, None], middle, apart]
+    places = np.full(z.size, site.layer), 0 * z, z, np.full(z.size, site.depth_mm)
+    stress = von_mises_pa(influence_pa(PAD, nodes, *places), forces)
+    for name, values in (("depth (um)", down), ("stress at RA (Pa)", stress)):
+        slopes = np.diff(values, axis=0)[0] / np.ptp(depth_um)
+        print(
+            f"  {name} by um:", ", ".join(f"{a:g} {b:.3g}" for a, b in zip(z, slopes, strict=True))
+        )
+
+
+def bars(sa_von_mises=False, endings_mm=0.5):
+    print(f"SA{', von Mises stress' * sa_von_mises}, endings within {endings_mm:g} mm")
+    print("bars, and gaps between ridges of 4 mm, pressed by 1 mm: impulses/s every 0.5 mm")
     units = Population.line(step_mm=0.5, half_length_mm=5.0, afferents=("SA",))
-    units = replace(units, sa_compression=sa_compression)
+    units = replace(units, sa_von_mises=sa_von_mises, endings_mm=endings_mm)
     for width in (0.5, 1.0, 2.0, 3.0, 5.0):
-        held = touch_skin(PAD, Shape.bar(width, 14.0), Way.hold(press_um=1000), units, PARAMETERS)
-        rates = held.rate_ips[units.z_mm >= 0]
-        print(f"  {width:g} mm wide:", " ".join(f"{rate:.0f}" for rate in rates))
-    print("ridges of 4 mm with gaps between, every 0.5 mm from the middle of a gap")
-    for gap in (0.5, 1.0, 2.0, 3.0, 5.0):
-        shape = Shape.grating(gap, 4.0, relief_mm=2.0)
-        held = touch_skin(PAD, shape, Way.hold(press_um=1000), units, PARAMETERS)
-        rates = held.rate_ips[units.z_mm >= 0]
-        print(f"  {gap:g} mm wide:", " ".join(f"{rate:.0f}" for rate in rates))
+        lines = []
+        for shape in (Shape.bar(width, 14.0), Shape.grating(width, 4.0, relief_mm=2.0)):
+            held = touch_skin(PAD, shape, Way.hold(press_um=1000), units, PARAMETERS)
+            lines.append(" ".join(f"{rate:.0f}" for rate in held.rate_ips[units.z_mm >= 0][:8]))
+        print(f"  {width:g} mm wide:", " | ".join(lines))
 
 
 def dots():
-    print("dots 0.5 mm wide, 40 mm/s, 0.3 N: impulses a dot of the median unit in the middle")
-    units = Population.one_each()
+    print("dots 0.5 mm wide, 40 mm/s, 0.3 N: impulses a dot, median unit and mean of ten")
+    ten = norm.ppf((np.arange(10) + 0.5) / 10)
+    deviate = np.tile(np.append(0.0, ten), 3)
+    afferent = np.repeat(["SA", "RA", "PC"], 11).tolist()
+    units = Population.at(afferent, np.zeros(33), np.zeros(33), deviate=deviate)
     for spacing in (1.0, 1.5, 2.0, 3.0, 4.0, 6.0):
         way = Way.slide(40.0, press_n=0.3, duration_ms=900)
-        shape = Shape.dots(spacing)
-        scanned = touch_skin(PAD, shape, way, units, PARAMETERS)
-        passed = 36.0 / spacing
-        spikes = np.bincount(scanned.fired.unit, minlength=3) / passed
-        named = zip(units.afferent, spikes, strict=True)
-        print(f"  {spacing:g} mm apart:", ", ".join(f"{name} {each:.1f}" for name, each in named))
+        scanned = touch_skin(PAD, Shape.dots(spacing), way, units, PARAMETERS)
+        each = np.bincount(scanned.fired.unit, minlength=33).reshape(3, 11) * spacing / 36.0
+        pairs = zip(("SA", "RA", "PC"), each[:, 0], each[:, 1:].mean(axis=1), strict=True)
+        print(
+            f"  {spacing:g} mm:", ", ".join(f"{n} {one:.1f} {all_:.1f}" for n, one, all_ in pairs)
+        )
 
 
 if __name__ == "__main__":
     fields()
-    distance()
-    distance(endings_mm=0.5)
-    distance(endings_mm=1.0)
+    decay()
+    for deviate in (0.0, KEENEST):
+        for endings_mm in (0.5, 0.0):
+            distance(endings_mm=endings_mm, deviate=deviate)
     distance(probe_mm=1.0, preindent_um=75.0)
     bars()
-    bars(sa_compression=True)
+    bars(endings_mm=0.0)
+    bars(sa_von_mises=True)
     dots()

@@ -185,14 +185,15 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "endings_mm": {
         "type": float,
-        "default": 0.0,
+        "default": 0.5,
         "metavar": "MM",
         "help": "SA and RA units have endings so far around their place, and feel by the one with "
-        "the largest stress (default: 0, a point)",
+        "the largest stress (default: 0.5; 0 is a point)",
     },
-    "sa_compression": {
+    "sa_von_mises": {
         "action": "store_true",
-        "help": "SA units read compression along the skin's normal in place of von Mises stress",
+        "help": "SA units read von Mises stress, as in the paper, in place of compression and "
+        "stretch",
     },
     "export": {
         "action": Several,

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--frequency-hz", type=float, metavar="HZ", help="the probe vibrates in place of the press"
     )
     parser.add_argument("--step-mm", type=float, default=0.25, metavar="MM", help="default: 0.25")
-    add_options(parser, ("endings_mm", "sa_compression"))
+    add_options(parser, ("endings_mm", "sa_von_mises"))
     parser.add_argument(
         "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
     )
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 "frequency_hz",
                 "step_mm",
                 "endings_mm",
-                "sa_compression",
+                "sa_von_mises",
                 "parameters",
             ),
         )

@@ -23,7 +23,7 @@ EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
 
 _SHAPE = ("at_mm", "angle_deg", "pixel_mm", "relief_mm", "friction")
 _WHO = (
-    "population", "endings_mm", "sa_compression", "pad", "parameters", "repeats", "noise_mv",
+    "population", "endings_mm", "sa_von_mises", "pad", "parameters", "repeats", "noise_mv",
     "seed",
 )  # fmt: skip
 _WAY = (
@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="fingertip, grid, line, one_each (as fingertip:seed=3) or a table unit,afferent,"
         "x_mm,z_mm,depth_mm (default: fingertip)",
     )
-    add_options(who, ("endings_mm", "sa_compression"))
+    add_options(who, ("endings_mm", "sa_von_mises"))
     who.add_argument(
         "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
     )

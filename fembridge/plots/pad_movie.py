@@ -27,7 +27,7 @@ from fembridge.plots.style import (
 )
 from fembridge.store import replacing
 from fembridge.touching.stress import influence_pa, von_mises_pa
-from fembridge.touching.touch import Touch, touch_at
+from fembridge.touching.touch import Touch
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -148,13 +148,13 @@ def _scene(
     lights = panels[2].scatter(units.x_mm, units.z_mm, s=0.0, c=colours, linewidths=0)
     panels[2].set_title(f"Spikes of the last {_LIT_MS:g} ms", fontsize=TEXT_PT)
     clock = figure.suptitle("")
-    at, times_ms = touch_at(touch), touch.way.times_ms
+    at, times_ms = touch.at, touch.way.times_ms
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
-    shown = _linear(touch.contact_at, field, at[samples]) * _KPA
+    shown = _linear(touch.knots, field, at[samples]) * _KPA
 
     def show(sample: int) -> None:
         if pressure:
-            row = int(np.abs(touch.contact_at - at[sample]).argmin())
+            row = int(np.abs(touch.knots - at[sample]).argmin())
             pressure.set_array(pressure_kpa(touch, row))
         stress.set_data(shown[frame_of[sample]])
         lit = np.bincount(recent(touch, times_ms[sample], _LIT_MS), minlength=len(units))
@@ -175,7 +175,7 @@ def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, 
     x, z = (each.ravel() for each in np.meshgrid(x_mm, z_mm))
     inside = np.clip(x, -pad.widest_mm, pad.widest_mm)
     depth = np.full(x.size, site.depth_mm)
-    influence = influence_pa(pad, touch.nodes, [site.layer] * x.size, inside, z, depth)
+    influence = influence_pa(pad, touch.nodes, np.full(x.size, site.layer), inside, z, depth)
     field = von_mises_pa(influence, touch.contact_n).reshape(-1, z_mm.size, x_mm.size)
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)

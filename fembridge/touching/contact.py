@@ -40,6 +40,11 @@ _FRESH_CHANGES = 2_000
 # A fingertip is round along the finger too, about twice as flat as across (8 x 6.5 mm
 # half axes: 9.8 mm). Its curve counts for what touches; what yields is the prism.
 TIP_RADIUS_MM = 20.0
+# Under a force, skin so far from the shape is first taken to be all that touches.
+_FIRST_REACH_MM = 0.25
+# The deepest that superposition of small strains is meant for.
+MOST_UM = 2_000.0
+MM_PER_UM = 1.0e-3
 # More nodes than this are not solved as one dense problem.
 MOST_NODES = 6_000
 
@@ -100,6 +105,78 @@ def skin_height_mm(pad: Pad, x_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
     """The skin over its apex, <= 0: the section's outline, and a fingertip's curve along z."""
     outline: FloatArray = np.interp(x_mm, pad.x_mm, pad.y_mm)
     return outline - np.square(z_mm) / (2 * TIP_RADIUS_MM)
+
+
+def first_touch_mm(pad: Pad, shape: Shape) -> float:
+    """How far `shape` is over the skin where it touches first, also between nodes.
+
+    Raises
+    ------
+    UsageError
+        The shape is nowhere over the part of the pad that may be touched.
+    """
+    nodes = skin_nodes(pad)
+    gap = gaps_mm(nodes, shape)
+    lowest = int(gap.argmin())
+    if not np.isfinite(gap[lowest]):
+        # Smaller than the grid, or beside it: look between the nodes.
+        lowest = -1
+    fine = np.arange(-8, 9) / 8 * pad.spacing_mm
+    if lowest >= 0:
+        x = pad.x_mm[nodes.column[lowest]] + fine
+        z = nodes.row[lowest] * pad.spacing_mm + fine
+    else:
+        x = np.arange(pad.x_mm[0], pad.x_mm[-1], pad.spacing_mm / 8)
+        z = np.arange(nodes.z_mm.min(), nodes.z_mm.max(), pad.spacing_mm / 8)
+    x = x[np.abs(x) <= pad.reach_mm]
+    height = shape.height_mm(*np.meshgrid(x, z, indexing="ij"))
+    least = float((height - skin_height_mm(pad, *np.meshgrid(x, z, indexing="ij"))).min())
+    if not np.isfinite(least):
+        raise UsageError(
+            f"{shape.name} is beside the pad, which reaches {pad.reach_mm:.3g} mm across and "
+            f"{nodes.z_mm.max():.3g} mm along to both sides"
+        )
+    return least
+
+
+def press_to(
+    pad: Pad, shape: Shape, level: FloatArray, *, newton: bool = False
+) -> tuple[SkinNodes, FloatArray, FloatArray]:
+    """Nodes that `shape` touches, forces ``(S, node)`` in N and depths ``(S,)`` in um.
+
+    `level` ``(S,)`` are depths in um from first touch, or with `newton` forces.
+
+    Raises
+    ------
+    UsageError
+        A shape beside the pad, pressed too deep, or with too many nodes in contact.
+    """
+    nodes = skin_nodes(pad)
+    gap_mm = gaps_mm(nodes, shape) - first_touch_mm(pad, shape)
+    most = float(level.max())
+    near = gap_mm < (depth_of_force_mm(nodes, gap_mm, most) if newton else most * MM_PER_UM)
+    nodes, gap_mm = nodes.subset(near), gap_mm[near]
+    contact = Contact.of(nodes)
+    if not newton:
+        return nodes, np.stack([contact.press(one * MM_PER_UM - gap_mm) for one in level]), level
+    forces, depths_mm = zip(*(contact.press_with(gap_mm, one) for one in level), strict=True)
+    return nodes, np.stack(forces), np.maximum(depths_mm, 0.0) / MM_PER_UM
+
+
+def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:
+    """Depth at which `force_n` is reached, with a margin; gaps may be anything >= 0."""
+    first_mm = float(gap_mm.min())
+    reach_mm = _FIRST_REACH_MM
+    while reach_mm < 2 * MOST_UM * MM_PER_UM:
+        near = gap_mm < first_mm + reach_mm
+        contact = Contact.of(nodes.subset(near))
+        _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
+        if depth_mm < 0.8 * reach_mm:
+            return first_mm + 1.2 * depth_mm
+        reach_mm = max(2 * reach_mm, 1.3 * depth_mm) if depth_mm < MOST_UM else np.inf
+    raise UsageError(
+        f"{force_n:g} N presses the shape deeper than {MOST_UM:g} um, expected less force"
+    )
 
 
 class Contact:

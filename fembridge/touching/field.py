@@ -14,19 +14,13 @@ import numpy as np
 
 from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
-from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
+from fembridge.touching.contact import MOST_UM, press_to
 from fembridge.touching.pad import Pad, pad_named
-from fembridge.touching.population import Population
+from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.touch import (
-    PAD,
-    PARAMETERS,
-    between,
-    first_touch_mm,
-    parameters_of,
-    units_stress_pa,
-)
-from fembridge.touching.way import MOST_UM, Way
+from fembridge.touching.stress import driving_stress_pa
+from fembridge.touching.touch import PAD, PARAMETERS, between, parameters_of
+from fembridge.touching.way import Way
 from fembridge.typing import FloatArray, IntArray
 from neural.parameter_sets import ParameterSet
 from neural.units import encode_units
@@ -107,8 +101,8 @@ def receptive_field(
     criterion: float = 0.1,
     frequency_hz: float | None = None,
     step_mm: float = 0.25,
-    endings_mm: float = 0.0,
-    sa_compression: bool = False,
+    endings_mm: float = ENDINGS_MM,
+    sa_von_mises: bool = False,
     pad: str | Pad = PAD,
     parameters: str | ParameterSet = PARAMETERS,
 ) -> ReceptiveField:
@@ -122,7 +116,7 @@ def receptive_field(
         Further depths, as multiples of the least that fires it at its hot spot.
     criterion
         Share of the impulses at the hot spot that counts as an answer, one at least.
-    endings_mm, sa_compression
+    endings_mm, sa_von_mises
         What SA and RA units feel by, as in `fembridge.touch`.
 
     Returns
@@ -158,36 +152,17 @@ def receptive_field(
     half_mm = skin.reach_mm - 0.5 * probe_diameter_mm
     across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
     along = np.arange(0, int(_HALF_LENGTH_MM / step_mm) + 1.0) * step_mm
-    unit = replace(
-        Population.one_each(afferents=(afferent,), finger=skin.finger),
-        endings_mm=endings_mm,
-        sa_compression=sa_compression,
-    )
     wave = _wave(frequency_hz)
     deepest = MOST_UM if times_threshold else max(depths, default=0.0)
+    level_um = deepest * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
     probe = Shape.punch(probe_diameter_mm)
 
     def curves(x_mm: float, z_mm: FloatArray) -> FloatArray:
         """Stress ``(level, z)`` under a probe at `x_mm`."""
-        here = probe.moved(x_mm, 0.0)
-        nodes = skin_nodes(skin)
-        gap_mm = gaps_mm(nodes, here) - first_touch_mm(skin, here)
-        near = gap_mm < level_um[-1] * 1e-3
-        nodes, gap_mm = nodes.subset(near), gap_mm[near]
-        contact = Contact.of(nodes)
-        forces = np.stack([contact.press(level * 1e-3 - gap_mm) for level in level_um])
-        count = z_mm.size
-        units = replace(
-            unit,
-            unit=unit.unit * count,
-            afferent=unit.afferent * count,
-            layer=unit.layer * count,
-            x_mm=np.zeros(count),
-            z_mm=z_mm,
-            depth_mm=np.repeat(unit.depth_mm, count),
-            deviate=np.zeros(count),
-        )
-        return units_stress_pa(skin, nodes, forces, units)
+        nodes, forces, _ = press_to(skin, probe.moved(x_mm, 0.0), level_um)
+        units = Population.at([afferent] * z_mm.size, 0 * z_mm, z_mm, finger=skin.finger)
+        units = replace(units, endings_mm=endings_mm, sa_von_mises=sa_von_mises)
+        return driving_stress_pa(skin, nodes, forces, units)
 
     def impulses(stress: FloatArray, depth: float) -> IntArray:
         """Impulses ``(place,)`` of stress ``(level, place)`` at one depth."""
@@ -196,7 +171,6 @@ def receptive_field(
         fired = encode_units(trace, classes, DT_MS, own)
         return np.bincount(fired.unit, minlength=stress.shape[1])
 
-    level_um = deepest * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
     middle = curves(0.0, np.zeros(1))
     threshold_um = _threshold(lambda depth: int(impulses(middle, depth)[0]), deepest)
     depths += [one * threshold_um for one in times_threshold if one * threshold_um <= MOST_UM]

@@ -6,8 +6,9 @@ fingertips as TouchSim has them (Saal et al. 2017, after Johansson & Vallbo 1979
 jittered lattice.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,8 @@ from decks.finger import SITES, AfferentSite, Finger
 from decks.presets import QUICK
 from decks.section import section_of
 from fembridge.errors import TableError, UsageError
-from fembridge.store import near_hint
-from fembridge.tables import AFFERENTS, read_table, write_table
+from fembridge.store import near_hint, write_text
+from fembridge.tables import AFFERENTS, read_table
 from fembridge.touching.words import made_of
 from fembridge.typing import FloatArray, IntArray
 
@@ -31,8 +32,10 @@ DENSITY_CM2: Mapping[str, float] = {"SA": 70.0, "RA": 140.0, "PC": 25.0}
 # A fingertip reaches so far from its middle, across and along.
 _HALF_WIDTH_MM, _HALF_LENGTH_MM = 7.0, 12.0
 _MM_PER_CM = 10.0
-# Fibres that branch in the skin; a Pacinian corpuscle is one ending.
+# Fibres that branch in the skin, and how far around their place they have endings; a
+# Pacinian corpuscle is one ending. Chosen by receptive fields, decision 0029.
 BRANCHED = ("SA", "RA")
+ENDINGS_MM = 0.5
 _MOST_ENDINGS_MM = 3.0
 _MOST_UNITS = 200_000
 
@@ -42,9 +45,9 @@ class Population:
     """Units: `unit` names ``(U,)``, classes, layers, places and depths in mm, deviates.
 
     A unit of `deviate` q needs ``exp(spread q)`` times the stress of the median unit of
-    its class, where spread is that of the neural parameters. Of several `endings` the one
-    with the largest stress drives a unit. With `sa_compression` SA units read compression
-    along the skin's normal, a little less deep, in place of von Mises stress.
+    its class, where spread is that of the neural parameters. SA and RA units have
+    endings within `endings_mm` and feel by the one with the largest stress. With
+    `sa_von_mises` SA units read von Mises stress, see `fembridge.touching.stress`.
     """
 
     unit: tuple[str, ...]
@@ -54,8 +57,8 @@ class Population:
     z_mm: FloatArray
     depth_mm: FloatArray
     deviate: FloatArray
-    endings_mm: float = 0.0
-    sa_compression: bool = False
+    endings_mm: float = ENDINGS_MM
+    sa_von_mises: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.endings_mm <= _MOST_ENDINGS_MM:
@@ -70,38 +73,31 @@ class Population:
     def __len__(self) -> int:
         return len(self.unit)
 
-    def endings(self) -> Iterator[tuple[float, float, IntArray]]:
-        """Places in mm from a unit's own, and which units have an ending there.
+    def endings(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Unit of each ending, rising, and its place x and z in mm, ``(E,)``.
 
-        All have one in the middle; `BRANCHED` have six more on a circle.
+        All have one at their place; `BRANCHED` have six more on a circle.
         """
-        radius_mm = self.endings_mm
-        yield 0.0, 0.0, np.arange(len(self))
-        branched = np.flatnonzero(np.isin(self.afferent, BRANCHED))
-        if radius_mm and branched.size:
-            for angle in np.arange(6) * np.pi / 3:
-                yield radius_mm * float(np.cos(angle)), radius_mm * float(np.sin(angle)), branched
+        branched = np.isin(self.afferent, BRANCHED) & (self.endings_mm > 0)
+        unit = np.repeat(np.arange(len(self)), np.where(branched, 7, 1))
+        nth = np.arange(unit.size) - np.searchsorted(unit, unit)
+        angle, away_mm = nth * np.pi / 3, self.endings_mm * (nth > 0)
+        return (
+            unit,
+            self.x_mm[unit] + away_mm * np.cos(angle),
+            self.z_mm[unit] + away_mm * np.sin(angle),
+        )
 
     def to_frame(self) -> "pandas.DataFrame":
-        """A row a unit."""
+        """``unit, afferent, x_mm, z_mm, depth_mm, deviate``, a row a unit."""
         import pandas
 
-        return pandas.DataFrame(
-            {
-                "unit": list(self.unit),
-                "afferent": list(self.afferent),
-                "x_mm": self.x_mm,
-                "z_mm": self.z_mm,
-                "depth_mm": self.depth_mm,
-                "deviate": self.deviate,
-            }
-        )
+        names = (*COLUMNS, "deviate")
+        return pandas.DataFrame({name: np.array(getattr(self, name)) for name in names})
 
     def write(self, path: Path) -> None:
         """Write ``population.csv``; `Population.read` brings it back exactly."""
-        columns = (self.x_mm, self.z_mm, self.depth_mm, self.deviate)
-        rows = zip(self.unit, self.afferent, *(each.tolist() for each in columns), strict=True)
-        write_table(path, (*COLUMNS, "deviate"), rows)
+        write_text(path, self.to_frame().to_csv(index=False, lineterminator="\n"))
 
     # ---- Populations
 
@@ -116,7 +112,8 @@ class Population:
         half_mm = min(_HALF_WIDTH_MM, 0.9 * finger.outline.half_width_mm)
         x_of_arc = section.arc_mm[: widest + 1], section.point_mm[: widest + 1, 0]
         reach_mm = float(np.interp(half_mm, x_of_arc[1], x_of_arc[0]))
-        parts = []
+        afferent: list[str] = []
+        places, deviates = [], []
         for name, units_cm2 in DENSITY_CM2.items():
             pitch_mm = _MM_PER_CM / np.sqrt(units_cm2 * density)
             across, along = (
@@ -126,9 +123,12 @@ class Population:
             lattice = np.stack(np.meshgrid(across, along, indexing="ij"), -1).reshape(-1, 2)
             lattice = lattice + pitch_mm * rng.uniform(-0.5, 0.5, lattice.shape)
             arc_mm = lattice[:, 0]
-            x_mm = np.sign(arc_mm) * np.interp(np.abs(arc_mm), *x_of_arc)
-            parts.append((name, x_mm, lattice[:, 1], rng.standard_normal(len(lattice))))
-        return cls._of(parts, finger)
+            lattice[:, 0] = np.sign(arc_mm) * np.interp(np.abs(arc_mm), *x_of_arc)
+            afferent += [name] * len(lattice)
+            places.append(lattice)
+            deviates.append(rng.standard_normal(len(lattice)))
+        x_mm, z_mm = np.concatenate(places).T
+        return cls.at(afferent, x_mm, z_mm, deviate=np.concatenate(deviates), finger=finger)
 
     @classmethod
     def grid(
@@ -142,7 +142,7 @@ class Population:
         """Median units of each class on a square grid."""
         across, along = (_steps(half, step_mm) for half in (half_width_mm, half_length_mm))
         x_mm, z_mm = (each.ravel() for each in np.meshgrid(across, along, indexing="ij"))
-        return cls._of([(name, x_mm, z_mm, np.zeros(x_mm.size)) for name in afferents], finger)
+        return cls._each(afferents, x_mm, z_mm, finger)
 
     @classmethod
     def line(
@@ -158,7 +158,7 @@ class Population:
             raise UsageError(f"a line along {along!r}, expected x or z")
         steps = _steps(half_length_mm, step_mm)
         places = (steps, 0 * steps) if along == "x" else (0 * steps, steps)
-        return cls._of([(name, *places, 0 * steps) for name in afferents], finger)
+        return cls._each(afferents, *places, finger)
 
     @classmethod
     def one_each(
@@ -169,8 +169,7 @@ class Population:
         finger: Finger = QUICK,
     ) -> "Population":
         """The median unit of each class, at one place."""
-        place = np.array([x_mm]), np.array([z_mm]), np.zeros(1)
-        return cls._of([(name, *place) for name in afferents], finger)
+        return cls._each(afferents, np.array([x_mm]), np.array([z_mm]), finger)
 
     @classmethod
     def read(cls, path: Path | str, finger: Finger = QUICK) -> "Population":
@@ -187,34 +186,61 @@ class Population:
             raise TableError("a header and no rows, expected units", path)
         names = table.choices("afferent", AFFERENTS).tolist()
         own = table.header
-        numbers = np.arange(1, table.size + 1).astype(str)
-        unit = table.words("unit") if "unit" in own else numbers
+        unit = table.words("unit") if "unit" in own else np.arange(1, table.size + 1).astype(str)
         if "unit" in own:
             import pandas
 
             table.refuse_duplicates(pandas.DataFrame({"unit": unit}))
-        sites = [_site(name, finger) for name in names]
-        layer = tuple(site.layer for site in sites)
-        usual_mm = np.array([site.depth_mm for site in sites])
-        depth_mm = table.numbers("depth_mm", least=0) if "depth_mm" in own else usual_mm
-        deviate = table.numbers("deviate") if "deviate" in own else np.zeros(table.size)
-        x_mm, z_mm = table.numbers("x_mm"), table.numbers("z_mm")
-        return cls(tuple(unit.tolist()), tuple(names), layer, x_mm, z_mm, depth_mm, deviate)
+        units = cls.at(
+            names,
+            table.numbers("x_mm"),
+            table.numbers("z_mm"),
+            table.numbers("depth_mm", least=0) if "depth_mm" in own else None,
+            table.numbers("deviate") if "deviate" in own else None,
+            finger,
+        )
+        return replace(units, unit=tuple(unit.tolist()))
 
     @classmethod
-    def _of(
+    def at(
         cls,
-        parts: Sequence[tuple[str, FloatArray, FloatArray, FloatArray]],
-        finger: Finger,
+        afferent: Sequence[str],
+        x_mm: FloatArray,
+        z_mm: FloatArray,
+        depth_mm: FloatArray | None = None,
+        deviate: FloatArray | None = None,
+        finger: Finger = QUICK,
     ) -> "Population":
-        """Classes with places and deviates; a unit is named by class and number."""
-        unit = tuple(f"{name}{k}" for name, x, _, _ in parts for k in range(1, x.size + 1))
-        afferent = tuple(name for name, x, _, _ in parts for _ in range(x.size))
-        x_mm, z_mm, deviate = (np.concatenate([part[k] for part in parts]) for k in (1, 2, 3))
-        sites = [_site(name, finger) for name in afferent]
-        layer = tuple(site.layer for site in sites)
-        depth_mm = np.array([site.depth_mm for site in sites])
-        return cls(unit, afferent, layer, x_mm, z_mm, depth_mm, deviate)
+        """Units of the classes `afferent` ``(U,)`` at places, in the layers of `finger`.
+
+        They are named by class and number; without depths they lie at those of `finger`,
+        without deviates they are median units.
+        """
+        sites = {name: _site(name, finger) for name in dict.fromkeys(afferent)}
+        usual_mm = np.array([sites[name].depth_mm for name in afferent])
+        number: Counter[str] = Counter()
+        unit = []
+        for name in afferent:
+            number[name] += 1
+            unit.append(f"{name}{number[name]}")
+        return cls(
+            unit=tuple(unit),
+            afferent=tuple(afferent),
+            layer=tuple(sites[name].layer for name in afferent),
+            x_mm=x_mm,
+            z_mm=z_mm,
+            depth_mm=usual_mm if depth_mm is None else depth_mm,
+            deviate=np.zeros(len(unit)) if deviate is None else deviate,
+        )
+
+    @classmethod
+    def _each(
+        cls, afferents: Sequence[str], x_mm: FloatArray, z_mm: FloatArray, finger: Finger
+    ) -> "Population":
+        """A median unit of each class at each place."""
+        count = len(afferents)
+        names = np.repeat(afferents, x_mm.size).tolist()
+        return cls.at(names, np.tile(x_mm, count), np.tile(z_mm, count), finger=finger)
 
 
 POPULATIONS: Mapping[str, Callable[..., Population]] = {

@@ -15,8 +15,8 @@ import numpy as np
 from decks.presets import finger_table
 from fembridge.response.response_map import ResponseMap, write_map
 from fembridge.run_folder import AfferentNode
-from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
-from fembridge.touching.pad import COMPONENTS, Pad, pad_named
+from fembridge.touching.contact import press_to
+from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import influence_pa
 
@@ -28,42 +28,23 @@ _LEVELS = 21
 
 def pad_response(pad: Pad, diameter_mm: float = PIN_MM) -> ResponseMap:
     """Stress tensors at each site of the pad's finger under a flat pin over the apex."""
-    nodes = skin_nodes(pad)
-    gap_mm = gaps_mm(nodes, Shape.punch(diameter_mm))
-    gap_mm -= gap_mm.min()
-    near = gap_mm < DEEPEST_UM * 1e-3
-    nodes, gap_mm = nodes.subset(near), gap_mm[near]
     depth_um = DEEPEST_UM * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
-    contact = Contact.of(nodes)
-    forces = np.stack([contact.press(depth * 1e-3 - gap_mm) for depth in depth_um])
+    nodes, forces, _ = press_to(pad, Shape.punch(diameter_mm), depth_um)
     sites = pad.finger.afferents
-    names = list(sites)
-    influence = influence_pa(
-        pad,
-        nodes,
-        [sites[name].layer for name in names],
-        np.array([sites[name].x_mm for name in names]),
-        np.zeros(len(names)),
-        np.array([sites[name].depth_mm for name in names]),
+    layer, x_mm, depth_mm = zip(
+        *((s.layer, s.x_mm, s.depth_mm) for s in sites.values()), strict=True
     )
-    stress = np.einsum("cun,kn->kuc", influence, forces, dtype=np.float64)
-    order = [COMPONENTS.index(name) for name in ("xx", "yy", "zz", "xy", "yz", "zx")]
-    tensor = stress[..., order]
-    tensor[..., 4:] = 0.0  # by symmetry about z = 0, but for rounding
+    places = np.array(layer), np.array(x_mm), np.zeros(len(sites)), np.array(depth_mm)
+    influence = influence_pa(pad, nodes, *places)
+    tensor = np.einsum("cun,kn->kuc", influence, forces, dtype=np.float64)
+    tensor[..., 4:] = 0.0  # yz and zx, by symmetry about z = 0, but for rounding
     return ResponseMap(
         depth_um=depth_um,
         tensor_pa=tensor,
         force_n_per_mm=forces.sum(axis=1),
         places=tuple(
-            AfferentNode(
-                name,
-                1 + n,
-                sites[name].layer,
-                sites[name].x_mm,
-                -sites[name].depth_mm,
-                sites[name].depth_mm,
-            )
-            for n, name in enumerate(names)
+            AfferentNode(name, n, site.layer, site.x_mm, -site.depth_mm, site.depth_mm)
+            for n, (name, site) in enumerate(sites.items(), start=1)
         ),
         closure_percent=0.0,
         origin={"finger": finger_table(pad.finger), "pad": dict(pad.origin), "pin_mm": diameter_mm},

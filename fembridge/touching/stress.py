@@ -1,169 +1,224 @@
 """Stress where afferents sit: CalculiX' unit forces, superposed.
 
-Each unit has a place on the skin and a depth below it, within a layer. The stress tensor
-there is linear in the contact's forces; von Mises stress is taken of the sum.
+The stress tensor at a unit is linear in the contact's forces. Between rows of elements
+it is linear in depth, as in a bent layer; along the skin and along the finger it is
+cubic. RA and PC read von Mises stress of the sum, as in the paper. SA reads::
 
-Between rows of elements stress is linear in depth, as in a bent layer; along the skin
-and along the finger it is cubic.
+    k (nu (sigma_tt + sigma_zz) - sigma_nn)
+
+n is the skin's normal, t and z lie along the skin. At nu = 1/2 that is Young's modulus
+times the compressive strain along n, and where skin is bent by a pin it is von Mises
+stress, with a sign: skin that bends the other way, beside a bar or into a gap, is silent.
+At nu = 0 it is the pressure alone, which a bar's plateau has and bending hides. `SA_NU`
+lies between (decision 0029). k makes it von Mises stress under the pin that parameters
+are fitted under, so that they hold for it as they are.
 """
 
+from functools import cache
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import NDArray
 
 from fembridge.errors import UsageError
-from fembridge.touching.contact import SkinNodes
+from fembridge.touching.contact import SkinNodes, press_to
 from fembridge.touching.pad import FORCE_FLIP, STRESS_FLIP, Pad, cubic_weights
+from fembridge.touching.population import Population
+from fembridge.touching.shape import Shape
 from fembridge.typing import FloatArray, IntArray, SingleArray
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+SA_NU = 0.1
+# Depth of the pin by which k is found.
+_PIN_UM = 200.0
 # A unit may be this share of a row's thickness outside of the middles of rows.
 _BEYOND = 0.75
 # Numbers that a block of units takes at a time.
 _BLOCK = 4_000_000
 
 
-def influence_pa(
+def driving_stress_pa(
     pad: Pad,
     nodes: SkinNodes,
-    layers: list[str],
-    x_mm: FloatArray,
-    z_mm: FloatArray,
-    depth_mm: FloatArray,
-    drag: tuple[float, float] = (0.0, 0.0),
-) -> SingleArray:
-    """Stress ``(6, unit, node)`` in Pa at units under 1 N into the skin on each of `nodes`.
+    forces_n: FloatArray | SingleArray,
+    units: Population,
+    drag: FloatArray | None = None,
+) -> FloatArray:
+    """Stress that drives each unit ``(S, unit)`` in Pa under `forces_n` ``(S, node)``.
 
-    `layers`, `x_mm`, `z_mm` and `depth_mm` are by unit: the layer it lies in, its place
-    on the skin, and how deep under it. `drag` comes with the force, along x and z.
+    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin. Of
+    the endings of a unit that with the largest stress counts.
 
     Raises
     ------
     UsageError
         A unit in a layer or at a depth of which the pad holds no stress.
     """
+    if not nodes.column.size:
+        return np.zeros((len(forces_n), len(units)))
+    unit, x_mm, z_mm = units.endings()
+    layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
+    reads_sa = (np.array(units.afferent) == "SA")[unit] & (not units.sa_von_mises)
+    straight = drag is None or bool(np.abs(drag - drag[0]).max() < 1e-6)
+    forces = np.ascontiguousarray(forces_n, dtype=np.float32)
+    if drag is not None and not straight:
+        forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)
+    steady = (float(drag[0, 0]), float(drag[0, 1])) if drag is not None and straight else (0.0, 0.0)
+    stress = np.empty((len(forces), unit.size), dtype=np.float32)
+    columns = np.unique(nodes.column).size * 2 * pad.stress_z_mm.size
+    step = max(1, _BLOCK // (6 * max(*forces.shape, columns)))
+    for first in range(0, unit.size, step):
+        mine = slice(first, first + step)
+        places = layer[mine], x_mm[mine], z_mm[mine], depth_mm[mine]
+        influence = influence_pa(pad, nodes, *places, drag=steady)
+        if not straight:  # along a curve the drag turns: tensors of all three directions
+            aside = [influence_pa(pad, nodes, *places, drag=one) for one in ((1, 0), (0, 1))]
+            influence = np.concatenate([influence, *(each - influence for each in aside)], axis=2)
+        sa = reads_sa[mine]
+        block = stress[:, mine]
+        block[:, ~sa] = von_mises_pa(influence[:, ~sa], forces)
+        if sa.any():
+            normal = pad.normal_at(x_mm[mine][sa])
+            block[:, sa] = _sa_scale(pad) * sa_stress_pa(influence[:, sa], forces, normal)
+    starts = np.flatnonzero(np.diff(unit, prepend=-1))
+    return np.maximum.reduceat(stress, starts, axis=1).astype(np.float64)
+
+
+def influence_pa(
+    pad: Pad,
+    nodes: SkinNodes,
+    layer: NDArray[np.str_],
+    x_mm: FloatArray,
+    z_mm: FloatArray,
+    depth_mm: FloatArray,
+    drag: tuple[float, float] = (0.0, 0.0),
+) -> SingleArray:
+    """Stress ``(6, place, node)`` in Pa under 1 N into the skin on each of `nodes`.
+
+    `layer`, `x_mm`, `z_mm` and `depth_mm` are by place: the layer it lies in, where on
+    the skin, and how deep under it. `drag` comes with the force, along x and z.
+
+    Raises
+    ------
+    UsageError
+        A place in a layer or at a depth of which the pad holds no stress.
+    """
     columns, column = np.unique(nodes.column, return_inverse=True)
     rows, row = np.unique(nodes.row, return_inverse=True)
-    half = pad.x_mm.size // 2
-    forces = [(1, 1.0), *((d, share) for d, share in zip((0, 2), drag, strict=True) if share)]
-    found = np.empty((6, len(layers), nodes.column.size), dtype=np.float32)
-    if not found.size:
-        return found
-    # Middles of elements along z, mirrored: a cubic needs two on the other side.
     middle = pad.stress_z_mm
-    along = np.concatenate([-middle[1::-1], middle])
-    block = max(1, _BLOCK // (6 * columns.size * along.size))
-    for first in range(0, len(layers), block):
-        mine = slice(first, first + block)
-        place, weight = _section_weights(pad, layers[mine], x_mm[mine], depth_mm[mine])
-        away = z_mm[mine, None] - rows * pad.spacing_mm  # (unit, row)
-        at, share = cubic_weights(along, np.abs(away).ravel())
-        share[(np.abs(away) > middle[-1]).ravel()] = 0.0
-        at, share = at.reshape(*away.shape, 4), share.reshape(*away.shape, 4)
-        total = np.zeros((6, *away.shape, columns.size), dtype=np.float32)
-        for direction, scale in forces:
-            flip = (FORCE_FLIP["z"][direction] * STRESS_FLIP["z"]).astype(np.float32)
-            # (unit, 6, column, K) of the places of units in the section.
-            here = _in_section(pad, direction, columns - half, place, weight)
-            tail = here[..., 1::-1] * flip[None, :, None, None]
-            table = np.concatenate([tail, here], axis=-1)
-            side = np.where(away < 0, flip[:, None, None], np.float32(1.0)) * np.float32(scale)
-            unit = np.arange(len(table))[:, None]
-            for k in range(4):
-                # Advanced indices around slices come first: (unit, row, 6, column).
-                part = table[unit, :, :, at[..., k]] * share[..., k, None, None].astype(np.float32)
-                total += np.moveaxis(part, 2, 0) * side[..., None]
-        found[:, mine] = total[:, :, row, column]
+    along = np.concatenate([-middle[::-1], middle])
+    table = _table(pad, columns - pad.x_mm.size // 2, (drag[0], 1.0, drag[1]))
+    # Stress at the places in the section, along the finger: (place, 6 x column, K).
+    in_section = _section_weights(pad, layer, x_mm, depth_mm) @ table
+    here = in_section.reshape(x_mm.size, 6 * columns.size, along.size)
+    away_mm = z_mm[:, None] - rows * pad.spacing_mm  # (place, row)
+    at, share = cubic_weights(along, away_mm.ravel())
+    share[np.abs(away_mm.ravel()) > middle[-1]] = 0.0
+    weight = np.zeros((away_mm.size, along.size), dtype=np.float32)
+    np.put_along_axis(weight, at, share.astype(np.float32), axis=1)
+    stress = here @ weight.reshape(x_mm.size, rows.size, along.size).transpose(0, 2, 1)
+    whole = stress.reshape(x_mm.size, 6, columns.size, rows.size)
+    found: SingleArray = np.moveaxis(whole[:, :, column, row], 1, 0)
     return found
 
 
 def von_mises_pa(
     influence: SingleArray | FloatArray, forces_n: SingleArray | FloatArray
 ) -> FloatArray:
-    """Von Mises stress ``(T, unit)`` in Pa under `forces_n` ``(T, node)``."""
-    times, units = len(forces_n), influence.shape[1]
-    found = np.empty((times, units))
-    forces = np.ascontiguousarray(forces_n, dtype=np.float32)
-    flat = influence.reshape(6 * units, -1)
-    step = max(1, _BLOCK // max(1, 6 * units))
-    for first in range(0, times, step):
-        stress = (forces[first : first + step] @ flat.T).reshape(-1, 6, units)
-        xx, yy, zz, xy, yz, zx = np.moveaxis(stress, 1, 0)
-        square = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
-        square += 3 * (xy**2 + yz**2 + zx**2)
-        np.sqrt(square, out=found[first : first + step], casting="unsafe")
+    """Von Mises stress ``(S, place)`` in Pa under `forces_n` ``(S, node)``."""
+    _, places, nodes = influence.shape
+    stress = (forces_n @ influence.reshape(-1, nodes).T).reshape(len(forces_n), 6, places)
+    xx, yy, zz, xy, yz, zx = np.moveaxis(stress, 1, 0)
+    square = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
+    square += 3 * (xy**2 + yz**2 + zx**2)
+    found: FloatArray = np.sqrt(square)
     return found
 
 
-def compression_pa(
-    influence: SingleArray | FloatArray, forces_n: SingleArray | FloatArray, normal: FloatArray
+def sa_stress_pa(
+    influence: SingleArray | FloatArray,
+    forces_n: SingleArray | FloatArray,
+    normal: FloatArray,
 ) -> FloatArray:
-    """Compression ``(T, unit)`` in Pa along `normal` ``(unit, 2)`` in the section, >= 0."""
-    x, y = normal.T[:, :, None].astype(np.float32)
-    along = x * x * influence[0] + y * y * influence[1] + 2 * x * y * influence[3]
-    pressed = -(np.asarray(forces_n, dtype=np.float32) @ along.T)
-    return np.asarray(np.maximum(pressed, 0.0), dtype=np.float64)
-
-
-def _in_section(
-    pad: Pad, direction: int, columns: IntArray, place: IntArray, weight: SingleArray
-) -> SingleArray:
-    """Stress ``(unit, 6, column, K)`` under forces on `columns`, counted from the apex."""
-    count = pad.stress_pa.shape[4]
-    rows, middles = place // count, place % count
-    right = columns >= 0
-    sign = (FORCE_FLIP["x"][direction] * STRESS_FLIP["x"]).astype(np.float32)
-    found = np.zeros((len(place), 6, columns.size, pad.stress_z_mm.size), dtype=np.float32)
-    table = pad.stress_pa[:, direction]  # (R, 6, N', 2 M, K)
-    for side, chosen in ((1, right), (-1, ~right)):
-        if not chosen.any():
-            continue
-        at = np.abs(columns[chosen])
-        for k in range(place.shape[1]):
-            middle = middles[:, k] if side > 0 else count - 1 - middles[:, k]
-            part = table[rows[:, k], :, :, middle][:, :, at] * weight[:, k, None, None, None]
-            found[:, :, chosen] += part if side > 0 else part * sign[None, :, None, None]
+    """What SA reads but for k, ``(S, place)`` >= 0; `normal` ``(place, 2)``, see the module."""
+    x, y = normal.T[:, :, None].astype(influence.dtype)
+    xx, yy, zz, xy, *_ = influence
+    along_normal = x * x * xx + y * y * yy + 2 * x * y * xy
+    read = SA_NU * (xx + yy + zz) - (1 + SA_NU) * along_normal
+    found: FloatArray = np.maximum(forces_n @ read.T, 0.0)
     return found
+
+
+@cache
+def _sa_scale(pad: Pad) -> float:
+    """Von Mises stress over what SA reads where it sits under a flat pin of 1 mm: k."""
+    nodes, forces, _ = press_to(pad, Shape.punch(), np.array([_PIN_UM]))
+    unit = Population.one_each(afferents=("SA",), finger=pad.finger)
+    places = np.array(unit.layer), unit.x_mm, unit.z_mm, unit.depth_mm
+    influence = influence_pa(pad, nodes, *places)
+    read = sa_stress_pa(influence, forces, pad.normal_at(unit.x_mm))
+    return float(von_mises_pa(influence, forces)[0, 0] / read[0, 0])
+
+
+def _table(pad: Pad, columns: IntArray, force: tuple[float, float, float]) -> SingleArray:
+    """The pad's stress under `force` on `columns`, counted from the apex, mirrored as needed.
+
+    ``(R x 2 M, 6 x column x 2 K)``: rows and middles of elements, places along z from -z.
+    """
+    parts = []
+    for direction, share in enumerate(force):
+        if not share:
+            continue
+        right = share * pad.stress_pa[:, direction]  # (R, 6, N', 2 M, K)
+        flip = FORCE_FLIP["x"][direction] * STRESS_FLIP["x"].astype(np.float32)
+        left = right[:, :, :, ::-1] * flip[:, None, None, None]
+        both = [(left if n < 0 else right)[:, :, abs(n)] for n in columns.tolist()]
+        ahead = np.stack(both, axis=2)
+        flip = FORCE_FLIP["z"][direction] * STRESS_FLIP["z"].astype(np.float32)
+        behind = ahead[..., ::-1] * flip[:, None, None, None]
+        parts.append(np.concatenate([behind, ahead], axis=-1))
+    whole: SingleArray = np.sum(parts, axis=0, dtype=np.float32)
+    rows, _, _, middles, _ = whole.shape
+    return np.moveaxis(whole, 3, 1).reshape(rows * middles, -1)
 
 
 def _section_weights(
-    pad: Pad, layers: list[str], x_mm: FloatArray, depth_mm: FloatArray
-) -> tuple[IntArray, SingleArray]:
-    """Middles of elements around each unit and their weights, ``(unit, 8)``.
+    pad: Pad,
+    layer: NDArray[np.str_],
+    x_mm: FloatArray,
+    depth_mm: FloatArray,
+) -> "csr_array":
+    """Weights ``(place, R x 2 M)`` of the middles of elements around each place."""
+    from scipy.sparse import csr_array
 
-    A middle's place counts through rows and middles of the pad's stress.
-    """
     arc_mm = pad.arc_at(x_mm)
     middles = pad.stress_pa.shape[4]
-    place = np.zeros((arc_mm.size, 8), dtype=np.int64)
-    weight = np.zeros((arc_mm.size, 8), dtype=np.float32)
-    names = np.array(layers)
-    for layer in dict.fromkeys(layers):
-        held = [n for n, row in enumerate(pad.rows) if row.layer == layer]
+    entries = []
+    for name in np.unique(layer):
+        held = [n for n, row in enumerate(pad.rows) if row.layer == name]
         if not held:
             known = ", ".join(dict.fromkeys(row.layer for row in pad.rows))
-            raise UsageError(f"the pad holds no stress in {layer}, but in {known}")
-        units = np.flatnonzero(names == layer)
+            raise UsageError(f"the pad holds no stress in {name}, but in {known}")
+        mine = np.flatnonzero(layer == name)
         arcs = [np.concatenate([-pad.rows[n].arc_mm[::-1], pad.rows[n].arc_mm]) for n in held]
         deep = [np.concatenate([pad.rows[n].depth_mm[::-1], pad.rows[n].depth_mm]) for n in held]
-        depths = np.stack([np.interp(arc_mm[units], a, d) for a, d in zip(arcs, deep, strict=True)])
-        wanted = depth_mm[units]
-        thick = np.diff(depths, axis=0)
+        depths = np.stack([np.interp(arc_mm[mine], a, d) for a, d in zip(arcs, deep, strict=True)])
+        wanted, thick = depth_mm[mine], np.diff(depths, axis=0)
         low, high = depths[0] - _BEYOND * thick[0], depths[-1] + _BEYOND * thick[-1]
-        out = np.flatnonzero((wanted < low) | (wanted > high))
-        if out.size:
-            one = out[0]
+        for one in np.flatnonzero((wanted < low) | (wanted > high)):
             raise UsageError(
-                f"a unit {wanted[one]:g} mm deep in {layer} at x = {x_mm[units[one]]:g} mm: the "
+                f"a unit {wanted[one]:g} mm deep in {name} at x = {x_mm[mine[one]]:g} mm: the "
                 f"pad holds stress from {low[one]:.3g} to {high[one]:.3g} mm there"
             )
         upper = np.clip((depths < wanted).sum(axis=0) - 1, 0, len(held) - 2)
-        each = np.arange(units.size)
+        each = np.arange(mine.size)
         share = (wanted - depths[upper, each]) / thick[upper, each]
-        for n in range(2):
-            row = upper + n
-            for here in np.unique(row):
-                chosen = row == here
-                at, by = cubic_weights(arcs[here], arc_mm[units[chosen]])
-                along = share[chosen] if n else 1 - share[chosen]
-                columns = slice(4 * n, 4 * n + 4)
-                place[units[chosen], columns] = held[here] * middles + at
-                weight[units[chosen], columns] = by * along[:, None]
-    return place, weight
+        for n, (row, arcs_mm) in enumerate(zip(held, arcs, strict=True)):
+            by_depth = np.where(upper == n, 1 - share, np.where(upper == n - 1, share, 0.0))
+            at, weight = cubic_weights(arcs_mm, arc_mm[mine])
+            entries.append((np.repeat(mine, 4), row * middles + at, by_depth[:, None] * weight))
+    place, middle, weight = (np.concatenate([one[k].ravel() for one in entries]) for k in range(3))
+    shape = arc_mm.size, len(pad.rows) * middles
+    return csr_array((weight.astype(np.float32), (place, middle)), shape=shape)

@@ -11,7 +11,7 @@ the shape moves by that. Without it each node that comes into contact would be a
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +21,22 @@ from fembridge.errors import UsageError
 from fembridge.stimulus import Stimulus
 from fembridge.store import write_text
 from fembridge.tables import write_table
-from fembridge.touching.contact import Contact, SkinNodes, gaps_mm, skin_height_mm, skin_nodes
+from fembridge.touching.contact import (
+    MM_PER_UM,
+    Contact,
+    SkinNodes,
+    depth_of_force_mm,
+    first_touch_mm,
+    gaps_mm,
+    press_to,
+    skin_nodes,
+)
 from fembridge.touching.pad import Pad, pad_named
-from fembridge.touching.population import Population, population_named
+from fembridge.touching.population import ENDINGS_MM, Population, population_named
 from fembridge.touching.shape import Shape, shape_named
-from fembridge.touching.stress import compression_pa, influence_pa, von_mises_pa
-from fembridge.touching.way import MOST_UM, Pins, Way, way_of
-from fembridge.typing import FloatArray, IntArray, SingleArray, Table
+from fembridge.touching.stress import driving_stress_pa
+from fembridge.touching.way import Pins, Way, read_pins, way_of
+from fembridge.typing import FloatArray, SingleArray, Table
 from neural.parameter_sets import ParameterSet, parameter_set_or_file
 from neural.parameters import Parameters
 from neural.units import UnitSpikes, encode_units
@@ -42,17 +51,9 @@ SPIKES_FILE, RATES_FILE = "spikes.csv", "rates.csv"
 FRICTION = 0.4
 # Depths at which contact is solved for a shape that goes in and out.
 LEVELS = 25
-# Compression that SA reads is that so much nearer the skin than its site, 0.52 mm deep in
-# the reference finger: there the profiles of bars and gaps are those of SA (docs/touch.md).
-SHALLOWER_MM = 0.0675
-# Depth of the pin by which it is scaled.
-_PIN_MM = 0.2
 # A shape that slides is solved at least so often while it moves by one node.
 _STEPS_A_NODE = 8
 _MOST_EVERY = 20
-# Under a force, skin so far from the shape is first taken to be all that touches.
-_FIRST_REACH_MM = 0.25
-_MM_PER_UM = 1.0e-3
 _MS_PER_S = 1.0e3
 # What is touched, and the parameters that were fitted on it.
 PAD, PARAMETERS = "reference", "fitted_pad"
@@ -62,20 +63,21 @@ PAD, PARAMETERS = "reference", "fitted_pad"
 class Touch:
     """What came of a touch.
 
-    `stress_pa` ``(T, unit)`` is von Mises stress at each unit, `force_n` and `depth_um`
-    ``(T,)`` are the shape's. `contact_n` ``(S, node)`` are forces on `nodes` at depths or
-    forces `contact_at`, or, where the shape slides, at those samples.
+    `stress_pa` ``(T, unit)`` drives each unit, `force_n` and `depth_um` ``(T,)`` are the
+    shape's. `contact_n` ``(S, node)`` are forces on `nodes` at the states that were
+    solved; sample n lies at `at` ``(T,)`` among their `knots` ``(S,)``.
     """
 
     population: Population
     way: Way
-    shape: Shape | None
+    shape: Shape
     stress_pa: FloatArray
     force_n: FloatArray
     depth_um: FloatArray
     nodes: SkinNodes
     contact_n: FloatArray | SingleArray
-    contact_at: FloatArray
+    knots: FloatArray
+    at: FloatArray
     fired: UnitSpikes
     trials: int = 1
     origin: Table = field(default_factory=dict)
@@ -169,8 +171,8 @@ def touch(
     relief_mm: float | None = None,
     friction: float = FRICTION,
     population: str | Population = "fingertip",
-    endings_mm: float = 0.0,
-    sa_compression: bool = False,
+    endings_mm: float = ENDINGS_MM,
+    sa_von_mises: bool = False,
     pad: str | Pad = PAD,
     parameters: str | ParameterSet = PARAMETERS,
     preindent_um: float | None = None,
@@ -201,9 +203,10 @@ def touch(
         A `Population`, ``fingertip``, ``grid``, ``line``, ``one_each``, or a table.
     endings_mm
         An SA or RA unit has endings so far around its place and feels by the one with the
-        largest stress; 0: it is a point, as in the fit.
-    sa_compression
-        SA units read compression along the skin's normal in place of von Mises stress.
+        largest stress; 0: it is a point.
+    sa_von_mises
+        SA units read von Mises stress, as in the paper, in place of a share of
+        compression and of stretch.
     pad
         ``reference``, a file that ``fembridge pad`` made, or a `Pad`.
     preindent_um
@@ -237,33 +240,31 @@ def touch(
     units = population
     if not isinstance(units, Population):
         units = population_named(units, skin.finger)
-    units = replace(units, endings_mm=endings_mm, sa_compression=sa_compression)
+    units = replace(units, endings_mm=endings_mm, sa_von_mises=sa_von_mises)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
-    common: dict[str, Any] = {
-        "trials": repeats,
-        "noise_mv": noise_mv,
-        "seed": seed,
-        "origin": {"parameter_set": chosen.name, "seed": seed},
-    }
     if pins is not None:
         others = (stimulus, press_um, press_n, slide_mm_per_s, path)
         if any(each is not None for each in others):
             raise UsageError("pins have waveforms of their own: no other way beside them")
-        array = Pins.read(pins, preindent_um=depth_um)
-        return touch_pins(skin, array, units, chosen.parameters, **common)
-    if not isinstance(shape, Shape):
-        shape = shape_named(shape, pixel_mm, relief_mm, log)
-    shape = shape.rotated(angle_deg).moved(*at_mm)
-    way = way_of(
-        stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,
-        duration_ms, path, depth_um, log,
-    )  # fmt: skip
+        way, shape = read_pins(pins, preindent_um=depth_um)
+    else:
+        if not isinstance(shape, Shape):
+            shape = shape_named(shape, pixel_mm, relief_mm, log)
+        shape = shape.rotated(angle_deg).moved(*at_mm)
+        way = way_of(
+            stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,
+            duration_ms, path, depth_um, log,
+        )  # fmt: skip
     if stimulus is not None and depth_um and preindent_um is None:
         log(
             f"parameters {chosen.name}: the shape is {depth_um:g} um deep before time 0, as "
             "in their fit"
         )
-    return touch_skin(skin, shape, way, units, chosen.parameters, friction=friction, **common)
+    origin = {"parameter_set": chosen.name, "seed": seed}
+    return touch_skin(
+        skin, shape, way, units, chosen.parameters,
+        friction=friction, trials=repeats, noise_mv=noise_mv, seed=seed, origin=origin,
+    )  # fmt: skip
 
 
 def touch_skin(
@@ -289,233 +290,25 @@ def touch_skin(
     ParameterError
         Parameters of another time step or another quantity.
     """
-    solved = _slid(pad, shape, way, friction) if way.slides else _pressed_to(pad, shape, way)
-    return _fire(pad, shape, way, population, parameters, solved, trials, noise_mv, seed, origin)
-
-
-def touch_pins(
-    pad: Pad,
-    pins: Pins,
-    population: Population,
-    parameters: Parameters,
-    *,
-    trials: int = 1,
-    noise_mv: float = 0.0,
-    seed: int = 0,
-    origin: Mapping[str, Any] | None = None,
-) -> Touch:
-    """Press an array of pins, each with its own waveform; errors as of `touch_skin`."""
-    nodes = skin_nodes(pad)
-    overlap_um = np.full((len(pins.depth_um), nodes.column.size), -np.inf)
-    for pin, (x, z, diameter) in enumerate(
-        zip(pins.x_mm, pins.z_mm, pins.diameter_mm, strict=True)
-    ):
-        alone = Shape.punch(float(diameter)).moved(float(x), float(z))
-        gap_mm = gaps_mm(nodes, alone) - first_touch_mm(pad, alone)
-        under = np.isfinite(gap_mm) & (gap_mm < pins.depth_um[:, pin].max() * _MM_PER_UM)
-        here = pins.depth_um[:, pin, None] - gap_mm[under] / _MM_PER_UM
-        overlap_um[:, under] = np.maximum(overlap_um[:, under], here)
-    reached = np.asarray((overlap_um > 0).any(axis=0))
-    nodes = nodes.subset(reached)
-    contact = Contact.of(nodes)
-    forces = np.stack([contact.press(row) for row in overlap_um[:, reached] * _MM_PER_UM])
-    way = Way(f"{len(pins.x_mm)} pins", pins.dt_ms, pins.window_ms, pins.depth_um.max(axis=1))
-    solved = _Solved(nodes, forces, way.pressed, np.arange(len(forces)))
-    places = list(
-        zip(pins.x_mm.tolist(), pins.z_mm.tolist(), pins.diameter_mm.tolist(), strict=True)
-    )
-    shape = Shape.pins(places)
-    return _fire(pad, shape, way, population, parameters, solved, trials, noise_mv, seed, origin)
-
-
-def first_touch_mm(pad: Pad, shape: Shape) -> float:
-    """How far `shape` is over the skin where it touches first, also between nodes.
-
-    Raises
-    ------
-    UsageError
-        The shape is nowhere over the part of the pad that may be touched.
-    """
-    nodes = skin_nodes(pad)
-    gap = gaps_mm(nodes, shape)
-    lowest = int(gap.argmin())
-    if not np.isfinite(gap[lowest]):
-        # Smaller than the grid, or beside it: look between the nodes.
-        lowest = -1
-    fine = np.arange(-8, 9) / 8 * pad.spacing_mm
-    if lowest >= 0:
-        x = pad.x_mm[nodes.column[lowest]] + fine
-        z = nodes.row[lowest] * pad.spacing_mm + fine
+    if way.pins is not None:
+        solved = _pinned(pad, way, way.pins)
+    elif way.slides:
+        solved = _slid(pad, shape, way, friction)
     else:
-        x = np.arange(pad.x_mm[0], pad.x_mm[-1], pad.spacing_mm / 8)
-        z = np.arange(nodes.z_mm.min(), nodes.z_mm.max(), pad.spacing_mm / 8)
-    x = x[np.abs(x) <= pad.reach_mm]
-    height = shape.height_mm(*np.meshgrid(x, z, indexing="ij"))
-    least = float((height - skin_height_mm(pad, *np.meshgrid(x, z, indexing="ij"))).min())
-    if not np.isfinite(least):
-        raise UsageError(
-            f"{shape.name} is beside the pad, which reaches {pad.reach_mm:.3g} mm across and "
-            f"{nodes.z_mm.max():.3g} mm along to both sides"
-        )
-    return least
-
-
-# ---- Forces
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solved:
-    """Forces ``(S, node)`` on `nodes`, solved at levels or at samples.
-
-    With `level` ``(S,)`` each sample is read between levels, of which `depth_um` ``(S,)``
-    are the depths; without, between the samples `row` ``(S,)``. `drag` ``(T, 2)`` is the
-    force along x and z that comes with 1 N into the skin; None where nothing slips.
-    """
-
-    nodes: SkinNodes
-    forces_n: FloatArray | SingleArray
-    depth_um: FloatArray
-    row: IntArray
-    level: FloatArray | None = None
-    drag: FloatArray | None = None
-
-
-def _pressed_to(pad: Pad, shape: Shape, way: Way) -> _Solved:
-    """Contact at `LEVELS` depths or forces, from none to the most."""
-    most = max(float(way.pressed.max()), 0.0)
-    level = max(most, 1e-9) * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
-    row = np.arange(LEVELS)
-    first_mm = first_touch_mm(pad, shape)
-    nodes = skin_nodes(pad)
-    gap_mm = gaps_mm(nodes, shape) - first_mm
-    if way.force_n is None:
-        near = gap_mm < most * _MM_PER_UM
-        nodes, gap_mm = nodes.subset(near), gap_mm[near]
-        contact = Contact.of(nodes)
-        forces = [contact.press(one * _MM_PER_UM - gap_mm) for one in level]
-        return _Solved(nodes, np.stack(forces), level, row, level)
-    near = gap_mm < _depth_mm(nodes, gap_mm, most)
-    nodes, gap_mm = nodes.subset(near), gap_mm[near]
-    contact = Contact.of(nodes)
-    pairs = [contact.press_with(gap_mm, one) for one in level]
-    depth_um = np.array([max(depth_mm, 0.0) for _, depth_mm in pairs]) / _MM_PER_UM
-    return _Solved(nodes, np.stack([force for force, _ in pairs]), depth_um, row, level)
-
-
-def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
-    """Contact step by step while the shape slides; friction drags the skin along.
-
-    Depth is counted from where the shape's highest plane touches the pad's apex.
-    """
-    if way.x_mm is None or way.z_mm is None:
-        raise UsageError("a way that does not slide")
-    step_mm = np.stack([np.gradient(way.x_mm), np.gradient(way.z_mm)], -1)
-    speed = np.hypot(*step_mm.T)
-    fastest = max(float(speed.max()), 1e-9)
-    drag = friction * step_mm / np.maximum(speed, 1e-12)[:, None]
-    straight = np.abs(drag - drag[0]).max() < 1e-6
-    fine_mm = pad.spacing_mm / _STEPS_A_NODE
-    every = 1 if np.ptp(way.pressed) else max(1, min(int(fine_mm / fastest), _MOST_EVERY))
-    row = np.unique(np.append(np.arange(0, way.pressed.size, every), way.pressed.size - 1))
-    everywhere = skin_nodes(pad)
-    gaps = np.empty((row.size, everywhere.column.size), dtype=np.float32)
-    for n, sample in enumerate(row.tolist()):
-        gaps[n] = gaps_mm(everywhere, shape.moved(float(way.x_mm[sample]), float(way.z_mm[sample])))
-    if way.force_n is None:
-        level = way.pressed[row] * _MM_PER_UM
-        reach_mm = float(level.max())
-    else:
-        level = way.pressed[row]
-        some = range(0, row.size, max(1, row.size // 6))
-        tried = [_depth_mm(everywhere, gaps[n].astype(float), float(level[n])) for n in some]
-        reach_mm = max(tried)
-    reached = np.asarray((gaps < reach_mm).any(axis=0))
-    if not reached.any():
-        raise UsageError(f"{shape.name} touches the pad nowhere on its way")
-    nodes, gaps = everywhere.subset(reached), gaps[:, reached]
-    contact = Contact.of(nodes, (float(drag[0, 0]), float(drag[0, 1])) if straight else (0.0, 0.0))
-    forces = np.empty((row.size, nodes.column.size), dtype=np.float32)
-    depth_um = np.empty(row.size)
-    for n, gap in enumerate(gaps.astype(np.float64)):
-        if way.force_n is None:
-            forces[n], depth_mm = contact.press(level[n] - gap), level[n]
-        else:
-            forces[n], depth_mm = contact.press_with(gap, float(level[n]))
-        depth_um[n] = depth_mm / _MM_PER_UM
-    window = pad.spacing_mm / (fastest * every)
-    averaged = _averaged(forces, window)
-    drags = drag if friction else None
-    return _Solved(nodes, averaged, _averaged(depth_um, window), row, drag=drags)
-
-
-def _depth_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:
-    """Depth at which `force_n` is reached, with a margin; gaps may be anything >= 0."""
-    first_mm = float(gap_mm.min())
-    reach_mm = _FIRST_REACH_MM
-    while reach_mm < 2 * MOST_UM * _MM_PER_UM:
-        near = gap_mm < first_mm + reach_mm
-        contact = Contact.of(nodes.subset(near))
-        _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
-        if depth_mm < 0.8 * reach_mm:
-            return first_mm + 1.2 * depth_mm
-        reach_mm = max(2 * reach_mm, 1.3 * depth_mm) if depth_mm < MOST_UM else np.inf
-    raise UsageError(
-        f"{force_n:g} N presses the shape deeper than {MOST_UM:g} um, expected less force"
-    )
-
-
-def _averaged(values: FloatArray | SingleArray, window: float) -> FloatArray:
-    """Mean over `window` steps around each, any part of one; at the ends over what is there.
-
-    Over just one node's way all that repeats from node to node is gone.
-    """
-    if window <= 1:
-        return np.asarray(values, dtype=np.float64)
-    count = len(values)
-    total = np.zeros((count + 1, *values.shape[1:]))
-    np.cumsum(values, axis=0, dtype=np.float64, out=total[1:])
-
-    def until(at: FloatArray) -> FloatArray:
-        row = np.minimum(at.astype(np.int64), count - 1)
-        part = (at - row).reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray(total[row] + part * values[row])
-
-    middle = np.arange(count) + 0.5
-    first, last = np.maximum(middle - window / 2, 0), np.minimum(middle + window / 2, count)
-    width = (last - first).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((until(last) - until(first)) / width)
-
-
-# ---- Stress and spikes
-
-
-def _fire(
-    pad: Pad,
-    shape: Shape | None,
-    way: Way,
-    population: Population,
-    parameters: Parameters,
-    solved: _Solved,
-    trials: int,
-    noise_mv: float,
-    seed: int,
-    origin: Mapping[str, Any] | None,
-) -> Touch:
-    """Stress at all units, and their spikes."""
+        most = max(float(way.pressed.max()), 1e-9)
+        level = most * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
+        pressed = press_to(pad, shape, level, newton=way.force_n is not None)
+        solved = _Solved(*pressed, level, np.clip(way.pressed, 0.0, most))
     if not 1 <= trials <= 10_000:
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
     pushed = np.asarray((solved.forces_n > 0).any(axis=0))
     nodes, forces = solved.nodes.subset(pushed), solved.forces_n[:, pushed]
-    drag = None if solved.drag is None else solved.drag[solved.row]
-    stress = units_stress_pa(pad, nodes, forces, population, drag)
-    total_n = forces.sum(axis=1)
-    if solved.level is not None:
-        at, knots = np.clip(way.pressed, 0.0, solved.level[-1]), solved.level
-    else:
-        at, knots = np.arange(way.pressed.size, dtype=np.float64), solved.row.astype(np.float64)
-    stress, total_n, depth_um = (
-        between(knots, each, at) for each in (stress, total_n, solved.depth_um)
+    states = (
+        driving_stress_pa(pad, nodes, forces, population, solved.drag),
+        forces.sum(axis=1),
+        solved.depth_um,
     )
+    stress, total_n, depth_um = (between(solved.knots, each, solved.at) for each in states)
     fired = encode_units(
         stress,
         list(population.afferent),
@@ -541,95 +334,127 @@ def _fire(
         depth_um=depth_um,
         nodes=nodes,
         contact_n=forces,
-        contact_at=knots,
+        knots=solved.knots,
+        at=solved.at,
         fired=fired,
         trials=trials,
         origin={**about, **(origin or {})},
     )
 
 
+# ---- Forces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """Forces ``(S, node)`` on `nodes` and depths ``(S,)`` at the states that were solved.
+
+    `knots` and `at` are those of `Touch`. `drag` ``(S, 2)`` is the force along x and z
+    that comes with 1 N into the skin; None where nothing slips.
+    """
+
+    nodes: SkinNodes
+    forces_n: FloatArray | SingleArray
+    depth_um: FloatArray
+    knots: FloatArray
+    at: FloatArray
+    drag: FloatArray | None = None
+
+
+def _pinned(pad: Pad, way: Way, pins: Pins) -> _Solved:
+    """Contact sample by sample of pins that move on their own."""
+    samples = np.arange(way.pressed.size, dtype=np.float64)
+    nodes = skin_nodes(pad)
+    overlap_um = np.full((samples.size, nodes.column.size), -np.inf)
+    for place, depth_um in zip(pins.places, pins.depth_um.T, strict=True):
+        alone = Shape.pins([place])
+        gap_um = (gaps_mm(nodes, alone) - first_touch_mm(pad, alone)) / MM_PER_UM
+        under = gap_um < depth_um.max()
+        here = depth_um[:, None] - gap_um[under]
+        overlap_um[:, under] = np.maximum(overlap_um[:, under], here)
+    reached = np.asarray((overlap_um > 0).any(axis=0))
+    nodes = nodes.subset(reached)
+    contact = Contact.of(nodes)
+    forces = np.stack([contact.press(row) for row in overlap_um[:, reached] * MM_PER_UM])
+    return _Solved(nodes, forces, way.pressed, samples, samples)
+
+
+def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
+    """Contact step by step while the shape slides; friction drags the skin along.
+
+    Depth is counted from where the shape's highest plane touches the pad's apex.
+    """
+    if way.x_mm is None or way.z_mm is None:
+        raise UsageError("a way that does not slide")
+    step_mm = np.stack([np.gradient(way.x_mm), np.gradient(way.z_mm)], -1)
+    speed = np.hypot(*step_mm.T)
+    fastest = max(float(speed.max()), 1e-9)
+    drag = friction * step_mm / np.maximum(speed, 1e-12)[:, None]
+    straight = np.abs(drag - drag[0]).max() < 1e-6
+    fine_mm = pad.spacing_mm / _STEPS_A_NODE
+    every = 1 if np.ptp(way.pressed) else max(1, min(int(fine_mm / fastest), _MOST_EVERY))
+    samples = np.arange(way.pressed.size, dtype=np.int64)
+    row = np.unique(np.append(samples[::every], samples[-1]))
+    everywhere = skin_nodes(pad)
+    gaps = np.empty((row.size, everywhere.column.size), dtype=np.float32)
+    for n, sample in enumerate(row.tolist()):
+        gaps[n] = gaps_mm(everywhere, shape.moved(float(way.x_mm[sample]), float(way.z_mm[sample])))
+    if way.force_n is None:
+        level = way.pressed[row] * MM_PER_UM
+        reach_mm = float(level.max())
+    else:
+        level = way.pressed[row]
+        some = range(0, row.size, max(1, row.size // 6))
+        tried = [
+            depth_of_force_mm(everywhere, gaps[n].astype(float), float(level[n])) for n in some
+        ]
+        reach_mm = max(tried)
+    reached = np.asarray((gaps < reach_mm).any(axis=0))
+    if not reached.any():
+        raise UsageError(f"{shape.name} touches the pad nowhere on its way")
+    nodes, gaps = everywhere.subset(reached), gaps[:, reached]
+    contact = Contact.of(nodes, (float(drag[0, 0]), float(drag[0, 1])) if straight else (0.0, 0.0))
+    forces = np.empty((row.size, nodes.column.size), dtype=np.float32)
+    depth_um = np.empty(row.size)
+    for n, gap in enumerate(gaps.astype(np.float64)):
+        if way.force_n is None:
+            forces[n], depth_mm = contact.press(level[n] - gap), level[n]
+        else:
+            forces[n], depth_mm = contact.press_with(gap, float(level[n]))
+        depth_um[n] = depth_mm / MM_PER_UM
+    window = pad.spacing_mm / (fastest * every)
+    averaged = _averaged(forces, window)
+    drags = drag[row] if friction else None
+    knots, at = (each.astype(np.float64) for each in (row, samples))
+    return _Solved(nodes, averaged, _averaged(depth_um, window), knots, at, drags)
+
+
+def _averaged(values: FloatArray | SingleArray, window: float) -> FloatArray:
+    """Mean over `window` steps around each, any part of one; at the ends over what is there.
+
+    Over just one node's way all that repeats from node to node is gone.
+    """
+    if window <= 1:
+        return np.asarray(values, dtype=np.float64)
+    count = len(values)
+    total = np.zeros((count + 1, *values.shape[1:]))
+    np.cumsum(values, axis=0, dtype=np.float64, out=total[1:])
+
+    def until(at: FloatArray) -> FloatArray:
+        row = np.minimum(at.astype(np.int64), count - 1)
+        part = (at - row).reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(total[row] + part * values[row])
+
+    middle = np.arange(count) + 0.5
+    first, last = np.maximum(middle - window / 2, 0), np.minimum(middle + window / 2, count)
+    width = (last - first).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray((until(last) - until(first)) / width)
+
+
 def _at_the_end(pad: Pad, nodes: SkinNodes, forces: FloatArray | SingleArray) -> bool:
     """Whether the outermost columns of skin carry more than a hundredth of the force."""
     outermost = (nodes.column == 0) | (nodes.column == pad.x_mm.size - 1)
     return bool(forces[:, outermost].sum() > 0.01 * forces.sum())
-
-
-def units_stress_pa(
-    pad: Pad,
-    nodes: SkinNodes,
-    forces: FloatArray | SingleArray,
-    population: Population,
-    drag: FloatArray | None = None,
-) -> FloatArray:
-    """Stress that drives each unit ``(S, unit)`` under `forces` ``(S, node)``.
-
-    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin.
-    """
-    found = np.zeros((len(forces), len(population)))
-    pressed = np.array([population.sa_compression and name == "SA" for name in population.afferent])
-    for across, along, every in population.endings():
-        for units, compression in ((every[~pressed[every]], False), (every[pressed[every]], True)):
-            if not units.size:
-                continue
-            x_mm, z_mm = population.x_mm[units] + across, population.z_mm[units] + along
-            depth_mm = population.depth_mm[units] - compression * SHALLOWER_MM
-            places = [population.layer[unit] for unit in units], x_mm, z_mm, depth_mm
-            load = _influence_pa(pad, nodes, forces, places, drag)
-            if compression:
-                here = compression_scale(pad) * compression_pa(*load, pad.normal_at(x_mm))
-            else:
-                here = von_mises_pa(*load)
-            found[:, units] = np.maximum(found[:, units], here)
-    return found
-
-
-@cache
-def compression_scale(pad: Pad) -> float:
-    """Von Mises stress over compression where SA sits under a flat pin of 1 mm.
-
-    Both are in proportion to the depth of such a pin, so parameters that were fitted
-    under it on the one hold for the other times this.
-    """
-    nodes = skin_nodes(pad)
-    gap_mm = gaps_mm(nodes, Shape.punch())
-    near = gap_mm < gap_mm.min() + _PIN_MM
-    forces = Contact.of(nodes.subset(near)).press(gap_mm.min() + _PIN_MM - gap_mm[near])[None]
-    unit = Population.one_each(afferents=("SA",), finger=pad.finger)
-    whole = units_stress_pa(pad, nodes.subset(near), forces, unit)
-    places = list(unit.layer), unit.x_mm, unit.z_mm, unit.depth_mm - SHALLOWER_MM
-    load = _influence_pa(pad, nodes.subset(near), forces, places, None)
-    return float(whole[0, 0] / compression_pa(*load, pad.normal_at(unit.x_mm))[0, 0])
-
-
-def _influence_pa(
-    pad: Pad,
-    nodes: SkinNodes,
-    forces: FloatArray | SingleArray,
-    places: tuple[list[str], FloatArray, FloatArray, FloatArray],
-    drag: FloatArray | None,
-) -> tuple[SingleArray, FloatArray | SingleArray]:
-    """Stress at layers, x, z, depths by unit forces as `influence_pa` has it, and the forces."""
-    if drag is None:
-        return influence_pa(pad, nodes, *places), forces
-    if np.abs(drag - drag[0]).max() < 1e-6:
-        one = (float(drag[0, 0]), float(drag[0, 1]))
-        return influence_pa(pad, nodes, *places, drag=one), forces
-    # Along a curve the drag turns: tensors of the three directions are added.
-    down = influence_pa(pad, nodes, *places)
-    across, along = (
-        influence_pa(pad, nodes, *places, drag=one) - down for one in ((1.0, 0.0), (0.0, 1.0))
-    )
-    dragged = [forces, forces * drag[:, :1], forces * drag[:, 1:]]
-    return np.concatenate([down, across, along], axis=2), np.concatenate(
-        dragged, axis=1, dtype=np.float32
-    )
-
-
-def touch_at(touch: Touch) -> FloatArray:
-    """Where each sample ``(T,)`` is among the states that were solved, `contact_at`."""
-    if touch.way.slides or touch.contact_at.size == touch.way.pressed.size:
-        return np.arange(touch.way.pressed.size, dtype=np.float64)
-    return np.clip(touch.way.pressed, 0.0, touch.contact_at[-1])
 
 
 def between(knots: FloatArray, values: FloatArray | SingleArray, at: FloatArray) -> FloatArray:

@@ -12,14 +12,29 @@ from fembridge.errors import UsageError
 from fembridge.stimulus import Stimulus
 from fembridge.stimulus_file import stimuli_of
 from fembridge.tables import read_table
+from fembridge.touching.contact import MM_PER_UM, MOST_UM
+from fembridge.touching.shape import Shape
 from fembridge.typing import FloatArray
 
-_MM_PER_UM = 1.0e-3
 _MS_PER_S = 1.0e3
-# The deepest that superposition of small strains is meant for.
-MOST_UM = 2_000.0
 _MOST_N = 20.0
 _MOST_SAMPLES = 200_001
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pins:
+    """Flat round pins: `places` ``(x_mm, z_mm, diameter_mm)``, and `depth_um` ``(T, pin)``.
+
+    Each pin's depth is counted from its own first touch.
+    """
+
+    places: tuple[tuple[float, float, float], ...]
+    depth_um: FloatArray
+
+    @property
+    def shape(self) -> Shape:
+        """All of them as they stand."""
+        return Shape.pins(self.places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +42,9 @@ class Way:
     """How a shape moves: samples every `dt_ms` from time 0.
 
     `depth_um` ``(T,)`` below first touch, or `force_n` ``(T,)``; the other is None.
-    `x_mm`, `z_mm` ``(T,)`` are its way over the skin, None where it does not slide.
-    `window_ms` is when spikes are counted.
+    `x_mm`, `z_mm` ``(T,)`` are its way over the skin, None where it does not slide. Where
+    `pins` move on their own, `depth_um` is that of the deepest. `window_ms` is when spikes
+    are counted.
     """
 
     name: str
@@ -38,6 +54,7 @@ class Way:
     force_n: FloatArray | None = None
     x_mm: FloatArray | None = None
     z_mm: FloatArray | None = None
+    pins: Pins | None = None
 
     def __post_init__(self) -> None:
         if (self.depth_um is None) == (self.force_n is None):
@@ -76,7 +93,7 @@ class Way:
             stimulus.dt_ms,
             stimulus.window_ms,
             depth_um=np.asarray(stimulus.displacement_um),
-            x_mm=None if aside is None else aside * _MM_PER_UM,
+            x_mm=None if aside is None else aside * MM_PER_UM,
             z_mm=still,
         )
 
@@ -154,6 +171,12 @@ class Way:
         depth = {pressed[0]: level}
         return cls(path.stem, DT_MS, (0.0, end_ms), x_mm=x_mm, z_mm=z_mm, **depth)
 
+    @classmethod
+    def of_pins(cls, pins: Pins, dt_ms: float, window_ms: tuple[float, float]) -> "Way":
+        """The way of pins that move on their own."""
+        name = f"{len(pins.places)} pins"
+        return cls(name, dt_ms, window_ms, depth_um=pins.depth_um.max(axis=1), pins=pins)
+
 
 def way_of(
     stimulus: str | Stimulus | None,
@@ -189,51 +212,33 @@ def way_of(
     return Way.hold(press_um, press_n, ramp_ms, hold_ms)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pins:
-    """Flat round pins, each with its own waveform: an array ``(pin,)`` of places.
+def read_pins(path: Path | str, preindent_um: float = 0.0) -> tuple[Way, Shape]:
+    """Pins of a table ``x_mm,z_mm,diameter_mm,stimulus``: an id of the catalogue each.
 
-    `depth_um` is ``(T, pin)``; each pin's is counted from its own first touch.
+    Raises
+    ------
+    TableError, StimulusError
+        Not such a table, or no such stimulus.
     """
-
-    x_mm: FloatArray
-    z_mm: FloatArray
-    diameter_mm: FloatArray
-    depth_um: FloatArray
-    dt_ms: float
-    window_ms: tuple[float, float]
-
-    @classmethod
-    def read(cls, path: Path | str, preindent_um: float = 0.0, seed: int | None = None) -> "Pins":
-        """A table ``x_mm,z_mm,diameter_mm,stimulus``: an id of the catalogue a pin.
-
-        Raises
-        ------
-        TableError, StimulusError
-            Not such a table, or no such stimulus.
-        """
-        table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"))
-        if not table.size:
-            raise UsageError(f"{path}: a header and no rows, expected pins")
-        waves = []
-        for row, word in enumerate(table.words("stimulus")):
-            found = stimuli_of(word, preindent_um, seed)
-            if len(found) != 1:
-                raise table.error(row, f"stimulus {word!r} names {len(found)}, expected one")
-            waves += found
-        most = max(wave.displacement_um.size for wave in waves)
-        depth_um = np.stack(  # a pin whose waveform has ended stays where it is
-            [np.pad(w.displacement_um, (0, most - w.displacement_um.size), "edge") for w in waves],
-            -1,
-        )
-        return cls(
-            table.numbers("x_mm"),
-            table.numbers("z_mm"),
-            table.numbers("diameter_mm", least=0.01),
-            depth_um,
-            waves[0].dt_ms,
-            (min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)),
-        )
+    table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"))
+    if not table.size:
+        raise UsageError(f"{path}: a header and no rows, expected pins")
+    waves = []
+    for row, word in enumerate(table.words("stimulus")):
+        found = stimuli_of(word, preindent_um)
+        if len(found) != 1:
+            raise table.error(row, f"stimulus {word!r} names {len(found)}, expected one")
+        waves += found
+    most = max(wave.displacement_um.size for wave in waves)
+    depth_um = np.stack(  # a pin whose waveform has ended stays where it is
+        [np.pad(w.displacement_um, (0, most - w.displacement_um.size), "edge") for w in waves],
+        -1,
+    )
+    sizes = table.numbers("x_mm"), table.numbers("z_mm"), table.numbers("diameter_mm", 0.01)
+    places = tuple(zip(*(each.tolist() for each in sizes), strict=True))
+    window_ms = min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)
+    pins = Pins(places, depth_um)
+    return Way.of_pins(pins, waves[0].dt_ms, window_ms), pins.shape
 
 
 def _level(press_um: float | None, press_n: float | None) -> tuple[float, str]:

@@ -21,7 +21,9 @@ def at(nodes, column, row):
 def tensors(force, x_mm, z_mm, depth_mm=0.55, layer="epidermis"):
     places = np.atleast_1d(x_mm) * 1.0, np.atleast_1d(z_mm) * 1.0
     count = places[0].size
-    return influence_pa(PAD, force, [layer] * count, *places, np.full(count, depth_mm))[:, :, 0]
+    return influence_pa(PAD, force, np.full(count, layer), *places, np.full(count, depth_mm))[
+        :, :, 0
+    ]
 
 
 def test_a_force_here_moves_there_what_a_force_there_moves_here():
