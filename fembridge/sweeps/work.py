@@ -18,7 +18,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -62,7 +62,7 @@ from fembridge.sweeps.study import Asked, ladder_of
 from fembridge.tables import write_spikes, write_table
 from fembridge.typing import Table
 from fembridge.version import __version__
-from neural import AfferentParameters, Parameters, ParameterSet
+from neural import Parameters, ParameterSet
 from neural.parameter_sets import parameters_to_table
 from neural.rates import spikes_inside
 
@@ -172,10 +172,7 @@ class Item:
     @cached_property
     def key(self) -> str:
         """Digest of all that goes into it."""
-        own = self._own()
-        own["stimuli"] = sorted(own["stimuli"], key=lambda one: str(one["id"]))
-        cells = _digest_of_cells(tuple(sorted(self.parameters.items())))
-        return digest({**own, "parameters": cells, "response": self.response.key})
+        return digest({**self.inputs(), "response": self.response.key})
 
     @property
     def place(self) -> Path:
@@ -197,11 +194,18 @@ class Item:
         ]
 
     def inputs(self) -> Table:
-        """What it is made of."""
+        """What it is made of, beside the response."""
+        # Seeds may be longer than any float is exact for.
+        seed = {} if self.seed is None else {"seed": str(self.seed)}
         return {
-            **self._own(),
+            "format": FORMAT,
+            "method": self.method,
+            "stimuli": [
+                {"id": one.id, "preindent_um": self.preindent_um, **one.numbers(), **seed}
+                for one in sorted(self.entries, key=lambda entry: entry.id)
+            ],
+            **(_HOW_SOLVED if self.method == "transient" else {}),
             "parameters": parameters_to_table(self.parameters),
-            "response": self.response.inputs(),
         }
 
     def is_finished(self, folder: Path) -> bool:
@@ -214,24 +218,6 @@ class Item:
             )
         except (FembridgeError, OSError, KeyError, TypeError):
             return False
-
-    def _own(self) -> Table:
-        # Seeds may be longer than any float is exact for.
-        stimuli = [
-            {
-                "id": entry.id,
-                "preindent_um": self.preindent_um,
-                **entry.numbers(),
-                **({} if self.seed is None else {"seed": str(self.seed)}),
-            }
-            for entry in self.entries
-        ]
-        return {
-            "format": FORMAT,
-            "method": self.method,
-            "stimuli": stimuli,
-            **(_HOW_SOLVED if self.method == "transient" else {}),
-        }
 
     def __str__(self) -> str:
         return self.label
@@ -296,6 +282,7 @@ def read_answers(place: Path) -> "pd.DataFrame":
     return table.set_index(["stimulus", "afferent"])
 
 
+@cache
 def solver_version() -> str:
     """Name and version of the solver on this machine, as ``calculix 2.20``."""
     program = find_ccx()
@@ -346,7 +333,7 @@ def _answer(item: Item, folder: Path, settings: SolverSettings) -> None:
             "parameter_set": item.parameters_name,
             "how": how,
             "files": {name: sha256_of(draft / name) for name in _FILES},
-            "inputs": item.inputs(),
+            "inputs": {**item.inputs(), "response": item.response.inputs()},
         }
         write_sealed(draft / RECORD_FILE, record)
     with suppress(OSError):
@@ -399,24 +386,11 @@ def _mesh(task: Response, place: Path) -> Mesh:
     return mesh
 
 
-@contextmanager
-def _alone(place: Path, waits: bool = True) -> Iterator[None]:
-    with folder_lock(make_folder(place), _LOCK, wait=waits):
-        yield
+def _alone(place: Path, waits: bool = True) -> AbstractContextManager[None]:
+    return folder_lock(make_folder(place), _LOCK, wait=waits)
 
 
 def _check_solver(planned: str) -> None:
     """Refuse another solver than the one that the key speaks of."""
-    if (here := _version_here()) != planned:
+    if (here := solver_version()) != planned:
         raise MissingError(f"{here} is here, the sweep was laid out for {planned}")
-
-
-@cache
-def _version_here() -> str:
-    return solver_version()
-
-
-@cache
-def _digest_of_cells(parameters: tuple[tuple[str, AfferentParameters], ...]) -> str:
-    """Digest of what all items of a study share."""
-    return digest(parameters_to_table(dict(parameters)))

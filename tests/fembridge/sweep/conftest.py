@@ -16,6 +16,7 @@ import fembridge
 from fembridge import cli
 from fembridge.machine import CCX_VARIABLE
 from fembridge.sweeps import sweep
+from fembridge.sweeps.work import solver_version
 
 ROOT = Path(fembridge.__file__).parents[1]
 RECORDED = ROOT / "fixtures" / "response_quick"
@@ -42,6 +43,11 @@ for suffix in (".cvg", ".sta", ".dat", ".frd"):
 print(" Job finished", flush=True)
 note("end")
 """
+
+
+@pytest.fixture(autouse=True)
+def version_of_each_test():
+    solver_version.cache_clear()
 
 
 @pytest.fixture
