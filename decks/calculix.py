@@ -189,13 +189,7 @@ def lasting(section: ElementSet) -> ElementSet:
 def branches(
     layers: Sequence[ElementSet], first: int, dt_s: float
 ) -> list[tuple[ElementSet, float]]:
-    """Branches of all `layers` with their creep per MPa and s; elements from `first` on.
-
-    Raises
-    ------
-    DeckError
-        A term that is over within a time step, or nearly.
-    """
+    """Branches of all `layers` with their creep per MPa and s; elements from `first` on."""
     found = []
     for layer in layers:
         values = layer.material

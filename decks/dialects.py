@@ -78,13 +78,7 @@ class Dialect:
     frames: bool = False
 
     def element_named(self, word: str) -> str:
-        """Our name of the element that `word` is, ours or the solver's.
-
-        Raises
-        ------
-        DeckError
-            The dialect has none.
-        """
+        """Our name of the element that `word` is, ours or the solver's."""
         for ours, theirs in self.elements.items():
             if word.upper() in (ours, theirs):
                 return ours
@@ -182,13 +176,7 @@ def dialect_of(solver: str) -> Dialect:
 
 
 def dialect_named(name: str) -> Dialect:
-    """The dialect `name`.
-
-    Raises
-    ------
-    DeckError
-        There is none.
-    """
+    """The dialect `name`."""
     if name not in DIALECTS:
         raise DeckError(f"no deck dialect {name!r}, expected {', '.join(DIALECTS)}")
     return DIALECTS[name]

@@ -15,7 +15,7 @@ has an ``=``, which ccx cannot read as data.
 ``*INCLUDE`` puts a file's lines in its own place: they may go on with the data of the
 keyword before it, and what follows it may go on with the last keyword of the file. So a
 block has its data in pieces, some of which may be in another file. Only the deck itself
-is ever changed; an error names the file and the line.
+is ever changed. What cannot be read is a DeckError that names the file and the line.
 """
 
 import math
@@ -357,11 +357,6 @@ def node_sets(deck: Deck) -> dict[str, list[range]]:
     """The node sets of a deck for CalculiX by name, in capitals, as runs of numbers.
 
     A set may be spread over the deck, and may name sets before it.
-
-    Raises
-    ------
-    DeckError
-        A set that cannot be read, with its line.
     """
     found: dict[str, list[range]] = {}
     count = 0
@@ -429,13 +424,7 @@ class Edit:
 
 
 def edited(data: bytes, edits: list[Edit]) -> bytes:
-    """`data` with all `edits`; those at one place in the order they are given in.
-
-    Raises
-    ------
-    DeckError
-        One is in an included file.
-    """
+    """`data` with all `edits`; those at one place in the order they are given in."""
     for edit in edits:
         if edit.text.name:
             line = edit.text.data.count(b"\n", 0, edit.start) + 1

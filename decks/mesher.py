@@ -356,15 +356,7 @@ class HalfMesh:
 
 @contextmanager
 def _gmsh_session() -> Iterator[tuple[Any, Any]]:
-    """Pygmsh's geometry and the gmsh module; gmsh is closed at the end.
-
-    Raises
-    ------
-    MissingError
-        gmsh or one of the system's libraries that it opens is not installed.
-    FingerError
-        gmsh failed while it was open, or the caller has a session of its own.
-    """
+    """Pygmsh's geometry and the gmsh module; gmsh is closed at the end."""
     try:
         import gmsh
         import pygmsh

@@ -395,11 +395,6 @@ def describe_marc_deck(path: Path) -> Table:
     """What the deck at `path` holds; included files are looked for beside it.
 
     What cannot be read of it is in ``remarks``, with its line.
-
-    Raises
-    ------
-    DeckError
-        No Marc deck, cut short, or not readable as a file.
     """
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     deck = read_marc_deck(data, path, beside(path))

@@ -5,6 +5,7 @@ cases that each end with ``continue``. An option is a keyword, in column 1, and 
 up to the next keyword. `read_options` cuts a deck into options without losing a byte;
 the `*_line` functions write the same numbers. Nothing here was checked with Marc: the
 rules come from decks that Mentat 2014 to 2024 wrote and from what third parties state.
+What cannot be read is a DeckError with its line; a text that is no number a ValueError.
 """
 
 import math
@@ -51,11 +52,6 @@ def parse_real(text: str) -> float:
 
     Where a field ends behind the sign, the exponent is zero (one deck that was run has
     that).
-
-    Raises
-    ------
-    ValueError
-        It is none, or too large.
     """
     found = _REAL.match(text) if len(text) <= _LONGEST_REAL else None
     if found is None:
@@ -68,13 +64,7 @@ def parse_real(text: str) -> float:
 
 
 def parse_integer(text: str) -> int:
-    """An integer of at most 18 digits.
-
-    Raises
-    ------
-    ValueError
-        It is none.
-    """
+    """An integer of at most 18 digits."""
     if len(text) > _LONGEST_INTEGER or not _INTEGER.match(text):
         raise ValueError(text)
     return int(text)
@@ -229,13 +219,7 @@ class Line(NamedTuple):
             raise self.refuse(problem)
 
     def fields(self, kinds: str) -> list[Any]:
-        """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero.
-
-        Raises
-        ------
-        DeckError
-            A field is not what `kinds` says; names line and field.
-        """
+        """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero."""
         texts = cut(self.text, self.layout, kinds)
         letters = kinds.rstrip("*")
         letters += letters[-1] * (len(texts) - len(letters))
@@ -285,13 +269,7 @@ class Line(NamedTuple):
         return number, coordinates
 
     def with_integer(self, row: int, value: int) -> str:
-        """Its text with `value` in field `row`, from 0, of a line of integers.
-
-        Raises
-        ------
-        DeckError
-            The value has more digits than the field has columns.
-        """
+        """Its text with `value` in field `row`, from 0, of a line of integers."""
         text, written, width = self.text, str(value), self.layout.integer
         if self.free:
             items = text.split(",")
@@ -490,11 +468,6 @@ def read_list(
     """The members of a list: numbers, or pairs ``element:side`` if `paired`.
 
     `earlier` are sets by name that the list may name. No member comes twice.
-
-    Raises
-    ------
-    DeckError
-        A word that is no part of a list; names its line.
     """
     known = {name.lower(): members for name, members in (earlier or {}).items()}
     owners, texts, ends = list(lines), [], [0]
@@ -608,13 +581,7 @@ _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 def read_options(
     data: bytes, path: Path | None = None, resolver: Resolver | None = None
 ) -> tuple[list[Option], list[Include]]:
-    """The options of a deck, every line in one of them, and the files it includes.
-
-    Raises
-    ------
-    DeckError
-        No Marc deck, or cut short; names the line.
-    """
+    """The options of a deck, every line in one of them, and the files it includes."""
     if b"\0" in data:
         raise _no_deck(path, "zero bytes, expected text")
     reader = _Reader(resolver)

@@ -48,13 +48,7 @@ _LIST_ITEMS = 13  # a line of 12 columns each, as Mentat writes sets
 
 
 def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
-    """Deck and Mentat procedure by their names in a run folder.
-
-    Raises
-    ------
-    DeckError
-        A law that a Marc deck of ours cannot express.
-    """
+    """Deck and Mentat procedure by their names in a run folder."""
     results = options.results or "both"
     friction = analysis.contact.friction > 0
     return {

@@ -8,7 +8,8 @@ amplitude is the depth divided by the magnitude's size. Its sign, which says whe
 the skin is, stays the user's. A displacement without an amplitude, which solvers ramp,
 or with one that other steps use too, gets an amplitude of its own.
 
-Depth counts from where the steps before have put the probe.
+Depth counts from where the steps before have put the probe. What is missing, ambiguous or
+not to be kept is a DeckError with its line.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -134,11 +135,6 @@ def find_drive(deck: Deck, request: Request) -> Drive:
 
     An amplitude means all that it moves in its step, ``--move`` the one displacement. An
     amplitude that something else needs too, or that cannot hold a waveform, stays as it is.
-
-    Raises
-    ------
-    DeckError
-        There is none or more than one, or something about it that cannot be kept.
     """
     steps = _steps_of(deck)
     able = [
@@ -349,13 +345,7 @@ def _magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
 
 
 def _standing(deck: Deck, steps: Sequence[Step], push: Push) -> float:
-    """The displacement of what `push` moves at the end of `steps`, in the deck's unit.
-
-    Raises
-    ------
-    DeckError
-        It is free there while something acts, or follows what is no magnitude.
-    """
+    """The displacement of what `push` moves at the end of `steps`, in the deck's unit."""
     sets = _sets(deck) if steps else {}
     held: Push | None = None
     place = 0.0

@@ -12,7 +12,7 @@ solvers add to a set that is defined again.
 
 In Abaqus a node's number counts in its part alone, the part stands where its instance
 puts it, and a set of the assembly names its instance. A deck without parts has all its
-nodes in one scope.
+nodes in one scope. What is missing, ambiguous or not to be kept is a DeckError with its line.
 """
 
 import math
@@ -92,14 +92,7 @@ def output_edits(
     abaqus: bool,
     binary: bool,
 ) -> Change:
-    """What is to be written at `places`, or at all nodes, with remarks on it.
-
-    Raises
-    ------
-    DeckError
-        A request cannot be taken out, a set cannot be added, or what stays in the
-        step does not go with fixed increments or with a set of nodes.
-    """
+    """What is to be written at `places`, or at all nodes, with remarks on it."""
     on_set = bool(places) and not request.all_nodes
     automatic = request.increments == "automatic"
     what = f"the nodes of {', '.join(places)}" if on_set else "all nodes"
@@ -308,13 +301,7 @@ def _elements(block: Block) -> Iterator[tuple[int, set[int]]]:
 
 
 def scopes_of(deck: Deck) -> list[Scope]:
-    """The scopes of a deck: one, or the assembly's own and one an instance.
-
-    Raises
-    ------
-    DeckError
-        An instance of a part that is not there, a part or instance without an end.
-    """
+    """The scopes of a deck: one, or the assembly's own and one an instance."""
     parts: dict[str, list[Block]] = {}
     scopes: list[Scope] = []
     outside: list[Block] = []
@@ -353,13 +340,7 @@ def _instance(block: Block, parts: dict[str, list[Block]], own: list[Block]) -> 
 
 
 def find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[Place]:
-    """Find each of `nodes`, in that order.
-
-    Raises
-    ------
-    DeckError
-        One is nowhere, in several instances, or its place is not known.
-    """
+    """Find each of `nodes`, in that order."""
     found: dict[int, list[Place]] = {node: [] for node in nodes}
     solid = any(block.word("TYPE").startswith(_SOLID) for block in deck.of("ELEMENT"))
     for scope in scopes:
