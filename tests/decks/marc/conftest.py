@@ -1,5 +1,6 @@
-"""Our decks cut by a plain reader that shares no code with the grammar; small own decks."""
+"""Our decks as their options, to be held against real ones; small own decks."""
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact, Model
+from decks.marc.grammar import read_options
 from decks.marc.write import marc_deck
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
@@ -21,69 +23,30 @@ class Option:
     """A keyword line and the data lines after it."""
 
     line: str
-    rows: list = field(default_factory=list)
-
-    @property
-    def keyword(self):
-        return self.line[:20].strip()
-
-    @property
-    def word(self):
-        """What stands after the keyword."""
-        return self.line[20:].strip()
+    rows: list
+    keyword: str
 
     @property
     def widths(self):
         return [len(row.rstrip()) for row in self.rows]
 
 
-KEYWORDS = {
-    "title", "extended", "sizing", "alloc", "elements", "version", "table", "processor",
-    "large stra", "follow for", "all points", "no echo", "end", "solver", "optimize",
-    "connectivity", "coordinates", "define", "isotropic", "mat color", "geometry",
-    "fixed disp", "loadcase", "contact", "con intera", "con table", "contact table",
-    "no print", "post", "nodal", "parameters", "end option", "control", "auto load",
-    "auto step", "time step", "continue", "points", "attach node", "attach edge",
-    "attach face", "ogden", "dist loads", "point load", "cad bodies",
-}  # fmt: skip
-
-
-def cut(text):
-    """The options of a deck, without its comments."""
-    options = []
-    for line in text.splitlines():
-        if line[:20].strip() in KEYWORDS:
-            options.append(Option(line))
-        elif not line.startswith("$"):
-            options[-1].rows.append(line)
-    return options
-
-
-def real(text):
-    """Read a real that may lack the letter of its exponent."""
-    at = max(text.rfind("+"), text.rfind("-"))
-    if at > text.index("."):
-        text = f"{text[:at]}e{text[at:]}"
-    return float(text)
-
-
 class Deck:
-    """Options by keyword, and what the tests often ask for."""
+    """Options by keyword, as text, and what the tests often ask for."""
 
     def __init__(self, text):
         self.text = text
-        self.options = cut(text)
+        options, _ = read_options(text.encode("ascii"))
+        self.options = [
+            Option(one.head.text, [line.text for line in one.data], one.keyword) for one in options
+        ]
         self.keywords = [option.keyword for option in self.options]
 
-    def all(self, keyword, word=None):
-        return [
-            option
-            for option in self.options
-            if option.keyword == keyword and word in (None, option.word)
-        ]
+    def all(self, keyword):
+        return [option for option in self.options if option.keyword == keyword]
 
     def one(self, keyword, word=None):
-        (option,) = self.all(keyword, word)
+        (option,) = (each for each in self.all(keyword) if word in (None, each.line[20:].strip()))
         return option
 
     @staticmethod
@@ -93,26 +56,20 @@ class Deck:
 
     @staticmethod
     def reals(line):
+        """Reals that lack the letter of their exponent."""
         assert len(line) % 20 == 0, line
-        return [real(line[k : k + 20]) for k in range(0, len(line), 20)]
+        fields = [line[k : k + 20] for k in range(0, len(line), 20)]
+        return [float(re.sub(r"(?<=\d)([+-])", r"e\1", one)) for one in fields]
 
     @cached_property
     def elements(self):
         """Type and nodes by number."""
-        found = {}
-        for block in self.all("connectivity"):
-            for row in block.rows[1:]:
-                number, *rest = self.integers(row)
-                assert number not in found
-                found[number] = rest
-        return found
+        rows = [row for block in self.all("connectivity") for row in block.rows[1:]]
+        return {number: rest for number, *rest in map(self.integers, rows)}
 
     @cached_property
     def nodes(self):
-        rows = self.one("coordinates").rows[1:]
-        found = {int(row[:10]): self.reals(row[10:]) for row in rows}
-        assert len(found) == len(rows)
-        return found
+        return {int(row[:10]): self.reals(row[10:]) for row in self.one("coordinates").rows[1:]}
 
 
 SHORT = Stimulus("short", np.array([0.0, 1.5, -2.25, 100.0]), 0.5, (0.0, 1.5))

@@ -14,7 +14,6 @@ from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
 
 TYPES = {name: int(number) for name, number in DIALECTS["marc"].elements.items()}
-(NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 (PRESSED,) = (make_stimulus(entry, 500.0) for entry in resolve("sine_20_250"))
 PFL, NOUR = "pfl_example_model_0", "nour_plastic"
 
@@ -113,12 +112,6 @@ def test_a_neo_hookean_skin_is_refused(make_model):
         marc_deck(make_model(law="neo-hookean"))
 
 
-# ---- Mesh
-
-
-# ---- Sets, materials, geometry
-
-
 def test_plain_four_node_elements_alone_have_constant_dilatation(built):
     model, _, deck = built
     _, kind, name, row, blank = deck.one("geometry").rows
@@ -138,20 +131,6 @@ def table_of(deck):
     return np.array([deck.reals(row) for row in rows]).T
 
 
-@pytest.mark.parametrize(("stimulus", "count"), [(NOISE, 500), (PRESSED, 520)])
-def test_there_is_one_fixed_increment_a_sample_and_none_is_cut_back(
-    stimulus, count, make_model, read_deck
-):
-    deck = read_deck(marc_deck(make_model(stimulus=stimulus)))
-    assert deck.integers(deck.one("auto load").rows[0]) == [count, 0, 0, 0, 0]
-    ((dt_s,),) = [deck.reals(row) for row in deck.one("time step").rows]
-    assert dt_s == 0.0005
-    assert "auto step" not in deck.keywords
-    time_s, _ = table_of(deck)
-    assert_allclose(time_s[-1], count * dt_s, rtol=1e-15)
-    assert deck.integers(deck.one("control").rows[0])[0] >= count
-
-
 def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_deck):
     deck = read_deck(marc_deck(make_model(stimulus=PRESSED)))
     _, depth_mm = table_of(deck)
@@ -159,6 +138,8 @@ def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_dec
     assert_allclose(np.diff(depth_mm[:21]), 0.025, rtol=1e-9)
     assert_allclose(depth_mm[20:] * 1e3, PRESSED.displacement_um, atol=1e-12)
     assert "$....up to 0.01 s: the ramp to the pre-indentation" in deck.text
+    assert deck.integers(deck.one("auto load").rows[0]) == [520, 0, 0, 0, 0]
+    assert [deck.reals(row) for row in deck.one("time step").rows] == [[0.0005]]
 
 
 # ---- Output
@@ -167,12 +148,10 @@ def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_dec
 @pytest.mark.parametrize(("results", "number"), [("binary", 0), ("text", 1), ("both", 2)])
 def test_stress_and_von_mises_are_posted_every_increment(make_model, read_deck, results, number):
     deck = read_deck(marc_deck(make_model(), results=results))
-    head, *codes = [deck.integers(row) for row in deck.one("post").rows]
-    assert codes == [[311, 0], [17, 0]]
-    nodal = [int(option.word) for option in deck.all("nodal")]
-    assert nodal == [1, 5, 35, 38]
-    assert all(len(option.line) == 30 for option in deck.all("nodal"))
-    assert head == [2, 16, 17, number, 0, 19, 20, 0, 1, 0, 0, 0, 4, 0, 0, 0]
+    head, stress, mises, *nodal = deck.one("post").rows
+    assert [deck.integers(row) for row in (stress, mises)] == [[311, 0], [17, 0]]
+    assert nodal == [f"{'nodal':<20}{code:10d}" for code in (1, 5, 35, 38)]
+    assert deck.integers(head) == [2, 16, 17, number, 0, 19, 20, 0, 1, 0, 0, 0, 4, 0, 0, 0]
 
 
 # ---- Contact
