@@ -20,30 +20,6 @@ def read(request, models, short, parse_deck):
     return analysis, parse_deck(abaqus_deck(analysis))
 
 
-def test_mesh_and_sections_are_those_of_the_model(read):
-    model, deck = read
-    nodes = deck.nodes()
-    assert len(nodes) == len(model.node_mm) + len(model.probe_mesh.node_mm)
-    written = [nodes[k + 1][:2] for k in range(len(model.node_mm))]
-    assert_allclose(written, model.node_mm, rtol=0, atol=1e-9)
-    elements = deck.elements()
-    for layer in model.layers:
-        _, options, rows = deck.one("ELEMENT", ELSET=layer.name.upper())
-        assert options["TYPE"] == model.element
-        assert len(rows) == len(layer.number)
-        for number, row in zip(layer.number.tolist(), layer.node, strict=True):
-            assert elements[number] == tuple(row.tolist())
-        assert deck.one("SOLID SECTION", ELSET=layer.name.upper())[1]["MATERIAL"]
-
-
-def test_sets_hold_the_models_nodes(read):
-    model, deck = read
-    assert deck.set_of("HELD") == model.fixed.tolist()
-    assert deck.set_of("OUTPUT_NODES") == model.watched.tolist()
-    for name, node in model.afferent.items():
-        assert deck.set_of(f"AFFERENT_{name.upper()}") == [node]
-
-
 def test_the_elements_around_an_afferent_are_all_that_have_its_node(read):
     model, deck = read
     elements = deck.elements()

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
-from decks.analysis import QUADRATIC, SAME_MM, Contact, Model
-from decks.finger import LAYERS, AfferentSite, Finger
+from decks.analysis import SAME_MM, Contact, Model
+from decks.finger import AfferentSite
 from decks.mesh import Mesh
 from decks.presets import PRESETS, QUICK, mesh_of
 from decks.probe import Probe
-from fembridge.errors import DeckError, FingerError
+from fembridge.errors import DeckError
 
 MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
 SKIN = MESHES["quick"]
@@ -87,63 +87,7 @@ def test_the_skin_that_may_touch_is_one_stretch_on_both_sides_of_the_probe(analy
     assert mesh.node_mm[ends, 1].min() > -0.5
 
 
-def test_the_contact_moves_with_the_probe_and_grows_with_it(short):
-    narrow = Model(QUICK, SKIN, support="prescribed").analysis(short)
-    wide = Model(QUICK, SKIN, probe=Probe(diameter_mm=4.0), support="prescribed").analysis(short)
-    aside = Model(QUICK, SKIN, probe=Probe(x_mm=2.0), support="prescribed").analysis(short)
-    assert len(wide.contact_edge) > len(narrow.contact_edge)
-
-    def middle_mm(analysis):
-        quads = analysis.mesh.quad[analysis.contact_edge[:, 0]]
-        return analysis.mesh.node_mm[quads, 0].mean()
-
-    assert_allclose(middle_mm(narrow), 0.0, atol=1e-12)
-    assert 1.0 < middle_mm(aside) < 2.5
-
-
-def test_a_probe_beside_the_pad_is_refused(short):
-    with pytest.raises(FingerError, match=r"= 8\.5076 to 9\.4924 mm"):
-        Model(QUICK, SKIN, probe=Probe(x_mm=9.0), support="prescribed").analysis(short)
-
-
-def test_an_afferent_without_a_node_near_it_is_refused(short):
-    far = Finger("far", afferents={"SA": AfferentSite("bone", 0.0, 2.0)})
-    with pytest.raises(FingerError, match=r"bone .*0\.3 mm"):
-        Model(far, SKIN, support="prescribed").analysis(short)
-
-
 # ---- Numbers, from 1
-
-
-def kept_rows(model):
-    """Rows of the mesh's elements that are there, by a plain loop."""
-    if not model.is_half:
-        return list(range(len(SKIN.quad)))
-    x_mm = SKIN.node_mm[:, 0]
-    return [row for row, quad in enumerate(SKIN.quad) if min(x_mm[quad]) >= 0]
-
-
-def test_every_element_of_the_mesh_is_in_the_set_of_its_layer_once(model):
-    seen = {}
-    for layer in model.layers:
-        for number, nodes in zip(layer.number, layer.node, strict=True):
-            seen[int(number)] = (layer.name, tuple(nodes[:4].tolist()))
-    assert len(seen) == sum(len(layer.number) for layer in model.layers)
-    assert sorted(seen) == [row + 1 for row in kept_rows(model)]
-    for row in kept_rows(model):
-        quad = SKIN.quad[row]
-        expected = LAYERS[SKIN.layer[row]], tuple(int(node) + 1 for node in quad)
-        assert seen[row + 1] == expected
-
-
-def test_a_mid_side_is_half_way_between_its_corners(model):
-    for layer in model.layers:
-        corners = model.node_mm[layer.node[:, :4] - 1]
-        if model.element not in QUADRATIC:
-            assert layer.node.shape[1] == 4
-            continue
-        middle = model.node_mm[layer.node[:, 4:] - 1]
-        assert_array_equal(middle, 0.5 * (corners + np.roll(corners, -1, axis=1)))
 
 
 def test_the_probe_follows_the_finger_without_a_gap(model):
@@ -156,37 +100,6 @@ def test_the_probe_follows_the_finger_without_a_gap(model):
         numbers, nodes = numbers[count // 2 :], nodes[right]
     assert model.probe.number.tolist() == numbers.tolist()
     assert np.unique(model.probe.node).tolist() == nodes.tolist()
-
-
-def test_the_lower_side_runs_from_left_to_right_and_touches_the_skin_from_above(model):
-    x_mm, y_mm = model.probe_mesh.node_mm[model.probe_mesh.lower_node].T
-    assert (np.diff(x_mm) > 0).all()
-    apex_mm = model.node_mm[model.apex - 1]
-    assert np.interp(apex_mm[0], x_mm, y_mm) == pytest.approx(apex_mm[1], abs=1e-6)
-
-
-def test_fixed_nodes_are_those_of_the_bone_and_of_the_nails_outer_side(model):
-    bone = next(layer for layer in model.layers if layer.name == "bone")
-    nail = next(layer for layer in model.layers if layer.name == "nail")
-    fixed = set(model.fixed.tolist())
-    assert set(bone.node.ravel().tolist()) <= fixed
-    assert fixed <= set(bone.node.ravel().tolist()) | set(nail.node.ravel().tolist())
-    assert len(fixed - set(bone.node.ravel().tolist())) > 3
-
-
-def test_a_contact_face_lies_between_two_contact_nodes(model):
-    nodes = {
-        int(number): row
-        for layer in model.layers
-        for number, row in zip(layer.number, layer.node, strict=True)
-    }
-    found = set()
-    for element, face in model.contact_face.tolist():
-        row = nodes[element]
-        found |= {int(row[face - 1]), int(row[face % 4])}
-        if len(row) == 8:
-            found.add(int(row[face + 3]))
-    assert found == set(model.contact_node.tolist())
 
 
 def test_only_soft_layers_take_another_law(short):

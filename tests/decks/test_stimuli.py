@@ -23,37 +23,9 @@ from decks.stimuli import (
 )
 from fembridge.errors import StimulusError
 
-# The stimulus column of the TouchSim rates computed for this project: transcribed
-# from the appendix by another hand than the catalogue's.
-TOUCHSIM_IDS_TEXT = """
-sine_20_6.71 sine_20_9.32 sine_20_12.5 sine_20_18 sine_20_25 sine_20_34.74
-sine_20_48.27 sine_20_67.07 sine_20_93.19 sine_20_129.49 sine_20_179.92 sine_20_250
-sine_50_7.19 sine_50_10.66 sine_50_15.81 sine_50_23.46 sine_50_34.8 sine_50_51.62
-sine_50_76.58 sine_50_113.6 sine_50_168.52 sine_50_250 sine_100_6.52 sine_100_10
-sine_100_15.34 sine_100_23.54 sine_100_36.11 sine_100_55.39 sine_100_85.98
-sine_100_130.37 sine_100_200 sine_300_4.59 sine_300_7.41 sine_300_11.94
-sine_300_19.24 sine_300_31.02 sine_300_50 diharm_10_50_2 diharm_10_50_5.62
-diharm_10_50_15.81 diharm_10_50_44.46 diharm_10_50_125 diharm_10_100_2
-diharm_10_100_5.62 diharm_10_100_15.81 diharm_10_100_44.46 diharm_10_100_125
-diharm_50_250_2 diharm_50_250_5.62 diharm_50_250_15.81 diharm_50_250_44.46
-diharm_50_250_125 diharm_50_500_2 diharm_50_500_5.62 diharm_50_500_15.81
-diharm_50_500_44.46 diharm_50_500_125 noise_5_25_0.5 noise_5_25_1 noise_5_25_5
-noise_5_25_10 noise_5_25_50 noise_5_100_0.5 noise_5_100_1 noise_5_100_5
-noise_5_100_10 noise_5_100_50 noise_25_250_0.25 noise_25_250_1 noise_25_250_5
-noise_25_250_10 noise_25_250_20 noise_25_500_0.25 noise_25_500_1 noise_25_500_5
-noise_25_500_10 noise_25_500_20 noise_50_500_0.13 noise_50_500_0.5 noise_50_500_1
-noise_50_500_5 noise_50_500_10
-"""
-TOUCHSIM_IDS = TOUCHSIM_IDS_TEXT.split()
-
 
 def ids_of(words):
     return [entry.id for entry in resolve(words)]
-
-
-def test_the_catalogue_has_the_ids_of_the_tables_made_elsewhere():
-    assert len(TOUCHSIM_IDS) == 82
-    assert sorted(entry.id for entry in CATALOGUE) == sorted(TOUCHSIM_IDS)
 
 
 def test_only_the_two_misprints_leave_the_geometric_series_of_their_frequency():

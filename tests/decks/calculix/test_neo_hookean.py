@@ -1,6 +1,5 @@
 """The neo-Hookean law in decks, and that CalculiX means the same by it."""
 
-import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -42,11 +41,3 @@ def test_the_constants_are_half_the_shear_modulus_and_two_over_the_bulk_modulus(
     poisson = (3 * bulk_mpa - 2 * shear_mpa) / (2 * (3 * bulk_mpa + shear_mpa))
     assert_allclose(young_mpa, TABLE_1[layer].young_mpa, rtol=1e-12)
     assert_allclose(poisson, TABLE_1[layer].poisson, rtol=1e-9)
-
-
-def test_nodes_to_be_watched_follow_the_afferents_and_none_is_twice(short):
-    plain = Model(QUICK, SKIN, support="prescribed").analysis(short).watched.tolist()
-    apex = plain[-1]
-    rows = np.array([apex - 1, 40, 7])
-    more = Model(QUICK, SKIN, support="prescribed").analysis(short, watched=rows).watched.tolist()
-    assert more == [*plain, 41, 8]

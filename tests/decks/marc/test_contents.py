@@ -102,11 +102,6 @@ def test_a_material_is_eight_numbers():
     assert steel.values[4] == 1.0
 
 
-def test_contact_has_bodies():
-    (body,) = PFL.bodies()
-    assert (body.name, body.kind) == ("cbody1", 1)
-
-
 def test_output_is_element_codes_and_nodal_codes():
     found = PFL.post()
     assert (found.codes, found.nodal) == ((681,), (1,))
@@ -189,12 +184,6 @@ def test_a_node_that_was_lost_is_noticed():
     start = lines.index(b"coordinates\n")
     with pytest.raises(DeckError, match=rf"line {start + 2}: 18 nodes"):
         read_marc_deck(b"".join(lines[: start + 5] + lines[start + 6 :]))
-
-
-def test_a_line_that_is_no_node_is_named():
-    data = LINEAR.replace(b"coordinates\n         3", b"coordinates\n         9", 1)
-    with pytest.raises(DeckError, match=r"line \d+: 9 coordinates"):
-        read_marc_deck(data)
 
 
 # ---- Other versions and layouts

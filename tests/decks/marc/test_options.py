@@ -121,14 +121,6 @@ def test_a_first_look_separates_decks_from_other_files(tmp_path, name, text, is_
     assert not is_marc_deck(tmp_path / "absent.dat")
 
 
-def test_comments_stay_with_the_option_before_them():
-    data = with_model("solver", "         8", "$ mine", "no print", "$ last")
-    options = read_marc_deck(data).options
-    (solver,) = (o for o in options if any("mine" in each.text for each in o.lines))
-    assert solver.keyword == "solver"
-    assert [line.text for line in solver.data] == ["         8"]
-
-
 def test_an_option_that_nobody_knows_keeps_its_lines():
     data = with_model("post", f"{0:10d}", "brand new", "  1.0", "name of it", "no print")
     deck = read_marc_deck(data)

@@ -47,60 +47,41 @@ def table_of(data, name="wave"):
     return table
 
 
-@given(parts=decks, depths=samples, unit=st.sampled_from(("mm", "m")))
-def test_depth_times_factor_is_the_motion_in_the_unit_of_the_deck(marc_text, parts, depths, unit):
-    data = marc_text(**parts).text()
-    rebased = rebase_marc(data, motion_through(depths), Request(length_unit=unit))
-    points = table_of(rebased.deck).points
+@given(
+    parts=decks,
+    depths=samples,
+    unit=st.sampled_from(("mm", "m")),
+    results=st.sampled_from([None, "binary", "text", "both"]),
+)
+def test_table_increments_and_output_are_the_waveforms_and_other_lines_stay(
+    marc_text, parts, depths, unit, results
+):
+    data, motion = marc_text(**parts).text(), motion_through(depths)
+    request = Request(length_unit=unit, results=results)
+    new = rebase_marc(data, motion, request).deck
+
+    points = table_of(new).points
     assert_array_equal(points[:, 0], np.arange(len(depths)) * 5e-4)
     depth = points[:, 1] * abs(parts["factor"]) * LENGTH_UNITS[unit].length_mm
     assert_allclose(depth, depths, rtol=1e-13, atol=1e-30)
-
-
-@given(parts=decks, depths=samples)
-def test_the_load_case_has_an_increment_a_sample(marc_text, parts, depths):
-    motion = motion_through(depths)
-    rebased = rebase_marc(marc_text(**parts).text(), motion, Request())
-    (case,) = read_marc_deck(rebased.deck).load_cases()
-    assert case.stepping.keyword == "auto load"
-    assert case.increments == len(depths) - 1
+    before, after = read_marc_deck(data), read_marc_deck(new)
+    (case,) = after.load_cases()
+    assert (case.stepping.keyword, case.increments) == ("auto load", len(depths) - 1)
     assert_allclose(case.period, motion.time_s[-1], rtol=1e-12)
-
-
-@given(parts=decks, results=st.sampled_from([None, "binary", "text", "both"]))
-def test_stress_is_asked_for_at_every_increment(marc_text, parts, results):
-    data = marc_text(**parts).text()
-    before = read_marc_deck(data).post()
-    wanted = read_marc_deck(rebase_marc(data, MOTION, Request(results=results)).deck).post()
+    wanted = after.post()
     assert wanted.codes[: len(parts["post"])] == parts["post"]
     assert sorted(wanted.codes) == sorted({*parts["post"], 17, 311})
-    kinds = {None: before.head[POST_KIND], **POST_KINDS}
+    kinds = {None: before.post().head[POST_KIND], **POST_KINDS}
     assert (wanted.head[POST_EVERY], wanted.head[POST_KIND]) == (1, kinds[results])
 
-
-@given(parts=decks, depths=samples)
-def test_putting_the_same_in_again_changes_nothing(marc_text, parts, depths):
-    once = rebase_marc(marc_text(**parts).text(), motion_through(depths), Request()).deck
-    assert rebase_marc(once, motion_through(depths), Request()).deck == once
-
-
-@given(parts=decks, depths=samples)
-def test_lines_outside_table_steps_and_post_are_kept_in_order(marc_text, parts, depths):
-    data = marc_text(**parts).text()
-    deck = read_marc_deck(data)
-    changed = {
-        line.number
-        for option in deck.options
-        if option.keyword in ("table", "auto load", "auto step", "time step", "post")
-        for line in option.lines
-        if option.section.value != "parameter"
-    }
-    old = data.splitlines(keepends=True)
-    new = rebase_marc(data, motion_through(depths), Request()).deck.splitlines(keepends=True)
-    kept = [line for row, line in enumerate(old, 1) if row not in changed]
-    rest = iter(new)
-    assert all(line in rest for line in kept)  # a subsequence, in order
-    assert {line[-2:] == b"\r\n" for line in new} == {parts["end"] == "\r\n"}
+    changed = ("table", "auto load", "auto step", "time step", "post")
+    old, lines = data.splitlines(keepends=True), new.splitlines(keepends=True)
+    rest = iter(lines)
+    for option in before.options:
+        if option.keyword not in changed or option.section.value == "parameter":
+            assert all(old[line.number - 1] in rest for line in option.lines)  # in order
+    assert {line[-2:] == b"\r\n" for line in lines} == {parts["end"] == "\r\n"}
+    assert rebase_marc(new, motion, request).deck == new
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

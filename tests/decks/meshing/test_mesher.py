@@ -121,19 +121,6 @@ def test_a_finger_that_gmsh_fails_on_is_a_finger_error(monkeypatch):
 
 
 @needs_gmsh
-def test_triangles_that_gmsh_left_are_a_finger_error(monkeypatch):
-    whole = gmsh.model.mesh.getElements
-    monkeypatch.setattr(
-        gmsh.model.mesh,
-        "getElements",
-        lambda *asked: ([2, 3], *whole(*asked)[1:]) if asked else whole(),
-    )
-    monkeypatch.setattr("decks.mesher._STRETCHES", (1.0,))
-    with pytest.raises(FingerError, match="gmsh left triangles in stratum_corneum"):
-        mesh_finger(QUICK)
-
-
-@needs_gmsh
 def test_an_open_session_of_the_caller_is_left_alone():
     gmsh.initialize([], readConfigFiles=False, interruptible=False)
     try:
