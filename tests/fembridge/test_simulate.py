@@ -13,11 +13,10 @@ from decks.analysis import Contact
 from decks.dialects import JOB
 from decks.material import PronyTerm
 from decks.presets import PRESETS, model_of
-from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import simulation as module
-from fembridge.errors import MissingError, ResponseError, SolverError, UsageError
+from fembridge.errors import ResponseError, SolverError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.response import transients as transients_module
 from fembridge.response.response_map import FOLDER, read_map
@@ -29,7 +28,7 @@ from fembridge.solver import ccx as ccx_module
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.trace import StressTrace
-from neural import PUBLISHED, ParameterSet
+from neural import PUBLISHED
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
 
@@ -185,32 +184,6 @@ def test_results_that_are_there_answer_without_another_solve(tmp_path, model, mo
 
     assert "solved in 10 s: 39 increments" in lines[1]
     assert "read again: 39 increments" in lines[3]
-
-
-def test_other_parameters_are_passed_on(tmp_path, model, no_ccx):
-    stronger = {**PUBLISHED, "SA": replace(PUBLISHED["SA"], alpha_mv_per_ms=9.0)}
-    plain, strong = (
-        simulate(ONE, model, tmp_path, parameters=ParameterSet("mine", chosen))
-        for chosen in (PUBLISHED, stronger)
-    )
-    assert strong.mean_rates[0].rate_ips > plain.mean_rates[0].rate_ips
-    assert strong.mean_rates[1:] == plain.mean_rates[1:]
-
-
-@pytest.mark.parametrize(
-    ("change", "options", "found"),
-    [
-        ({"probe": Probe(diameter_mm=2.0)}, {}, "stored for this probe"),
-        ({"element": "CPE8R"}, {}, "stored for this element"),
-        ({}, {"preindent_um": 900.0}, "sine_20_250 goes 1150 um deep.* 1000 um"),
-        ({}, {"method": "transient"}, "--method transient"),
-    ],
-)
-def test_what_is_not_stored_takes_a_solver(tmp_path, model, no_ccx, change, options, found):
-    stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=options.pop("preindent_um", 0.0))
-    with pytest.raises(MissingError, match=found) as caught:
-        simulate(stimuli, replace(model, **change), tmp_path, **options)
-    assert str(caught.value).endswith(SOLVER_INSTALL_LINE)
 
 
 def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, ccx):

@@ -303,22 +303,6 @@ def test_an_output_that_is_a_file_is_told_and_stays(here, capsys, output):
     assert (here / "file").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--stimulus", "sine_20_250", "--preindent-um", "900"],
-        ["--stimulus", "sine_20_250", "--method", "transient"],
-        ["--stimulus", "sine_20_250", "--parameters", "absent.toml"],
-        ["--stimulus", "nois"],
-    ],
-)
-def test_an_earlier_result_survives_a_run_that_fails(result, earlier, words):
-    assert main(["simulate", "-o", "out", *words]) != 0
-
-    assert contents(result) == earlier
-    assert "raster.png" in earlier
-
-
 def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
     result, earlier, capsys, monkeypatch
 ):

@@ -53,25 +53,6 @@ def test_rates_made_by_table_2_are_its_own_without_any_pre_indentation(table, re
     assert fit.published.total.rmse_ips == 0.0
 
 
-def test_an_interrupt_keeps_the_best_so_far_and_leaves_later_classes_out(observed, response):
-    heard = []
-
-    def stop(afferent, progress):
-        heard.append((afferent, progress.evaluations))
-        if len(heard) == 2:
-            raise KeyboardInterrupt
-
-    run = fit_afferents(
-        observed, response, models("RA", "SA"), FitSettings(**SHORT), on_progress=stop
-    )
-    assert heard == [("RA", 20), ("RA", 40)]
-    assert [fit.afferent for fit in run.fits] == ["RA"]
-    assert run.fits[0].front.evaluations == 40
-    assert not run.fits[0].front.finished
-    assert not run.finished
-    assert run.asked == ("RA", "SA")
-
-
 def test_an_interrupt_of_a_later_class_before_it_began_keeps_the_first(
     observed, response, monkeypatch
 ):
@@ -111,11 +92,6 @@ def test_a_stimulus_deeper_than_the_response_is_refused_by_name(observed, respon
     deep = ObservedRates(("sine_20_500",), ("RA",), np.array([[30.0]]), tmp_path, "0" * 64)
     with pytest.raises(ResponseError, match=r"sine_20_500 goes 5.* um deep"):
         fit_afferents(deep, response, models("RA"), FitSettings(**SHORT))
-
-
-def test_nothing_to_fit_is_refused(observed, response):
-    with pytest.raises(UsageError):
-        fit_afferents(observed, response, {}, FitSettings(**SHORT))
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,14 @@ def test_a_number_that_means_nothing_is_misuse(tmp_path, capsys, words):
     assert capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupted_command_leaves_no_result(make_run, pid_of, is_alive, number, code):
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_an_interrupted_command_leaves_no_solver_no_result_and_the_evidence(
+    make_run, pid_of, is_alive, number, code
+):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        pytest.skip("this signal is ignored here, and so by a child: nohup does that")
     folder = make_run("hang")
     command = [sys.executable, "-m", "fembridge.cli", "run", str(folder)]
     child = subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ)
@@ -88,3 +94,4 @@ def test_an_interrupted_command_leaves_no_result(make_run, pid_of, is_alive, num
     assert not is_alive(solver)
     assert b"Traceback" not in err
     assert sorted(path.name for path in folder.iterdir()) == ["failed", "job.inp", "run.toml"]
+    assert "interrupted" in (folder / "failed" / "cause.txt").read_text()

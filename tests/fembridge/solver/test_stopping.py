@@ -76,28 +76,6 @@ def test_a_folder_whose_run_was_killed_can_be_run_again(parent, make_run, pid_of
     assert not (folder / "solving").exists()
 
 
-@pytest.mark.parametrize(
-    ("number", "code"),
-    [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
-)
-def test_a_signal_to_python_stops_the_solver_and_keeps_the_evidence(
-    parent, make_run, pid_of, is_alive, number, code
-):
-    if signal.getsignal(number) is signal.SIG_IGN:
-        pytest.skip("this signal is ignored here, and so by a child: nohup does that")
-    folder = make_run("hang")
-    child = parent(folder)
-    solver = pid_of(folder)
-
-    child.send_signal(number)
-    child.wait()
-
-    assert child.returncode == code
-    assert not is_alive(solver)
-    assert "interrupted" in (folder / "failed" / "cause.txt").read_text()
-    assert not (folder / ".solver.lock").exists()
-
-
 def test_a_second_run_in_a_folder_is_refused(parent, make_run, pid_of, is_alive, is_at_work):
     folder = make_run("hang")
     child = parent(folder)

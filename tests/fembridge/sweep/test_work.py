@@ -5,8 +5,6 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from decks.analysis import Contact
 from decks.material import PronyTerm
@@ -105,25 +103,6 @@ def test_what_is_asked_of_the_contact_is_put_into_every_rung():
     whole = Contact("surface-to-surface", 500.0, 0.1, 0.05)
     asked = {name.name: getattr(whole, name.name) for name in fields(Contact)}
     assert ladder_of(asked) == (whole,)
-
-
-@given(st.permutations(range(4)))
-def test_the_order_of_keys_in_a_study_changes_no_address(order):
-    changes = [
-        ("skin", {"epidermis_mm": [0.5], "dermis_mm": [1.0]}),
-        ("ridges", {"height_mm": [0.05]}),
-        ("bone", {"depth_mm": [8.0]}),
-        ("materials", {"dermis": {"young_mpa": [0.06], "poisson": [0.45]}}),
-    ]
-    keys = []
-    for rows in (changes, [changes[k] for k in order]):
-        grid = {
-            name: dict(reversed(inner.items())) if rows is not changes else inner
-            for name, inner in rows
-        }
-        table = {"stimuli": ["sine_20"], "fingers": [{"grid": grid}]}
-        keys.append(list(plan_of(study_from(table, None), CCX).items))
-    assert keys[0] == keys[1]
 
 
 def numbers_of(value, above=""):
