@@ -13,7 +13,7 @@ import numpy as np
 from decks.analysis import Contact as PenaltyContact
 from decks.green import PadMesh, Prism, prism_of
 from decks.prism_contact import PROBE_SET, contact_deck
-from fembridge.results.fields import read_fields
+from fembridge.results import read_fields
 from fembridge.results.printed import read_total_force
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import run_ccx

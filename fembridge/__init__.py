@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from fembridge.recording import Recording as Recording
     from fembridge.response.response_map import ResponseMap as ResponseMap
     from fembridge.results import read
+    from fembridge.results import read_fields as read_fields
     from fembridge.results import read_history as read_history
-    from fembridge.results.fields import read_fields as read_fields
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
     from fembridge.touching.field import receptive_field
@@ -98,8 +98,7 @@ _HOMES = {
     "Shape": "fembridge.touching.shape",
     "receptive_field": "fembridge.touching.field",
     "touch": "fembridge.touching.touch",
-    **dict.fromkeys(("read", "read_history"), "fembridge.results"),
-    "read_fields": "fembridge.results.fields",
+    **dict.fromkeys(("read", "read_fields", "read_history"), "fembridge.results"),
     "read_observed": "fembridge.observed",
     "resolve": "decks.stimuli",
     "touchsim_rates": "fembridge.touchsim",

@@ -159,7 +159,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if is_marc_deck(path):
             return _deck(args, path)
     printed = suffix in PRINTS and not (suffix == ".dat" and _at_nodes(args, result))
-    kind = _kind(args, path, printed)
+    kind = _kind(args, result, printed)
     if kind == "list" or (kind == "traces" and _nothing_chosen(args, result)):
         held = describe_print(path) if suffix in PRINTS else result.describe()
         if suffix == ".frd" and (sets := sets_beside(path)):
@@ -196,7 +196,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return summary
 
 
-def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
+def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
     """What is asked for: list, vtu, field, table, plot, point, sides or traces.
 
     Raises
@@ -207,6 +207,7 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 
+    path = result.path
     given = {"--node": args.node, "--set": args.sets, "--near": args.near}
     by_node = [word for word, value in given.items() if value]
     given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
@@ -242,9 +243,7 @@ def _kind(args: argparse.Namespace, path: Path, printed: bool) -> str:
     if whole or word == "--point":
         return word.removeprefix("--")
     if not word and path.suffix.lower() == ".txt":
-        from fembridge.results.mentat import is_over_time
-
-        return "traces" if is_over_time(path) else "plot"
+        return "traces" if result.describe()["over_time"] else "plot"
     return "table" if printed else "traces"
 
 
@@ -367,8 +366,6 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
     command = f"fembridge ingest {shlex.quote(str(args.result))}"
     for option, given in (("stress", args.stress_unit), ("length", args.length_unit)):
         command += f" --{option}-unit {given}" if given else ""
-    if not result.reader.source:
-        return ["curves of nodes that it does not name: one number for each, --node N"]
     problem = ""
     for partial in dict.fromkeys((result.options.partial, True)):
         options = replace(result.options, partial=partial, log=None)
@@ -388,22 +385,11 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
 
 def _sides(args: argparse.Namespace, result: "Result") -> Written:
     """Stress at nodes as each layer there has it."""
-    from fembridge.errors import UsageError
-    from fembridge.results.one_sided import OneSidedStress, one_sided_stress, write_sides
+    from fembridge.results.one_sided import write_sides
 
-    of_marc = result.reader.points
-    if of_marc and args.one_sided:
-        raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
-    if not of_marc and not args.one_sided:
-        raise UsageError("--one-sided takes the element set that the .dat beside a .frd prints")
-    found: list[OneSidedStress] = []
-    for node in dict.fromkeys(args.node):
-        if of_marc:
-            from fembridge.results.marc import read_one_sided
-
-            found += read_one_sided(result.path, node, result.options)
-        else:
-            found += one_sided_stress(result.path, node, args.one_sided, options=result.options)
+    with result.source() as source:
+        nodes = dict.fromkeys(args.node)
+        found = [side for node in nodes for side in source.sides(node, args.one_sided)]
     output: Path = args.output or Path(f"{result.path.stem}_sides.csv")
     write_sides(output, found)
     rows = [
@@ -454,9 +440,10 @@ def _plot(args: argparse.Namespace, result: "Result") -> Written:
 
 def _field(args: argparse.Namespace, result: "Result") -> Written:
     """One quantity of one increment at all nodes."""
-    from fembridge.results.fields import read_field, write_field
+    from fembridge.results.fields import write_field
 
-    found = read_field(result.path, args.field, args.increment, result.options)
+    with result.source() as source:
+        found = source.field(args.field, args.increment)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
     output: Path = args.output or Path(f"{result.path.stem}_{name}.npz")
     write_field(output, found)

@@ -45,8 +45,8 @@ from fembridge.report.study import (
     line,
     panels,
 )
-from fembridge.results.frd import read_stress_tensor
 from fembridge.results.printed import read_node_print
+from fembridge.results.source import read_values
 from fembridge.results.stress import von_mises_pa
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
@@ -221,7 +221,7 @@ def _pressed(runs: Runs, halvings: int) -> Pressed:
     width_mm = element_mm(halvings)
     x_mm, pressure_mpa = _gathered(analysis, lower_n, width_mm)
     nodes = list(analysis.afferent.values())
-    _, tensor_pa = read_stress_tensor(folder / f"{JOB}.frd", nodes)
+    _, tensor_pa = read_values(folder / f"{JOB}.frd", nodes)
     return Pressed(
         width_mm=width_mm,
         elements=len(analysis.mesh.quad),

@@ -10,8 +10,8 @@ from decks.analysis import Model
 from decks.dialects import JOB
 from fembridge.build import inputs_of
 from fembridge.report.runs import Attempt, Cost, Runs
-from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed import read_total_force
+from fembridge.results.source import read_values
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import LOG_FILE
@@ -90,14 +90,15 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
     """Result of an accepted run, with the state at rest in front."""
     run = read_run_folder(attempt.folder)
     nodes = [place.node for place in run.afferents]
-    read = read_stress_and_displacement(run.results, nodes, [run.apex_node])
+    _, tensor_pa = read_values(run.results, nodes)
+    _, moved_mm = read_values(run.results, [run.apex_node], quantity="displacement")
     _, force_n = read_total_force(attempt.folder / f"{JOB}.dat", _PROBE_SET)
     return Indented(
         elements=len(model.mesh.quad),
         depth_um=stimulus.displacement_um,
-        stress_pa=_from_rest(von_mises_pa(read.tensor_pa)),
+        stress_pa=_from_rest(von_mises_pa(tensor_pa)),
         force_n_per_mm=_from_rest(-force_n[:, 1]),
-        apex_um=_from_rest(-_UM_PER_MM * read.displacement_mm[:, 0, 1]),
+        apex_um=_from_rest(-_UM_PER_MM * moved_mm[:, 0, 1]),
         touching=read_touching(attempt.folder / LOG_FILE),
         cost=attempt.cost,
     )

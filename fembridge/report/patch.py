@@ -15,8 +15,8 @@ from decks.mesh import Mesh
 from fembridge.report.plane import NEO_HOOKEAN, PRINTED, PlaneProblem, uniform_stress_mpa
 from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding
-from fembridge.results.frd import read_displacement
 from fembridge.results.printed import read_point_stress
+from fembridge.results.source import read_values
 
 MATERIAL = TABLE_1["dermis"]
 SMALL = np.array([[2e-3, -1e-3], [4e-3, 1.5e-3]])
@@ -97,7 +97,7 @@ def _errors(runs: Runs, kind: str, patch: str, law: str, large: bool) -> tuple[f
     name = f"patch/{kind}_{patch}_{law}_{'large' if large else 'small'}"
     folder = runs.solve_deck(name, problem.deck(), problem.increments).folder
     nodes = list(range(1, len(node_mm) + 1))
-    _, found_mm = read_displacement(folder / f"{JOB}.frd", nodes)
+    _, found_mm = read_values(folder / f"{JOB}.frd", nodes, quantity="displacement")
     _, _, found_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
     stress_mpa = uniform_stress_mpa(gradient, MATERIAL, law, large_strain=large)
     off_mpa = np.abs(found_pa[-1] * _MM_A_PA - stress_mpa).max()

@@ -18,8 +18,8 @@ from fembridge.report.indent import down
 from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
 from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding, off_percent
-from fembridge.results.frd import read_displacement
 from fembridge.results.printed import read_point_stress
+from fembridge.results.source import read_values
 from fembridge.typing import FloatArray, IntArray
 
 ELEMENTS = ("CPE4", "CPE8R")
@@ -67,7 +67,7 @@ def _differences_percent(runs: Runs, element: str) -> dict[str, float]:
     problem, layer = _problem(element)
     folder = runs.solve_deck(f"solver/{element}", problem.deck()).folder
     nodes = list(range(1, len(problem.node_mm) + 1))
-    _, found_mm = read_displacement(folder / f"{JOB}.frd", nodes)
+    _, found_mm = read_values(folder / f"{JOB}.frd", nodes, quantity="displacement")
     _, _, tensor_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
     stress_pa = tensor_pa[0].reshape(len(problem.element), -1, 6).mean(axis=1)
     other_mm, other_mpa = plane_strain(problem)

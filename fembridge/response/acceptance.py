@@ -15,9 +15,9 @@ import numpy as np
 from decks.dialects import JOB
 from fembridge.errors import ResponseError, ResultError, StimulusError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
-from fembridge.results.frd import read_stress_and_displacement
 from fembridge.results.printed import read_total_force
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import read_values
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RunFolder, read_run_folder, read_waveform
 from fembridge.stimulus import Stimulus
@@ -179,17 +179,19 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
         raise ResultError("run.toml names no afferent, expected one or more", folder)
     nodes = [place.node for place in run.afferents]
     options = ReadOptions(branches=run.branches, on_axis=run.on_axis)
-    found = read_stress_and_displacement(run.results, nodes, [run.apex_node], options)
-    check_times(found.times_ms, times_ms[1:], run.results)
+    stress_ms, tensor_pa = read_values(run.results, nodes, options)
+    moved_ms, moved_mm = read_values(run.results, [run.apex_node], quantity="displacement")
+    for found_ms in (stress_ms, moved_ms):
+        check_times(found_ms, times_ms[1:], run.results)
     force_n_per_mm = force_on_probe(run, times_ms)
-    tensor_pa = _from_rest(found.tensor_pa)
+    tensor_pa = _from_rest(tensor_pa)
     shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
     if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
         raise ResultError(
             f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain", run.results
         )
     tensor_pa[..., IN_PLANE:] = 0.0  # rounding noise
-    apex_um = _from_rest(-_UM_PER_MM * found.displacement_mm[:, 0, 1])
+    apex_um = _from_rest(-_UM_PER_MM * moved_mm[:, 0, 1])
     accepted = judge(depth_um, von_mises_pa(tensor_pa), force_n_per_mm, apex_um)
     if accepted.hysteresis:
         raise HysteresisError(f"{folder}: {accepted.problem}", accepted.closure_percent)

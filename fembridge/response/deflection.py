@@ -26,7 +26,7 @@ from decks.refinement import refined
 from fembridge.build import build_analysis_folder, inputs_of
 from fembridge.errors import ResponseError, UsageError
 from fembridge.response.acceptance import check_times, force_on_probe, loading_um
-from fembridge.results.frd import read_displacement
+from fembridge.results.source import read_values
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
@@ -229,7 +229,8 @@ def _measured(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflection:
     """Read the run, and accept it, or say why not."""
     surface = _surface_of(press.mesh)
     depth_mm = stimulus.displacement_um * _MM_PER_UM
-    found_ms, moved_mm = read_displacement(run.results, (surface + 1).tolist())
+    nodes = (surface + 1).tolist()
+    found_ms, moved_mm = read_values(run.results, nodes, quantity="displacement")
     check_times(found_ms, stimulus.times_ms[1:], run.results)
     force_n_per_mm = force_on_probe(run, stimulus.times_ms)
     x_mm, down_mm = press.mesh.node_mm[surface, 0], -moved_mm[-1, :, 1]

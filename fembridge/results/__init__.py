@@ -5,16 +5,26 @@ questions, is a `fembridge.results.result.Result`.
 """
 
 from fembridge.results.readers import ENTRY_POINTS, READERS, Reader, reader_of, result_file
-from fembridge.results.result import Result, describe, open_result, read, read_history
+from fembridge.results.result import (
+    Result,
+    describe,
+    open_result,
+    read,
+    read_fields,
+    read_history,
+)
+from fembridge.results.source import Source
 
 __all__ = [
     "ENTRY_POINTS",
     "READERS",
     "Reader",
     "Result",
+    "Source",
     "describe",
     "open_result",
     "read",
+    "read_fields",
     "read_history",
     "reader_of",
     "result_file",

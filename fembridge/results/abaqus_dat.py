@@ -29,13 +29,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fembridge.errors import ResultError
+from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, text_lines
 from fembridge.results.dat_section import DatSection
+from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.source import Source
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, read_run_folder
-from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray
 
 STRESSES_AT_NODES, MISES_AT_NODES = "stresses at nodes", "von mises stress at nodes"
@@ -63,53 +65,65 @@ def is_abaqus(path: Path) -> bool:
     return b"ABAQUS" in start.upper() or _TABLE.encode() in start
 
 
-def read(path: Path, nodes: Sequence[int], options: ReadOptions) -> list[StressTrace]:
-    """Von Mises stress at `nodes`, averaged over elements by Abaqus, in that order.
+class AbaqusSource(Source):
+    """Stress at nodes, averaged over elements by Abaqus."""
 
-    Of a node in several tables, whose means are over other elements each, the one of its
-    own afferent's elements is taken where ``run.toml`` says which that is.
+    def history(
+        self,
+        nodes: Sequence[int] | None,
+        quantity: str | None = None,
+        modes: bool = False,
+        last: bool = False,
+    ) -> History:
+        """Von Mises stress at `nodes`, in that order.
 
-    Raises
-    ------
-    ResultError
-        No stress averaged at nodes, or not of a node; a table is cut.
-    """
-    own = {}
-    if (path.parent / RUN_FILE).exists():
-        run = read_run_folder(path.parent)
-        own = {one.node: f"AROUND_{one.afferent}".upper() for one in run.afferents}
-    wanted = (MISES_AT_NODES, STRESSES_AT_NODES)
-    sections = list(abaqus_sections(path, lambda quantity, _: quantity in wanted, options))
-    if not sections:
-        words = "no stress averaged at nodes in it: *EL PRINT, POSITION=AVERAGED AT NODES"
-        raise ResultError(words, path)
-    samples: dict[int, dict[str, list[tuple[float, float]]]] = {node: {} for node in nodes}
-    held = {one.quantity for one in sections}
-    for one in sections:
-        if one.quantity == STRESSES_AT_NODES and MISES_AT_NODES in held:
-            continue
-        stress = in_pa(one.values, options, path)
-        stress = von_mises_pa(stress) if stress.shape[1] > 1 else stress[:, 0]
-        for node, value in zip(one.labels[:, 0].tolist(), stress.tolist(), strict=True):
-            if node in samples:
-                samples[node].setdefault(one.set_name, []).append((one.time_ms, value))
-    options.note("a .dat has four digits, too few for the drive of PC: the .odb has more")
-    traces = []
-    for node in nodes:
-        sets = samples[node]
-        name = own.get(node, "") if own.get(node, "") in sets else next(iter(sets), "")
-        if not sets:
-            known = np.unique(np.concatenate([one.labels[:, 0] for one in sections]))
-            near = known[np.argsort(np.abs(known - node), kind="stable")[:3]]
-            words = f"no stress at node {node}; near it {', '.join(map(str, near.tolist()))}"
+        Of a node in several tables, whose means are over other elements each, the one of its
+        own afferent's elements is taken where ``run.toml`` says which that is.
+
+        Raises
+        ------
+        ResultError
+            No stress averaged at nodes, or not of a node; a table is cut.
+        """
+        self.refuse_but_stress(quantity, modes)
+        if nodes is None:
+            raise UsageError(f"{self.path}: it gives stress at nodes that are named")
+        path, options, own = self.path, self.options, {}
+        if (path.parent / RUN_FILE).exists():
+            run = read_run_folder(path.parent)
+            own = {one.node: f"AROUND_{one.afferent}".upper() for one in run.afferents}
+        wanted = (MISES_AT_NODES, STRESSES_AT_NODES)
+        sections = list(abaqus_sections(path, lambda quantity, _: quantity in wanted, options))
+        if not sections:
+            words = "no stress averaged at nodes in it: *EL PRINT, POSITION=AVERAGED AT NODES"
             raise ResultError(words, path)
-        if own.get(node) not in sets and len(sets) > 1:
-            words = f"node {node} is in the tables of {' and '.join(sets)}, a mean over other"
-            raise ResultError(f"{words} elements each, and no run.toml says which is its own", path)
-        rows = np.array(sets[name])
-        rows = rows[options.kept(rows[:, 0])]
-        traces.append(StressTrace.on_grid(node, rows, path))
-    return traces
+        samples: dict[int, dict[str, list[tuple[float, float]]]] = {node: {} for node in nodes}
+        held = {one.quantity for one in sections}
+        for one in sections:
+            if one.quantity == STRESSES_AT_NODES and MISES_AT_NODES in held:
+                continue
+            stress = in_pa(one.values, options, path)
+            stress = von_mises_pa(stress) if stress.shape[1] > 1 else stress[:, 0]
+            for node, value in zip(one.labels[:, 0].tolist(), stress.tolist(), strict=True):
+                if node in samples:
+                    samples[node].setdefault(one.set_name, []).append((one.time_ms, value))
+        options.note("a .dat has four digits, too few for the drive of PC: the .odb has more")
+        taken = []
+        for node in nodes:
+            sets = samples[node]
+            name = own.get(node, "") if own.get(node, "") in sets else next(iter(sets), "")
+            if not sets:
+                known = np.unique(np.concatenate([one.labels[:, 0] for one in sections]))
+                near = known[np.argsort(np.abs(known - node), kind="stable")[:3]]
+                words = f"no stress at node {node}; near it {', '.join(map(str, near.tolist()))}"
+                raise ResultError(words, path)
+            if own.get(node) not in sets and len(sets) > 1:
+                words = f"node {node} is in the tables of {' and '.join(sets)}, a mean over other"
+                raise ResultError(
+                    f"{words} elements each, and no run.toml says which is its own", path
+                )
+            taken.append((node, np.array(sets[name])))
+        return of_samples(taken)
 
 
 @dataclass(slots=True)

@@ -26,7 +26,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -34,12 +34,12 @@ import numpy as np
 from fembridge.errors import FembridgeError, MissingError, ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.fields import TIMES_IN_MS, rows_of
-from fembridge.results.history import OF_STRESS, STRESS, TENSOR_COMPONENTS, VON_MISES, History
+from fembridge.results.history import History
 from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
+from fembridge.results.source import Source
 from fembridge.results.stress import TENSOR
 from fembridge.store import read_bytes
 from fembridge.tables import AFFERENTS, cells_in, check_stress_unit, header_in, ms_per, pa_per
-from fembridge.trace import StressTrace
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 KEYS = ("time", "time_ms", "value", *TENSOR, "node", "afferent")
@@ -51,19 +51,6 @@ _XDMF_ORDER = [0, 3, 5, 1, 4, 2]
 
 Arrays = Mapping[str, np.ndarray[Any, Any]]
 Frames = Iterator[tuple[float, Arrays]]
-
-
-def read(path: Path, nodes: Sequence[int], options: ReadOptions) -> list[StressTrace]:
-    """Von Mises stress at `nodes`, in that order."""
-    with ColumnSource(path, options) as source:
-        held = source.history(nodes, None, False).derived(VON_MISES)
-    return [held.trace(row, path) for row in range(len(nodes))]
-
-
-def describe(path: Path) -> Table:
-    """Names of columns or arrays: what ``--columns`` can name."""
-    with ColumnSource(path, ReadOptions()) as source:
-        return {"format": source.kind, "bytes": path.stat().st_size} | source.about()
 
 
 def check_units(columns: Mapping[str, str]) -> None:
@@ -80,11 +67,12 @@ def stress_units_in(columns: Mapping[str, str], unit: str) -> tuple[str, bool]:
     return ", ".join(words), None in said
 
 
-class ColumnSource:
-    """An open table or series, see `fembridge.results.fields.FieldSource`."""
+class ColumnSource(Source):
+    """An open table or series."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.path, self._options, suffix = path, options, suffix_of(path)
+        super().__init__(path, options)
+        suffix = suffix_of(path)
         self.kind = {".csv": "table", ".npz": "npz"}.get(suffix, "vtk-series")
         if self.kind != "table" and path.suffix.lower() == ".gz":
             raise ResultError(f"a packed {suffix} is not read: gunzip it first", path)
@@ -92,11 +80,14 @@ class ColumnSource:
             if file.size > _MOST_BYTES:
                 raise ResultError(f"more than {_MOST_BYTES} bytes, which no table has", path)
 
-    def __enter__(self) -> "ColumnSource":
-        return self
+    def describe(self) -> Table:
+        """Names of columns or arrays: what ``--columns`` can name."""
+        return {"format": self.kind, "bytes": self.path.stat().st_size} | self.about()
 
-    def __exit__(self, *error: object) -> None:
-        pass
+    def named_nodes(self) -> Sequence[int]:
+        """The nodes of a table whose columns are named."""
+        named = self.options.columns and self.kind != "vtk-series"
+        return self.history(None).nodes if named else ()
 
     def about(self) -> Table:
         """Columns, or arrays with their shapes; times of a series."""
@@ -111,16 +102,19 @@ class ColumnSource:
         return {"points": len(points), "outputs": count, "first at": at, "arrays": held}
 
     def history(
-        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
+        self,
+        nodes: Sequence[int] | None,
+        quantity: str | None = None,
+        modes: bool = False,
+        last: bool = False,
     ) -> History:
         """Stress as the columns say, at `nodes` or all."""
         names = self._names()
-        if modes or quantity not in (None, STRESS, *OF_STRESS):
-            raise UsageError(f"{self.path}: a table gives the stress that --columns names")
+        self.refuse_but_stress(quantity, modes)
         parts = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
         time, held, values, afferents = parts(names)
         ours = self.kind == "vtk-series" and TIMES_IN_MS in self._start()
-        to_ms = 1.0 if ours else ms_per(time, "time_ms" in names, self._options.note)
+        to_ms = 1.0 if ours else ms_per(time, "time_ms" in names, self.options.note)
         at, number = held["time"] * to_ms, held["node"]
         if last:
             at, values = at[-1:], values[-1:]
@@ -135,33 +129,20 @@ class ColumnSource:
                 )
             number, values = wanted, values[:, rows]
             afferents = tuple(afferents[row] for row in rows) if afferents else ()
-        tensor = values.shape[2] == len(TENSOR)
-        return History(
-            quantity=STRESS if tensor else VON_MISES,
-            components=TENSOR_COMPONENTS if tensor else OF_STRESS[VON_MISES][1],
-            units=("Pa",) * values.shape[2],
-            nodes=tuple(number.tolist()),
-            at=at,
-            values=self._checked_values(values),
-            keys=np.empty((0, 2), dtype=np.int64),
-            afferents=afferents,
-        )
+        nodes = tuple(number.tolist())
+        found = History.of_stress(nodes, at, self._checked_values(values))
+        return replace(found, afferents=afferents)
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
         """Numbers and coordinates ``(n, 3)`` of the points of a series, in mm; all have stress."""
         if self.kind != "vtk-series":
-            raise UsageError(f"{self.path}: a table has no mesh: choose nodes by number")
+            yield from super().places()
         points, _, frames = self._series()
-        number = self._numbers(next(frames)[1], len(points), self._options.columns)
-        yield number, points * self._options.length_mm, np.ones(len(points), dtype=np.bool_)
-
-    def _no_fields(self, *asked: object) -> NoReturn:
-        raise UsageError(f"{self.path}: a table gives histories at nodes, no whole fields")
-
-    keys = field = fields = frames = _no_fields
+        number = self._numbers(next(frames)[1], len(points), self.options.columns)
+        yield number, points * self.options.length_mm, np.ones(len(points), dtype=np.bool_)
 
     def _names(self) -> Mapping[str, str]:
-        names = self._options.columns
+        names = self.options.columns
         held = self.about()
         words = ", ".join(held.get("columns") or held["arrays"])
         if not names:
@@ -189,13 +170,13 @@ class ColumnSource:
         if not np.isfinite(values).all():
             row, place, _ = np.argwhere(~np.isfinite(values))[0].tolist()
             raise ResultError(f"sample {row + 1} of place {place + 1} is no number", self.path)
-        columns, unit = self._options.columns, self._options.stress_unit
+        columns, unit = self.options.columns, self.options.stress_unit
         named = [pa_per(columns[key]) for key in ("value", *TENSOR) if key in columns]
         if not any(named):
-            return in_pa(values, self._options, self.path)
+            return in_pa(values, self.options, self.path)
         with np.errstate(over="ignore"):
             values = values * np.array([each or PA_PER_UNIT[unit] for each in named])
-        return in_pa(values, replace(self._options, stress_unit="Pa"), self.path)
+        return in_pa(values, replace(self.options, stress_unit="Pa"), self.path)
 
     def _start(self) -> str:
         with self.path.open("rb") as file:
@@ -329,7 +310,7 @@ class ColumnSource:
     def _checked(self, frames: Frames) -> Frames:
         try:
             for at, arrays in frames:
-                for key, name in self._options.columns.items():
+                for key, name in self.options.columns.items():
                     if not key.startswith("time") and name not in arrays:
                         raise ResultError(f"no {name} at {at:g}", self.path)
                 yield at, arrays

@@ -1,34 +1,24 @@
-"""Whole fields of any result format: a quantity at all nodes, one increment at a time.
+"""Whole fields of any result format: a quantity at all nodes, and the mesh they are on."""
 
-A `Reader` names under `source` the class that opens its format as a `FieldSource`; the
-views on whole fields (`read_field`, `nodes.near_nodes`, `vtu`) know no format.
-"""
-
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from fembridge.errors import ResultError, UsageError
+from fembridge.errors import UsageError
 from fembridge.results import history
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import reader_of, result_file, units_of
 from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.store import replacing
 from fembridge.tables import write_table
-from fembridge.typing import BoolArray, FloatArray, IntArray
+from fembridge.typing import FloatArray, IntArray
 
 Key = tuple[int, int]  # step and increment
 
-LAST = "last"
 VERTEX = "vertex"  # kind of a cell that is a node alone
 TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # of our PVD; others' have s
 FIELD_SUFFIXES = (".npz", ".csv")
-_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +77,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneCells:
-    """Elements of one `kind` (``qu4``, see `frd_fields.KIND_OF_TYPE`) as rows of points.
+    """Elements of one `kind` (``qu4``, see `frd.KIND_OF_TYPE`) as rows of points.
 
     `ids` and `material` are ``(M,)``, `rows` ``(M, k)`` in the order of a ``.frd``, see
     `frd.ElementRows`. Material -1 is an unknown one.
@@ -126,199 +116,6 @@ class Frame:
     scene: Scene
     values: Mapping[str, FloatArray]
     over_time: bool = True
-
-
-class FieldSource(AbstractContextManager["FieldSource"], Protocol):
-    """An open result file; a context manager that closes it."""
-
-    path: Path
-
-    def keys(self, quantity: str) -> Sequence[Key]:
-        """Step and increment of each output of `quantity`, in file order."""
-
-    def field(self, quantity: str, key: Key) -> Field:
-        """`quantity` at one of its `keys`."""
-
-    def fields(self, quantity: str) -> Iterator[Field]:
-        """`quantity` at each of its outputs; what is absent is refused at once."""
-
-    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
-        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
-
-    def frames(
-        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
-    ) -> Iterator[Frame]:
-        """Increments, or `modes`, one by one, never both; the file is looked through at once."""
-
-    def history(
-        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
-    ) -> "history.History":
-        """Each output of a quantity at `nodes`, as it is.
-
-        `nodes` None takes all that an output has; of a stress without those between
-        materials, unless the options allow them. `quantity` is a word of `history.NAMES` or
-        the file's name; None takes stress, without one displacement, else the first there
-        is. `modes` takes those of frequency and buckling steps where there are times, too;
-        `last` the last output alone.
-        """
-
-
-def open_source(path: Path | str, options: ReadOptions) -> FieldSource:
-    """Open a result file, or that of a run folder.
-
-    Raises
-    ------
-    UsageError
-        Its format gives no whole fields.
-    ResultError
-        No such file, or no reader takes it.
-    """
-    path = result_file(path)
-    reader = reader_of(path)
-    found: FieldSource = reader.load(reader.source, path, options)(path, options)
-    return found
-
-
-def read_fields(
-    path: Path | str,
-    quantity: str = "STRESS",
-    *,
-    partial: bool = False,
-    across_materials: bool = False,
-    stress_unit: str | None = None,
-    length_unit: str | None = None,
-    extrapolate: str | None = None,
-    log: Callable[[str], None] | None = None,
-) -> Iterator[Field]:
-    """One quantity, an increment at a time, in file order.
-
-    Stress comes in Pa; CalculiX's nodal stress is, at the boundary of two materials, a
-    mean over both: `one_sided.one_sided_stress` gives each side's.
-
-    Parameters
-    ----------
-    path
-        A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
-    quantity
-        Its name in the file: "STRESS", "DISP", "TOSTRAIN", "FORC", ...; of a Marc file
-        "Displacement", "Stress", or a beginning that is one quantity's alone, case-blind.
-    partial
-        Take what is whole of a run that did not end well; `log` gets what was left
-        out.
-    across_materials, extrapolate
-        As for `fembridge.read`, of a Marc file.
-    stress_unit, length_unit
-        Units of the file, as for `fembridge.read`: None is what its heading says, else MPa
-        and mm.
-
-    Raises
-    ------
-    ResultError
-        At once: the file is absent, foreign, cut, or has no such quantity. While
-        it is read: a record or a number is none, or is not finite.
-
-    Examples
-    --------
-    >>> import fembridge as fb
-    >>> field = next(fb.read_fields("runs/sine_20_250", "DISP"))
-    >>> field.time_ms, field.components, field.units
-    (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
-    """
-    path = result_file(path)
-    stress, length = units_of(path, stress_unit, length_unit, log=log)
-    options = ReadOptions(partial, across_materials, stress, log, extrapolate, length_unit=length)
-    with ExitStack() as opened:
-        source = opened.enter_context(open_source(path, options))
-        return _closing(source.fields(quantity), opened.pop_all())
-
-
-def _closing(fields: Iterator[Field], opened: ExitStack) -> Iterator[Field]:
-    with opened:
-        yield from fields
-
-
-def read_field(
-    path: Path,
-    quantity: str,
-    increment: str = LAST,
-    options: ReadOptions = ReadOptions(),  # noqa: B008 - frozen
-) -> Field:
-    """Read `quantity` at one increment, without reading those before it.
-
-    Parameters
-    ----------
-    path
-        A ``.frd``, ``.t16`` or ``.t19`` file.
-    quantity
-        Its name in the file: "STRESS", "DISP", ...; of a Marc file "Displacement",
-        "Stress", or a beginning that is one quantity's alone, case-blind.
-    increment
-        "last", an increment's number, or ``STEP:INCREMENT`` where steps begin
-        anew. Of a frequency or buckling step it is the number of the mode. Marc
-        has sub-increments in the place of steps.
-
-    Raises
-    ------
-    UsageError
-        `increment` is no such word, or is in more than one step.
-    ResultError
-        As for `read_fields`; also an increment that is absent.
-    """
-    chosen = _INCREMENT.fullmatch(increment)
-    if increment != LAST and chosen is None:
-        raise UsageError(f"increment {increment!r}, expected last, N or STEP:N")
-    with open_source(path, options) as source:
-        held = source.keys(quantity)
-        keys = list(held)
-        if chosen is not None:
-            number = int(chosen[2])
-            step = None if chosen[1] is None else int(chosen[1])
-            keys = [key for key in keys if key[1] == number and step in (None, key[0])]
-            if len(keys) > 1:
-                steps = ", ".join(f"{key[0]}:{key[1]}" for key in keys)
-                raise UsageError(f"increment {number} is in {len(keys)} steps: {steps}")
-        if not keys:
-            first, last = held[0], held[-1]
-            raise ResultError(
-                f"no increment {increment} of {quantity}, it has {first[0]}:{first[1]} "
-                f"to {last[0]}:{last[1]}",
-                path,
-            )
-        return source.field(quantity, keys[-1])
-
-
-def history_of(fields: Sequence[Field], nodes: Sequence[int] | None = None) -> history.History:
-    """The history of one quantity at `nodes`, of its `fields`; None takes every node of any."""
-    first = fields[0]
-    if nodes is None:
-        wanted = first.nodes
-        for one in fields:
-            if one.nodes is not first.nodes:
-                wanted = np.union1d(wanted, one.nodes)
-        wanted = np.unique(wanted)
-    else:
-        wanted = np.array(nodes, dtype=np.int64)
-    values = np.full((len(fields), wanted.size, len(first.components)), np.nan)
-    for row, one in enumerate(fields):
-        if one.components != first.components:
-            held, expected = (", ".join(each.components) for each in (one, first))
-            words = f"{one.name} of step {one.step}, increment {one.increment} has {held}"
-            raise UsageError(f"{words}, an output before it {expected}")
-        if nodes is not None:
-            one.at(nodes)  # which names a node that is absent
-        rows = rows_of(wanted, one.nodes)
-        values[row, rows >= 0] = one.values[rows[rows >= 0]]
-    timed = first.axis == history.TIME
-    return history.History(
-        quantity=history.word_of(first.name),
-        components=first.components,
-        units=first.units,
-        nodes=tuple(wanted.tolist()),
-        at=np.array([one.time_ms if timed else one.axis_value for one in fields]),
-        values=values,
-        keys=np.array([one.key for one in fields], dtype=np.int64),
-        axis=first.axis,
-    )
 
 
 def write_field(path: Path, field: Field) -> None:

@@ -16,18 +16,11 @@ counts are compared with the size of the file before anything trusts them. The w
 at the first block that is not whole. Values touch when they are negative: a field is cut
 by its columns, never split at blanks.
 
-Stress at a node is the mean over the elements there. On a layer boundary that mean
-belongs to neither layer (0.011 MPa measured between 0.0005 and 0.022), so such a node is
-refused unless ``across_materials`` asks for it. Quantities are joined by step and
-increment, never by position: a run that diverged has one more DISP than STRESS, and that
-last one never converged.
-
-CalculiX has no units. Lengths are taken as mm, times as s, and stress in
-`ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
+What is asked of a file is in `fembridge.results.frd_source`; numbers here are the file's.
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -43,21 +36,21 @@ from fembridge.results.byte_file import (
     fixed_integers,
 )
 from fembridge.results.fields import Key, rows_of
+from fembridge.results.history import FREQUENCY, TIME
 from fembridge.results.printed import StaRow, read_sta
-from fembridge.results.read_options import NotFiniteError, ReadOptions, in_pa
-from fembridge.results.stress import von_mises_pa
-from fembridge.trace import MS_PER_S, StressTrace
-from fembridge.typing import BoolArray, FloatArray, IntArray, Table
+from fembridge.trace import MS_PER_S
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 STRESS, DISPLACEMENT = "STRESS", "DISP"
 COMPONENTS = {
     STRESS: ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
     DISPLACEMENT: ("D1", "D2", "D3"),
 }
-# Nodes of each element type: he8 pe6 te4 he20 pe15 te10 tr3 tr6 qu4 qu8 be2 be3.
-NODES_OF_TYPE = {
-    1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 2, 12: 3,
+KIND_OF_TYPE = {
+    1: "he8", 2: "pe6", 3: "te4", 4: "he20", 5: "pe15", 6: "te10",
+    7: "tr3", 8: "tr6", 9: "qu4", 10: "qu8", 11: "be2", 12: "be3",
 }  # fmt: skip
+NODES_OF_TYPE = {number: int(kind[2:]) for number, kind in KIND_OF_TYPE.items()}
 UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
 
 _FIRST_BYTES, _STEP, _END_LINE = b"    1C", b"    1PSTEP", b" 9999"
@@ -72,25 +65,39 @@ _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
 _MESH_BYTES = 1 << 17  # of printed elements at a time
-_DEFAULTS = ReadOptions()
+_TEXT_BYTES = 3 << 17  # of a block at a time
 
-Output = dict[str, "FrdBlock"]  # blocks of one increment, by quantity
+_PA = "Pa"
+# By quantity; one that ends in I is the imaginary part of the same. Decks speak mm, N and s; a
+# quantity that is not listed is left as the file has it, with the unit "".
+_UNIT_OF_QUANTITY = {
+    "DISP": "mm", "VELO": "mm/s", "FORC": "N",
+    "STRESS": _PA, "STRPOS": _PA, "STRMID": _PA, "STRNEG": _PA, "ZZSTR": _PA,
+    "MSTRESS": _PA, "ENER": _PA,
+    "TOSTRAIN": "1", "MESTRAIN": "1", "PE": "1", "ERROR": "%",
+}  # fmt: skip
+# By component, in quantities that mix units.
+_UNIT_OF_COMPONENT = {
+    "COPEN": "mm", "CSLIP1": "mm", "CSLIP2": "mm",
+    "CPRESS": _PA, "CSHEAR1": _PA, "CSHEAR2": _PA,
+}  # fmt: skip
+_UNIT_OF_MAGNITUDE = {"PDISP": "mm", "PSTRESS": _PA}
 
 
 @dataclass(slots=True)
 class FrdBlock:
     """One quantity at one increment, and where in the file its records are.
 
-    `value` is the number that the ``100CL`` line holds: the total time over all steps in
-    s, or the frequency of a mode, or its buckling factor. `components` are those stored
-    (``ALL``, the length of a vector, is announced and not stored). `free` marks text
-    records of unequal length (exponents of three digits). `modal` marks a mode of a
-    frequency or buckling analysis: its `increment` is the number of the mode.
+    `value` is the number that the ``100CL`` line holds, of which `axis` says what it is: the
+    total time over all steps in s, or the frequency of a mode, or its buckling factor. `stored`
+    are the components (``ALL``, the length of a vector, is announced and not stored);
+    `components` the same, those of `COMPONENTS` in that order, and `order` where each is stored.
+    `free` marks text records of unequal length (exponents of three digits). `modal` marks a
+    mode of a frequency or buckling analysis: its `increment` is the number of the mode.
 
     `key` joins the blocks of one output. Records have `record_bytes` each and, unless
     they are `free`, reach to `end`; `spans` are the bytes of the values in each line of
-    a text record. `over_time` says whether `value` is a time, as in static and dynamic
-    steps alone, and `time_ms` that time over all steps.
+    a text record.
     """
 
     name: str
@@ -98,7 +105,7 @@ class FrdBlock:
     increment: int
     value: float
     records: int
-    components: tuple[str, ...]
+    stored: tuple[str, ...]
     flag: int
     offset: int
     line_end: int = 1
@@ -106,17 +113,24 @@ class FrdBlock:
     modal: bool = False
     free: bool = False
     key: Key = field(init=False)
-    time_ms: float = field(init=False)
-    over_time: bool = field(init=False)
+    axis: str = field(init=False)
+    components: tuple[str, ...] = field(init=False)
+    order: list[int] = field(init=False)
     record_bytes: int = field(init=False)
     end: int = field(init=False)
     spans: list[tuple[int, int]] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.key, self.time_ms = (self.step, self.increment), self.value * MS_PER_S
-        self.over_time = not self.modal and self.analysis in (_STATIC, _DYNAMIC)
+        self.key, self.axis = (self.step, self.increment), "number of the analysis"
+        if self.modal:
+            self.axis = "buckling factor" if self.analysis == _BUCKLING else FREQUENCY
+        elif self.analysis in (_STATIC, _DYNAMIC):
+            self.axis = TIME
+        usual = [one for one in COMPONENTS.get(self.name, ()) if one in self.stored]
+        self.components = (*usual, *(one for one in self.stored if one not in usual))
+        self.order = [self.stored.index(one) for one in self.components]
         self.record_bytes, self.spans = 0, []
-        count = len(self.components)
+        count = len(self.stored)
         if self.flag >= 2:
             self.record_bytes = 4 + (4 if self.flag == 2 else 8) * count
         else:
@@ -128,13 +142,14 @@ class FrdBlock:
         self.end = self.offset + self.records * self.record_bytes
 
     @property
-    def axis(self) -> str:
-        """What `value` is."""
-        if self.analysis == _BUCKLING:
-            return "buckling factor"
-        if self.modal:
-            return "frequency in cycles per time"
-        return "total time" if self.over_time else "number of the analysis"
+    def time_ms(self) -> float:
+        """`value` as a time."""
+        return self.value * MS_PER_S
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each component, once its values are scaled."""
+        return tuple(_unit(self.name, one) for one in self.components)
 
     def __str__(self) -> str:
         if not self.step:  # the node block
@@ -143,8 +158,8 @@ class FrdBlock:
         return f"{self.name} of step {self.step}, {what} {self.increment}"
 
 
-class MeshBlock(NamedTuple):
-    """Where the records of a node or element block are, and where it ends."""
+class ElementBlock(NamedTuple):
+    """Where the records of the elements are, and where they end."""
 
     records: int
     flag: int
@@ -166,8 +181,9 @@ class FrdDamageError(Exception):
 class FrdIndex:
     """What a ``.frd`` holds and where: one walk through `file`.
 
-    `blocks` are the whole ones in file order, `nodes` and `elements` the mesh,
-    `materials` names by number. `ended` says whether the line `` 9999`` closes the file:
+    `blocks` are the whole ones in file order, `nodes` and `elements` the mesh, whose nodes are a
+    block of three numbers each, `materials` names by number. Blocks whose imaginary part follows
+    are over frequency. `ended` says whether the line `` 9999`` closes the file:
     CalculiX writes it only when the job ends normally. `damage` is noted, not raised:
     who reads decides what to do about it. `remarks` are oddities that do no harm.
     """
@@ -179,8 +195,8 @@ class FrdIndex:
             raise ResultError(problem if start else "empty: 0 bytes", file.path)
         self.file, self.size = file, file.size
         self.blocks: list[FrdBlock] = []
-        self.nodes: MeshBlock | None = None
-        self.elements: MeshBlock | None = None
+        self.nodes: FrdBlock | None = None
+        self.elements: ElementBlock | None = None
         self.materials: dict[int, str] = {}
         self.ended = False
         self.damage: list[FrdDamageError] = []
@@ -204,6 +220,10 @@ class FrdIndex:
         for one in self.damage:
             if one.block is None:
                 one.problem += f" (byte {one.offset} of {file.size})"
+        complex_ones = {block.key for name in self.names for block in self.named(imaginary(name))}
+        for block in self.blocks if complex_ones else ():
+            if block.axis == TIME and block.key in complex_ones:
+                block.axis = FREQUENCY
 
     def named(self, name: str) -> list[FrdBlock]:
         """Blocks of one quantity, in file order."""
@@ -238,7 +258,7 @@ class FrdIndex:
                 lost = held[before].keys() - held[last].keys()
             if lost:
                 whole.pop()
-            attempts = _attempts(self.file.path)
+            attempts = attempts_of(self.file.path)
             if attempts and (row := attempts[-1]).failed:
                 words.append(
                     f"increment {row.increment} of step {row.step} did not converge "
@@ -311,48 +331,56 @@ class FrdIndex:
             self.remarks.append(words)
 
     def _mesh(self, line: bytes, at: int, after: int) -> int:
-        """Note a node or element block and find its end."""
-        file, kind = self.file, "node" if line.startswith(b"    2C") else "element"
+        """Note the node or element block of a line and find its end."""
+        kind = "node" if line.startswith(b"    2C") else "element"
         text = line[73:75].strip() in (b"0", b"1")
         blank = text and not line[24:36].strip()
         announced, flag = (-1, int(line[73:75])) if blank else _counts(line, (24, 36), (73, 75))
-        problem, present = "", announced
+        if not text and (flag > 3 or after + 16 * announced > self.size):
+            raise FrdDamageError(f"{kind} block: cut: {announced} {kind}s announced", at)
+        if kind == "element":
+            return self._elements(announced, flag, at, after)
+        names, line_end = ("x", "y", "z"), after - at - len(line)
+        block = FrdBlock("node block", 0, 0, 0.0, announced, names, flag, after, line_end)
         if text:
+            block, end, problem = self._text_end(block)
+            if problem:  # the mesh cannot be used, what follows can
+                self.damage.append(FrdDamageError(problem, at))
+                return end
+        elif not self._boundary(end := block.end):
+            raise FrdDamageError("node block: its count does not lead to its end", at)
+        self.nodes = block
+        return end
+
+    def _elements(self, announced: int, flag: int, at: int, after: int) -> int:
+        file, block, present = self.file, "element block", announced
+        if flag < 2:
             closed = file.find((b"\n -3",), after - 1)
             last = None if closed is None else file.line(closed[0] + 1)
             if closed is None or last is None:
-                raise FrdDamageError(f"{kind} block: cut: its end line -3 is missing", at)
+                raise FrdDamageError(f"{block}: cut: its end line -3 is missing", at)
             present, end = file.count(b"\n -1", after - 1, closed[0]), last[1]
-            layers = present // announced if kind == "element" and announced > 0 else 0
+            layers = present // announced if announced > 0 else 0
             if announced not in (-1, present) and present != layers * announced:
-                problem = f"{announced} records announced, {present} present"
-        elif flag > 3 or after + 16 * announced > file.size:
-            raise FrdDamageError(f"{kind} block: cut: {announced} {kind}s announced", at)
+                words = f"{block}: {announced} records announced, {present} present"
+                self.damage.append(FrdDamageError(words, at))
+                return end
         else:
-            end = after + announced * (28 if flag == 3 else 16)
-            if kind == "element":
-                try:
-                    end = packed_end(file, after, announced)
-                    while announced and not self._boundary(end):  # one more layer of composites
-                        end, present = packed_end(file, end, announced), present + announced
-                except ResultError as error:
-                    if present > announced:
-                        words = f"{kind} block: its count does not lead to its end"
-                        raise FrdDamageError(words, at) from error
-                    raise FrdDamageError(error.problem, at) from error
+            try:
+                end = packed_end(file, after, announced)
+                while announced and not self._boundary(end):  # one more layer of composites
+                    end, present = packed_end(file, end, announced), present + announced
+            except ResultError as error:
+                words = f"{block}: its count does not lead to its end"
+                raise FrdDamageError(words if present > announced else error.problem, at) from error
             if not self._boundary(end):
-                raise FrdDamageError(f"{kind} block: its count does not lead to its end", at)
-        if kind == "element" and not problem and present > announced > 0:
+                raise FrdDamageError(f"{block}: its count does not lead to its end", at)
+        if present > announced > 0:
             self.remarks.append(
-                f"element block announces {announced} elements and holds "
-                f"{present // announced} times as many: layers of composite shells"
+                f"{block} announces {announced} elements and holds {present // announced} times "
+                "as many: layers of composite shells"
             )
-        if problem:  # the mesh cannot be used, what follows can
-            self.damage.append(FrdDamageError(f"{kind} block: {problem}", at))
-        elif kind == "node":
-            self.nodes = MeshBlock(present, flag, after, end)
-        else:
-            self.elements = MeshBlock(present, flag, after, end)
+        self.elements = ElementBlock(present, flag, after, end)
         return end
 
     def _block(self, line: bytes, at: int, after: int) -> int:
@@ -379,7 +407,9 @@ class FrdIndex:
         )  # fmt: skip
         self._key, end = None, block.end
         if flag < 2:
-            block, end = self._text_end(block)
+            block, end, problem = self._text_end(block)
+            if problem:
+                raise FrdDamageError(problem, end, block)
         elif end > self.size:
             raise self._cut(block, records)
         elif not self._boundary(end):
@@ -416,11 +446,11 @@ class FrdIndex:
         self._names[first] = text, name, tuple(components), at - start - len(line)
         return self._names[first]
 
-    def _text_end(self, block: FrdBlock) -> tuple[FrdBlock, int]:
-        """The block with its count and its kind of records, and where it ends."""
+    def _text_end(self, block: FrdBlock) -> tuple[FrdBlock, int, str]:
+        """The block with its count and its kind of records, where it ends, and what is wrong."""
         closing = b"\n -3\r\n" if block.line_end == 2 else b"\n -3\n"
         if block.records >= 0 and self.file.peek(block.end - 1, len(closing)) == closing:
-            return block, block.end - 1 + len(closing)
+            return block, block.end - 1 + len(closing), ""
         found = self.file.find((b"\n -3",), block.offset - 1)
         last = None if found is None else self.file.line(found[0] + 1)
         at = self.size if found is None else found[0]
@@ -430,14 +460,13 @@ class FrdIndex:
         if block.records < 0:
             block = replace(block, records=begun)
         if block.end == at + 1:
-            return block, last[1]
+            return block, last[1], ""
         if begun == block.records > 0:
-            return replace(block, free=True), last[1]
+            return replace(block, free=True), last[1], ""
         if begun == 0 and at + 1 == block.offset:  # of a fluid: closed, and empty
             self.remarks.append(f"{block} announces {block.records} records and has none")
-            return replace(block, records=0), last[1]
-        words = f"{block} announces {block.records} records and has {begun}"
-        raise FrdDamageError(words, at, block, begun)
+            return replace(block, records=0), last[1], ""
+        return block, last[1], f"{block}: {block.records} records announced, {begun} present"
 
     def _cut(self, block: FrdBlock, begun: int) -> FrdDamageError:
         """The damage of a block that the file ends in, after `begun` records at most."""
@@ -452,289 +481,12 @@ class FrdIndex:
         return any(found.startswith(one) or one.startswith(found) for one in _AFTER_A_BLOCK)
 
 
-def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
-    """Von Mises stress at `nodes`, in that order.
-
-    A trace begins with the first increment of the file; what came before it,
-    the rest state among it, a ``.frd`` does not hold.
-    """
-    times_ms, values = read_history(path, {STRESS: nodes}, options)
-    kept = options.kept(times_ms)
-    times_ms = unrounded(times_ms[kept])
-    with np.errstate(over="ignore"):  # a trace refuses what is not finite
-        stress_pa = von_mises_pa(values[STRESS][kept])
-    return [
-        StressTrace.on_grid(node, np.stack([times_ms, column], -1), path)
-        for node, column in zip(nodes, stress_pa.T, strict=True)
-    ]
-
-
-def read_stress_tensor(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> tuple[FloatArray, FloatArray]:
-    """Cauchy stress at `nodes`: ``(T,)`` in ms and ``(T, node, 6)`` in Pa.
-
-    The order of components is xx yy zz xy yz zx.
-
-    Raises
-    ------
-    ResultError
-        The file is absent, empty, foreign or cut; the run did not end normally;
-        no STRESS in it; a node has none, or is between two materials; a value
-        is no finite number.
-    """
-    times_ms, values = read_history(path, {STRESS: nodes}, options)
-    return times_ms, values[STRESS]
-
-
-def read_displacement(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> tuple[FloatArray, FloatArray]:
-    """Displacement of `nodes`: ``(T,)`` in ms and ``(T, node, 3)`` in mm."""
-    times_ms, values = read_history(path, {DISPLACEMENT: nodes}, options)
-    return times_ms, values[DISPLACEMENT]
-
-
-class StressAndDisplacement(NamedTuple):
-    """Both at the same increments, each in the order in which its nodes were asked for.
-
-    `times_ms` is ``(T,)``, `tensor_pa` ``(T, node, 6)``, `displacement_mm`
-    ``(T, node, 3)``.
-    """
-
-    times_ms: FloatArray
-    tensor_pa: FloatArray
-    displacement_mm: FloatArray
-
-
-def read_stress_and_displacement(
-    path: Path,
-    stress_nodes: Sequence[int],
-    displacement_nodes: Sequence[int],
-    options: ReadOptions = _DEFAULTS,
-) -> StressAndDisplacement:
-    """Both, joined by step and increment."""
-    wanted = {STRESS: stress_nodes, DISPLACEMENT: displacement_nodes}
-    times_ms, values = read_history(path, wanted, options)
-    return StressAndDisplacement(times_ms, values[STRESS], values[DISPLACEMENT])
-
-
-def read_history(
-    path: Path, nodes_of: Mapping[str, Sequence[int]], options: ReadOptions = _DEFAULTS
-) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """STRESS or DISP or both, at the increments that have all of them.
-
-    Returns
-    -------
-    times_ms, values
-        ``(T,)``; by quantity ``(T, node, component)``, in Pa and in mm, in the order of
-        its nodes.
-
-    Raises
-    ------
-    ResultError
-        As for `read_stress_tensor`; also an increment that has only one of two
-        (`options.partial` leaves it out).
-    """
-    with ByteFile(path) as file:
-        index = FrdIndex(file)
-        outputs = _over_time(index, outputs_of(index, options), tuple(nodes_of), options)
-        outputs, values = values_at(index, outputs, nodes_of, options)
-        firsts = [next(iter(output.values())) for output in outputs]
-        times_ms = np.array([block.time_ms for block in firsts])
-        back = np.flatnonzero(~(np.diff(times_ms) > 0))
-        if back.size:
-            row = int(back[0]) + 1
-            raise ResultError(
-                f"step {firsts[row].step}, increment {firsts[row].increment} at "
-                f"{times_ms[row]:g} ms comes after {times_ms[row - 1]:g} ms: times do not rise",
-                path,
-            )
-        return times_ms, values
-
-
-def values_at(
-    index: FrdIndex,
-    outputs: Sequence[Output],
-    nodes_of: Mapping[str, Sequence[int]],
-    options: ReadOptions,
-    components: Sequence[str] = (),
-) -> tuple[list[Output], dict[str, FloatArray]]:
-    """Those `outputs` that are finite at the nodes of each quantity, and their values there.
-
-    STRESS in Pa, DISP in mm, others as the file has them; of `components`, without any those of
-    `COMPONENTS`.
-    """
-    file = index.file
-    values = {
-        name: _at_nodes(file, [output[name] for output in outputs], nodes, components)
-        for name, nodes in nodes_of.items()
-    }
-    if not all(np.isfinite(found).all() for found in values.values()):
-        keep = _finite(file.path, outputs, values, nodes_of, options, components)
-        outputs = [output for output, fine in zip(outputs, keep, strict=True) if fine]
-        values = {name: found[keep] for name, found in values.items()}
-    if not outputs:
-        raise ResultError("no whole, converged increment is left", file.path)
-    check_unchanged(file, options)
-    if STRESS in nodes_of:
-        nodes = [int(node) for node in nodes_of[STRESS]]
-        if not options.across_materials:
-            _check_materials(index, nodes, options.branches)
-        # In relaxing skin the sum over branches, not their mean; on the axis of a
-        # half no shear: see `ReadOptions`.
-        branches = np.array([options.branches.get(node, 1) for node in nodes], dtype=np.float64)
-        summed = values[STRESS] * branches[:, None]
-        if options.on_axis:
-            summed[:, [node in options.on_axis for node in nodes], 3] = 0.0
-        values[STRESS] = in_pa(summed, options, file.path)
-    if DISPLACEMENT in nodes_of:
-        values[DISPLACEMENT] *= options.length_mm
-    return list(outputs), values
-
-
-def describe(path: Path) -> Table:
-    """What the file holds: mesh, quantities, increments, what is wrong."""
-    with ByteFile(path) as file:
-        index = FrdIndex(file)
-        words = (file.change, index.problem())
-        return {
-            "format": "ccx-frd",
-            "bytes": index.size,
-            "mesh_nodes": None if index.nodes is None else index.nodes.records,
-            "elements": None if index.elements is None else index.elements.records,
-            "materials": dict(sorted(index.materials.items())),
-            "quantities": [_quantity(index, name) for name in index.names],
-            "remarks": list(index.remarks),
-            "problem": "; ".join(word for word in words if word) or None,
-        }
-
-
-def unrounded(times_ms: FloatArray) -> FloatArray:
-    """An even time axis, ``(T,)``, without the rounding of the print.
-
-    Below one second a ``.frd`` prints six digits, above it ten: an even step of
-    1/3 ms looks uneven. Times that are not all even within their last printed digit
-    stay as they are.
-    """
-    if times_ms.size < 2:
-        return times_ms
-    even: FloatArray = np.linspace(times_ms[0], times_ms[-1], times_ms.size)
-    times_s = np.maximum(times_ms / MS_PER_S, np.finfo(np.float64).tiny)
-    digits = np.where(times_s < 1.0, 5, 9)
-    last_digit_ms = 10.0 ** (np.floor(np.log10(times_s)) - digits) * MS_PER_S
-    rounding_ms = last_digit_ms + last_digit_ms[-1] * times_s / times_s[-1]
-    return even if (np.abs(even - times_ms) <= rounding_ms).all() else times_ms
-
-
-def outputs_of(index: FrdIndex, options: ReadOptions) -> list[Output]:
-    """Blocks of each output that counts, in file order.
-
-    An output is what CalculiX writes at one increment (or of one mode): blocks with the
-    same step and increment that follow each other. A run that did not end well may close
-    with one that never converged: stress is written of converged increments alone, so a
-    STRESS block shows convergence; without one the ``.sta`` file has to.
-
-    Raises
-    ------
-    ResultError
-        The run did not end well and `options.partial` is not set, or the file
-        holds no results.
-    """
-    file, problem = index.file, index.problem()
-    for remark in index.remarks:
-        options.note(remark)
-    if problem is not None:
-        words = "; ".join(filter(None, (file.change, *index.remarks, problem)))
-        if not (options.partial and index.blocks):
-            hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
-            raise ResultError(words + hint, file.path)
-        options.note(words)
-    outputs: list[Output] = []
-    last = (0, 0)
-    for block in index.blocks:
-        if not outputs or block.name in outputs[-1] or block.key != last:
-            outputs.append({})
-        outputs[-1][block.name], last = block, block.key
-    if outputs and not index.ended:
-        failed = {(row.step, row.increment): row.failed for row in _attempts(file.path)}
-        if failed.get(last, STRESS not in outputs[-1]):
-            options.note(f"dropped step {last[0]}, increment {last[1]}: not converged")
-            outputs.pop()
-    if not outputs:
-        words = "no whole, converged increment in it"
-        if not index.blocks:  # and yet it ended well
-            words = "a mesh and no results: the deck has no *NODE FILE or *EL FILE; its prints, "
-            words += f"where it asks for any, are in {file.path.stem}.dat"
-        raise ResultError(words, file.path)
-    return outputs
-
-
-def having(
-    index: FrdIndex, outputs: Sequence[Output], names: Sequence[str], options: ReadOptions
-) -> list[Output]:
-    """Outputs that have all quantities `names`, and these alone.
-
-    Raises
-    ------
-    ResultError
-        No output has one of them; or one has some and not all, or stress or displacement
-        is gone after an output of the same step that has it, and `options.partial` is not set.
-    """
-    path, held = index.file.path, dict.fromkeys(name for output in outputs for name in output)
-    keys = [next((block.key for block in output.values()), (0, 0)) for output in outputs]
-    had, others = set[int](), set[int]()
-    for name in names:
-        if name not in held:
-            raise ResultError(f"no {name} in it, it holds {', '.join(held) or 'nothing'}", path)
-    found = []
-    for (step, increment), output in zip(keys, outputs, strict=True):
-        absent = [name for name in names if name not in output]
-        lost = step in had and not COMPONENTS.keys().isdisjoint(names)
-        if len(absent) < len(names):
-            had.add(step)
-        if not absent:
-            found.append({name: output[name] for name in names})
-        elif len(absent) < len(names) or lost:
-            # CalculiX writes them at every output of a step from the first that has them.
-            words = f"step {step}, increment {increment} has no {absent[0]}"
-            if not options.partial:
-                raise ResultError(words, path)
-            options.note(f"dropped: {words}")
-        elif output:
-            others.add(step)
-    if others:
-        left = ", ".join(map(str, sorted(others)))
-        options.note(f"left out: outputs without {' and '.join(names)} in step {left}")
-    if not found:
-        raise ResultError(f"no increment has all of {', '.join(names)}", path)
-    return found
-
-
-def check_unchanged(file: ByteFile, options: ReadOptions) -> None:
-    """Refuse, or with `partial` note, a file that changed while it was read."""
-    change = file.change
-    if change is not None and not options.partial:
-        raise ResultError(f"{change}; read it again when the run has ended", file.path)
-    if change is not None:
-        options.note(change)
-
-
-def no_records(block: FrdBlock, path: Path) -> ResultError:
-    """The error of a block without a record."""
-    return ResultError(
-        f"{block} has 0 records: with OUTPUT=3D CalculiX writes none for an "
-        "NSET of a plane model; use OUTPUT=2D",
-        path,
-    )
-
-
 def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
     """Numbers of the nodes of `block`, in its order, ``(record,)``."""
     if block.free:
         return irregular_records(file, block)[0]
-    if block.records == 0:
-        raise no_records(block, file.path)
+    if not block.records:
+        return np.empty(0, dtype=np.int64)
     step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
     return np.concatenate(
         [
@@ -742,6 +494,30 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
             for first in range(0, block.records, step)
         ]
     )
+
+
+def block_table(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
+    """Nodes ``(record,)`` and values ``(record, component)`` of a whole block, in file order.
+
+    They are taken some hundred kilobytes at a time: what is in memory beside the arrays does
+    not grow with the block.
+
+    Raises
+    ------
+    ResultError
+        A record is not one, or a field no number.
+    """
+    if block.free:
+        nodes, values = irregular_records(file, block)
+    else:
+        nodes = np.empty(block.records, dtype=np.int64)
+        values = np.empty((block.records, len(block.stored)), dtype=np.float64)
+        step = max(1, _TEXT_BYTES // block.record_bytes)
+        for at in range(0, block.records, step):
+            characters = characters_of(file, block, at, step)
+            nodes[at : at + step] = record_ids(file.path, [block], characters, at)
+            values[at : at + step] = record_values(file.path, [block], characters)
+    return nodes, values if block.components == block.stored else values[:, block.order]
 
 
 def characters_of(file: ByteFile, block: FrdBlock, first: int, most: int) -> Characters:
@@ -794,7 +570,7 @@ def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters
     ResultError
         A field is no number. NaN and infinite values are values.
     """
-    block, count = blocks[0], len(blocks[0].components)
+    block, count = blocks[0], len(blocks[0].stored)
     if block.flag >= 2:
         # Copied as one void: faster than value by value.
         packed = np.dtype([("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
@@ -808,7 +584,7 @@ def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters
         row, column, problem = error.args
         node = record_ids(path, [block], characters[row : row + 1])[0]
         block = blocks[row * len(blocks) // len(characters)]
-        where = f"{block}, node {node}, {block.components[column]}"
+        where = f"{block}, node {node}, {block.stored[column]}"
         raise ResultError(f"{where}: {problem}", path) from error
 
 
@@ -826,7 +602,7 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
         rb"(?: *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
         rb"| *[+-]?(?:1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?))"
     )
-    width, count, record = 10 if block.flag else 5, len(block.components), b""
+    width, count, record = 10 if block.flag else 5, len(block.stored), b""
     for first in range(0, count, _VALUES_A_LINE):
         record += b" -2" + b" " * width if first else b" -1([ 0-9]{%d})" % width
         record += number_field + b"{%d} *\r?\n" % min(_VALUES_A_LINE, count - first)
@@ -879,7 +655,7 @@ class ElementRows(NamedTuple):
 
 
 def element_rows(
-    file: ByteFile, elements: MeshBlock, nodes: Collection[int] = ()
+    file: ByteFile, elements: ElementBlock, nodes: Collection[int] = ()
 ) -> Iterator[ElementRows]:
     """The elements, in tables of one type; a record that is none is a `ResultError`.
 
@@ -965,73 +741,22 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
         yield ElementRows(one[0], ids[rows], material[rows], corners)
 
 
-def _over_time(
-    index: FrdIndex, outputs: Sequence[Output], names: Sequence[str], options: ReadOptions
-) -> list[Output]:
-    """Outputs of static and dynamic steps that have all of `names`: modes have no time."""
-    path = index.file.path
-    for name in names:
-        blocks = [output[name] for output in outputs if name in output]
-        others = [block for block in blocks if not block.over_time]
-        if others:
-            first, last = others[0], others[-1]
-            what = "results of another kind than static or dynamic"
-            if first.modal:
-                what = f"{len(others)} modes ({first.axis} {first.value:g}"
-                what += f" to {last.value:g})" if last.value != first.value else ")"
-            words = f"{name} of step {first.step} holds {what}, no history over time"
-            if len(others) == len(blocks):
-                raise ResultError(f"{words}: there is no trace to take", path)
-            options.note(f"left out: {words}")
-        if any(f"{name}I" in out for out in outputs if name in out and out[name].over_time):
-            raise ResultError(
-                f"{name} has an imaginary part, {name}I: amplitudes over frequency, no "
-                "history over time; there is no trace to take",
-                path,
-            )
-    timed = [{n: block for n, block in out.items() if block.over_time} for out in outputs]
-    found = having(index, timed, names, options)
-    seen: set[Key] = set()
-    for output in found:
-        for name, block in output.items():
-            absent = [one for one in COMPONENTS[name] if one not in block.components]
-            if absent:
-                held = ", ".join(block.components)
-                raise ResultError(f"{block} has no component {absent[0]}: it holds {held}", path)
-            if block.key in seen:
-                raise ResultError(
-                    f"{block} is duplicate: iterations, not increments, or two runs in one file",
-                    path,
-                )
-        seen.add(block.key)
-    return found
-
-
-def _at_nodes(
-    file: ByteFile,
-    blocks: Sequence[FrdBlock],
-    nodes: Sequence[int],
-    names: Sequence[str] = (),
-) -> FloatArray:
-    """Values of the components `names` of one quantity at `nodes`, ``(T, node, component)``.
+def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
+    """Values of `blocks` of one quantity at `nodes`, ``(T, node, component)``.
 
     Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
     wanted nodes are found once and tried on the next block; the id in front of each
     record says whether they are still right, and if not they are sought again. Blocks of
     one form are converted together.
     """
-    wanted = np.array([int(node) for node in nodes], dtype=np.int64)
-    names = names or COMPONENTS[blocks[0].name]
-    values = np.empty((len(blocks), wanted.size, len(names)))
-    if not wanted.size:
-        return values
+    wanted = np.array(nodes, dtype=np.int64)
+    values = np.empty((len(blocks), wanted.size, len(blocks[0].components)))
     rows = np.empty(0, dtype=np.int64)
     heads = np.empty((0, 0), dtype=np.uint8)
     form: tuple[object, ...] = ()
     by_form: dict[tuple[object, ...], list[tuple[int, Characters]]] = {}
     for at, block in enumerate(blocks):
-        before, form = form, (block.flag, block.record_bytes, block.components, block.free)
-        columns = [block.components.index(name) for name in names]
+        before, form = form, (block.flag, block.record_bytes, block.stored, block.free)
         head = 4 if block.flag >= 2 else block.spans[0][0]
         found = None
         if form == before and not block.free and rows.max() < block.records:
@@ -1042,7 +767,7 @@ def _at_nodes(
             if (rows < 0).any():
                 _refuse_absent(file.path, block, ids, wanted[int(np.argmin(rows))])
             if block.free:
-                values[at] = irregular_records(file, block)[1][rows][:, columns]
+                values[at] = irregular_records(file, block)[1][rows][:, block.order]
                 continue
             found = _gather(file, block, rows)
             heads = found[:, :head]
@@ -1050,11 +775,10 @@ def _at_nodes(
     for taken in by_form.values():
         places, tables = zip(*taken, strict=True)
         of = [blocks[at] for at in places]
-        columns = [of[0].components.index(name) for name in names]
         characters = np.concatenate(tables)
         if (record_ids(file.path, of, characters) != np.tile(wanted, len(of))).any():
             raise ResultError(f"{of[0]}: records changed while read", file.path)
-        found_values = record_values(file.path, of, characters)[:, columns]
+        found_values = record_values(file.path, of, characters)[:, of[0].order]
         values[list(places)] = found_values.reshape(len(of), wanted.size, -1)
     return values
 
@@ -1079,48 +803,6 @@ def _refuse_absent(path: Path, block: FrdBlock, ids: IntArray, absent: int) -> N
     )
 
 
-def _finite(
-    path: Path,
-    outputs: Sequence[Output],
-    values: Mapping[str, FloatArray],
-    nodes_of: Mapping[str, Sequence[int]],
-    options: ReadOptions,
-    components: Sequence[str] = (),
-) -> BoolArray:
-    """Which `outputs` hold finite values alone; without `partial` the others are refused."""
-    keep = np.ones(len(outputs), dtype=np.bool_)
-    for name, found in values.items():
-        for row, node, column in np.argwhere(~np.isfinite(found)).tolist():
-            block = outputs[row][name]
-            problem = (
-                f"node {nodes_of[name][node]} at {block.time_ms:g} ms: {name} "
-                f"{(components or COMPONENTS[name])[column]} is {found[row, node, column]}"
-            )
-            if not options.partial:
-                raise NotFiniteError(problem, path)
-            if keep[row]:
-                options.note(f"dropped step {block.step}, increment {block.increment}: {problem}")
-            keep[row] = False
-    return keep
-
-
-def _check_materials(index: FrdIndex, nodes: Collection[int], branches: Mapping[int, int]) -> None:
-    """Refuse nodes with elements of more materials than their stress has branches."""
-    met = materials_at(index, nodes)
-    held, counts = np.unique(met[:, 0], return_counts=True)
-    for node in held[counts > 1].tolist():
-        if (numbers := met[met[:, 0] == node, 1]).size > branches.get(node, 1):
-            names = " and ".join(
-                index.materials.get(number, f"material {number}") for number in numbers.tolist()
-            )
-            raise ResultError(
-                f"node {node} is between {names}: its stress is a mean over both "
-                "and belongs to neither; take a node inside one layer, or ask for "
-                "it with --across-materials (across_materials=True)",
-                index.file.path,
-            )
-
-
 def materials_at(index: FrdIndex, nodes: Collection[int]) -> IntArray:
     """Each of `nodes` with each material of an element there, ``(M, 2)``, rising."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
@@ -1133,58 +815,29 @@ def materials_at(index: FrdIndex, nodes: Collection[int]) -> IntArray:
     return np.unique(np.concatenate(pairs), axis=0)
 
 
-def _quantity(index: FrdIndex, name: str) -> Table:
-    """One quantity of a description; outputs of modes and steady states have no time."""
-    blocks = index.named(name)
-    complex_parts = {name, f"{name}I", name.removesuffix("I")} & set(index.names)
-    timed = [block for block in blocks if block.over_time and len(complex_parts) == 1]
-    others = blocks if not timed else [block for block in blocks if not block.over_time]
-    axis = "total time"
-    if others:
-        axis = "frequency in cycles per time" if others[0].over_time else others[0].axis
-    lowest, highest, nodes = _span(index, blocks[0])
-    return {
-        "name": name,
-        "components": list(blocks[0].components),
-        "increments": len(timed),
-        "first_ms": timed[0].time_ms if timed else None,
-        "last_ms": timed[-1].time_ms if timed else None,
-        "modes": len(others),
-        "axis": axis,
-        "first_value": others[0].value if others else None,
-        "last_value": others[-1].value if others else None,
-        "steps": sorted({block.step for block in blocks}),
-        "nodes": nodes,
-        "lowest_node": lowest,
-        "highest_node": highest,
-        "storage": ("ASCII", "ASCII", "float32", "float64")[blocks[0].flag],
-    }
-
-
-def _span(index: FrdIndex, block: FrdBlock) -> tuple[int | None, int | None, int]:
-    """Lowest and highest node and their count, with little reading.
-
-    A block of the whole mesh ascends, so its ends are enough; one of a set is in the
-    order of the deck, with duplicates, and is read.
-    """
-    if not block.records:
-        return None, None, 0
-    if not block.free and index.nodes is not None and block.records == index.nodes.records:
-        ends = _gather(index.file, block, np.array([0, block.records - 1]))
-        lowest, highest = record_ids(index.file.path, [block], ends).tolist()
-        if lowest <= highest:
-            return lowest, highest, block.records
-    ids = np.unique(node_ids(index.file, block))
-    return int(ids[0]), int(ids[-1]), ids.size
-
-
-def _attempts(path: Path) -> list[StaRow]:
+def attempts_of(path: Path) -> list[StaRow]:
     """Attempts at increments in the ``.sta`` beside; none where it cannot be read."""
     beside = path.with_suffix(".sta")
     try:
         return read_sta(beside) if beside.exists() else []
     except (ResultError, OSError):
         return []
+
+
+def imaginary(name: str) -> str:
+    """The name of the imaginary part of a quantity: eight letters are printed."""
+    return f"{name[:7]}I"
+
+
+def _unit(name: str, component: str) -> str:
+    if component in _UNIT_OF_COMPONENT:
+        return _UNIT_OF_COMPONENT[component]
+    if name in _UNIT_OF_MAGNITUDE:
+        if component.startswith("MAG"):
+            return _UNIT_OF_MAGNITUDE[name]
+        return "deg" if component.startswith("PHA") else ""
+    plain = _UNIT_OF_QUANTITY.get(name.removesuffix("I"), "")
+    return _UNIT_OF_QUANTITY.get(name, plain)
 
 
 def _counts(line: bytes, *places: tuple[int, int]) -> list[int]:

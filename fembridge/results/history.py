@@ -1,8 +1,7 @@
 """A quantity at nodes over the outputs of a solver: what there is, row by row.
 
 Unlike a `StressTrace` its rows may be uneven in time, one alone, of several steps, or the
-modes of a frequency or buckling step. The module of a `Reader` may have
-``history(path, nodes, quantity, options, modes)``; of other formats there are their traces.
+modes of a frequency or buckling step.
 """
 
 import re
@@ -17,7 +16,14 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import TENSOR, principal_stresses_pa, von_mises_pa
-from fembridge.trace import STEP_TOLERANCE, StressTrace, doubt_of_step, mean_step, resample
+from fembridge.trace import (
+    MS_PER_S,
+    STEP_TOLERANCE,
+    StressTrace,
+    doubt_of_step,
+    mean_step,
+    resample,
+)
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -26,12 +32,15 @@ if TYPE_CHECKING:
 STRESS, VON_MISES = "stress", "von-mises"
 # By word: the names that formats have for it, the first that a file has.
 NAMES = {
-    STRESS: ("STRESS", "Cauchy Stress", "Stress"),
+    STRESS: (
+        "STRESS", "Cauchy Stress", "Stress", "Cauchy Stress 41 to 46", "Stress 11 to 16",
+        "Stress in Global System",
+    ),
     "displacement": ("DISP", "DISPR", "Displacement"),
     "reaction-force": ("FORC", "Reaction Force"),
     "strain": ("TOSTRAIN", "MESTRAIN", "Total Strain", "Elastic Strain"),
     "temperature": ("NDTEMP", "TOTEMP", "Temperature"),
-}
+}  # fmt: skip
 TENSOR_COMPONENTS = tuple(f"S{place.upper()}" for place in TENSOR)
 # By word: what is computed of the tensor, and its components.
 OF_STRESS: dict[str, tuple[Callable[[FloatArray], FloatArray], tuple[str, ...]]] = {
@@ -52,7 +61,8 @@ class History:
 
     A row is an output, of the step and increment, or mode, in `keys` ``(T, 2)``. `at`
     ``(T,)`` is its time in ms, or what `axis` says of a mode. `units` has one word a
-    component. `afferents` are the classes that sit at the nodes, where these are known.
+    component. `afferents` are the classes that sit at the nodes, where these are known;
+    `last_digit_ms` what the last digit of a time is, that the file has.
     """
 
     quantity: str
@@ -64,6 +74,7 @@ class History:
     keys: IntArray
     axis: str = TIME
     afferents: tuple[str | None, ...] = ()
+    last_digit_ms: Callable[[FloatArray], FloatArray] | None = None
 
     @classmethod
     def of_stress(
@@ -186,11 +197,40 @@ class History:
             keys = np.concatenate([np.zeros_like(keys[:1]), keys])  # of no step
         return replace(self, at=at, values=values, keys=keys)
 
-    def trace(self, row: int, path: Path) -> StressTrace:
-        """Von Mises stress of the node at `row`, on an even grid."""
-        samples = np.stack([self.at, self.values[:, row, 0]], -1)
-        afferent = self.afferents[row] if self.afferents else None
-        return StressTrace.on_grid(self.nodes[row], samples, path, afferent)
+    def unrounded(self) -> "History":
+        """With even times, where they are even but for the rounding that they are stored with.
+
+        With six digits an even step of 1/3 ms looks uneven.
+        """
+        at = self.at
+        if self.last_digit_ms is None or not self.over_time or at.size < 2:
+            return self
+        even, share = np.linspace(at[0], at[-1], at.size), np.linspace(0.0, 1.0, at.size)
+        digit_ms = self.last_digit_ms(at)
+        off_ms = digit_ms + (1.0 - share) * digit_ms[0] + share * digit_ms[-1]  # ends, too
+        return replace(self, at=even) if (np.abs(even - at) <= off_ms).all() else self
+
+    def traces(self, path: Path) -> list[StressTrace]:
+        """Von Mises stress at each node, on an even grid.
+
+        Raises
+        ------
+        ResultError
+            Rows of modes, or of times that do not rise or are uneven.
+        """
+        found = self.derived(VON_MISES)
+        if not self.over_time:
+            raise ResultError(f"{self.form}: no history over time, no trace to take", path)
+        if (np.diff(self.at) <= 0).any():
+            raise ResultError(self.form, path)
+        traces = []
+        for row, node in enumerate(self.nodes):
+            stress_pa = found.values[:, row, 0]  # noqa: PD011 - no frame
+            held = ~np.isnan(stress_pa)
+            samples = np.stack([self.at[held], stress_pa[held]], -1)
+            afferent = self.afferents[row] if self.afferents else None
+            traces.append(StressTrace.on_grid(node, samples, path, afferent))
+        return traces
 
     def columns(self) -> dict[str, Any]:
         """A long table by column, node by node: units in the names, von Mises as traces have it."""
@@ -246,15 +286,21 @@ def unit_ending(unit: str) -> str:
     return f"_{word}" if word else ""
 
 
-def name_in(held: Sequence[str], word: str, path: Path) -> str:
-    """The name among those of a file that `word` stands for, case-blind and as short as is clear.
+def printed_digit_ms(times_ms: FloatArray, digits: FloatArray | int) -> FloatArray:
+    """The last of so many `digits` of each time that is printed in s, ``(T,)`` in ms."""
+    times_s = np.maximum(np.abs(times_ms) / MS_PER_S, np.finfo(np.float64).tiny)
+    digit_ms: FloatArray = 10.0 ** (np.floor(np.log10(times_s)) + 1 - digits) * MS_PER_S
+    return digit_ms
+
+
+def name_in(held: Sequence[str], wanted: str, path: Path) -> str:
+    """The name among those of a file for `wanted`, case-blind and as short as is clear.
 
     Raises
     ------
     ResultError
-        The file has none, or `word` may be several.
+        The file has none, or `wanted` may be several.
     """
-    wanted = STRESS if word in OF_STRESS else word
     plain = {name: name.casefold() for name in held}
     for one in (*NAMES.get(wanted.casefold(), ()), wanted):
         if same := [name for name in held if plain[name] == one.casefold()]:
@@ -262,7 +308,7 @@ def name_in(held: Sequence[str], word: str, path: Path) -> str:
     close = [name for name in held if plain[name].startswith(wanted.casefold())]
     if len(close) == 1:
         return close[0]
-    what = f"{word!r} may be {' or '.join(close)}" if close else f"no {wanted} in it"
+    what = f"{wanted!r} may be {' or '.join(close)}" if close else f"no {wanted} in it"
     raise ResultError(f"{what}; it holds {', '.join(held) or 'nothing'}", path)
 
 

@@ -18,7 +18,7 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,28 +26,25 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import Field, Frame, Key, arrays_of, derived_of, history_of
+from fembridge.results.fields import Field, Key, Scene, rows_of
 from fembridge.results.history import (
     FREQUENCY,
-    NAMES,
     OF_STRESS,
     STRESS,
     TIME,
     VON_MISES,
-    History,
-    name_in,
-    one_axis,
+    printed_digit_ms,
 )
-from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints, Plan, plan
-from fembridge.results.marc_post import PostCode, PostFile, PostIncrement, PostMesh
+from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints
+from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
 from fembridge.results.mentat import read_sts
 from fembridge.results.one_sided import OneSidedStress
-from fembridge.results.read_options import NotFiniteError, ReadOptions, in_pa
-from fembridge.results.stress import DERIVED, TENSOR, von_mises_pa
-from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import FieldSource, at_of, check_finite, field_of, names_in
+from fembridge.results.stress import TENSOR, von_mises_pa
+from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
-_DEFAULTS = ReadOptions()
 _TEXT_DIGITS = 6  # of a time in a .t19
 
 PA, AS_IS = "Pa", ""
@@ -93,7 +90,7 @@ class Quantity:
 
     `codes` are Marc's; `unit` holds for all components, "" where it is not known and the
     value is left as the file has it. `layer` is that of a shell, 0 elsewhere. At nodes there
-    are no `columns`.
+    are no `columns`. With `mises` it is the von Mises stress of a tensor at the points.
     """
 
     name: str
@@ -102,6 +99,7 @@ class Quantity:
     unit: str
     columns: tuple[int, ...] = ()
     layer: int = 0
+    mises: bool = False
 
     @property
     def is_tensor(self) -> bool:
@@ -111,7 +109,8 @@ class Quantity:
     def __str__(self) -> str:
         first, last = self.codes[0], self.codes[-1]
         codes = f"code {first}" if first == last else f"codes {first} to {last}"
-        return f"{self.name} ({codes})"
+        words = f"{self.name} ({codes})"
+        return f"von Mises of {words} at the points" if self.mises else words
 
 
 def element_quantities(codes: Sequence[PostCode]) -> tuple[Quantity, ...]:
@@ -163,13 +162,13 @@ def stress_tensor(codes: Sequence[PostCode], path: Path) -> Quantity:
     raise ResultError(f"no stress tensor (post code 311 or 341) in it, it holds {words}", path)
 
 
-def equivalent_stress(codes: Sequence[PostCode]) -> Quantity | None:
-    """The von Mises stress that Marc stored at the points; None without one."""
+def mises_of_points(codes: Sequence[PostCode], path: Path) -> Quantity:
+    """The von Mises stress that Marc stored at the points, else that of the tensor there."""
     for code in EQUIVALENT_CODES:
         same = [one for one in element_quantities(codes) if one.codes == (code,)]
         if len(same) == 1:
             return same[0]
-    return None
+    return replace(stress_tensor(codes, path), mises=True)
 
 
 def quantities_of(one: PostIncrement, codes: Sequence[PostCode]) -> dict[str, Quantity]:
@@ -193,119 +192,77 @@ def _initials(name: str) -> str:
     return "".join(word[0] for word in words).upper() or "V"
 
 
-# --- Traces
+@dataclass(frozen=True, slots=True)
+class MarcBlock:
+    """A quantity in one increment, see `fembridge.results.source.Block`."""
+
+    one: PostIncrement
+    quantity: Quantity
+    name: str
+    key: Key
+    axis: str
+    value: float
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, one: PostIncrement, quantity: Quantity, mises: bool = False) -> "MarcBlock":
+        """That quantity of that increment; or as the von Mises stress of its points."""
+        over = (FREQUENCY, one.frequency) if one.harmonic else (TIME, one.time_s)
+        name, components = quantity.name, quantity.components
+        if mises:
+            name, components = VON_MISES, OF_STRESS[VON_MISES][1]
+        units = (quantity.unit,) * len(components)
+        key = one.sub_increment, one.increment
+        return cls(one, quantity, name, key, *over, components, units)
+
+    def __str__(self) -> str:
+        return f"{self.name} of increment {self.one.increment}"
 
 
-def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
-    """Read the von Mises stress at `nodes`, in that order.
+Outputs = Sequence[dict[str, MarcBlock]]
 
-    A trace begins with the first increment that has element values: increment 0, the state
-    at rest, where the file has it.
 
-    Raises
-    ------
-    ResultError
-        As for `read_stress_tensor`; also times that are uneven.
+class MarcSource(FieldSource[MarcBlock]):
+    """An open post file.
+
+    A point of its scene is a node as one layer has it: between layers stress jumps, as it does
+    in the model.
     """
-    with PostFile(path) as post:
-        check_whole(post, options)
-        if options.von_mises == "scalar":
-            times_ms, stress_pa = _scalar_history(post, nodes, options)
-        else:
-            times_ms, tensor_pa, _ = _tensor_history(post, nodes, options)
-            with np.errstate(over="ignore"):  # a trace refuses what is not finite
-                stress_pa = von_mises_pa(tensor_pa)
-        kept = options.kept(times_ms)
-        times_ms, stress_pa = _unrounded_ms(times_ms[kept], post), stress_pa[kept]
-    return [
-        StressTrace.on_grid(node, np.stack([times_ms, column], -1), path)
-        for node, column in zip(nodes, stress_pa.T, strict=True)
-    ]
 
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        super().__init__(path, options)
+        self._post = PostFile(path)
+        self._said: set[str] = set()
 
-def read_stress_tensor(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> tuple[FloatArray, FloatArray]:
-    """Stress at `nodes`: ``(T,)`` in ms and ``(T, node, 6)`` in Pa, xx yy zz xy yz zx.
+    def __exit__(self, *error: object) -> None:
+        self._post.__exit__(*error)
 
-    Which tensor it is goes to `options.note`.
+    @property
+    def change(self) -> str | None:
+        """How the file has changed since it was opened."""
+        return self._post.change
 
-    Raises
-    ------
-    ResultError
-        The file is absent, foreign or cut; it has no stress tensor; a node is not there, has
-        no elements or lies between layers; a value is no finite number.
-    """
-    with PostFile(path) as post:
-        check_whole(post, options)
-        return _tensor_history(post, nodes, options)[:2]
+    @cached_property
+    def _points(self) -> MeshPoints:
+        return MeshPoints(self._post.mesh, self.path, self.options.method)
 
-
-def read_one_sided(
-    path: Path, node: int, options: ReadOptions = _DEFAULTS
-) -> tuple[OneSidedStress, ...]:
-    """Read the stress at `node`, for each layer there on its own.
-
-    Raises
-    ------
-    ResultError
-        As for `read_stress_tensor`, but for the layers.
-    """
-    with PostFile(path) as post:
-        check_whole(post, options)
-        times_ms, tensor_pa, planned = _tensor_history(post, [node], options, one_sided=True)
-    return tuple(
-        OneSidedStress(node, side.layer, side.name, side.elements, times_ms, tensor_pa[:, k])
-        for k, (side,) in enumerate(planned.sides)
-    )
-
-
-def check_whole(post: PostFile, options: ReadOptions) -> None:
-    """Pass on what the file remarks; refuse one that is cut.
-
-    A file that is whole may be of a job that gave up: what the ``.sts`` beside says of it is
-    passed on too. The increments that are there were converged.
-
-    Raises
-    ------
-    ResultError
-        It is cut or damaged, and `options.partial` is not set.
-    """
-    for remark in post.remarks:
-        options.note(remark)
-    beside = post.path.with_suffix(".sts")
-    if beside.is_file():
-        try:
-            problem = read_sts(beside).problem
-        except ResultError:  # it is not what was asked for
-            problem = None
-        if problem is not None:
-            options.note(f"{beside.name}: {problem}")
-    if post.problem is not None:
-        if not options.partial:
-            words = f"{post.problem}; --partial (partial=True) takes what is whole"
-            raise ResultError(words, post.path)
-        options.note(post.problem)
-
-
-def describe(path: Path) -> Table:
-    """What the file holds: header, mesh, sets, quantities, what is wrong; as of a ``.frd``.
-
-    Raises
-    ------
-    ResultError
-        There is no file, it is empty, or no post file.
-    """
-    with PostFile(path) as post:
-        mesh = post.mesh
+    def describe(self) -> Table:
+        """Header, mesh, sets, quantities, what is wrong; as of a ``.frd``."""
+        post, mesh = self._post, self._post.mesh
         types, counts = np.unique(mesh.element_types, return_counts=True)
         header: Table = {"title": post.title, "post revision": post.revision}
         if post.kind == "t16":
             header["byte order"] = post.byte_order
         header |= {"precision": post.precision, "points stored an element": post.points}
+        blocks: dict[str, list[MarcBlock]] = {}
+        for output in self._listed():
+            for name, one in output.items():
+                blocks.setdefault(name, []).append(one)
+        storage = "text" if post.kind == "t19" else post.precision
         return {
             "format": f"marc-{post.kind}",
-            "bytes": path.stat().st_size,
+            "bytes": self.path.stat().st_size,
             "mesh_nodes": int(mesh.node_ids.size),
             "elements": int(counts.sum()),
             "materials": {},
@@ -318,431 +275,230 @@ def describe(path: Path) -> Table:
             ],
             "increments": len(post.increments),
             "meshes": 1,
-            "quantities": _quantities(post, mesh),
+            "quantities": [
+                self.quantity_table(name, held, mesh.node_ids, storage)
+                | {"at": "integration points" if held[0].quantity.columns else "nodes"}
+                for name, held in blocks.items()
+            ],
             "remarks": post.remarks,
             "problem": post.problem,
         }
 
+    def _listed(self) -> list[dict[str, MarcBlock]]:
+        codes = self._post.codes
+        return [
+            {name: MarcBlock.of(one, held) for name, held in quantities_of(one, codes).items()}
+            for one in self._post.increments
+        ]
 
-def _quantities(post: PostFile, mesh: PostMesh) -> list[Table]:
-    found: dict[str, tuple[Quantity, list[PostIncrement]]] = {}
-    for one in post.increments:
-        for name, quantity in quantities_of(one, post.codes).items():
-            found.setdefault(name, (quantity, []))[1].append(one)
-    ids = mesh.node_ids
-    tables: list[Table] = []
-    for name, (quantity, increments) in found.items():
-        timed = [one.time_s * MS_PER_S for one in increments if not one.harmonic]
-        others = [one.frequency for one in increments if one.harmonic]
-        tables.append(
-            {
-                "name": name,
-                "components": list(quantity.components),
-                "increments": len(timed),
-                "first_ms": timed[0] if timed else None,
-                "last_ms": timed[-1] if timed else None,
-                "modes": len(others),
-                "axis": "frequency in cycles per time" if others else "total time",
-                "first_value": others[0] if others else None,
-                "last_value": others[-1] if others else None,
-                "steps": sorted({one.sub_increment for one in increments}),
-                "at": "integration points" if quantity.columns else "nodes",
-                "nodes": int(ids.size),
-                "lowest_node": int(ids.min()) if ids.size else None,
-                "highest_node": int(ids.max()) if ids.size else None,
-                "storage": "text" if post.kind == "t19" else post.precision,
-            }
-        )
-    return tables
+    def outputs(self) -> list[dict[str, MarcBlock]]:
+        """The quantities of each increment, and with `von_mises` "scalar" that of the points.
 
+        What the file remarks is passed on. A file that is whole may be of a job that gave up:
+        what the ``.sts`` beside says of it is passed on too. The increments that are there were
+        converged.
 
-def _tensor_history(
-    post: PostFile, nodes: Sequence[int], options: ReadOptions, *, one_sided: bool = False
-) -> tuple[FloatArray, FloatArray, Plan]:
-    tensor = stress_tensor(post.codes, post.path)
-    options.note(f"stress: {tensor}, extrapolated to nodes: {options.method}")
-    columns = list(tensor.columns)
-    return _history(post, nodes, lambda at: at[:, :, columns], options, one_sided=one_sided)
-
-
-def _scalar_history(
-    post: PostFile, nodes: Sequence[int], options: ReadOptions
-) -> tuple[FloatArray, FloatArray]:
-    """Von Mises stress of the points, extrapolated, ``(T, node)`` in Pa."""
-    stored = equivalent_stress(post.codes)
-    quantity = stored or stress_tensor(post.codes, post.path)
-    columns = list(quantity.columns)
-
-    def pick(at_points: FloatArray) -> FloatArray:
-        chosen = at_points[:, :, columns]
-        return chosen if stored else von_mises_pa(chosen)[:, :, None]
-
-    words = str(stored) if stored else f"von Mises of {quantity} at the points"
-    options.note(f"stress: {words}, extrapolated to nodes: {options.method}")
-    times_ms, values, _ = _history(post, nodes, pick, options)
-    below = np.argwhere(values[:, :, 0] < 0)
-    if below.size:
-        row, column = below[0]
-        options.note(
-            f"node {nodes[column]}: von Mises stress is below 0 at {times_ms[row]:g} ms: linear "
-            "extrapolation of a steep field does that"
-        )
-    return times_ms, values[:, :, 0]
-
-
-def _history(
-    post: PostFile,
-    nodes: Sequence[int],
-    pick: Callable[[FloatArray], FloatArray],
-    options: ReadOptions,
-    *,
-    one_sided: bool = False,
-) -> tuple[FloatArray, FloatArray, Plan]:
-    """Values at each increment that has any, ``(T,)`` in ms and ``(T, S, C)`` in Pa; the plan.
-
-    `pick` makes ``(K, point, C)`` of the stored values ``(K, point, code)``.
-    """
-    increments = _with_element_values(post, options)
-    wanted = [int(node) for node in nodes]
-    planned = plan(post.mesh, wanted, post.points, options, post.path, one_sided=one_sided)
-    for remark in planned.remarks:
-        options.note(remark)
-    times_ms, found = [], []
-    for one in increments:
-        values = planned.add_up(pick(post.element_values(one.row, planned.element_rows)))
-        bad = np.argwhere(~np.isfinite(values))
-        if not bad.size:
-            times_ms.append(one.time_s * MS_PER_S)
-            found.append(values)
-            continue
-        node = planned.sides[int(bad[0][0])][0].node
-        words = f"node {node} at {one.time_s * MS_PER_S:g} ms: stress is not finite"
-        if not options.partial:
-            raise ResultError(words, post.path)
-        options.note(f"dropped increment {one.increment}: {words}")
-    if not found:
-        raise ResultError("no increment with finite element values", post.path)
-    if post.change is not None:
-        if not options.partial:
-            raise ResultError(f"{post.change}; read it again when the run has ended", post.path)
-        options.note(post.change)
-    return np.array(times_ms), in_pa(np.array(found), options, post.path), planned
-
-
-def _with_element_values(post: PostFile, options: ReadOptions) -> list[PostIncrement]:
-    """Increments of a history; those left out are noted."""
-    if not post.codes or not any(one.has_element_values for one in post.increments):
-        raise ResultError(
-            "no element values in it: the deck's 'post' asks for no element code (311 is the "
-            "stress tensor)",
-            post.path,
-        )
-    for left, what in (
-        ([one for one in post.increments if not one.has_element_values], "without element values"),
-        ([one for one in post.increments if one.harmonic], "of frequency, not of time"),
-    ):
-        if left:
-            options.note(f"left out: increments {what}, {_some(left)}")
-    return [one for one in post.increments if one.has_element_values and not one.harmonic]
-
-
-def _some(increments: Sequence[PostIncrement]) -> str:
-    """Numbers of the first few `increments`."""
-    shown = ", ".join(str(one.increment) for one in increments[:5])
-    return f"{shown}, ..." if len(increments) > 5 else shown
-
-
-def _unrounded_ms(times_ms: FloatArray, post: PostFile) -> FloatArray:
-    """Times ``(T,)`` without the rounding they are stored with, if they then are even.
-
-    A ``.t16`` has times in single precision, a ``.t19`` with six digits: at 0.25 s an even
-    step of 0.5 ms looks uneven in the latter.
-    """
-    times_s = np.abs(times_ms) / MS_PER_S
-    if post.kind == "t19":
-        tiny = np.maximum(times_s, np.finfo(np.float64).tiny)
-        digit_s = 10.0 ** (np.floor(np.log10(tiny)) + 1 - _TEXT_DIGITS)
-    elif post.precision == "single":
-        digit_s = np.spacing(times_s.astype(np.float32)).astype(np.float64)
-    else:
-        return times_ms
-    if times_ms.size < 2:
-        return times_ms
-    even: FloatArray = np.linspace(times_ms[0], times_ms[-1], times_ms.size)
-    digit_ms = digit_s * MS_PER_S
-    share = np.linspace(0.0, 1.0, times_ms.size)  # the ends are rounded too
-    rounding_ms = digit_ms + (1 - share) * digit_ms[0] + share * digit_ms[-1]
-    return even if (np.abs(even - times_ms) <= rounding_ms).all() else times_ms
-
-
-# --- Whole fields
-
-
-class MarcSource:
-    """An open post file, see `fembridge.results.fields.FieldSource`."""
-
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.path, self._options = path, options
-        self._post = PostFile(path)
-        self._checked = False
-        self._said: set[str] = set()
-
-    def __enter__(self) -> "MarcSource":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._post.__exit__(*error)
-
-    @cached_property
-    def _points(self) -> MeshPoints:
-        return MeshPoints(self._post.mesh, self.path)
-
-    def keys(self, quantity: str) -> list[Key]:
-        """Sub-increment and increment of each output of `quantity`."""
-        self._check_whole()
-        name = self._name(quantity)
-        held = [name in self._quantities(one) for one in self._post.increments]
-        self._note_without(name, self._post.increments, held)
-        return [_key(one) for one, has in zip(self._post.increments, held, strict=True) if has]
-
-    def field(self, quantity: str, key: Key) -> Field:
-        """Read `quantity` at one of its `keys`.
-
-        Of element values: nodes that lie in one layer, or with `across_materials` all, those
-        between layers with the mean over all elements there.
+        Raises
+        ------
+        ResultError
+            It is cut or damaged, and `partial` is not set.
         """
-        name = self._name(quantity)
-        one = next(
-            each
-            for each in reversed(self._post.increments)
-            if _key(each) == key and name in self._quantities(each)
-        )
-        found = self._quantities(one)[name]
-        if not found.columns:
-            rows = np.flatnonzero(~self._points.pressure_nodes())
-            nodes, values = self._post.mesh.node_ids[rows], self._values(one, found)[rows]
-        else:
-            self._note_mesh()
-            nodes, values = self._one_value_a_node(self._values(one, found))
-        self._check_finite(found, one, nodes, values)
-        return _field(found, one, nodes, values)
-
-    def fields(self, quantity: str) -> Iterator[Field]:
-        """`quantity` at each of its outputs; what is absent is refused at once."""
-        return self._fields(quantity, self.keys(quantity))
-
-    def _fields(self, quantity: str, keys: Sequence[Key]) -> Iterator[Field]:
-        for key in keys:
+        post, options = self._post, self.options
+        beside = self.path.with_suffix(".sts")
+        status = None
+        if beside.is_file():
             try:
-                yield self.field(quantity, key)
-            except NotFiniteError as error:
-                if not self._options.partial:
-                    raise
-                self._options.note(f"dropped increment {key[1]}: {error.problem}")
+                status = read_sts(beside).problem
+            except ResultError:  # it is not what was asked for
+                status = None
+        for words in (*post.remarks, f"{beside.name}: {status}" if status else ""):
+            if words:
+                options.note(words)
+        if post.problem is not None:
+            if not options.partial:
+                words = f"{post.problem}; --partial (partial=True) takes what is whole"
+                raise ResultError(words, self.path)
+            options.note(post.problem)
+        found = self._listed()
+        if options.von_mises == "scalar":
+            for output, one in zip(found, post.increments, strict=True):
+                if one.has_element_values:
+                    points = mises_of_points(post.codes, self.path)
+                    output[VON_MISES] = MarcBlock.of(one, points, mises=True)
+        return [output for output in found if output]
 
-    def history(
-        self, nodes: Sequence[int] | None, quantity: str | None, modes: bool, last: bool = False
-    ) -> History:
-        """Each increment of a quantity at `nodes`, see `fields.FieldSource`."""
-        self._check_whole()
-        options, stress = self._options, quantity in (None, STRESS, *OF_STRESS)
-        held = list(
-            dict.fromkeys(name for one in self._post.increments for name in self._quantities(one))
-        )
-        if quantity is None and options.von_mises is None:
+    def having(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, MarcBlock]]:
+        """Outputs that have any of `names`, and these alone; what others lack is said."""
+        for name in names:
+            without = [str(next(iter(o.values())).one.increment) for o in outputs if name not in o]
+            if without:
+                shown = ", ".join(without[:5]) + (", ..." if len(without) > 5 else "")
+                self._once(f"no {name} in increments {shown}")
+        found = [{name: one for name, one in out.items() if name in names} for out in outputs]
+        return [output for output in found if output]
+
+    def name_of(self, held: Sequence[str], quantity: str | None) -> str:
+        """The stress of traces, without one the displacement, else the first."""
+        if VON_MISES in held and quantity in (None, VON_MISES):
+            return VON_MISES
+        name = ""
+        if quantity in (None, STRESS, *OF_STRESS):
             try:
-                stress_tensor(self._post.codes, self.path)
+                name = stress_tensor(self._post.codes, self.path).name
             except ResultError:
-                stress = False
-        if stress and nodes is not None and not modes:
-            if options.von_mises == "scalar" and quantity in (None, VON_MISES):
-                times_ms, scalar = _scalar_history(self._post, nodes, options)
-                values = scalar[:, :, None]
-            else:
-                times_ms, values, _ = _tensor_history(self._post, nodes, options)
-            wanted = tuple(int(node) for node in nodes)
-            return History.of_stress(wanted, _unrounded_ms(times_ms, self._post), values)
-        name = next((one for one in NAMES["displacement"] if one in held), (*held, "")[0])
-        if quantity is not None or not held:
-            name = name_in(held, quantity or STRESS, self.path)
-        if stress:
-            name = stress_tensor(self._post.codes, self.path).name
-        increments = [one for one in self._post.increments if name in self._quantities(one)]
-        axes = [FREQUENCY if one.harmonic else TIME for one in increments]
-        axis = one_axis(name, axes, modes, options)
-        keys = [_key(one) for one, of in zip(increments, axes, strict=True) if of == axis]
-        fields = [self.field(name, key) for key in (keys[-1:] if last else keys)]
-        return history_of(fields, nodes)
+                if quantity is not None or self.options.von_mises is not None:
+                    raise
+            if name and name not in held and quantity is not None:
+                raise ResultError(
+                    "no element values in it: the deck's 'post' asks for no element code (311 is "
+                    "the stress tensor)",
+                    self.path,
+                )
+        if name in held:
+            return name
+        if not held:
+            raise ResultError("no values in it", self.path)
+        return super().name_of(held, quantity)
+
+    def at_nodes(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
+        """Values of one quantity, ``(T, node, component)``; those of points inside one layer."""
+        quantity, note = blocks[0].quantity, self.options.note
+        if not quantity.columns:
+            return np.array([self.whole(one).at(nodes) for one in blocks])
+        points = self._around(nodes)
+        between = [node for node in nodes if len(points.names_at(node)) > 1]
+        if between and not self.options.across_materials:
+            names = " and ".join(points.names_at(between[0]))
+            raise ResultError(
+                f"node {between[0]} lies between {names}: a mean over both belongs to neither; "
+                "take a node inside one layer, each side with --one-sided, or the mean with "
+                "--across-materials (across_materials=True)",
+                self.path,
+            )
+        found = []
+        for one in blocks:
+            rows, values = points.one_a_node(self._carried(one, points))
+            found.append(values[rows_of(np.array(nodes), points.mesh.node_ids[rows])])
+        if blocks[0].name == VON_MISES and (below := np.argwhere(np.array(found) < 0)).size:
+            row, column, _ = below[0]
+            note(
+                f"node {nodes[column]}: von Mises stress is below 0 at {at_of(blocks[row]):g} ms: "
+                "linear extrapolation of a steep field does that"
+            )
+        return np.array(found)
+
+    def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
+        """The stress at `node` for each layer there on its own."""
+        if set_name:
+            raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
+        outputs = self.outputs()
+        name = self.name_of(names_in(outputs), STRESS)
+        blocks = [output[name] for output in self.having(outputs, (name,))]
+        points = self._around([node])
+        found = np.array([self._carried(one, points) for one in blocks])
+        for one, values in zip(blocks, found, strict=True):
+            check_finite(one, points.nodes, values, self.path)
+        times_ms = np.array([at_of(one) for one in blocks])
+        return tuple(
+            OneSidedStress(node, layer, points.layers.names[layer], elements, times_ms, found[:, k])
+            for k, (layer, elements) in enumerate(points.sides())
+        )
+
+    def _around(self, nodes: Sequence[int]) -> MeshPoints:
+        """Points at `nodes`, each of which has some."""
+        points = MeshPoints(self._post.mesh, self.path, self.options.method, nodes)
+        points.plan(self._post.points)
+        for node in nodes:
+            if not points.names_at(node):
+                raise points.no_elements(node)
+        for remark in points.remarks(self._post.points):
+            self.options.note(remark)
+        return points
+
+    def _carried(self, block: MarcBlock, points: MeshPoints) -> FloatArray:
+        """Element values at the points of a mesh, ``(P, component)``."""
+        quantity = block.quantity
+        if quantity.unit == PA:
+            self._once(f"stress: {quantity}, extrapolated to nodes: {self.options.method}")
+        if not points.layers.known:
+            self._once(UNKNOWN_LAYERS)
+        stored = self._post.element_values(block.one.row, points.element_rows)
+        chosen = stored[:, :, quantity.columns]
+        if quantity.mises:
+            chosen = von_mises_pa(chosen)[:, :, None]
+        return self._scaled(points.averaged(chosen), quantity)
+
+    def _scaled(self, values: FloatArray, quantity: Quantity) -> FloatArray:
+        with np.errstate(over="ignore"):  # a number that overflows is not finite
+            scaled: FloatArray = values * self.options.scale(quantity.unit)
+        return scaled
+
+    def whole(self, block: MarcBlock, known: IntArray | None = None) -> Field:
+        """`block` at all nodes; of element values at those that lie in one layer.
+
+        With `across_materials` those between layers have the mean over all elements there.
+        """
+        points, ids = self._points, self._post.mesh.node_ids
+        if not block.quantity.columns:
+            rows = np.flatnonzero(~points.pressure_nodes())
+            values = self._nodal(block)[rows]
+        else:
+            self._note_unknown()
+            rows, values = points.one_a_node(self._carried(block, points))
+            if not self.options.across_materials:
+                between = np.isin(rows, points.rows[points.met > 1])
+                if between.any():
+                    self._once(
+                        f"left out: {between.sum()} nodes lie between layers, where a mean belongs "
+                        "to none; --across-materials takes it"
+                    )
+                rows, values = rows[~between], values[~between]
+        return field_of(block, ids[rows], values, self.path)
+
+    def _nodal(self, block: MarcBlock) -> FloatArray:
+        return self._scaled(self._post.nodal_values(block.one.row, block.name), block.quantity)
+
+    def last_digit_ms(self, times_ms: FloatArray) -> FloatArray:
+        """A ``.t16`` has times in single precision, a ``.t19`` with six digits."""
+        if self._post.kind == "t19":
+            return printed_digit_ms(times_ms, _TEXT_DIGITS)
+        if self._post.precision == "double":
+            return np.zeros_like(times_ms)
+        times_s = (np.abs(times_ms) / MS_PER_S).astype(np.float32)
+        return np.spacing(times_s).astype(np.float64) * MS_PER_S
 
     def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
-        """Yield nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
+        """Nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
         mesh, points = self._post.mesh, self._points
         if not mesh.node_ids.size:
             raise ResultError("no nodes in it, so no coordinates", self.path)
         keep = ~points.pressure_nodes()
-        at_mm = mesh.coordinates_mm[keep] * self._options.length_mm
+        at_mm = mesh.coordinates_mm[keep] * self.options.length_mm
         yield mesh.node_ids[keep], at_mm, points.bearing[keep]
 
-    def frames(
-        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
-    ) -> Iterator[Frame]:
-        """Check the request now; yield the increments when they are asked for.
+    def scene(self, outputs: Outputs) -> tuple[Outputs, Scene]:
+        """All `outputs`, and the mesh, a point a node and layer."""
+        outputs = self.having(outputs, names_in(outputs))
+        self._note_unknown()
+        scene = self._points.scene()
+        return outputs, replace(scene, points_mm=scene.points_mm * self.options.length_mm)
 
-        A point of the scene is a node as one layer has it: between layers stress jumps, as it
-        does in the model.
-        """
-        self._check_whole()
-        names = None if quantities is None else [self._name(one) for one in quantities]
-        axes = [FREQUENCY if one.harmonic else TIME for one in self._post.increments]
-        axis = one_axis(", ".join(names or ["any quantity"]), axes, modes, self._options)
-        increments = [
-            one for one, of in zip(self._post.increments, axes, strict=True) if of == axis
-        ]
-        every = [self._quantities(one) for one in increments]
-        for name in names or dict.fromkeys(name for held in every for name in held):
-            self._note_without(name, increments, [name in held for held in every])
-        return self._frames(increments, names, derived)
-
-    def _frames(
-        self,
-        increments: Sequence[PostIncrement],
-        names: Sequence[str] | None,
-        derived: Sequence[str],
-    ) -> Iterator[Frame]:
-        points, scene = self._points, None
-        for one in increments:
-            held = self._quantities(one)
-            found = {name: held[name] for name in held if names is None or name in names}
-            if not found:
-                self._options.note(f"left out: increment {one.increment}, it has none")
-                continue
-            if scene is None:
-                scene = points.scene()
-                scene = replace(scene, points_mm=scene.points_mm * self._options.length_mm)
-                self._note_mesh()
-            values, tensors = {}, {}
-            for name, quantity in found.items():
-                there = self._values(one, quantity)
-                there = there if quantity.columns else there[points.rows]
-                try:
-                    self._check_finite(quantity, one, points.nodes, there)
-                except NotFiniteError as error:  # of this quantity, not of the others
-                    self._options.note(f"left out: {error.problem}")
-                    continue
-                values[name] = there
-                if quantity.columns and quantity.is_tensor:
-                    tensors[quantity.codes[0]] = quantity
-            if not values:
-                continue
-            arrays: dict[str, FloatArray] = {}
-            for name in values:
-                arrays |= arrays_of(_field(found[name], one, points.nodes, values[name]))
-            best = next((tensors[code] for code in STRESS_CODES if code in tensors), None)
-            if best is not None:
-                field = _field(best, one, points.nodes, values[best.name])
-                with np.errstate(over="ignore", invalid="ignore"):
-                    for name in derived:
-                        if DERIVED[name][0] == ("STRESS",):
-                            arrays[f"{name}_pa"] = derived_of(name, {"STRESS": field})
-            at = one.frequency if one.harmonic else one.time_s * MS_PER_S
-            yield Frame(at, scene, arrays, not one.harmonic)
-
-    def _values(self, one: PostIncrement, quantity: Quantity) -> FloatArray:
-        """A quantity at all nodes, or of element values at all points of the mesh."""
-        if not quantity.columns:
-            values = self._post.nodal_values(one.row, quantity.name)
+    def on_scene(self, block: MarcBlock, scene: Scene) -> tuple[Field, IntArray]:
+        """The field of `block` at the points."""
+        points = self._points
+        if block.quantity.columns:
+            values = self._carried(block, points)
         else:
-            every = np.arange(self._post.mesh.element_ids.size)
-            stored = self._post.element_values(one.row, every)[:, :, quantity.columns]
-            values = self._points.averaged(stored, self._options.method)
-        if not np.isfinite(values).all():
-            return values
-        if quantity.unit == PA:
-            return in_pa(values, self._options, self.path)
-        return values * self._options.scale(quantity.unit)
+            values = self._nodal(block)[points.rows]
+        return field_of(block, points.nodes, values, self.path), np.arange(points.nodes.size)
 
-    def _check_finite(
-        self, quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray
-    ) -> None:
-        if not np.isfinite(values).all():
-            row, column = np.argwhere(~np.isfinite(values))[0].tolist()
-            raise NotFiniteError(
-                f"{quantity.name} of increment {one.increment}, node {nodes[row]}: "
-                f"{quantity.components[column]} is {values[row, column]}",
-                self.path,
-            )
-
-    def _note_without(
-        self, name: str, increments: Sequence[PostIncrement], held: Sequence[bool]
-    ) -> None:
-        """Say which increments have no `name`, where some have and some have not."""
-        without = [one for one, has in zip(increments, held, strict=True) if not has]
-        if without:
-            self._options.note(f"no {name} in increments {_some(without)}")
-
-    def _one_value_a_node(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
-        points, node_ids = self._points, self._post.mesh.node_ids
-        between = points.met > 1
-        if between.any() and not self._options.across_materials:
-            count = np.unique(points.rows[between]).size
-            self._once(
-                f"left out: {count} nodes lie between layers, where a mean belongs to none; "
-                "--across-materials takes it"
-            )
-            rows = points.rows[~between]
-            order = np.argsort(rows, kind="stable")
-            return node_ids[rows[order]], at_points[~between][order]
-        share = points.elements_at()
-        rows, place = np.unique(points.rows, return_inverse=True)
-        total = np.zeros((rows.size, at_points.shape[1]))
-        np.add.at(total, place, at_points * share[:, None])
-        elements = np.bincount(place, share, rows.size)
-        return node_ids[rows], total / elements[:, None]
-
-    def _quantities(self, one: PostIncrement) -> dict[str, Quantity]:
-        return quantities_of(one, self._post.codes)
-
-    def _name(self, word: str) -> str:
-        """Name of the quantity that `word` stands for."""
-        names = list(
-            dict.fromkeys(name for one in self._post.increments for name in self._quantities(one))
-        )
-        plain = word.casefold()
-        same = [name for name in names if name.casefold() == plain]
-        close = same or [name for name in names if name.casefold().startswith(plain)]
-        if len(close) == 1:
-            return close[0]
-        if close:
-            raise UsageError(f"{word!r} may be {' or '.join(close)}")
-        raise ResultError(f"no {word} in it, it holds {', '.join(names) or 'nothing'}", self.path)
-
-    def _check_whole(self) -> None:
-        if not self._checked:
-            check_whole(self._post, self._options)
-        self._checked = True
-
-    def _note_mesh(self) -> None:
+    def _note_unknown(self) -> None:
         if self._points.unknown_types:
             types = ", ".join(map(str, self._points.unknown_types))
             self._once(f"left out: elements of unknown type {types}")
-        if not self._points.layers.known:
-            self._once(UNKNOWN_LAYERS)
 
     def _once(self, words: str) -> None:
         """Note what holds for every increment the first time."""
         if words not in self._said:
-            self._options.note(words)
+            self.options.note(words)
         self._said.add(words)
-
-
-def _field(quantity: Quantity, one: PostIncrement, nodes: IntArray, values: FloatArray) -> Field:
-    units = (quantity.unit,) * len(quantity.components)
-    time_ms = one.time_s * MS_PER_S
-    over = (FREQUENCY, one.frequency) if one.harmonic else (TIME, time_ms / MS_PER_S)
-    return Field(
-        quantity.name, *_key(one), time_ms, quantity.components, units, nodes, values, *over
-    )
-
-
-def _key(one: PostIncrement) -> Key:
-    return one.sub_increment, one.increment

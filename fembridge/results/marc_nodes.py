@@ -13,6 +13,7 @@ files have none of them: there the deck beside the file says it, else its elemen
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from fembridge.errors import DeckError, ResultError
 from fembridge.results.extrapolation import DOCUMENTED, ELEMENT_TYPES, FRD_ORDER, node_weights
 from fembridge.results.fields import Scene, SceneCells
 from fembridge.results.marc_post import PostMesh
-from fembridge.results.read_options import ReadOptions
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 UNKNOWN_LAYERS = "the file does not hold the materials of its elements"
@@ -102,111 +102,13 @@ def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
     return Layers(layer.reshape(-1), named)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Side:
-    """The elements of one layer at a node, by number and by their rows in the mesh.
-
-    `weights` ``(K, point)`` make the node's value: multiply and sum over both.
-    """
-
-    node: int
-    layer: int
-    name: str
-    elements: tuple[int, ...]
-    element_rows: IntArray
-    weights: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Plan:
-    """Elements to read, `element_rows` ``(K,)``, and `weights` ``(S, K, point)``.
-
-    One of the ``S`` is a node, or a node's side in one layer: `sides` are the parts that
-    each is made of. Found once; an increment then costs the values of these few elements.
-    """
-
-    element_rows: IntArray
-    weights: FloatArray
-    sides: tuple[tuple[Side, ...], ...]
-    remarks: tuple[str, ...]
-
-    def add_up(self, values: FloatArray) -> FloatArray:
-        """``(S, C)`` of the values ``(K, point, C)`` at the points.
-
-        A point that no node looks at may hold anything, NaN too.
-        """
-        used = (self.weights != 0).any(axis=0)
-        clean = np.where(used[:, :, None], values, 0.0)
-        total: FloatArray = np.einsum("skp,kpc->sc", self.weights, clean)
-        return total
-
-
-def plan(
-    mesh: PostMesh,
-    nodes: Sequence[int],
-    stored: int,
-    options: ReadOptions,
-    path: Path,
-    *,
-    one_sided: bool = False,
-) -> Plan:
-    """One value a node, of one layer unless across materials; or `one_sided`, one a layer.
-
-    `stored` counts the points of an element in the file.
-
-    Raises
-    ------
-    ResultError
-        A node lies between layers, is not in the mesh, or at no element with values; the
-        points of an element there are not known.
-    """
-    layers = layers_of(mesh, path)
-    touched = np.flatnonzero(np.isin(mesh.connectivity, nodes).any(axis=1))
-    found: dict[tuple[int, int], dict[int, FloatArray]] = {}
-    for _, rows, corners, weights in _corners(mesh, touched, stored, options.method, path):
-        for row, own in zip(rows.tolist(), corners, strict=True):
-            for node in set(own.tolist()).intersection(nodes):
-                share = weights[own == node].mean(axis=0)
-                found.setdefault((node, int(layers.layer[row])), {})[row] = share
-    sides: dict[int, list[Side]] = {node: [] for node in nodes}
-    for (node, layer), shares in sorted(found.items(), key=lambda item: item[0]):
-        at = np.array(sorted(shares), dtype=np.int64)
-        weights = np.array([shares[row] for row in at.tolist()]) / at.size
-        elements = tuple(mesh.element_ids[at].tolist())
-        sides[node].append(Side(node, layer, layers.names[layer], elements, at, weights))
-    for node in nodes:
-        if not sides[node]:
-            raise _no_elements(mesh, node, path)
-        if len(sides[node]) > 1 and not (options.across_materials or one_sided):
-            names = " and ".join(side.name for side in sides[node])
-            raise ResultError(
-                f"node {node} lies between {names}: a mean over both belongs to neither; take "
-                "a node inside one layer, each side with --one-sided, or the mean with "
-                "--across-materials (across_materials=True)",
-                path,
-            )
-    parts = [tuple(sides[node]) for node in nodes]
-    if one_sided:
-        parts = [(side,) for mine in parts for side in mine]
-    rows = np.unique(np.concatenate([side.element_rows for mine in parts for side in mine]))
-    total = np.zeros((len(parts), rows.size, stored))
-    for share, mine in zip(total, parts, strict=True):
-        count = sum(side.element_rows.size for side in mine)
-        for side in mine:
-            at = np.searchsorted(rows, side.element_rows)
-            share[at] = side.weights * (side.element_rows.size / count)
-    remarks = _remarks_on(mesh, rows, stored)
-    if not layers.known:
-        remarks.append(UNKNOWN_LAYERS)
-    return Plan(rows, total, tuple(parts), tuple(remarks))
-
-
 class MeshPoints:
-    """All nodes of `mesh` at once; a point is a node as one layer has it.
+    """Nodes of `mesh`, all or those `wanted`; a point is a node as one layer has it.
 
     `rows` ``(P,)`` are the points' nodes in the mesh, `nodes` their numbers, `met` how many
-    layers meet there; they come by layer, then by row. `bearing` ``(N,)`` are the nodes that
-    are corners of elements with values.
+    layers meet there; they come by layer, then by row. `element_rows` ``(K,)`` are the elements
+    at them, whose values `averaged` takes; `bearing` ``(N,)`` the nodes that are corners of
+    elements with values.
 
     Raises
     ------
@@ -214,29 +116,71 @@ class MeshPoints:
         An element has a node that the file does not list.
     """
 
-    def __init__(self, mesh: PostMesh, path: Path) -> None:
-        self.mesh = mesh
-        self.path = path
+    def __init__(
+        self, mesh: PostMesh, path: Path, method: str, wanted: Sequence[int] | None = None
+    ) -> None:
+        self.mesh, self.path, self._method = mesh, path, method
         self.layers = layers_of(mesh, path)
         self._size = mesh.node_ids.size
         self._order = np.argsort(mesh.node_ids, kind="stable")
-        known = np.isin(mesh.element_types, list(ELEMENT_TYPES))
-        self.unknown_types: list[int] = np.unique(mesh.element_types[~known]).tolist()
-        self._shapes: list[tuple[str, IntArray, IntArray]] = []
-        for number in np.unique(mesh.element_types[known]).tolist():
-            about = ELEMENT_TYPES[number]
-            rows = np.flatnonzero(mesh.element_types == number)
-            nodes = mesh.connectivity[rows][:, : about.nodes]
-            whole = (nodes != 0).sum(axis=1) == about.nodes
-            _check_nodes(mesh, rows[whole], nodes[whole], path)
-            self._shapes.append((about.shape, rows[whole], nodes[whole]))
-        keys = [self._keys_of(rows, nodes).ravel() for _, rows, nodes in self._shapes]
-        self._keys: IntArray = np.unique(np.concatenate([np.empty(0, np.int64), *keys]))
+        self.element_rows: IntArray = np.arange(mesh.element_ids.size)
+        if wanted is not None:
+            touched = np.isin(mesh.connectivity, wanted).any(axis=1)
+            self.element_rows = np.flatnonzero(touched)
+        types = mesh.element_types[self.element_rows]
+        self.unknown_types: list[int] = np.unique(
+            types[~np.isin(types, list(ELEMENT_TYPES))]
+        ).tolist()
+        self._groups = list(self._grouped())
+        self._plan: _Plan | None = None
+        keys = [self._keys_of(one) for one in self._groups]
+        if wanted is not None:
+            keys = [
+                key[np.isin(one.nodes, wanted)] for key, one in zip(keys, self._groups, strict=True)
+            ]
+        every = [np.empty(0, np.int64), *(key.ravel() for key in keys)]
+        self._keys: IntArray = np.unique(np.concatenate(every))
         self.rows: IntArray = self._keys % max(self._size, 1)
         self.nodes: IntArray = mesh.node_ids[self.rows]
         self.met: IntArray = np.bincount(self.rows, minlength=self._size)[self.rows]
         self.bearing: BoolArray = np.zeros(self._size, dtype=bool)
         self.bearing[self.rows] = True
+
+    def _grouped(self) -> Iterator["_Group"]:
+        """The elements, those of one type and count of nodes together."""
+        mesh, rows = self.mesh, self.element_rows
+        keys = np.stack([mesh.element_types[rows], (mesh.connectivity[rows] != 0).sum(axis=1)], 1)
+        for number, count in np.unique(keys, axis=0).tolist():
+            some = rows[(keys == (number, count)).all(axis=1)]
+            about = ELEMENT_TYPES.get(number)
+            corners = count if self._method == "average" else 0  # of an unknown type
+            if about is not None:
+                corners = about.nodes if count >= about.nodes else 0
+            group = _Group(number, count, corners, some, mesh.connectivity[some][:, :corners])
+            absent = np.argwhere(~np.isin(group.nodes, mesh.node_ids))
+            if absent.size:
+                k, corner = absent[0]
+                raise ResultError(
+                    f"element {mesh.element_ids[some[k]]} has node {group.nodes[k, corner]}, which "
+                    "has no coordinates in the file",
+                    self.path,
+                )
+            yield group
+
+    def names_at(self, node: int) -> list[str]:
+        """Names of the layers at a node."""
+        return [self.layers.names[one] for one in self._layer[self.nodes == node].tolist()]
+
+    def sides(self) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """The layer of each point, and the elements of that layer there."""
+        for key, layer in zip(self._keys.tolist(), self._layer.tolist(), strict=True):
+            at = [one.rows[(self._keys_of(one) == key).any(axis=1)] for one in self._groups]
+            yield layer, tuple(self.mesh.element_ids[np.sort(np.concatenate(at))].tolist())
+
+    @property
+    def _layer(self) -> IntArray:
+        layer: IntArray = self._keys // max(self._size, 1)
+        return layer
 
     def pressure_nodes(self) -> BoolArray:
         """Nodes that only come behind the corners of elements, ``(N,)``."""
@@ -247,136 +191,156 @@ class MeshPoints:
 
     def scene(self) -> Scene:
         """The mesh as pictures want it."""
-        cells = []
-        for shape, rows, nodes in self._shapes:
-            corners = np.searchsorted(self._keys, self._keys_of(rows, nodes))
-            order = FRD_ORDER.get(shape, slice(None))
-            ids, layer = self.mesh.element_ids[rows], self.layers.layer[rows]
-            cells.append(SceneCells(_KINDS[shape], ids, layer, corners[:, order]))
+        cells: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
+        for one in self._groups:
+            if one.number in self.unknown_types or not one.corners:
+                continue
+            shape = ELEMENT_TYPES[one.number].shape
+            corners = np.searchsorted(self._keys, self._keys_of(one))
+            rows = corners[:, FRD_ORDER.get(shape, slice(None))]
+            cell = self.mesh.element_ids[one.rows], self.layers.layer[one.rows], rows
+            cells.setdefault(_KINDS[shape], []).append(cell)
         return Scene(
             points_mm=self.mesh.coordinates_mm[self.rows],
             nodes=self.nodes,
-            cells=tuple(cells),
+            cells=tuple(
+                SceneCells(kind, *map(np.concatenate, zip(*some, strict=True)))
+                for kind, some in cells.items()
+            ),
             met=self.met,
             materials=dict(enumerate(self.layers.names)),
         )
 
-    def averaged(self, values: FloatArray, method: str) -> FloatArray:
-        """Mean at the points, ``(P, C)``, of values ``(E, point, C)`` carried there.
+    def averaged(self, values: FloatArray) -> FloatArray:
+        """Mean at the points, ``(P, C)``, of values ``(K, point, C)`` carried there.
+
+        A point that no node looks at may hold anything, NaN too.
+
+        """
+        plan = self.plan(values.shape[1])
+        carried = [
+            np.einsum("np,kpc->knc", weights, values[place][:, used])[here]
+            for place, weights, used, here in plan.groups
+        ]
+        if not self._keys.size:
+            return np.zeros((0, values.shape[2]))
+        every = np.concatenate(carried)[plan.order] * plan.share[:, None]
+        total = np.add.reduceat(every, plan.starts, axis=0)
+        mean: FloatArray = total / plan.elements[:, None]
+        return mean
+
+    def plan(self, stored: int) -> "_Plan":
+        """How values get here of so many points an element.
 
         Raises
         ------
         ResultError
             The points of an element type are not known.
         """
-        total = np.zeros((self._keys.size, values.shape[2]))
-        every = np.arange(self.mesh.element_ids.size)
-        for number, rows, nodes, weights in _corners(
-            self.mesh, every, values.shape[1], method, self.path
-        ):
-            if number in self.unknown_types:
-                continue  # its nodes are no points
+        if self._plan is None:
+            self._plan = self._planned(stored)
+        return self._plan
+
+    def _planned(self, stored: int) -> "_Plan":
+        groups, at, share = [], [np.empty(0, np.int64)], [np.empty(0)]
+        for one in self._groups:
+            try:
+                weights = node_weights(one.number, one.held, stored, self._method)
+            except ValueError as error:
+                element = self.mesh.element_ids[one.rows[0]]
+                raise ResultError(f"element {element}: {error}", self.path) from error
             used = (weights != 0).any(axis=0)
-            carried = np.einsum("np,kpc->knc", weights[:, used], values[rows][:, used])
-            at = np.searchsorted(self._keys, self._keys_of(rows, nodes)).ravel()
-            once = 1.0 / _times(nodes)
-            for column in range(values.shape[2]):
-                share = (carried[:, :, column] * once).ravel()
-                total[:, column] += np.bincount(at, share, len(total))
-        return total / self.elements_at()[:, None]
+            keys = self._keys_of(one)
+            here = np.isin(keys, self._keys)
+            groups.append(
+                (np.searchsorted(self.element_rows, one.rows), weights[:, used], used, here)
+            )
+            at.append(np.searchsorted(self._keys, keys[here]))
+            # An element that is collapsed has a node at two corners: with the mean of both.
+            times = (one.nodes[:, :, None] == one.nodes[:, None, :]).sum(axis=2)
+            share.append(1.0 / times[here])
+        places, shares = np.concatenate(at), np.concatenate(share)
+        order = np.argsort(places, kind="stable")
+        starts = np.searchsorted(places[order], np.arange(self._keys.size))
+        elements = np.bincount(places, shares, self._keys.size).astype(np.float64)
+        return _Plan(groups, order, shares[order], starts, elements)
 
-    def elements_at(self) -> FloatArray:
-        """How many elements of its layer each point has, ``(P,)``."""
-        count = np.zeros(self._keys.size)
-        for _, rows, nodes in self._shapes:
-            at = np.searchsorted(self._keys, self._keys_of(rows, nodes)).ravel()
-            count += np.bincount(at, (1.0 / _times(nodes)).ravel(), count.size)
-        return count
+    def one_a_node(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Rows of the nodes, and the mean over all elements there, of values at the points."""
+        rows, place, layers = np.unique(self.rows, return_inverse=True, return_counts=True)
+        if layers.size == place.size or self._plan is None:
+            return rows, at_points[np.argsort(self.rows)]
+        total = np.zeros((rows.size, at_points.shape[1]))
+        np.add.at(total, place, at_points * self._plan.elements[:, None])
+        found = total / np.bincount(place, self._plan.elements, rows.size)[:, None]
+        single = layers[place] == 1
+        found[place[single]] = at_points[single]
+        return rows, found
 
-    def _keys_of(self, rows: IntArray, nodes: IntArray) -> IntArray:
-        """Layer and row of the corners `nodes` of elements as one number."""
-        at = _rows_of(self.mesh, nodes, self._order)
-        keys: IntArray = self.layers.layer[rows, None] * self._size + at
+    def _keys_of(self, one: "_Group") -> IntArray:
+        """Layer and row of the corners of elements as one number."""
+        place = np.searchsorted(self.mesh.node_ids, one.nodes, sorter=self._order)
+        keys: IntArray = self.layers.layer[one.rows, None] * self._size + self._order[place]
         return keys
 
-
-def _times(nodes: IntArray) -> IntArray:
-    """How often an element has the node of each corner, ``(K, corner)``."""
-    times: IntArray = (nodes[:, :, None] == nodes[:, None, :]).sum(axis=2)
-    return times
-
-
-def _rows_of(mesh: PostMesh, nodes: IntArray, order: IntArray | None = None) -> IntArray:
-    """Row in the mesh of node numbers that it has, any shape."""
-    order = np.argsort(mesh.node_ids, kind="stable") if order is None else order
-    place = np.searchsorted(mesh.node_ids, nodes, sorter=order)
-    rows: IntArray = order[np.minimum(place, order.size - 1)]
-    return rows
-
-
-def _corners(
-    mesh: PostMesh, rows: IntArray, stored: int, method: str, path: Path
-) -> Iterator[tuple[int, IntArray, IntArray, FloatArray]]:
-    """Elements at `rows`, type by type, and the corners of theirs that have values.
-
-    The type, rows ``(K,)``, nodes ``(K, corner)``, weights ``(corner, point)``.
-    """
-    types = mesh.element_types[rows]
-    counts = (mesh.connectivity[rows] != 0).sum(axis=1)
-    keys = np.stack([types, counts], axis=1)
-    for number, count in np.unique(keys, axis=0).tolist():
-        some = rows[(keys == (number, count)).all(axis=1)]
-        try:
-            weights = node_weights(number, count, stored, method)
-        except ValueError as error:
-            raise ResultError(f"element {mesh.element_ids[some[0]]}: {error}", path) from error
-        nodes = mesh.connectivity[some][:, : len(weights)]
-        _check_nodes(mesh, some, nodes, path)
-        yield number, some, nodes, weights
-
-
-def _check_nodes(mesh: PostMesh, rows: IntArray, nodes: IntArray, path: Path) -> None:
-    absent = np.argwhere(~np.isin(nodes, mesh.node_ids))
-    if absent.size:
-        k, corner = absent[0]
-        raise ResultError(
-            f"element {mesh.element_ids[rows[k]]} has node {nodes[k, corner]}, which has no "
-            "coordinates in the file",
-            path,
-        )
-
-
-def _no_elements(mesh: PostMesh, node: int, path: Path) -> ResultError:
-    known = mesh.node_ids
-    if node in known:
-        return ResultError(
-            f"node {node} is a corner of no element with values: a pressure node, or one that "
-            "stands alone",
-            path,
-        )
-    words = "none"
-    if known.size:
-        near = np.sort(known[np.argsort(np.abs(known - node), kind="stable")[:3]])
-        words = f"it has {known.min()} to {known.max()}, near it {', '.join(map(str, near))}"
-    return ResultError(f"no node {node} in the mesh: {words}", path)
-
-
-def _remarks_on(mesh: PostMesh, rows: IntArray, stored: int) -> list[str]:
-    """What was inferred about the elements at `rows`, in words."""
-    words = []
-    for number in np.unique(mesh.element_types[rows]).tolist():
-        about = ELEMENT_TYPES.get(number)
-        if about is None:
-            words.append(f"element type {number} is not known: the mean of its points")
-            continue
-        has = f"element type {number} has {about.points} integration points, the file stores"
-        if number not in DOCUMENTED and about.points > 1:
-            words.append(
-                f"element type {number}: count and order of its integration points are inferred "
-                "from its kin"
+    def no_elements(self, node: int) -> ResultError:
+        """The error of a node that is at no element with values."""
+        known = self.mesh.node_ids
+        if node in known:
+            return ResultError(
+                f"node {node} is a corner of no element with values: a pressure node, or one that "
+                "stands alone",
+                self.path,
             )
-        if stored == 1 < about.points:
-            words.append(f"{has} 1: taken as the element's mean (the deck has no 'all points')")
-        if stored > about.points:
-            words.append(f"{has} {stored} for each element: the first {about.points} taken")
-    return words
+        words = "none"
+        if known.size:
+            near = np.sort(known[np.argsort(np.abs(known - node), kind="stable")[:3]])
+            words = f"it has {known.min()} to {known.max()}, near it {', '.join(map(str, near))}"
+        return ResultError(f"no node {node} in the mesh: {words}", self.path)
+
+    def remarks(self, stored: int) -> Iterator[str]:
+        """What was inferred about the elements, of which the file has so many points each."""
+        for number in np.unique(self.mesh.element_types[self.element_rows]).tolist():
+            about = ELEMENT_TYPES.get(number)
+            if about is None:
+                yield f"element type {number} is not known: the mean of its points"
+                continue
+            has = f"element type {number} has {about.points} integration points, the file stores"
+            if number not in DOCUMENTED and about.points > 1:
+                yield (
+                    f"element type {number}: count and order of its integration points are "
+                    "inferred from its kin"
+                )
+            if stored == 1 < about.points:
+                yield f"{has} 1: taken as the element's mean (the deck has no 'all points')"
+            if stored > about.points:
+                yield f"{has} {stored} for each element: the first {about.points} taken"
+
+
+class _Group(NamedTuple):
+    """Elements of one type: rows ``(K,)``, and the nodes ``(K, corner)`` that have values.
+
+    `held` counts an element's nodes, pressure nodes among them; without `corners` it is not
+    known where its points lie.
+    """
+
+    number: int
+    held: int
+    corners: int
+    rows: IntArray
+    nodes: IntArray
+
+
+class _Plan(NamedTuple):
+    """How values get from integration points to the points of a mesh: found once.
+
+    Of each group the places of its elements, weights ``(corner, used point)``, which points are
+    used and which corners are wanted; then the order of all corners by point, how much of its
+    element each is, where each point begins, and how many elements it has.
+    """
+
+    groups: list[tuple[IntArray, FloatArray, BoolArray, BoolArray]]
+    order: IntArray
+    share: FloatArray
+    starts: IntArray
+    elements: FloatArray

@@ -37,9 +37,11 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile, text_lines
+from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.source import Source
 from fembridge.store import replacing
-from fembridge.trace import MS_PER_S, StressTrace
+from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, Table
 
 INDEX = "index"
@@ -99,83 +101,79 @@ class PlotTable:
         return int(found[0]) if len(set(found)) == 1 else None
 
 
-def read(path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS) -> list[StressTrace]:
-    """Von Mises stress at `nodes`, see `samples`; times that are not one even grid are refused."""
-    return [StressTrace.on_grid(*one, path) for one in samples(path, nodes, options)]
+class PlotSource(Source):
+    """A history plot: curves over time of nodes."""
 
+    def history(
+        self,
+        nodes: Sequence[int] | None,
+        quantity: str | None = None,
+        modes: bool = False,
+        last: bool = False,
+    ) -> History:
+        """Von Mises stress over time at `nodes`, in that order; of None of all curves.
 
-def samples(
-    path: Path, nodes: Sequence[int], options: ReadOptions = _DEFAULTS
-) -> list[tuple[int, FloatArray]]:
-    """Von Mises stress over time at `nodes`, in that order, from a history plot.
+        A table whose columns have names must name time and von Mises stress; one of two columns
+        without names is taken as that, with a note. Where the text names no node, `nodes` say
+        whose its curves are, one for each.
 
-    Each with its times in ms and stress in Pa, ``(T, 2)``.
+        Raises
+        ------
+        ResultError
+            The abscissa is not called time, no column von Mises stress, or a node is missing,
+            duplicate, or not named.
+        """
+        self.refuse_but_stress(quantity, modes)
+        path, options = self.path, self.options
+        found: list[tuple[int | None, FloatArray]] = []
+        for table in read_plot_tables(path, options):
+            times_ms = table.values[:, table.x] * MS_PER_S
+            for column in _stress_columns(table, path, options):
+                stress_pa = in_pa(table.values[:, column], options, path)
+                found.append((table.node(column), np.stack([times_ms, stress_pa], -1)))
+        named = [node for node, _ in found if node is not None]
+        wanted = named if nodes is None else list(nodes)
+        if not named:
+            if len(wanted) != len(found):
+                words = "the text does not say of which node its curves are: name (--node N) one for"
+                raise ResultError(f"{words} each of the {len(found)}, {len(wanted)} were", path)
+            named = wanted
+        elif len(set(named)) < len(found):
+            twice = [node for node in named if named.count(node) > 1]
+            words = f"node {min(twice)} has two" if twice else "one has no node"
+            raise ResultError(f"of {len(found)} curves {words}", path)
+        curves = dict(zip(named, (curve for _, curve in found), strict=True))
+        for node in wanted:
+            if node not in curves:
+                there = ", ".join(map(str, curves))
+                raise ResultError(f"no curve of node {node}, there is {there}", path)
+        return of_samples([(node, curves[node]) for node in wanted])
 
-    A table whose columns have names must name time and von Mises stress; one of two columns
-    without names is taken as that, with a note. Where the text names no node, `nodes` say
-    whose its curves are, one for each. With no `nodes` all curves are read.
+    def named_nodes(self) -> tuple[int, ...]:
+        """The nodes that the text names, of all curves; none if it names none."""
+        found = [
+            table.node(column)
+            for table in read_plot_tables(self.path)
+            for column in range(table.x + 1, len(table.labels))
+        ]
+        return tuple(dict.fromkeys(node for node in found if node is not None))
 
-    Raises
-    ------
-    ResultError
-        The abscissa is not called time, no column von Mises stress, or a node is missing,
-        duplicate, or not named.
-    """
-    found: list[tuple[int | None, FloatArray]] = []
-    for table in read_plot_tables(path, options):
-        times_ms = table.values[:, table.x] * MS_PER_S
-        for column in _stress_columns(table, path, options):
-            stress_pa = in_pa(table.values[:, column], options, path)
-            found.append((table.node(column), np.stack([times_ms, stress_pa], -1)))
-    named = [node for node, _ in found if node is not None]
-    if not named:
-        if len(nodes) != len(found):
-            words = "the text does not say of which node its curves are: name one node for each"
-            raise ResultError(f"{words} of the {len(found)}, {len(nodes)} were named", path)
-        named = list(nodes)
-    elif len(set(named)) < len(found):
-        twice = [node for node in named if named.count(node) > 1]
-        words = f"node {min(twice)} has two" if twice else "one has no node"
-        raise ResultError(f"of {len(found)} curves {words}", path)
-    curves = dict(zip(named, (curve for _, curve in found), strict=True))
-    for node in nodes:
-        if node not in curves:
-            there = ", ".join(map(str, curves))
-            raise ResultError(f"no curve of node {node}, there is {there}", path)
-    return [(node, curves[node]) for node in nodes or curves]
-
-
-def nodes_in(path: Path) -> tuple[int, ...]:
-    """The nodes that the text names, of all curves; none if it names none."""
-    found = [
-        table.node(column)
-        for table in read_plot_tables(path)
-        for column in range(table.x + 1, len(table.labels))
-    ]
-    return tuple(dict.fromkeys(node for node in found if node is not None))
-
-
-def is_over_time(path: Path) -> bool:
-    """Whether the abscissa of every table of a text is called time."""
-    return all(table.is_over_time for table in read_plot_tables(path))
-
-
-def describe(path: Path) -> Table:
-    """What a plot holds."""
-    remarks: list[str] = []
-    tables = read_plot_tables(path, ReadOptions(log=remarks.append))
-    if not tables[0].is_named:
-        remarks.append("its columns have no names")
-    return {
-        "format": "mentat-plot",
-        "bytes": path.stat().st_size,
-        "tables": len(tables),
-        "rows": sum(len(table.values) for table in tables),
-        "columns": list(tables[0].labels),
-        "over_time": all(table.is_over_time for table in tables),
-        "nodes": list(nodes_in(path)),
-        "problem": "; ".join(remarks) or None,
-    }
+    def describe(self) -> Table:
+        """Tables, columns and nodes of a plot."""
+        remarks: list[str] = []
+        tables = read_plot_tables(self.path, ReadOptions(log=remarks.append))
+        if not tables[0].is_named:
+            remarks.append("its columns have no names")
+        return {
+            "format": "mentat-plot",
+            "bytes": self.path.stat().st_size,
+            "tables": len(tables),
+            "rows": sum(len(table.values) for table in tables),
+            "columns": list(tables[0].labels),
+            "over_time": all(table.is_over_time for table in tables),
+            "nodes": list(self.named_nodes()),
+            "problem": "; ".join(remarks) or None,
+        }
 
 
 def write_plot_table(path: Path, output: Path, options: ReadOptions = _DEFAULTS) -> int:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError, UsageError
-from fembridge.results.fields import open_source
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import open_source
 from fembridge.store import MAX_DECK_BYTES, read_bytes
 
 _POST = (".t16", ".t19")

@@ -1,6 +1,5 @@
 """What a caller may ask of any reader, beside the nodes."""
 
-import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,9 +34,6 @@ class ReadOptions:
     `von_mises` "tensor" (None too) takes the von Mises stress of the nodal tensor,
     "scalar" that of the points, carried to the node as a number.
 
-    A trace begins at `since_ms` of solver time: steps of someone's own model before
-    the stimulus need not have its time step.
-
     `branches` says of nodes in relaxing skin how many branches their stress is the
     sum of: a ``.frd`` holds the mean, over elements of that many materials.
 
@@ -54,7 +50,6 @@ class ReadOptions:
     log: Callable[[str], None] | None = None
     extrapolate: str | None = None
     von_mises: str | None = None
-    since_ms: float = -math.inf
     branches: Mapping[int, int] = field(default_factory=dict)
     on_axis: Collection[int] = ()
     length_unit: str = "mm"
@@ -96,10 +91,6 @@ class ReadOptions:
             "N": force_n,
         }
         return scales.get(unit, 1.0)
-
-    def kept(self, times_ms: FloatArray) -> slice:
-        """The samples, of increasing times ``(T,)``, that a trace is made of."""
-        return slice(int(np.searchsorted(times_ms, self.since_ms)), None)
 
     def note(self, words: str) -> None:
         """Pass the remark `words` on to `log`."""

@@ -5,14 +5,12 @@ it. Another package adds a row, a `Reader`, under the entry point group
 ``fembridge.readers``; it is asked when none of ours takes the file.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from decks.dialects import JOB
 from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
@@ -20,7 +18,6 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
-from fembridge.typing import FloatArray
 
 ENTRY_POINTS = "fembridge.readers"
 
@@ -42,24 +39,20 @@ _KNOWN_STARTS = (
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """A format: its `suffix`, its `first_bytes`, and where its functions are.
+    """A format: its `suffix`, its `first_bytes`, and where it is read.
 
     `first_bytes` may be several, of which a file has one, or none: any text.
-    `target` is ``module:function``, called as ``(path, nodes, options)`` with
-    `ReadOptions` and giving one `StressTrace` a node, in that order. That module may
-    have ``samples(path, nodes, options)``, rows as they are, ``describe(path)``, what a file
-    holds, and ``nodes_in(path)``, the nodes that a
-    file of curves names itself. `source` is ``module:class`` of a `fields.FieldSource`,
-    "" for a format without whole fields; `points` says that the file holds integration
-    points, so that the way to a node can be chosen.
+    `target` is ``module:class`` of a `fembridge.results.source.Source`; `points` says that the
+    file holds integration points, so that the way to a node can be chosen, `named` that its
+    columns have to be named.
     """
 
     name: str
     suffix: str
     first_bytes: bytes | tuple[bytes, ...]
     target: str
-    source: str = ""
     points: bool = False
+    named: bool = False
 
     def takes(self, start: bytes) -> bool:
         """Whether a file that begins with `start` may be of this format.
@@ -71,61 +64,36 @@ class Reader:
         others = [other for other in READERS if other.first_bytes]
         return b"\0" not in start and not any(other.takes(start) for other in others)
 
-    def load(self, target: str, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401
-        """What `target`, one of this reader's, is, for `path` with `options`."""
-        if not target:
-            raise UsageError(f"{path}: {self.name} gives traces, no whole fields")
+    def load(self, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401 - a Source
+        """The source of this format for `path`."""
         if not self.points and (options.extrapolate or options.von_mises):
             raise UsageError(
                 f"{path}: {self.name} holds values at nodes; how they are extrapolated "
                 "there is asked of a Marc post file"
             )
-        if options.columns and self.target != _COLUMNS:
+        if options.columns and not self.named:
             raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
-        module, _, name = target.partition(":")
-        return getattr(import_module(module), name)
-
-    def samples(
-        self, path: Path, nodes: Sequence[int], options: ReadOptions
-    ) -> list[tuple[int, FloatArray]]:
-        """Node, and times in ms and von Mises stress in Pa ``(T, 2)``, even or not.
-
-        Of a module without ``samples`` those of its traces.
-        """
-        found = self.load(self.target, path, options)
-        make = getattr(import_module(self.target.partition(":")[0]), "samples", None)
-        if make is not None:
-            return list(make(path, nodes, options))
-        return [
-            (one.node, np.stack([one.times_ms, one.stress_pa], -1))
-            for one in found(path, nodes, options)
-        ]
-
-    def ask(self, name: str, path: Path, default: Any) -> Any:  # noqa: ANN401 - a Table or nodes
-        """What the module of `target` says of `path` in its function `name`, else `default`."""
-        function = getattr(import_module(self.target.partition(":")[0]), name, None)
-        return default if function is None else function(path)
+        module, _, name = self.target.partition(":")
+        return getattr(import_module(module), name)(path, options)
 
 
 # A binary post file of Marc begins with the length of its first record, 70 words of 4
 # bytes, least byte first or last.
 _T16_STARTS = ((280).to_bytes(4, "little"), (280).to_bytes(4, "big"))
-_FRD, _FRD_SOURCE = "fembridge.results.frd:read", "fembridge.results.frd_fields:FrdSource"
-_MARC, _MARC_SOURCE = "fembridge.results.marc:read", "fembridge.results.marc:MarcSource"
-_COLUMNS = "fembridge.results.columns:read"
-_COLUMN_SOURCE = "fembridge.results.columns:ColumnSource"
+_MARC = "fembridge.results.marc:MarcSource"
+_COLUMNS = "fembridge.results.columns:ColumnSource"
 _ABAQUS_MARKS = (b"1\n", b"1\r\n", b"1 ", b"\n   THE FOLLOWING", b"\r\n   THE FOLLOWING")
 _XML_STARTS = (b"<?xml", b"<VTKFile", b"<Xdmf", b"<!DOCTYPE")
 READERS = (
-    Reader("ccx-frd", ".frd", b"    1C", _FRD, _FRD_SOURCE),
-    Reader("marc-t16", ".t16", _T16_STARTS, _MARC, _MARC_SOURCE, points=True),
-    Reader("marc-t19", ".t19", b"=beg=", _MARC, _MARC_SOURCE, points=True),
-    Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:read"),
-    Reader("abaqus-dat", ".dat", _ABAQUS_MARKS, "fembridge.results.abaqus_dat:read"),
-    Reader("table", ".csv", b"", _COLUMNS, _COLUMN_SOURCE),
-    Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, _COLUMN_SOURCE),
+    Reader("ccx-frd", ".frd", b"    1C", "fembridge.results.frd_source:FrdSource"),
+    Reader("marc-t16", ".t16", _T16_STARTS, _MARC, points=True),
+    Reader("marc-t19", ".t19", b"=beg=", _MARC, points=True),
+    Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:PlotSource"),
+    Reader("abaqus-dat", ".dat", _ABAQUS_MARKS, "fembridge.results.abaqus_dat:AbaqusSource"),
+    Reader("table", ".csv", b"", _COLUMNS, named=True),
+    Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, named=True),
     *(
-        Reader(f"vtk-series {suffix}", suffix, _XML_STARTS, _COLUMNS, _COLUMN_SOURCE)
+        Reader(f"vtk-series {suffix}", suffix, _XML_STARTS, _COLUMNS, named=True)
         for suffix in (".vtu", ".pvd", ".xdmf")
     ),
 )
@@ -208,7 +176,7 @@ def _foreign(path: Path, start: bytes) -> str:
                 f"begins like {reader.name} and is named {path.suffix or 'nothing'}: "
                 f"rename it to {reader.suffix}"
             )
-    firsts = {one.suffix: one.first_bytes for one in marked if one.target != _COLUMNS}
+    firsts = {one.suffix: one.first_bytes for one in marked if not one.named}
     wanted = "; ".join(
         f"{suffix} begins with {(first if isinstance(first, bytes) else first[0])!r}"
         for suffix, first in firsts.items()

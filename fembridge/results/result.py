@@ -5,29 +5,25 @@ solver's clock starts before (a ramp to a pre-indentation takes place there), an
 result file has no sample of the start itself.
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fembridge.errors import FembridgeError, ResultError, TraceError, UsageError
-from fembridge.results.byte_file import suffix_of
-from fembridge.results.fields import open_source
-from fembridge.results.history import STRESS, VON_MISES, History, of_samples, of_traces
+from fembridge.results.fields import Field
+from fembridge.results.history import STRESS, VON_MISES, History
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import Reader, reader_of, result_file, units_of
+from fembridge.results.readers import result_file, units_of
+from fembridge.results.source import Source, open_source
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.store import read_toml, sha256_of
-from fembridge.trace import STEP_TOLERANCE, StressTrace, Traces
+from fembridge.trace import STEP_TOLERANCE, Traces
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
     import pandas
-
-_BEFORE_STEPS = 0.25  # of a step that may be lost to rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +39,21 @@ class Result:
     run: RunFolder | None = None
     trouble: ResultError | None = None
 
-    @property
-    def reader(self) -> Reader:
-        """The reader that takes the file."""
-        return reader_of(self.path)
+    def source(self, options: ReadOptions | None = None) -> Source:
+        """The open file; a context manager that closes it."""
+        return open_source(self.path, self.options if options is None else options)
 
     def describe(self) -> Table:
         """What the file holds."""
-        reader = self.reader
-        found: Table = reader.ask("describe", self.path, {"format": reader.name})
-        return found
+        with self.source() as source:
+            return source.describe()
 
     def named_nodes(self) -> Sequence[int]:
         """Nodes that a file of curves names itself; none of other files."""
         if self.trouble is not None:
             raise self.trouble
-        if self.options.columns and suffix_of(self.path) in (".csv", ".npz"):
-            return self._history(None, replace(self.options, log=None), None, False).nodes
-        nodes: Sequence[int] = self.reader.ask("nodes_in", self.path, ())
-        return nodes
+        with self.source(replace(self.options, log=None)) as source:
+            return source.named_nodes()
 
     def traces(
         self,
@@ -72,36 +64,41 @@ class Result:
         deck: Path | None = None,
         resample_ms: float | None = None,
     ) -> Traces:
-        """Stress traces at the chosen nodes, without a choice at the run's afferents."""
+        """Stress traces at the chosen nodes, without a choice at the run's afferents.
+
+        Of a run time 0 is the start of its stimulus. With a ramp the sample there is an
+        increment of the file and what comes before is dropped. Without one the model is
+        stress-free at time 0 by definition, and that sample, exactly 0, is put in front.
+        """
         path, run = self.path, self.run
-        reader = reader_of(path)
-        load = reader.load(reader.target, path, self.options)
         places, options = self._places(nodes, sets, near_mm, deck)
-        if resample_ms is not None:
-            held = self._history(places, options, None, False)
-            last_ms = float(held.at.max())
-            if run is not None:
-                held = held.from_start(run.start_ms, STEP_TOLERANCE * run.dt_ms)
-            held = self._taken(held, VON_MISES, resample_ms, options)
-            traces = [held.trace(row, path) for row in range(len(places))]
-        else:
-            found = load(path, [node for _, node in places], options)
-            traces = [
-                replace(trace, afferent=afferent or trace.afferent)
-                for trace, (afferent, _) in zip(found, places, strict=True)
-            ]
-            last_ms = float(traces[0].times_ms[-1])
+        held = self._history(places, options, VON_MISES, False)
         if run is None:
-            return Traces(traces)
-        if abs(last_ms - run.end_ms) > STEP_TOLERANCE * run.dt_ms * 10:
+            return Traces(self._taken(held, VON_MISES, resample_ms, options).traces(path))
+        last_ms, slack_ms = float(held.at.max()), STEP_TOLERANCE * run.dt_ms
+        if abs(last_ms - run.end_ms) > 10 * slack_ms:
             words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
             if not options.partial:
                 raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
             options.note(words)
+        since = held.from_start(run.start_ms, slack_ms)
         if resample_ms is not None:
+            traces = self._taken(since, VON_MISES, resample_ms, options).traces(path)
             traces = [replace(one, start_ms=one.start_ms - run.start_ms) for one in traces]
             return Traces(traces, run.origin())
-        return Traces((_in_stimulus_time(trace, run, path) for trace in traces), run.origin())
+        if since.at.size < 2 or abs(since.at.min() - run.start_ms) > slack_ms:
+            raise ResultError(
+                f"the stimulus begins at {run.start_ms:g} ms of solver time, the file holds "
+                f"{held.form}",
+                path,
+            )
+        traces = []
+        for one in since.unrounded().traces(path):
+            # A file's times may be rounded: to six digits, or to single precision.
+            off = abs(one.dt_ms / run.dt_ms - 1.0) * one.stress_pa.size
+            dt_ms = run.dt_ms if off <= STEP_TOLERANCE else one.dt_ms
+            traces.append(replace(one, start_ms=0.0, dt_ms=dt_ms))
+        return Traces(traces, run.origin())
 
     def history(
         self,
@@ -148,8 +145,8 @@ class Result:
         for across in (False, True):
             options = replace(self.options, across_materials=across)
             try:
-                with open_source(self.path, options) as source:
-                    last = source.history(None, None, False, last=True)
+                with self.source(options) as source:
+                    last = source.history(None, last=True)
             except ResultError:
                 if across:
                     raise
@@ -164,19 +161,11 @@ class Result:
         self, places: "_Places | None", options: ReadOptions, quantity: str | None, modes: bool
     ) -> History:
         """What the reader gives, at `places`; None takes every node."""
-        reader = self.reader
         if self.trouble is not None:
             raise self.trouble
-        nodes = None if places is None else [node for _, node in places]
-        if reader.source:
-            with open_source(self.path, options) as source:
-                held = source.history(nodes, quantity, modes)
-        else:
-            if nodes is None or modes or quantity not in (None, VON_MISES):
-                raise UsageError(
-                    f"{self.path}: {reader.name} gives von Mises stress at named nodes"
-                )
-            held = of_samples(reader.samples(self.path, nodes, options))
+        with self.source(options) as source:
+            nodes = None if places is None else [node for _, node in places]
+            held = source.history(nodes, quantity, modes)
         if places is not None:
             named = held.afferents or (None,) * len(places)
             classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
@@ -223,8 +212,7 @@ class Result:
             words = f"{self.path}: a run folder of fembridge is in {run.length_unit}, always"
             raise UsageError(words)
         _check_deck(run, self.path)
-        since_ms = run.before_ms - _BEFORE_STEPS * run.dt_ms if run.before_ms else -math.inf
-        return replace(options, branches=run.branches, on_axis=run.on_axis, since_ms=since_ms)
+        return replace(options, branches=run.branches, on_axis=run.on_axis)
 
 
 _Places = list[tuple[str | None, int]]
@@ -429,28 +417,68 @@ def read_history(
     return found.to_frame()
 
 
-def _in_stimulus_time(trace: StressTrace, run: RunFolder, path: Path) -> StressTrace:
-    """`trace` on the clock of the stimulus: first sample at time 0.
+def read_fields(
+    path: Path | str,
+    quantity: str = "STRESS",
+    *,
+    partial: bool = False,
+    across_materials: bool = False,
+    stress_unit: str | None = None,
+    length_unit: str | None = None,
+    extrapolate: str | None = None,
+    log: Callable[[str], None] | None = None,
+) -> Iterator[Field]:
+    """One quantity, an increment at a time, in file order.
 
-    With a ramp the sample at its end is an increment of the file and what comes
-    before is dropped. Without one the model is stress-free at time 0 by
-    definition, and that sample, exactly 0, is put in front.
+    Stress comes in Pa; CalculiX's nodal stress is, at the boundary of two materials, a
+    mean over both: `fembridge ingest --one-sided` gives each side's.
+
+    Parameters
+    ----------
+    path
+        A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
+    quantity
+        Its name in the file: "STRESS", "DISP", "TOSTRAIN", "FORC", ...; of a Marc file
+        "Displacement", "Stress", or a beginning that is one quantity's alone, case-blind.
+    partial
+        Take what is whole of a run that did not end well; `log` gets what was left
+        out.
+    across_materials, extrapolate
+        As for `fembridge.read`, of a Marc file.
+    stress_unit, length_unit
+        Units of the file, as for `fembridge.read`: None is what its heading says, else MPa
+        and mm.
+
+    Raises
+    ------
+    ResultError
+        At once: the file is absent, foreign, cut, or has no such quantity. While
+        it is read: a record or a number is none, or is not finite.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> field = next(fb.read_fields("runs/sine_20_250", "DISP"))
+    >>> field.time_ms, field.components, field.units
+    (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
-    slack_ms = STEP_TOLERANCE * trace.dt_ms
-    held = of_traces([trace]).from_start(run.start_ms, slack_ms)
-    at_ms, stress_pa = held.at, held.values[:, 0, 0]  # noqa: PD011 - no frame
-    expected_ms = (run.start_ms, run.start_ms + trace.dt_ms)
-    if at_ms.size < 2 or not np.allclose(at_ms[:2], expected_ms, rtol=0, atol=slack_ms):
-        raise ResultError(
-            f"node {trace.node}: the stimulus begins at {run.start_ms:g} ms of solver "
-            f"time, the file holds {trace.start_ms:g} to {trace.times_ms[-1]:g} ms in "
-            f"steps of {trace.dt_ms:g} ms",
-            path,
-        )
-    # A file's times may be rounded: to six digits, or to single precision.
-    off = abs(trace.dt_ms / run.dt_ms - 1.0) * stress_pa.size
-    dt_ms = run.dt_ms if off <= STEP_TOLERANCE else trace.dt_ms
-    return replace(trace, stress_pa=stress_pa, start_ms=0.0, dt_ms=dt_ms)
+    result = open_result(
+        path,
+        partial=partial,
+        across_materials=across_materials,
+        stress_unit=stress_unit,
+        length_unit=length_unit,
+        extrapolate=extrapolate,
+        log=log,
+    )
+    with ExitStack() as opened:
+        source = opened.enter_context(result.source())
+        return _closing(source.fields(quantity), opened.pop_all())
+
+
+def _closing(fields: Iterator[Field], opened: ExitStack) -> Iterator[Field]:
+    with opened:
+        yield from fields
 
 
 def _check_deck(run: RunFolder, path: Path) -> None:

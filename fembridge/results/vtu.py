@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene, open_source
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import result_file, units_of
+from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene
+from fembridge.results.result import open_result
 from fembridge.results.stress import DERIVED
 from fembridge.store import filling
 from fembridge.typing import FloatArray
@@ -96,12 +95,16 @@ def write_vtu_series(
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
-    path = result_file(path)
-    stress, length = units_of(path, stress_unit, length_unit, log=log)
-    options = ReadOptions(
-        partial=partial, stress_unit=stress, length_unit=length, log=log, extrapolate=extrapolate
+    result = open_result(
+        path,
+        partial=partial,
+        stress_unit=stress_unit,
+        length_unit=length_unit,
+        extrapolate=extrapolate,
+        log=log,
     )
-    with open_source(path, options) as source:
+    options = result.options
+    with result.source() as source:
         path, folder = source.path, Path(folder)
         frames = source.frames(quantities, tuple(derived), modes)
         series = f"{path.stem}.pvd"

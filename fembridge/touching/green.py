@@ -25,7 +25,8 @@ from decks.green import (
 )
 from decks.section import section_of
 from fembridge.errors import ResultError
-from fembridge.results.fields import Field, read_fields, rows_of
+from fembridge.results import read_fields
+from fembridge.results.fields import Field, rows_of
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings

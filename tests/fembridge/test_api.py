@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 import fembridge as fb
 from fembridge import api
 from fembridge.cli import main
-from fembridge.results import fields, result
+from fembridge.results import result
 
 RECORDED = Path(__file__).parents[2] / "fixtures/transient_sine"
 
@@ -24,7 +24,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
 
 
-@pytest.mark.parametrize("module", [fb, api, result, fields])
+@pytest.mark.parametrize("module", [fb, api, result])
 def test_the_examples_are_true(tmp_path, module):
     shutil.copytree(RECORDED, tmp_path / "runs/sine_20_250")
     found = doctest.testmod(module)

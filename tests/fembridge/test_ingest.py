@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fembridge.cli import main
-from fembridge.results.fields import read_fields
+from fembridge.results import read_fields
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "frd_samples"

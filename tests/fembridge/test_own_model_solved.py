@@ -1,6 +1,7 @@
 """Decks as their owners have them, from build-deck through ccx to spikes, without an edit."""
 
 import csv
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,11 @@ from numpy.testing import assert_allclose
 
 import fembridge as fb
 from fembridge.cli import main
-from fembridge.results.frd import read_displacement
+from fembridge.results.source import read_values
 from fembridge.run_folder import read_run_folder
+
+moved_at = partial(read_values, quantity="displacement")
+
 
 pytestmark = pytest.mark.solver
 
@@ -157,7 +161,7 @@ def spikes_of(here, lines, *options):
 
 def depth_um(probe, unit_um):
     """The probe's way into the skin, along -y, as ccx wrote it; the start is not in it."""
-    _, moved = read_displacement(Path(RUN, "job.frd"), [probe])
+    _, moved = moved_at(Path(RUN, "job.frd"), [probe])
     return -unit_um * moved[-(len(WAVE_UM) - 1) :, 0, 1]
 
 
@@ -198,13 +202,13 @@ def test_what_fixed_increments_do_not_solve_automatic_ones_do(here, capsys):
     assert "did not converge" in (said := capsys.readouterr().err)
     assert "build-deck --increments automatic" in said
     spikes_of(here, axisymmetric(), *AUTOMATIC)
-    times_ms, _ = read_displacement(here / RUN / "job.frd", [PROBE])
+    times_ms, _ = moved_at(here / RUN / "job.frd", [PROBE])
     assert_allclose(times_ms[-120:], 1000.5 + TIMES_MS[:-1], rtol=1e-9)
 
 
 def test_a_ramp_to_a_pre_indentation_begins_where_the_probe_stands(here):
     spikes_of(here, axisymmetric(), *AUTOMATIC, "--preindent-um", "50")
-    _, moved = read_displacement(here / RUN / "job.frd", [PROBE])
+    _, moved = moved_at(here / RUN / "job.frd", [PROBE])
     ramp_um = -1e3 * moved[-(len(WAVE_UM) + 20) : -(len(WAVE_UM) - 1), 0, 1]
     assert_allclose(ramp_um, 300 + 2.5 * np.arange(21), atol=1e-6)
     assert_allclose(depth_um(PROBE, 1e3), 350.0 + WAVE_UM[1:], atol=1e-6)

@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ from decks.own_model.inp import rebase_inp
 from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
 from fembridge.machine import find_ccx
-from fembridge.results.frd import read_displacement, read_stress_tensor
+from fembridge.results.source import read_values
 from fembridge.stimulus import Stimulus
+
+moved_at = partial(read_values, quantity="displacement")
+
 
 pytestmark = pytest.mark.solver
 
@@ -49,7 +53,7 @@ def test_our_own_deck_with_another_waveform_is_the_deck_of_that_waveform(tmp_pat
     direct = solve(tmp_path / "direct", calculix_deck(analysis).encode())
     own = solve(tmp_path / "own", rebased.deck)
 
-    for read in (read_stress_tensor, read_displacement):
+    for read in (read_values, moved_at):
         times_ms, values = read(direct, list(nodes.values()))
         own_times_ms, own_values = read(own, list(nodes.values()))
         assert times_ms.tolist() == own_times_ms.tolist() == [0.5, 1.0, 1.5, 2.0]
@@ -139,8 +143,8 @@ def test_somebody_elses_deck_does_what_a_deck_written_by_hand_does(tmp_path):
     hand = solve(tmp_path / "hand", "\n".join([*by_hand(), ""]).encode())
     own = solve(tmp_path / "own", rebased.deck)
     nodes = [UNDER, ASIDE]
-    times_ms, stress = read_stress_tensor(hand, nodes)
-    own_times_ms, own_stress = read_stress_tensor(own, nodes)
+    times_ms, stress = read_values(hand, nodes)
+    own_times_ms, own_stress = read_values(own, nodes)
     assert_allclose(times_ms, own_times_ms, rtol=1e-12)
     assert_allclose(own_times_ms, 1000.0 + 1e3 * MOTION.time_s, rtol=1e-12)
     assert abs(stress).max() > 1e3
@@ -154,7 +158,7 @@ def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock)
     punch = HIGH * (WIDE + 1) + 3
     request = Request(afferents={"PUNCH": punch}, length_unit="m")
     rebased = rebase_inp(deck.encode("latin-1"), MOTION, request)
-    _, moved = read_displacement(solve(tmp_path / "run", rebased.deck), [punch])
+    _, moved = moved_at(solve(tmp_path / "run", rebased.deck), [punch])
     depth_mm = -1e3 * moved[:, 0, 1]
     # One output at the end of the first step; the step after the waveform's is left out.
     wanted = [0.0, *MOTION.depth_mm[1:]]

@@ -22,7 +22,7 @@ from fembridge.response.acceptance import (
     recorded_response,
 )
 from fembridge.response.response_map import FOLDER, read_map, write_map
-from fembridge.results.frd import read_stress_and_displacement
+from fembridge.results.source import read_values
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.trace import PA_PER_MPA
 
@@ -95,14 +95,16 @@ def results_of(folder):
     run = read_run_folder(folder)
     nodes = [run.node_of()["SA"]], [run.apex_node]
     deepest = int(read_waveform(folder)[1].argmax()) - 1  # a file holds no rest state
-    return read_stress_and_displacement(run.results, *nodes), deepest
+    _, tensor_pa = read_values(run.results, nodes[0])
+    _, moved_mm = read_values(run.results, nodes[1], quantity="displacement")
+    return tensor_pa, moved_mm, deepest
 
 
 @pytest.mark.parametrize(("percent", "refused"), [(3.0, True), (0.1, False)])
 def test_a_run_whose_unloading_was_tampered_with_is_refused(folder, percent, refused):
     """One component of SA's stress at the first increment on the way back."""
-    read, deepest = results_of(folder)
-    stress_mpa = read.tensor_pa[deepest + 1, 0, 0] / PA_PER_MPA
+    tensor_pa, _, deepest = results_of(folder)
+    stress_mpa = tensor_pa[deepest + 1, 0, 0] / PA_PER_MPA
 
     scale(folder / "job.frd", stress_mpa, 1 + percent / 100)
 
@@ -115,15 +117,15 @@ def test_a_run_whose_unloading_was_tampered_with_is_refused(folder, percent, ref
 
 
 def test_out_of_plane_shear_that_is_no_rounding_noise_is_refused(folder):
-    read, deepest = results_of(folder)
-    scale(folder / "job.frd", read.tensor_pa[deepest, 0, 4] / PA_PER_MPA, 1e12)
+    tensor_pa, _, deepest = results_of(folder)
+    scale(folder / "job.frd", tensor_pa[deepest, 0, 4] / PA_PER_MPA, 1e12)
     with pytest.raises(ResultError, match=r"out-of-plane shear of .* Pa, expected none"):
         recorded_response(folder)
 
 
 def test_a_probe_that_the_skin_did_not_follow_is_refused(folder):
-    read, deepest = results_of(folder)
-    scale(folder / "job.frd", read.displacement_mm[deepest, 0, 1], 0.4)
+    _, moved_mm, deepest = results_of(folder)
+    scale(folder / "job.frd", moved_mm[deepest, 0, 1], 0.4)
     with pytest.raises(ResponseError, match="the probe did not push: at 400 um the"):
         recorded_response(folder)
 

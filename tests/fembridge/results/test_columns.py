@@ -302,7 +302,7 @@ def test_whole_fields_of_a_table_are_refused(tmp_path, capsys):
     path.write_text("t,S\n0,1\n1,2\n")
     for words in itertools.product(["--field", "--vtu"], [str(tmp_path / "x")]):
         assert main(["ingest", str(path), *words, "--columns", "time=t,value=S"]) == 2
-        assert "a table gives histories at nodes, no whole fields" in capsys.readouterr().err
+        assert "it gives histories at nodes, no whole fields" in capsys.readouterr().err
     with pytest.raises(UsageError, match="has no mesh"):
         read(path, near_mm=[(0, 0)], columns={"time": "t", "value": "S"})
 

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results import frd
+from fembridge.results import describe, read_fields
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fields import column_names, read_field, read_fields, write_field
-from fembridge.results.frd import NODES_OF_TYPE
-from fembridge.results.frd_fields import KIND_OF_TYPE, read_mesh
+from fembridge.results.fields import column_names, write_field
+from fembridge.results.frd import KIND_OF_TYPE, NODES_OF_TYPE
+from fembridge.results.frd_source import read_mesh
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import read_field
 
 TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
 
@@ -157,7 +158,7 @@ def test_a_field_is_read_only_and_finds_its_nodes(samples):
 
 @pytest.mark.parametrize("flag", [0, 1, 2, 3])
 def test_a_block_larger_than_a_chunk_is_read_whole(write_frd, block, flag, monkeypatch):
-    monkeypatch.setattr("fembridge.results.frd_fields._TEXT_BYTES", 500)
+    monkeypatch.setattr("fembridge.results.frd._TEXT_BYTES", 500)
     records = [(node, [node * x for x in range(6)]) for node in range(1, 90)]
     path = write_frd([block("STRESS", 1, 1e-3, records, flag)])
     (field,) = read_fields(path, stress_unit="Pa")
@@ -233,7 +234,7 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
 @pytest.mark.parametrize("chunk_bytes", [300, 997, 5000])
 def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_bytes, monkeypatch):
     monkeypatch.setattr("fembridge.results.frd.CHUNK_BYTES", chunk_bytes)
-    monkeypatch.setattr("fembridge.results.frd_fields._TEXT_BYTES", chunk_bytes)
+    monkeypatch.setattr("fembridge.results.frd._TEXT_BYTES", chunk_bytes)
     nodes = list(range(1, 130))
     elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
     elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
@@ -483,7 +484,7 @@ def test_layers_of_a_composite_shell_are_the_same_packed_as_printed(tmp_path):
     for name, deck in (("text", SHELL), ("packed", SHELL.replace("FILE", "OUTPUT"))):
         (tmp_path / f"{name}.inp").write_text(deck)
         subprocess.run(["ccx", name], cwd=tmp_path, check=True, capture_output=True)
-        held = frd.describe(tmp_path / f"{name}.frd")
+        held = describe(tmp_path / f"{name}.frd")
         assert (held["elements"], held["problem"]) == (2, None)
         assert "holds 2 times as many" in held["remarks"][0]
         meshes.append(read_mesh(tmp_path / f"{name}.frd"))

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from fembridge.errors import FembridgeError
-from fembridge.results import frd, read
-from fembridge.results.fields import read_fields
+from fembridge.results import describe, read, read_fields
 from fembridge.results.nodes import near_nodes, read_node_sets
 from fembridge.results.printed import (
     describe_print,
@@ -25,6 +24,7 @@ from fembridge.results.printed import (
     read_sta,
 )
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import read_values
 
 MUTATIONS = 10_000 if os.environ.get("CI") == "true" else 300
 FEWEST = 36  # of a kind
@@ -152,7 +152,7 @@ def check_frd(path, content, flag):
     numbers = numbers_of(content)
     for options in (LENIENT, STRICT):
         try:
-            times_ms, tensor_pa = frd.read_stress_tensor(path, [1, 3], options)
+            times_ms, tensor_pa = read_values(path, [1, 3], options)
         except FembridgeError:
             continue
         in_ms = numbers_of(content, 1e3)
@@ -167,7 +167,7 @@ def check_frd(path, content, flag):
                     real(value)
         except FembridgeError:
             continue
-    read_quietly(frd.describe, path)
+    read_quietly(describe, path)
     read_quietly(lambda p: near_nodes(p, [(1.0, 0.0)]), path)
     read_quietly(lambda p: read(p, [1], partial=True), path)
     return seen
@@ -276,7 +276,7 @@ def test_what_is_mutated_is_read_while_it_is_whole(kind, block, write_frd, tmp_p
     path = tmp_path / name
     path.write_bytes(content)
     if name == "job.frd":
-        assert frd.read_stress_tensor(path, [1, 3], STRICT)[1].shape == (3, 2, 6)
+        assert read_values(path, [1, 3], STRICT)[1].shape == (3, 2, 6)
         assert len(list(read_fields(path, "DISP"))) == 3
     elif name == "job.dat":
         assert read_point_stress(path, "EP", STRICT)[2].shape == (2, 2, 6)

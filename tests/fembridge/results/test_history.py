@@ -118,7 +118,7 @@ def test_steps_follow_each_other_and_one_without_stress_is_left_out(write_frd, b
 def test_a_file_of_displacements_or_of_anything_else_gives_those(write_frd, block):
     path = write_frd([block("DISP", 1, 0.5, [(2, (1, 2, 3))])])
     assert fb.read_history(path, [2])["d3_mm"].tolist() == [3]
-    with pytest.raises(ResultError, match="no stress in it; it holds DISP"):
+    with pytest.raises(ResultError, match="no STRESS in it; it holds DISP"):
         fb.read_history(path, [2], quantity="von-mises")
     path = write_frd([block("NDTEMP", 1, 0.5, [(2, (20.5,))], components=("T",))])
     for quantity in (None, "temperature", "ndtemp", "NDT"):

@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from numpy.testing import assert_allclose
 
 from fembridge.errors import ResultError
 from fembridge.results import printed
-from fembridge.results.frd import read_displacement
 from fembridge.results.printed import (
     CvgRow,
     StaRow,
@@ -25,7 +25,10 @@ from fembridge.results.printed import (
     write_print_table,
 )
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import read_values
 from fembridge.results.stress import von_mises_pa
+
+moved_at = partial(read_values, quantity="displacement")
 
 
 def test_increments_of_a_run_are_listed_in_ms(samples):
@@ -114,7 +117,7 @@ def test_printed_displacement_is_that_of_the_result_file(samples):
     _, nodes, moved_mm = printed.read_node_print(
         samples / "cpe4_ascii.dat", "displacements", "PROBES"
     )
-    _, stored_mm = read_displacement(samples / "cpe4_ascii.frd", nodes.tolist())
+    _, stored_mm = moved_at(samples / "cpe4_ascii.frd", nodes.tolist())
     assert_allclose(moved_mm, stored_mm, rtol=5e-6, atol=1e-15)
 
 

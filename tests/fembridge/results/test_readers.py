@@ -15,8 +15,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import READERS, Reader, describe, read, read_history, reader_of
-from fembridge.results.frd import read_stress_tensor
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import read_values
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.store import sha256_of
 
@@ -74,7 +74,7 @@ def plug(monkeypatch, value):
 
 
 def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypatch, samples):
-    theirs = Reader("theirs", ".zzz", b"ZZZ", "fembridge.results.frd:read")
+    theirs = Reader("theirs", ".zzz", b"ZZZ", "fembridge.results.frd_source:FrdSource")
     monkeypatch.setattr("fembridge.results.THEIRS", theirs, raising=False)
     plug(monkeypatch, "fembridge.results:THEIRS")
     path = tmp_path / "run.zzz"
@@ -274,8 +274,8 @@ def test_stress_is_the_sum_where_there_are_branches_and_else_as_it_was(relaxing,
 
 def test_a_node_between_as_many_materials_as_branches_is_let_through(samples):
     path = samples / "cpe4_ascii.frd"
-    mean = read_stress_tensor(path, [18], ReadOptions(across_materials=True))[1]
-    summed = read_stress_tensor(path, [18], ReadOptions(branches={18: 2}))[1]
+    mean = read_values(path, [18], ReadOptions(across_materials=True))[1]
+    summed = read_values(path, [18], ReadOptions(branches={18: 2}))[1]
     assert_allclose(summed, 2 * mean, rtol=1e-14, atol=1e-100)
 
 
@@ -305,7 +305,7 @@ def test_traces_of_a_half_are_made_without_that_shear(halved, by_number):
     chosen = [node] if by_number else None
     found = {trace.node: trace for trace in read(halved.folder, chosen)}
     plain = {trace.node: trace for trace in read(RECORDED, chosen)}
-    tensor_pa = read_stress_tensor(halved.results, [node])[1][:, 0]
+    tensor_pa = read_values(halved.results, [node])[1][:, 0]
     tensor_pa[:, SXY] = 0.0
     expected_pa = [0.0, *map(von_mises, tensor_pa)]
     assert_allclose(found[node].stress_pa, expected_pa, rtol=1e-9, atol=1e-9)

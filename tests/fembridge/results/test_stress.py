@@ -10,9 +10,11 @@ from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError
+from fembridge.results import read_fields
 from fembridge.results.extrapolation import brick_weights
-from fembridge.results.fields import derived_of, read_fields, tensor_of
-from fembridge.results.one_sided import one_sided_stress
+from fembridge.results.fields import derived_of, tensor_of
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import open_source
 from fembridge.results.stress import (
     energy_stress_pa,
     max_shear_pa,
@@ -24,6 +26,12 @@ from fembridge.results.stress import (
 
 POISSON = st.floats(0.0, 0.499)
 FOUR_TENSORS = hnp.arrays(np.float64, (4, 6), elements=st.floats(-1e5, 1e5))
+
+
+def sides(path, node, name):
+    """Stress in each material."""
+    with open_source(path, ReadOptions()) as source:
+        return source.sides(node, name)
 
 
 @given(tensor=FOUR_TENSORS, poisson=POISSON, young_pa=st.floats(1e3, 1e9))
@@ -165,7 +173,7 @@ def test_each_side_of_a_layer_boundary_has_its_own_stress(samples, node):
     """Uniform stretch: 0.000549 MPa below and 0.02198 above, by closed form; the
     ``.frd`` has the mean of both at these nodes."""
     path = samples / "interface_cpe8r.frd"
-    below, above = one_sided_stress(path, node, "EALL")
+    below, above = sides(path, node, "EALL")
     assert (below.name, above.name) == ("A", "B")
     assert below.times_ms.tolist() == above.times_ms.tolist() == [1000.0]
     for side, young_pa in ((below, 0.05e6), (above, 2.0e6)):
@@ -178,7 +186,7 @@ def test_each_side_of_a_layer_boundary_has_its_own_stress(samples, node):
 
 
 def test_a_node_inside_a_layer_has_one_side(samples):
-    (only,) = one_sided_stress(samples / "interface_cpe8r.frd", 10, "EALL")
+    (only,) = sides(samples / "interface_cpe8r.frd", 10, "EALL")
     assert (only.node, only.material, only.elements) == (10, 1, (1,))
 
 
@@ -188,15 +196,15 @@ def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
         shutil.copy(samples / name, tmp_path / name)
     path = tmp_path / "interface_cpe8r.frd"
     with pytest.raises(ResultError, match="node 999 is at no element"):
-        one_sided_stress(path, 999, "EALL")
+        sides(path, 999, "EALL")
     dat = path.with_suffix(".dat")
     lines = dat.read_text().splitlines(keepends=True)
     dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d} ")))
     with pytest.raises(ResultError, match=r"no stress of element 10.*node 33"):
-        one_sided_stress(path, 33, "EALL")
+        sides(path, 33, "EALL")
     dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d}   8")))
     with pytest.raises(ResultError, match=r"element 10: .* with 7 integration points"):
-        one_sided_stress(path, 33, "EALL")
+        sides(path, 33, "EALL")
 
 
 PLACES = {

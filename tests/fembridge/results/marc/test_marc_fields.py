@@ -17,10 +17,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge import read, read_fields, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
-from fembridge.results.fields import column_names, read_field
-from fembridge.results.marc import read_one_sided, read_stress_tensor
+from fembridge.results.fields import column_names
 from fembridge.results.nodes import choose_nodes, near_nodes
 from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import open_source, read_field, read_values
 
 TIMES_S = (0.0, 0.001, 0.002)
 SETS = (
@@ -79,12 +79,12 @@ def test_a_field_and_the_traces_of_its_nodes_are_the_same_numbers(
     options = ReadOptions(extrapolate=method)
     field = read_field(path, "Stress", options=options)
     if field.nodes.size:
-        found = read_stress_tensor(path, field.nodes.tolist(), options)[1]
+        found = read_values(path, field.nodes.tolist(), options)[1]
         assert_allclose(field.values, found[0], rtol=1e-9, atol=1e-3)
     mean = ReadOptions(extrapolate=method, across_materials=True)
     every = read_field(path, "Stress", options=mean)
     assert every.nodes.size == len(plane.bearing)
-    found = read_stress_tensor(path, every.nodes.tolist(), mean)[1]
+    found = read_values(path, every.nodes.tolist(), mean)[1]
     assert_allclose(every.values, found[0], rtol=1e-9, atol=1e-3)
 
 
@@ -229,10 +229,18 @@ def test_nodes_between_bricks_lie_where_vtk_looks_for_them(write_post, tmp_path)
 
 
 PARTIAL = ReadOptions(partial=True)
+
+
+def sides(path, node, options):
+    """Stress in each layer."""
+    with open_source(path, options) as source:
+        return source.sides(node)
+
+
 WAYS = {
     "traces": lambda path: read(path, [1, 5], partial=True, across_materials=True),
     "scalar": lambda path: read(path, [5], von_mises="scalar"),
-    "sides": lambda path: read_one_sided(path, 5, PARTIAL),
+    "sides": lambda path: sides(path, 5, PARTIAL),
     "list": describe,
     "stress": lambda path: read_field(path, "Stress", options=PARTIAL),
     "moved": lambda path: read_field(path, "Displacement", options=PARTIAL),

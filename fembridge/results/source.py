@@ -1,0 +1,470 @@
+"""An open result file of any format: what it holds, a quantity at nodes, whole fields.
+
+A `Reader` names the `Source` of its format. A `FieldSource` is one with whole fields: a format
+lists the outputs of a file, each with its quantities as a `Block`, and gives the values of one;
+histories, fields and pictures follow from that here.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from typing import Generic, NoReturn, Protocol, TypeVar
+
+import numpy as np
+
+from fembridge.errors import ResultError, UsageError
+from fembridge.results.fields import (
+    Field,
+    Frame,
+    Key,
+    Scene,
+    arrays_of,
+    derived_of,
+    rows_of,
+    spread,
+)
+from fembridge.results.history import (
+    NAMES,
+    OF_STRESS,
+    STRESS,
+    TIME,
+    History,
+    name_in,
+    one_axis,
+    word_of,
+)
+from fembridge.results.one_sided import OneSidedStress
+from fembridge.results.read_options import NotFiniteError, ReadOptions
+from fembridge.results.readers import reader_of, result_file
+from fembridge.results.stress import DERIVED
+from fembridge.trace import MS_PER_S
+from fembridge.typing import BoolArray, FloatArray, IntArray, Table
+
+LAST = "last"  # increment
+_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
+_DEFAULTS = ReadOptions()
+
+
+class Source(AbstractContextManager["Source"]):
+    """A file that is read with `options`; a context manager that closes it.
+
+    What a format does not have is refused here.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self.options = path, options
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def describe(self) -> Table:
+        """What the file holds."""
+        return {"format": reader_of(self.path).name, "bytes": self.path.stat().st_size}
+
+    def named_nodes(self) -> Sequence[int]:
+        """Nodes that a file of curves names itself."""
+        return ()
+
+    def history(
+        self,
+        nodes: Sequence[int] | None,
+        quantity: str | None = None,
+        modes: bool = False,
+        last: bool = False,
+    ) -> History:
+        """Each output of a quantity at `nodes`, as it is.
+
+        `nodes` None takes all that an output has; of a stress without those between
+        materials, unless the options allow them. `quantity` is a word of `history.NAMES` or
+        the file's name; None takes stress, without one displacement, else the first there
+        is. `modes` takes those of frequency and buckling steps where there are times, too;
+        `last` the last output alone.
+        """
+        raise NotImplementedError
+
+    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
+        raise UsageError(f"{self.path}: it has no mesh: choose nodes by number")
+
+    def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
+        """Stress at `node` as each material there has it; of printed points those of a set."""
+        self._refuse_fields()
+
+    def field(self, quantity: str, increment: str = LAST) -> Field:
+        """`quantity` at one increment: ``last``, ``N`` or ``STEP:N``."""
+        self._refuse_fields()
+
+    def fields(self, quantity: str) -> Iterator[Field]:
+        """`quantity` at each of its outputs; what is absent is refused at once."""
+        self._refuse_fields()
+
+    def frames(
+        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
+    ) -> Iterator[Frame]:
+        """Increments, or `modes`, one by one, never both; the file is looked through at once."""
+        self._refuse_fields()
+
+    def refuse_but_stress(self, quantity: str | None, modes: bool) -> None:
+        """Refuse what a file of stress over time does not have."""
+        if modes or quantity not in (None, STRESS, *OF_STRESS):
+            raise UsageError(f"{self.path}: it gives stress over time at nodes, nothing else")
+
+    def _refuse_fields(self) -> NoReturn:
+        raise UsageError(f"{self.path}: it gives histories at nodes, no whole fields")
+
+
+class Block(Protocol):
+    """A quantity at one output."""
+
+    @property
+    def name(self) -> str:
+        """Of the quantity."""
+
+    @property
+    def key(self) -> Key:
+        """Step and increment, or mode: what joins the blocks of an output."""
+
+    @property
+    def axis(self) -> str:
+        """What `value` is: `history.TIME`, or of a mode its frequency, ..."""
+
+    @property
+    def value(self) -> float:
+        """As the file has it: the time in s, or the frequency of a mode."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the numbers of a node."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of each component, as `History` has them."""
+
+
+_Block = TypeVar("_Block", bound=Block)
+
+
+class FieldSource(Source, Generic[_Block]):
+    """A file with whole fields, whose format has the methods that are not implemented here."""
+
+    def outputs(self) -> list[dict[str, _Block]]:
+        """The blocks of each output by name, in file order; a damaged file is refused."""
+        raise NotImplementedError
+
+    def having(
+        self, outputs: Sequence[dict[str, _Block]], names: Sequence[str]
+    ) -> list[dict[str, _Block]]:
+        """Outputs that have `names`, and these alone."""
+        raise NotImplementedError
+
+    def name_of(self, held: Sequence[str], quantity: str | None) -> str:
+        """The name among those `held` that a history takes."""
+        if quantity is not None:
+            return name_in(held, quantity, self.path)
+        return next((one for one in NAMES["displacement"] if one in held), held[0])
+
+    def at_nodes(self, blocks: Sequence[_Block], nodes: Sequence[int]) -> FloatArray:
+        """Values of one quantity, ``(T, node, component)``."""
+        raise NotImplementedError
+
+    def whole(self, block: _Block, known: IntArray | None = None) -> Field:
+        """All of `block`; nodes that are `known` are kept once."""
+        raise NotImplementedError
+
+    def scene(
+        self, outputs: Sequence[dict[str, _Block]]
+    ) -> tuple[Sequence[dict[str, _Block]], Scene]:
+        """The `outputs` that can be drawn, and the mesh that they are drawn on."""
+        raise NotImplementedError
+
+    def on_scene(self, block: _Block, scene: Scene) -> tuple[Field, IntArray]:
+        """The field of `block`, and the point of each of its values; -1 for none."""
+        field = self.whole(block)
+        return field, rows_of(field.nodes, scene.nodes)
+
+    def last_digit_ms(self, times_ms: FloatArray) -> FloatArray:
+        """What the last digit of each time is, as the file has it, ``(T,)``."""
+        raise NotImplementedError
+
+    @property
+    def change(self) -> str | None:
+        """How the file has changed since it was opened; None if it has not."""
+        raise NotImplementedError
+
+    def check_unchanged(self) -> None:
+        """Refuse, or with `partial` note, a file that was written to while it was read."""
+        change = self.change
+        if change is not None and not self.options.partial:
+            raise ResultError(f"{change}; read it again when the run has ended", self.path)
+        if change is not None:
+            self.options.note(change)
+
+    def everywhere(self, blocks: Sequence[_Block]) -> tuple[IntArray, FloatArray]:
+        """All nodes of any of `blocks`, rising, and values there; NaN where a node has none."""
+        fields: list[Field] = []
+        for block in blocks:
+            fields.append(self.whole(block, fields[-1].nodes if fields else None))
+        nodes = fields[0].nodes
+        for one in fields:
+            if one.nodes is not fields[0].nodes:
+                nodes = np.union1d(nodes, one.nodes)
+        nodes = np.unique(nodes)
+        values = np.full((len(fields), nodes.size, len(blocks[0].components)), np.nan)
+        for row, one in enumerate(fields):
+            rows = rows_of(nodes, one.nodes)
+            values[row, rows >= 0] = one.values[rows[rows >= 0]]
+        return nodes, values
+
+    def history(
+        self,
+        nodes: Sequence[int] | None,
+        quantity: str | None = None,
+        modes: bool = False,
+        last: bool = False,
+    ) -> History:
+        """Each output of a quantity at `nodes`, see `Source`."""
+        outputs = self.outputs()
+        name = self.name_of(names_in(outputs), quantity)
+        blocks = [output[name] for output in self.having(outputs, (name,))]
+        axis = one_axis(name, [one.axis for one in blocks], modes, self.options)
+        blocks = [one for one in blocks if one.axis == axis]
+        first = blocks[-1] if last else blocks[0]
+        blocks = [first] if last else blocks
+        for one in blocks:
+            if one.components != first.components:
+                held, expected = (", ".join(each.components) for each in (one, first))
+                raise ResultError(f"{one} has {held}, an output before it {expected}", self.path)
+        if nodes is None:
+            numbers, values = self.everywhere(blocks)
+        else:
+            numbers = np.array([int(node) for node in nodes], dtype=np.int64)
+            values = self.at_nodes(blocks, numbers.tolist())
+            kept = []
+            for row, block in enumerate(blocks):
+                try:
+                    check_finite(block, numbers, values[row], self.path)
+                    kept.append(row)
+                except NotFiniteError as error:
+                    self.drop(block, error)
+            blocks, values = [blocks[row] for row in kept], values[kept]
+        self.check_unchanged()
+        if not blocks:
+            raise ResultError("no whole, converged increment is left", self.path)
+        return History(
+            quantity=word_of(name),
+            components=first.components,
+            units=first.units,
+            nodes=tuple(numbers.tolist()),
+            at=np.array([at_of(one) for one in blocks]),
+            values=values,
+            keys=np.array([one.key for one in blocks], dtype=np.int64),
+            axis=axis,
+            last_digit_ms=self.last_digit_ms,
+        ).unrounded()
+
+    def drop(self, block: _Block, error: NotFiniteError) -> None:
+        """Note that `block` is left out, which only a partial reading does."""
+        if not self.options.partial:
+            raise error
+        step, increment = block.key
+        self.options.note(f"dropped step {step}, increment {increment}: {error.problem}")
+
+    def field(self, quantity: str, increment: str = LAST) -> Field:
+        """`quantity` at one increment, without reading those before it.
+
+        `increment` is "last", an increment's number, or ``STEP:INCREMENT`` where steps begin
+        anew. Of a frequency or buckling step it is the number of the mode. Marc has
+        sub-increments in the place of steps.
+
+        Raises
+        ------
+        UsageError
+            `increment` is no such word, or is in more than one step.
+        ResultError
+            The file is cut, or has no such quantity or increment.
+        """
+        chosen = _INCREMENT.fullmatch(increment)
+        if increment != LAST and chosen is None:
+            raise UsageError(f"increment {increment!r}, expected last, N or STEP:N")
+        held = self._blocks(quantity)
+        blocks = {one.key: one for one in held}  # of duplicates the last
+        if chosen is not None:
+            number, step = int(chosen[2]), None if chosen[1] is None else int(chosen[1])
+            blocks = {
+                key: one
+                for key, one in blocks.items()
+                if key[1] == number and step in (None, key[0])
+            }
+            if len(blocks) > 1:
+                steps = ", ".join(f"{key[0]}:{key[1]}" for key in blocks)
+                raise UsageError(f"increment {number} is in {len(blocks)} steps: {steps}")
+        if not blocks:
+            (first, last), (end, of) = held[0].key, held[-1].key
+            words = f"no increment {increment} of {quantity}, it has {first}:{last} to {end}:{of}"
+            raise ResultError(words, self.path)
+        return self.whole(list(blocks.values())[-1])
+
+    def fields(self, quantity: str) -> Iterator[Field]:
+        """`quantity` at each of its outputs; what is absent is refused at once."""
+        return self._fields(self._blocks(quantity))
+
+    def _blocks(self, quantity: str) -> list[_Block]:
+        outputs = self.outputs()
+        name = name_in(names_in(outputs), quantity, self.path)
+        return [output[name] for output in self.having(outputs, (name,))]
+
+    def _fields(self, blocks: Sequence[_Block]) -> Iterator[Field]:
+        nodes: IntArray | None = None
+        for block in blocks:
+            try:
+                field = self.whole(block, nodes)
+            except NotFiniteError as error:
+                self.drop(block, error)
+                continue
+            nodes = field.nodes
+            yield field
+            del field  # kept by the caller alone
+        self.check_unchanged()
+
+    def frames(
+        self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
+    ) -> Iterator[Frame]:
+        """Increments, or `modes`, one by one; the file is looked through at once."""
+        outputs, names = self.outputs(), None
+        if quantities is not None:
+            names = [name_in(names_in(outputs), one, self.path) for one in quantities]
+            outputs = self.having(outputs, names)
+        axes = [next(iter(output.values())).axis for output in outputs]
+        axis = one_axis(", ".join(names or ["any quantity"]), axes, modes, self.options)
+        drawn, scene = self.scene(
+            [one for one, of in zip(outputs, axes, strict=True) if of == axis]
+        )
+        return self._frames(drawn, axis, scene, derived)
+
+    def _frames(
+        self,
+        outputs: Sequence[dict[str, _Block]],
+        axis: str,
+        scene: Scene,
+        derived: Sequence[str],
+    ) -> Iterator[Frame]:
+        for output in outputs:
+            fields: dict[str, Field] = {}
+            rows: dict[str, IntArray] = {}
+            for name, block in output.items():
+                try:
+                    fields[name], rows[name] = self.on_scene(block, scene)
+                except NotFiniteError as error:  # of this block, not of the others
+                    self.options.note(f"left out: {block}: {error.problem}")
+            if fields:
+                at = at_of(next(iter(output.values())))
+                yield Frame(at, scene, _at_points(fields, rows, derived, scene), axis == TIME)
+
+    def quantity_table(
+        self, name: str, blocks: Sequence[_Block], nodes: IntArray, storage: str
+    ) -> Table:
+        """One quantity of a description; outputs that are not over time are its modes."""
+        timed = [one for one in blocks if one.axis == TIME]
+        others = [one for one in blocks if one.axis != TIME]
+        return {
+            "name": name,
+            "components": list(blocks[0].components),
+            "increments": len(timed),
+            "first_ms": at_of(timed[0]) if timed else None,
+            "last_ms": at_of(timed[-1]) if timed else None,
+            "modes": len(others),
+            "axis": others[0].axis if others else TIME,
+            "first_value": others[0].value if others else None,
+            "last_value": others[-1].value if others else None,
+            "steps": sorted({one.key[0] for one in blocks}),
+            "nodes": int(nodes.size),
+            "lowest_node": int(nodes.min()) if nodes.size else None,
+            "highest_node": int(nodes.max()) if nodes.size else None,
+            "storage": storage,
+        }
+
+
+def open_source(path: Path | str, options: ReadOptions) -> Source:
+    """Open a result file, or that of a run folder.
+
+    Raises
+    ------
+    ResultError
+        No such file, or no reader takes it.
+    """
+    path = result_file(path)
+    found: Source = reader_of(path).load(path, options)
+    return found
+
+
+def read_values(
+    path: Path | str,
+    nodes: Sequence[int],
+    options: ReadOptions = _DEFAULTS,
+    *,
+    quantity: str = STRESS,
+) -> tuple[FloatArray, FloatArray]:
+    """A quantity at `nodes`, in that order: times ``(T,)`` in ms, ``(T, node, component)``."""
+    with open_source(path, options) as source:
+        found = source.history(nodes, quantity)
+    return found.at, found.values
+
+
+def read_field(
+    path: Path | str, quantity: str, increment: str = LAST, options: ReadOptions = _DEFAULTS
+) -> Field:
+    """`quantity` at all nodes at one increment, see `FieldSource.field`."""
+    with open_source(path, options) as source:
+        return source.field(quantity, increment)
+
+
+def at_of(block: Block) -> float:
+    """The time of a block in ms, or what its axis says of a mode."""
+    return block.value * MS_PER_S if block.axis == TIME else block.value
+
+
+def field_of(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> Field:
+    """The field of `block`; a value that is not finite is a `NotFiniteError`."""
+    check_finite(block, nodes, values, path)
+    time_ms = at_of(block) if block.axis == TIME else float("nan")
+    of = (block.name, *block.key, time_ms, block.components, block.units, nodes, values)
+    return Field(*of, axis=block.axis, axis_value=block.value)
+
+
+def check_finite(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> None:
+    """Refuse `values` ``(node, component)`` of a block that are not finite."""
+    if np.isfinite(values).all():
+        return
+    row, column = np.argwhere(~np.isfinite(values))[0].tolist()
+    when = f"{at_of(block):g} ms" if block.axis == TIME else f"{block.axis} {block.value:g}"
+    words = f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
+    raise NotFiniteError(f"{words}{values[row, column]}", path)
+
+
+def names_in(outputs: Sequence[Mapping[str, Block]]) -> list[str]:
+    """Names of the quantities of any output, in order of first appearance."""
+    return list(dict.fromkeys(name for output in outputs for name in output))
+
+
+def _at_points(
+    fields: Mapping[str, Field],
+    rows: Mapping[str, IntArray],
+    derived: Sequence[str],
+    scene: Scene,
+) -> dict[str, FloatArray]:
+    """All values of an increment at the points of the mesh, and what is derived from them."""
+    points, size = {}, scene.nodes.size
+    for name, one in fields.items():
+        for word, values in arrays_of(one).items():
+            points[word] = spread(values, rows[name], size)
+    stress = next((name for name in NAMES[STRESS] if name in fields), "")
+    named = fields if not stress else {"STRESS": fields[stress], **fields}
+    for name in derived:
+        takes = DERIVED[name][0]
+        if all(quantity in named for quantity in takes):
+            # Of 1e200, no warning. What is no tensor, or at other nodes, is said at the end.
+            with np.errstate(over="ignore", invalid="ignore"), suppress(UsageError):
+                where = rows[stress if takes[0] == "STRESS" else takes[0]]
+                points[f"{name}_pa"] = spread(derived_of(name, named), where, size)
+    return points
