@@ -135,8 +135,8 @@ class PlotSource(Source):
         wanted = named if nodes is None else list(nodes)
         if not named:
             if len(wanted) != len(found):
-                words = "the text does not say of which node its curves are: name (--node N) one for"
-                raise ResultError(f"{words} each of the {len(found)}, {len(wanted)} were", path)
+                words = "the text does not say of which node its curves are: name (--node N) one"
+                raise ResultError(f"{words} for each of the {len(found)}, {len(wanted)} were", path)
             named = wanted
         elif len(set(named)) < len(found):
             twice = [node for node in named if named.count(node) > 1]
