@@ -127,19 +127,19 @@ class Simulation:
             "afferents": [str(trace.afferent) for trace in self.traces[0]],
         }
         if picture == "isi":
-            from fembridge.plots.isi import isi_figure
+            from fembridge.plots.spikes import isi_figure
 
             return isi_figure(self.trains, **rows)
         windows_ms = {stimulus.window_ms for stimulus in self.stimuli}
         rows["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
         rows["waveform"] = self.stimuli[0] if len(self.stimuli) == 1 else None
         if picture == "psth":
-            from fembridge.plots.psth import psth_figure
+            from fembridge.plots.spikes import psth_figure
 
             return psth_figure(self.trains, **rows)
         if picture != "raster":
             raise UsageError(f"picture {picture!r}, expected {', '.join(PICTURES)}")
-        from fembridge.plots.raster import raster_figure
+        from fembridge.plots.spikes import raster_figure
 
         return raster_figure(self.trains, **rows)
 

@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_spikes(draft / "spikes.csv", trains)
         write_rates(draft / "rates.csv", rates)
         if not args.no_raster:
-            from fembridge.plots.raster import raster_figure
+            from fembridge.plots.spikes import raster_figure
             from fembridge.plots.style import save_figure
 
             files.append(args.output / "raster.png")

@@ -184,9 +184,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "mesh": _mesh,
         "response": _response,
         "trace": _trace,
-        "raster": _raster,
-        "psth": _psth,
-        "isi": _isi,
+        "raster": _spikes,
+        "psth": _spikes,
+        "isi": _spikes,
         "rates": _rates,
         "stimulus": _stimulus,
         "sensitivity": _sensitivity,
@@ -204,19 +204,13 @@ def _mesh(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 
     finger = read_finger(args.finger)
     mesh = mesh_of(finger)
+    keys = ("node", "layer", "x_mm", "depth_mm")
+    places = afferent_nodes(finger, mesh)
     return mesh_figure(finger, mesh, probe_from(args)), {
         "finger": finger.name,
         "elements": len(mesh.quad),
         "nodes": len(mesh.node_mm),
-        "afferents": {
-            place.afferent: {
-                "node": place.node,
-                "layer": place.layer,
-                "x_mm": place.x_mm,
-                "depth_mm": place.depth_mm,
-            }
-            for place in afferent_nodes(finger, mesh)
-        },
+        "afferents": {one.afferent: {key: getattr(one, key) for key in keys} for one in places},
     }
 
 
@@ -254,12 +248,8 @@ def _trace(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
         "stimulus": waveform.id if waveform else None,
         "preindent_um": waveform.preindent_um if waveform else None,
         "traces": [
-            {
-                "afferent": trace.afferent,
-                "node": trace.node or None,
-                "peak_pa": float(trace.stress_pa.max()),
-            }
-            for trace in traces
+            {"afferent": one.afferent, "node": one.node or None, "peak_pa": one.stress_pa.max()}
+            for one in traces
         ],
     }
 
@@ -270,7 +260,7 @@ def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimul
     from fembridge.errors import UsageError
     from fembridge.simulation import stimuli_in
 
-    traces, path = read_stress(args.table, lambda line: print(line, file=sys.stderr))
+    traces, path = read_stress(args.table, _log)
     written = stimuli_in(path.parent)
     there = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
     name = args.stimulus or next(iter(there), None)
@@ -285,38 +275,10 @@ def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimul
     return shown, _waveform(args, name, written)
 
 
-def _raster(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
-    from fembridge.plots.raster import raster_figure
-
-    drawn, summary = _spikes(args)
-    return raster_figure(**drawn), summary
-
-
-def _psth(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
-    from fembridge.plots.psth import psth_figure
-
-    drawn, summary = _spikes(args)
-    return psth_figure(**drawn, bin_ms=args.bin_ms), {**summary, "bin_ms": args.bin_ms}
-
-
-def _isi(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
-    from fembridge.plots.isi import intervals_ms, isi_figure
-
-    args.window_ms = args.preindent_um = None
-    drawn, summary = _spikes(args)
-    del drawn["window_ms"], drawn["waveform"]
-    count = sum(
-        intervals_ms(drawn["trains"], row, afferent).size
-        for row in drawn["stimuli"]
-        for afferent in drawn["afferents"]
-    )
-    figure = isi_figure(**drawn, bin_ms=args.bin_ms, longest_ms=args.longest_ms)
-    return figure, {**summary, "bin_ms": args.bin_ms, "intervals": count}
-
-
-def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What is drawn of a table of spikes, as arguments of a figure; and the summary."""
+def _spikes(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+    """Raster, PSTH or intervals of a table of spikes, with the stimuli that its folder knows."""
     from fembridge.errors import UsageError
+    from fembridge.plots import spikes
     from fembridge.simulation import SPIKES_FILE, find_file, stimuli_in
     from fembridge.tables import AFFERENTS, read_spikes
 
@@ -335,27 +297,29 @@ def _spikes(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
         raise UsageError(f"{path}: no spikes; --stimulus ID gives silent rows")
     silent = [name for name in rows if name not in tabled]
     if unknown := [name for name in silent if written is None or not written.of(name)]:
-        note = f"no spike of {', '.join(unknown)}: silent, or not in it"
-        print(f"{path}: {note}", file=sys.stderr)
+        _log(f"{path}: no spike of {', '.join(unknown)}: silent, or not in it")
     shown = [train for train in trains if train.stimulus in rows]
     present = {train.afferent for train in trains}
     classes = args.afferent or [n for n in AFFERENTS if n in present] or list(AFFERENTS)
-    known = [written.of(name) for name in rows] if written else []
-    windows_ms = {stimulus.window_ms for stimulus in known if stimulus}
+    count = sum(train.times_ms.size for train in shown if train.afferent in classes)
+    summary = {"stimuli": rows, "silent": silent, "spikes": count}
+    drawn: dict[str, Any] = {"trains": shown, "stimuli": rows, "afferents": classes}
+    if args.picture == "isi":
+        figure = spikes.isi_figure(**drawn, bin_ms=args.bin_ms, longest_ms=args.longest_ms)
+        found = [spikes.intervals_ms(shown, row, one) for row in rows for one in classes]
+        intervals = sum(each.size for each in found)
+        return figure, {**summary, "bin_ms": args.bin_ms, "intervals": intervals}
+    windows_ms = {one.window_ms for name in rows if written and (one := written.of(name))}
     waveform = None
     if len(rows) == 1 and (written or args.stimulus):
         waveform = _waveform(args, rows[0], written)
         windows_ms = {waveform.window_ms}
     window_ms = windows_ms.pop() if len(windows_ms) == 1 else None
-    drawn = {
-        "trains": shown,
-        "stimuli": rows,
-        "afferents": classes,
-        "window_ms": args.window_ms or window_ms,
-        "waveform": waveform,
-    }
-    spikes = sum(train.times_ms.size for train in shown if train.afferent in classes)
-    return drawn, {"stimuli": rows, "silent": silent, "spikes": spikes}
+    drawn |= {"window_ms": args.window_ms or window_ms, "waveform": waveform}
+    if args.picture == "raster":
+        return spikes.raster_figure(**drawn), summary
+    figure = spikes.psth_figure(**drawn, bin_ms=args.bin_ms)
+    return figure, {**summary, "bin_ms": args.bin_ms}
 
 
 def _rows_named(words: list[str], there: list[str], *, whole: bool) -> list[str]:
@@ -381,7 +345,7 @@ def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli | Non
         return _as_recorded(args, known, written.path)
     if args.preindent_um is None:
         words = "the probe is drawn without pre-indentation: none is recorded beside the table"
-        print(f"{args.table}: {words}; --preindent-um DEPTH sets it", file=sys.stderr)
+        _log(f"{args.table}: {words}; --preindent-um DEPTH sets it")
     return stimuli[0]
 
 
@@ -408,7 +372,7 @@ def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     if strange and entries:
         note = f"without a frequency and an amplitude, left out: {', '.join(strange[:3])}"
         more = f" and {len(strange) - 3} more" if len(strange) > 3 else ""
-        print(f"{path}: {note}{more}", file=sys.stderr)
+        _log(f"{path}: {note}{more}")
     observed = read_observed(args.observed, complete=False).rates() if args.observed else []
     touchsim = touchsim_rates() if args.touchsim else []
     figure = rates_figure(rates, observed=observed, touchsim=touchsim, afferents=args.afferent)
@@ -459,7 +423,7 @@ def _sensitivity(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     path = find_file(args.table, (RESULTS_FILE,), "sweep leaves it when nothing is left to do")
     swept = sensitivity.read_swept(path)
     for cause in swept.causes:
-        print(f"{path}: a finger is left out: {cause}", file=sys.stderr)
+        _log(f"{path}: a finger is left out: {cause}")
     single = sensitivity.is_one_at_a_time(swept)
     if single:
         table = sensitivity.single_effects(swept)
@@ -487,4 +451,8 @@ def _stimuli(
 ) -> "list[Stimulus]":
     from fembridge.stimulus_file import stimuli_of
 
-    return stimuli_of(words, preindent_um, seed, log=lambda line: print(line, file=sys.stderr))
+    return stimuli_of(words, preindent_um, seed, log=_log)
+
+
+def _log(line: str) -> None:
+    print(line, file=sys.stderr)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.fitting.fit import Fit, FitRun
+from fembridge.plots.rates import LEVELS, OBSERVED_DOTS
 from fembridge.plots.style import (
     FAINT,
     INK,
@@ -19,10 +20,10 @@ from fembridge.plots.style import (
     WHITE,
     class_style,
     dots,
+    grid_figure,
     in_style,
     legend_above,
     log_axis,
-    make_plain,
     note,
 )
 from fembridge.typing import FloatArray
@@ -31,10 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Inches. Margins are given, not found: a layout engine takes seconds.
+# Inches.
 _LINES_IN, _PAIR_IN, _RATES_IN, _ROW_IN = 2.5, 1.7, 1.15, 1.55
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.95, 0.15, 0.72, 0.46
-_PANEL_GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
+_GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
 _LEGEND_DOWN_IN = 0.16
 # A group is at least this wide; of more than these, names are written aslant.
 _GROUP_IN, _MOST_LEVEL_NAMES = 0.42, 6
@@ -44,52 +45,39 @@ _DOT_PT, _RING_PT = 3.0, 7.0
 
 _PUBLISHED: dict[str, Any] = {"color": "#777777", "dashes": (4, 2), "zorder": 3}
 _CHOSEN: dict[str, Any] = {"color": INK, "linewidth": 2 * LINE_PT, "zorder": 4}
-_OBSERVED = dots(INK, _DOT_PT, markerfacecolor=WHITE, markeredgewidth=0.8, clip_on=False, zorder=5)
-_LEVELS = {
-    "sine": "Amplitude (µm)",
-    "diharm": "Amplitude of component 1 (µm)",
-    "noise": "RMS amplitude (µm)",
-}
 
 
 @in_style
 def tradeoffs_figure(run: FitRun) -> "Figure":
     """The fits of `run`, a row a class."""
-    from matplotlib.figure import Figure
-
     columns = list(dict.fromkeys(name for fit in run.fits for name in fit.problem.group_names))
     lines_in = max(_LINES_IN, _GROUP_IN * len(columns))
-    wide_in = np.array([lines_in, _PAIR_IN, *[_RATES_IN] * len(columns)])
-    gap_in = [*[_PANEL_GAP_IN] * 2, *[_RATES_GAP_IN] * (len(columns) - 1)]
-    left_in = _LEFT_IN + np.concatenate([[0.0], np.cumsum(wide_in[:-1] + gap_in)])
-    width_in = float(left_in[-1] + wide_in[-1] + _RIGHT_IN)
-    rows = len(run.fits)
-    height_in = _TOP_IN + _BOTTOM_IN + rows * _ROW_IN + (rows - 1) * _ROW_GAP_IN
-    figure = Figure(figsize=(width_in, height_in))
+    rates_in = [_RATES_IN, _RATES_GAP_IN] * len(columns)
+    widths_in = [_LEFT_IN, lines_in, _GAP_IN, _PAIR_IN, _GAP_IN, *rates_in[:-1], _RIGHT_IN]
+    heights_in = [_TOP_IN, *[_ROW_IN, _ROW_GAP_IN] * len(run.fits)]
+    figure, new_panel = grid_figure(widths_in, [*heights_in[:-1], _BOTTOM_IN])
     titles = ["Error of each candidate", "Strongest trade-off", *columns]
     for row, fit in enumerate(run.fits):
-        low = (_BOTTOM_IN + (rows - 1 - row) * (_ROW_IN + _ROW_GAP_IN)) / height_in
-        panels = []
-        for left, wide, title in zip(left_in / width_in, wide_in / width_in, titles, strict=True):
-            panels.append(figure.add_axes((left, low, wide, _ROW_IN / height_in)))
-            make_plain(panels[-1])
-            if not row:
-                panels[-1].set_title(title, fontsize=TEXT_PT)
+        panels = [new_panel(row, column) for column in range(len(titles))]
+        if not row:
+            for panel, title in zip(panels, titles, strict=True):
+                panel.set_title(title, fontsize=TEXT_PT)
         _draw_lines(panels[0], fit)
         _draw_pair(panels[1], fit)
         _draw_rates(panels[2:], columns, fit)
     families = {entry.family for entry in run.fits[-1].fitted.entries}
+    width_in, height_in = figure.get_size_inches()
     figure.text(
-        (left_in[2] / width_in + 1 - _RIGHT_IN / width_in) / 2,
+        0.5 * (1 + (sum(widths_in[:5]) - _RIGHT_IN) / width_in),
         0.06 / height_in,
-        _LEVELS[families.pop()] if len(families) == 1 else _LEVELS["sine"],
+        LEVELS[families.pop()] if len(families) == 1 else LEVELS["sine"],
         ha="center",
         va="bottom",
         fontsize=TEXT_PT,
     )
     legend_above(
         figure,
-        [{"color": FAINT, "linewidth": 2 * LINE_PT}, _CHOSEN, _PUBLISHED, _OBSERVED],
+        [{"color": FAINT, "linewidth": 2 * LINE_PT}, _CHOSEN, _PUBLISHED, OBSERVED_DOTS],
         ["candidates of the front", "chosen", "Table 2 of the paper", "observed rates"],
         down_in=_LEGEND_DOWN_IN,
         handlelength=2.6,
@@ -163,7 +151,7 @@ def _draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
         order = level_um.argsort(kind="stable")
         for judged, style in ((published, _PUBLISHED), (fitted, _CHOSEN)):
             panel.plot(level_um[order], judged.of_group(name).predicted_ips[order], **style)
-        panel.plot(level_um, fitted.of_group(name).observed_ips, **_OBSERVED)
+        panel.plot(level_um, fitted.of_group(name).observed_ips, **OBSERVED_DOTS)
         log_axis(panel, level_um.min() / _AMPLITUDE_ROOM, level_um.max() * _AMPLITUDE_ROOM)
         panel.set_ylim(0.0, _ROOM * highest_ips)
         panel.tick_params(labelleft=first)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
     FAINT,
@@ -12,8 +14,8 @@ from fembridge.plots.style import (
     PAGE_WIDTH_IN,
     explain_shade,
     fitting,
+    grid_figure,
     in_style,
-    make_plain,
     shade_outside,
 )
 from fembridge.stimulus import Stimulus
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 
 # As many as levels of a set of diharmonics or noises.
 _MOST_COLUMNS = 5
-# Inches. Margins are given, not found: a layout engine takes seconds for all 82.
+# Inches.
 _PANEL_IN, _TALL_PANEL_IN, _BETWEEN_ROWS_IN, _BETWEEN_FAMILIES_IN = 0.5, 1.0, 0.3, 0.46
 _BETWEEN_COLUMNS_IN = 0.26
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.78, 0.14, 0.22, 0.62
@@ -50,36 +52,28 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     """
     if not stimuli:
         raise UsageError("no stimulus to draw")
-    from matplotlib.figure import Figure
-
     families = [list(each) for _, each in groupby(stimuli, key=family_of)]
     columns = min(_MOST_COLUMNS, max(math.ceil(math.sqrt(len(each))) for each in families))
     rows = [math.ceil(len(each) / columns) for each in families]
     tall_in = _TALL_PANEL_IN if sum(rows) == 1 else _PANEL_IN
-    gaps_in = [_BETWEEN_ROWS_IN * (count - 1) for count in rows]
-    between_in = _BETWEEN_FAMILIES_IN * (len(rows) - 1)
-    page_in = _TOP_IN + sum(rows) * tall_in + sum(gaps_in) + between_in + _BOTTOM_IN
+    heights_in = [_TOP_IN]
+    for count in rows:
+        heights_in += [tall_in, _BETWEEN_ROWS_IN] * (count - 1) + [tall_in, _BETWEEN_FAMILIES_IN]
     wide_in = PAGE_WIDTH_IN - _LEFT_IN - _RIGHT_IN - (columns - 1) * _BETWEEN_COLUMNS_IN
     wide_in /= columns
-    figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
+    widths_in = [_LEFT_IN, *[wide_in, _BETWEEN_COLUMNS_IN] * (columns - 1), wide_in, _RIGHT_IN]
+    figure, new_panel = grid_figure(widths_in, [*heights_in[:-1], _BOTTOM_IN])
     end_ms = max(float(stimulus.times_ms[-1]) for stimulus in stimuli)
-    low_in = page_in - _TOP_IN
-    for members in families:
+    for first, members in zip(np.cumsum([0, *rows]), families, strict=False):
         ends_um = _ends_um([one for one in stimuli if family_of(one) == family_of(members[0])])
         for place, stimulus in enumerate(members):
-            column = place % columns
-            low_in -= 0.0 if column else tall_in + (_BETWEEN_ROWS_IN if place else 0.0)
-            left_in = _LEFT_IN + column * (wide_in + _BETWEEN_COLUMNS_IN)
-            panel = figure.add_axes(
-                (left_in / PAGE_WIDTH_IN, low_in / page_in, wide_in / PAGE_WIDTH_IN,
-                 tall_in / page_in)
-            )  # fmt: skip
-            make_plain(panel)
+            row, column = divmod(place, columns)
+            panel = new_panel(first + row, column)
             draw_waveform(panel, stimulus, ends_um, end_ms)
             title = fitting(stimulus.id, wide_in + _BETWEEN_COLUMNS_IN / 2)
             panel.set_title(title, pad=3, parse_math=False)
             panel.tick_params(labelleft=not column, labelbottom=place + columns >= len(members))
-        low_in -= _BETWEEN_FAMILIES_IN
+    page_in = figure.get_figheight()
     figure.supxlabel("Time (ms)", y=_NAME_UP_IN / page_in, va="bottom")
     figure.supylabel("Depth (µm)", x=0.04 / PAGE_WIDTH_IN)
     windows_ms = (each.window_ms for each in stimuli)

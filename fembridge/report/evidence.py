@@ -185,12 +185,6 @@ def _records(table: "DataFrame") -> list[dict[Any, Any]]:
     return table.to_dict("records")
 
 
-def _whole_cycles(stimulus: Stimulus, frequency_hz: float) -> tuple[float, float]:
-    """Window of as many whole cycles as a vibration has."""
-    cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
-    return 0.0, float(cycles) * 1000.0 / frequency_hz
-
-
 def _numbers(
     trains_ms: Sequence[FloatArray], frequency_hz: float, window_ms: tuple[float, float]
 ) -> tuple[float, float, float]:
@@ -205,7 +199,8 @@ def _numbers(
     )
 
 
-def _timing(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
+def _beside(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
+    """`recorded` vibrations with the model's numbers beside them, in as many whole cycles."""
     from pandas import DataFrame
 
     rows = []
@@ -213,20 +208,22 @@ def _timing(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "Data
         frequency_hz = row["frequency_hz"]
         stimulus = vibration(frequency_hz, row["amplitude_um"], preindent_um)
         cells = spikes(row["afferent"], stimulus)
-        window_ms = _whole_cycles(stimulus, frequency_hz)
-        numbers = _numbers(cells, frequency_hz, window_ms)
-        keenest = _numbers(cells[:1], frequency_hz, window_ms)[0]
-        apart = [abs(mine - row[name]) for mine, name in zip(numbers, _NUMBERS, strict=True)]
-        rows.append(
-            {
-                **row,
-                **{f"model_{name}": mine for name, mine in zip(_NUMBERS, numbers, strict=True)},
-                "model_keenest_impulses": keenest,
-                "strengths_near": max(apart[1:]) <= STRENGTH_APART,  # NaN is not
-                "impulses_near": abs(keenest / row[_NUMBERS[0]] - 1) <= IMPULSES_APART,
-            }
-        )
-    return DataFrame(rows)
+        cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
+        window_ms = (0.0, cycles * 1000.0 / frequency_hz)
+        keenest, *_ = _numbers(cells[:1], frequency_hz, window_ms)
+        rows.append((*_numbers(cells, frequency_hz, window_ms), keenest))
+    names = [*(f"model_{name}" for name in _NUMBERS), "model_keenest_impulses"]
+    return recorded.join(DataFrame(rows, recorded.index, names))
+
+
+def _timing(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
+    found = _beside(recorded, preindent_um, spikes)
+    first, second = (abs(found[f"model_{name}"] - found[name]) for name in _NUMBERS[1:])
+    share = found["model_keenest_impulses"] / found[_NUMBERS[0]]
+    return found.assign(  # NaN is not near
+        strengths_near=np.maximum(first, second) <= STRENGTH_APART,
+        impulses_near=abs(share - 1) <= IMPULSES_APART,
+    )
 
 
 def phases_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
@@ -274,12 +271,8 @@ def _phases(table: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFra
 def _man(table: "DataFrame", deepest_um: float, preindent_um: float, spikes: Spikes) -> "DataFrame":
     """Impulses a cycle in man and of the model, as far as its response reaches."""
     table = table[table["amplitude_um"] <= deepest_um - preindent_um].reset_index(drop=True)
-    found = []
-    for row in _records(table):
-        stimulus = vibration(row["frequency_hz"], row["amplitude_um"], preindent_um)
-        window_ms = _whole_cycles(stimulus, row["frequency_hz"])
-        found.append(_numbers(spikes(row["afferent"], stimulus), row["frequency_hz"], window_ms)[0])
-    return table.assign(model=found)
+    found = _beside(table, preindent_um, spikes)
+    return table.assign(model=found["model_impulses_per_cycle"])
 
 
 def _distance(table: "DataFrame") -> "DataFrame":

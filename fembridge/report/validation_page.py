@@ -7,7 +7,6 @@ with their numbers as words.
 import importlib.metadata
 import math
 import platform
-import shlex
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
@@ -76,7 +75,6 @@ _TIMING_HEADS = {
 _LIBRARIES = ("numpy", "scipy", "matplotlib")
 _LEAST_P = 0.001
 _HEADS = ("R²", "p", "RMSE (ips)", "bias (ips)")
-_STORED = "# TouchSim: its rates are stored, see fembridge/touchsim/README.md"
 # Colours that a page has under a name, one value for light and one for dark. White
 # is the paper and what lies on it: the faces of open marks.
 _NAMED = {
@@ -136,8 +134,6 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         },
         families=[_family(study, family) for family in FAMILIES],
         observed=observed,
-        simulate=lambda stimuli: [command, *_simulations(study, stimuli), _STORED],
-        raster_commands=[command, *_simulations(study, ",".join(RASTER_STIMULI))[:1]],
         constants={**vars(rates), **vars(validate), **vars(threshold)},
         summary=_agreement_frame(study, study.rates.reference()),
         touchsim=_agreement_frame(study, TOUCHSIM),
@@ -283,24 +279,6 @@ def _table_html(frame: "DataFrame", look: str = "") -> "Markup":
         return Markup(words.to_html(escape=False, border=0, classes=look, na_rep=""))
 
 
-def _simulations(study: Validation, stimuli: str) -> list[str]:
-    """A line for each model that fires it under `stimuli`, where a stored response answers it."""
-    if not study.stored:
-        return []
-    return [
-        shlex.join(
-            (
-                *("fembridge", "simulate", "--stimulus", stimuli),
-                *("--finger", study.finger, "--stored"),
-                *("--parameters", model.word),
-                *("--preindent-um", f"{model.preindent_um:g}"),
-                *("-o", f"{model.name}_{stimuli.partition(',')[0]}"),
-            )
-        )
-        for model in study.models
-    ]
-
-
 def _in_words(agreement: "DataFrame") -> "DataFrame":
     """R², p, RMSE and bias of each cell, or that there are none."""
     from pandas import DataFrame
@@ -379,14 +357,10 @@ def _family(study: Validation, family: Family) -> dict[str, Any]:
     titles = {one.name: one.title for one in family.sets} | {EVERY_SET: "all"}
     rows, columns = list(product(sources, titles)), list(product(AFFERENTS, _HEADS))
     frame = _laid_out(words, "afferent", rows, columns).rename(index=_titles(study), level=0)
-    cells = [_judged(study, family, afferent) for afferent in AFFERENTS]
     return {
         "of": family,
         "observed": reference == OBSERVED,
         "sources": study.rates.known(family.stimuli),
-        "cells": [
-            (cell, _worst_set(study, family, cell.afferent)) for cell in cells if cell["count"]
-        ],
         "agreement": frame.rename(index=titles, level=1),
     }
 
@@ -464,8 +438,8 @@ def _rate_sentence(
     if top_ips > 0 and not np.nanmax(predicted_ips) > 0:
         where = f"where {cell.reference} reaches {top_ips:.1f} impulses/s"
         return f"{name}: silent throughout, {where}."
-    beaten = _goals(study, family, afferent)[1] is False
-    lost = cell.r_squared >= rates.GOAL_R_SQUARED and off.observed and beaten
+    high = off.observed and cell.r_squared >= rates.GOAL_R_SQUARED
+    lost = high and not _goals(study, family, afferent)[1]
     worst = _worst_set(study, family, afferent).replace(", ", " ", 1)
     return (
         f"{name}: R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s"
@@ -493,14 +467,6 @@ def _amplitude_words(row: Any, amplitude_um: float) -> str:  # noqa: ANN401 - a 
     return f"{sign}{_amplitude(amplitude_um)}"
 
 
-def _entrainment_words(row: Any) -> str:  # noqa: ANN401 - a row
-    words = _amplitude_words(row, row.entrainment_threshold_um)
-    if math.isnan(row.plateau_low_um):
-        return words
-    ends = map(_amplitude, (row.plateau_low_um, row.plateau_high_um))
-    return f"{words} ({'–'.join(dict.fromkeys(ends))})"
-
-
 def _amplitude(value_um: float) -> str:
     return f"{value_um:#.3g}".removesuffix(".")
 
@@ -510,24 +476,20 @@ def _threshold_frames(study: Validation) -> dict[str, "DataFrame"]:
     strongest = {one.entries[-1].id: one.frequency_hz for one in SINES.sets}
     locked = study.locking[study.locking.stimulus.isin(list(strongest))]
     strengths = locked.set_index(["source", "afferent", "frequency_hz"]).vector_strength
-    known = study.rates.known(SINES.stimuli)
-    rows = study.thresholds
     tables = {
-        "thresholds": (
-            rows.apply(lambda row: _amplitude_words(row, row.threshold_um), axis=1),
-            known,
-        ),
-        "entrainment": (rows.apply(_entrainment_words, axis=1), known),
-        "locking": (strengths.map(lambda value: number(value, ".2f")), list(study.simulations)),
+        name: study.thresholds.apply(lambda row, of=of: _amplitude_words(row, row[of]), axis=1)
+        for name, of in (
+            ("thresholds", "threshold_um"),
+            ("entrainment", "entrainment_threshold_um"),
+        )
     }
-    heads = {frequency_hz: f"{frequency_hz:g} Hz" for frequency_hz in strongest.values()}
-    return {
-        name: _laid_out(words, "frequency_hz", list(product(sources, AFFERENTS)), list(heads))
-        .fillna(ABSENT)
-        .rename(index=_titles(study), level=0)
-        .rename(columns=heads)
-        for name, (words, sources) in tables.items()
-    }
+    tables["locking"] = strengths.map(lambda value: number(value, ".2f")).loc[[*study.simulations]]
+    frames = {}
+    for name, words in tables.items():
+        rows = list(product(words.index.unique("source"), AFFERENTS))
+        frame = _laid_out(words, "frequency_hz", rows, list(strongest.values())).fillna(ABSENT)
+        frames[name] = frame.rename(index=_titles(study), level=0).rename(columns="{:g} Hz".format)
+    return frames
 
 
 def _source_frame(study: Validation) -> "DataFrame":

@@ -102,8 +102,6 @@ STUDIES = (
         "`quick` alone, 10 ms of each stimulus",
     ),
 )
-# The longest first, so that none of the cores waits at the end.
-_LONGEST = ("map", "mesh", "contact", "incompressible", "hertz")
 
 
 def studies_named(names: Sequence[str] | None) -> tuple[Study, ...]:
@@ -156,7 +154,7 @@ def verify(
     make_folder(folder)
     if jobs == 1 or len(studies) == 1:
         return {study.name: study.make(folder, quick, on_progress, log) for study in studies}
-    order = sorted(studies, key=lambda s: _LONGEST.index(s.name) if s.name in _LONGEST else 99)
+    order = studies[::-1]  # the longer ones first, so that no core waits at the end
     found = {}
     # The first that fails ends the others, whose runs are kept.
     with signals_as_exits(), LocalExecutor(min(jobs, len(order)), log) as executor:
@@ -249,7 +247,7 @@ def command_of(name: str, *, quick: bool) -> str:
 
 def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> str:
     """The page as Markdown; the same findings give the same text."""
-    from fembridge.report.template import number, rendered
+    from fembridge.report.template import rendered, worded
 
     studies = [
         {
@@ -265,18 +263,11 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
     ]
 
     def markdown(frame: "DataFrame", formats: str) -> str:
-        """Table; `formats` has one for the numbers of each column, ``|`` between."""
-        specs = formats.split("|")
-        rows = frame.astype(object).itertuples(index=False, name=None)
-        lines = [[_head(column) for column in frame.columns]] + [
-            [
-                cell if isinstance(cell, str) else number(cell, spec)
-                for cell, spec in zip(row, specs, strict=True)
-            ]
-            for row in rows
-        ]
-        head, *body = (f"| {' | '.join(line)} |" for line in lines)
-        return "\n".join([head, "|" + "---|" * len(specs), *body])
+        words = worded(frame, formats).rename(columns=_head)
+        head, *body = (
+            f"| {' | '.join(line)} |" for line in [[*words], *words.itertuples(index=False)]
+        )
+        return "\n".join([head, "|" + "---|" * words.shape[1], *body])
 
     checks = [check for finding in findings.values() for check in finding.checks]
     return rendered(

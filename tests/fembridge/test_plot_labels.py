@@ -6,11 +6,9 @@ import pytest
 
 from decks.stimuli import CATALOGUE, resolve
 from decks.waveform import make_stimulus
-from fembridge.plots.isi import isi_figure
-from fembridge.plots.psth import psth_figure
-from fembridge.plots.raster import raster_figure
 from fembridge.plots.rates import rates_figure
 from fembridge.plots.sensitivity import effects_figure, regressions_figure
+from fembridge.plots.spikes import isi_figure, psth_figure, raster_figure
 from fembridge.plots.trace import trace_figure
 from fembridge.plots.waveform import waveform_figure
 from fembridge.sensitivity import (
@@ -101,41 +99,8 @@ CASES += [
 
 
 @pytest.mark.parametrize(("picture", "names"), CASES)
-def test_words_stay_on_the_page_and_apart(picture, names):
-    from matplotlib.text import Text
-
-    figure = PICTURES[picture](SETS[names])
-    figure.draw_without_rendering()
-    page = figure.bbox
-    away = hidden(figure)
-    boxes = [
-        (text.get_text(), text.get_window_extent())
-        for text in figure.findobj(Text)
-        if text.get_visible() and text.get_text().strip() and id(text) not in away
-    ]
-    assert boxes
-    for words, box in boxes:
-        assert box.x0 >= page.x0 - 0.5 and box.x1 <= page.x1 + 0.5, words
-        assert box.y0 >= page.y0 - 0.5 and box.y1 <= page.y1 + 0.5, words
-    edges = np.array([box.extents for _, box in boxes])
-    low, high = (
-        np.maximum(edges[:, None, :2], edges[:, :2]),
-        np.minimum(edges[:, None, 2:], edges[:, 2:]),
-    )
-    over = np.argwhere(np.triu(((high - low) > 1.0).all(axis=-1), k=1))
-    assert not over.size, [(boxes[a][0], boxes[b][0]) for a, b in over[:5]]
-
-
-def hidden(figure):
-    """Ticks' labels that are not drawn: those beyond the ends of their axis."""
-    return {
-        id(label)
-        for panel in figure.axes
-        for axis, ends in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim()))
-        for tick in (*axis.majorTicks, *axis.minorTicks)
-        if not min(ends) <= tick.get_loc() <= max(ends)
-        for label in (tick.label1, tick.label2)
-    }
+def test_words_stay_on_the_page_and_apart(picture, names, check_words):
+    check_words(PICTURES[picture](SETS[names]))
 
 
 def test_a_probe_that_was_deep_before_time_0_is_drawn_so():

@@ -133,27 +133,14 @@ def test_a_marked_afferent_is_the_node_that_a_deck_would_watch(finger):
     ],
     ids=["quick", "paper, thin probe", "crowded", "far apart"],
 )
-def test_no_words_overlap_and_none_leave_the_page(finger, probe):
+def test_no_words_overlap_and_none_leave_the_page(finger, probe, check_words):
     mesh = mesh_of(replace(finger, afferents=QUICK.afferents))
     figure = mesh_figure(finger, mesh, probe)
-    boxes = [(text, text.get_window_extent()) for text in words_of(figure)]
-    page = figure.bbox
-    for k, (text, box) in enumerate(boxes):
-        assert box.x0 >= page.x0 and box.x1 <= page.x1, text
-        assert box.y0 >= page.y0 and box.y1 <= page.y1, text
-        for other, its in boxes[k + 1 :]:
-            assert not box.overlaps(its), (text, other)
+    check_words(figure)
     section, pad = figure.axes
     for site in afferent_nodes(finger, mesh):
         assert pad.viewLim.contains(site.x_mm, site.y_mm)
     assert all(section.viewLim.contains(*corner) for corner in pad.viewLim.corners())
-
-
-def words_of(figure):
-    from matplotlib.text import Text
-
-    figure.draw_without_rendering()
-    return [text for text in figure.findobj(Text) if text.get_text().strip()]
 
 
 def test_the_section_holds_every_element_in_its_layers_fill_as_pixels():
@@ -170,7 +157,7 @@ def test_the_section_holds_every_element_in_its_layers_fill_as_pixels():
     assert 0 < len(close.get_paths()) < len(mesh.quad)
 
 
-def test_materials_are_named_with_the_numbers_they_have():
+def test_materials_are_named_with_the_numbers_they_have(words_of):
     dermis = Material(young_mpa=0.085, poisson=0.495)
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
     figure = mesh_figure(finger, mesh_of(finger), Probe())

@@ -58,6 +58,8 @@ def test_import_loads_numpy_and_nothing_heavier(tmp_path, code):
         ["stimuli", "--help"],
         ["stimuli", "sine_20", "--json"],
         ["doctor", "--help"],
+        ["plot", "--help"],
+        ["plot", "mesh", "--help"],
     ],
 )
 def test_verbs_that_only_tell_something_load_no_numpy(tmp_path, words):

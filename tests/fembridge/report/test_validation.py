@@ -1,7 +1,6 @@
 """What a validation computes, of rates and spikes whose agreement is known."""
 
 import math
-import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import fembridge
 from decks.stimuli import CATALOGUE
-from fembridge.cli import main
 from fembridge.errors import MissingError, UsageError
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
@@ -41,11 +39,10 @@ from fembridge.report.validate import (
     source_of,
     validate,
 )
-from fembridge.report.validation_page import _simulations, page_text, shortfalls
+from fembridge.report.validation_page import page_text, shortfalls
 from fembridge.response.response_map import FOLDER
-from fembridge.tables import AFFERENTS, Rate, SpikeTrain, read_rates, write_rates
+from fembridge.tables import AFFERENTS, Rate, SpikeTrain, write_rates
 from fembridge.touchsim import touchsim_rates
-from neural import PUBLISHED
 
 SINES_OBSERVED = Path(fembridge.__file__).parents[2] / "shared/data/observed_sine_rates.csv"
 TRUE = touchsim_rates()
@@ -80,10 +77,6 @@ def test_each_rate_is_in_its_place_and_nothing_in_any_other(rates):
             [found] = table.of(source, afferent, [stimulus])
             assert_array_equal(found, rates.get((source, (stimulus, afferent)), np.nan))
     assert list(table.known(SOME)) == [source for source in sources if sources[source]]
-
-
-def test_a_rate_of_another_stimulus_is_left_out():
-    assert rate_table({"own": [Rate("sine_40_100", "SA", 9.0)]}).frame.empty
 
 
 def test_the_reference_is_what_was_observed_of_these_stimuli_or_else_touchsim():
@@ -259,20 +252,6 @@ def test_rates_that_are_all_zero_are_a_shortfall_only_of_a_model_that_fires(tmp_
     assert "RA, band-pass noises" not in openings
 
 
-def test_a_command_of_the_page_makes_the_numbers_of_the_page(study, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    deep = replace(study.judged, preindent_um=75.0)
-    line = _simulations(replace(study, models=(deep,)), "sine")[0]
-    assert "--preindent-um 75 -o own_sine" in line
-    program, *words = shlex.split(_simulations(study, "diharm_50_250")[0])
-    assert program == "fembridge"
-    assert main([*words, "--no-plot"]) == 0
-    rates = read_rates(tmp_path / "own_diharm_50_250/rates.csv")
-    assert len(rates) == 15
-    for rate in rates:
-        assert study.rates.of("own", rate.afferent, [rate.stimulus]) == [rate.rate_ips]
-
-
 @pytest.mark.usefixtures("known_evidence")
 def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     rates = [Rate("sine_20_250", "SA", 25.0), Rate("sine_40_100", "SA", 20.0)]
@@ -291,23 +270,6 @@ def test_observed_rates_of_none_of_the_paper_s_stimuli_are_refused(tmp_path):
         validate(stored_source("quick"), judged_models("published"), observed)
 
 
-def test_a_population_gives_one_row_a_cell(study):
-    simulation = study.simulations["own"]
-    trains = tuple(
-        SpikeTrain(train.stimulus, train.afferent, train.times_ms + cell, repeat=cell)
-        for train in simulation.trains
-        for cell in (3, 1, 2, 5, 4)
-    )
-    population = replace(simulation, trains=trains)
-    assert cells_of(population) == 5
-    single = {(train.stimulus, train.afferent): train.times_ms for train in simulation.trains}
-    found = repeated_trains(population)
-    assert len(found) == 3 * 3 * 5
-    for train in found:
-        expected = single[train.stimulus, train.afferent] + train.repeat
-        assert_array_equal(train.times_ms, expected)
-
-
 def test_rows_of_a_large_population_are_from_the_keenest_to_the_dullest(study):
     simulation = study.simulations["own"]
     ten = tuple(
@@ -315,7 +277,10 @@ def test_rows_of_a_large_population_are_from_the_keenest_to_the_dullest(study):
         for one in simulation.trains
         for k in range(1, 11)
     )
-    found = repeated_trains(replace(simulation, trains=ten))
+    population = replace(simulation, trains=ten)
+    assert cells_of(population) == 10
+    found = repeated_trains(population)
+    assert len(found) == 3 * 3 * 5
     assert [train.times_ms.tolist() for train in found[:5]] == [[1.0], [3.0], [5.0], [7.0], [9.0]]
 
 
@@ -329,12 +294,6 @@ def test_touchsim_against_the_observed_sinusoids_is_as_published():
         cell = row_of(found, OBSERVED, TOUCHSIM, "sine", EVERY_SET, afferent)
         assert cell.r_squared == pytest.approx(numbers[0], abs=0.005)
         assert cell.rmse_ips == pytest.approx(numbers[1], abs=0.05)
-
-
-def test_the_published_model_needs_no_other_beside_it():
-    [published] = judged_models("published")
-    assert (published.name, published.preindent_um) == ("published", 0)
-    assert published.parameters == PUBLISHED
 
 
 def test_a_file_is_judged_under_its_name_and_the_published_model_comes_after(own_file):
@@ -409,11 +368,9 @@ def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(
     log = []
     found = validate(source_of("quick", own, models), models, log=log.append)
     assert (found.finger, found.stored) == ("paper", False)
-    assert _simulations(found, "sine") == []
     assert log == ["parameters fitted were fitted on finger 'quick' (here: paper)"]
     text = page_text(found, "fembridge validate --response response.toml", tmp_path)
     assert "arameters fitted were fitted on finger" in text
-    assert "--stored --" not in text
     monkeypatch.setattr("fembridge.report.validate.gather", lambda *_: found.evidence)
     of_paper = validate(source_of("paper", None, models), models)
     rates = [one.rates.of("fitted", "SA", SINES.stimuli) for one in (found, of_paper)]

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
 from fembridge.report.rates import FAMILIES, OBSERVED, SINES, TOUCHSIM
@@ -39,32 +38,9 @@ def thresholds(study):
     return threshold_figure(study.thresholds, "own")
 
 
-def words_of(figure):
-    """Words that are drawn: not those of ticks beyond an axis' ends."""
-    figure.draw_without_rendering()
-    hidden = set()
-    for panel in figure.axes:
-        for axis in (panel.xaxis, panel.yaxis):
-            low, high = sorted(axis.get_view_interval())
-            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
-                hidden.add(tick.label2)
-                if not low <= tick.get_loc() <= high or not tick.label1.get_visible():
-                    hidden.add(tick.label1)
-    words = set(figure.findobj(Text)) - hidden
-    return [text for text in words if text.get_text().strip() and text.get_visible()]
-
-
 @pytest.mark.parametrize("figure_of", [regression, raster, ramp, thresholds])
-def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_of):
-    shown = words_of(figure := figure_of(study))
-    assert len(shown) > 8
-    boxes = [(text, text.get_window_extent()) for text in shown]
-    for k, (text, box) in enumerate(boxes):
-        assert text.get_fontsize() >= LEAST_PT, text
-        assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1, text
-        assert figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1, text
-        for other, its in boxes[k + 1 :]:
-            assert not box.overlaps(its), (text, other)
+def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_of, check_words):
+    check_words(figure_of(study), LEAST_PT)
 
 
 def test_the_dashed_line_is_the_regression_and_the_grey_one_is_equality(study):

@@ -141,7 +141,7 @@ def test_every_command_on_the_page_is_one_that_fembridge_understands(read):
 
     lines = {line for block in read.code for line in block.splitlines()}
     commands = {line for line in lines if not line.startswith("#")}
-    assert len(commands) > 8
+    assert commands
     for line in commands:
         program, *words = shlex.split(line)
         assert program == "fembridge"

@@ -1,0 +1,47 @@
+"""What tests of pictures share."""
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+
+@pytest.fixture(scope="session")
+def words_of():
+    """Words of a figure that are drawn: not those of ticks beyond an axis' ends."""
+
+    def found(figure):
+        figure.draw_without_rendering()
+        hidden = set()
+        for panel in figure.axes:
+            for axis in (panel.xaxis, panel.yaxis):
+                low, high = sorted(axis.get_view_interval())
+                for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+                    hidden.add(tick.label2)
+                    if not low <= tick.get_loc() <= high:
+                        hidden.add(tick.label1)
+        words = set(figure.findobj(Text)) - hidden
+        return [text for text in words if text.get_text().strip() and text.get_visible()]
+
+    return found
+
+
+@pytest.fixture(scope="session")
+def check_words(words_of):
+    """Words of a figure are on its page, apart, and of `least_pt` points or more."""
+
+    def check(figure, least_pt=0.0):
+        shown = words_of(figure)
+        assert shown
+        page = figure.bbox
+        for text in shown:
+            box = text.get_window_extent()
+            assert text.get_fontsize() >= least_pt, text
+            assert box.x0 >= page.x0 - 0.5 and box.x1 <= page.x1 + 0.5, text
+            assert box.y0 >= page.y0 - 0.5 and box.y1 <= page.y1 + 0.5, text
+        edges = np.array([text.get_window_extent().extents for text in shown])
+        low = np.maximum(edges[:, None, :2], edges[:, :2])
+        high = np.minimum(edges[:, None, 2:], edges[:, 2:])
+        over = np.argwhere(np.triu(((high - low) > 1.0).all(axis=-1), k=1))
+        assert not over.size, [(shown[a], shown[b]) for a, b in over[:5]]
+
+    return check
