@@ -53,10 +53,13 @@ def read_stress(
         raise UsageError(f"{path}: columns, gain and resampling are for a table of traces")
     if path.name == RUN_FILE:
         return read(path.parent, log=log), path
-    names, _, rows = arrays_in(path)
+    written = stimuli_in(path.parent) if path.name == TRACES_FILE else None
+    if written is None:
+        names, _, rows = arrays_in(path)
+    else:
+        names, rows = [one.id for one in written.stimuli], written.traces
     named = zip(names, rows, strict=True)
     traces = [replace(one, stimulus=name) for name, row in named for one in row]
-    written = stimuli_in(path.parent) if path.name == TRACES_FILE else None
     if written is None:
         return Traces(traces), path
     windows_ms = {one.id: one.window_ms for one in written.stimuli}

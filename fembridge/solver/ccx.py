@@ -159,11 +159,8 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
     try:
         table = read_toml(run.folder / SOLVER_FILE, FembridgeError)
         digests = _digests(run.folder)
-        # Records of earlier versions have no digest of what was printed.
-        recorded = {"printed_sha256": digests.get("printed_sha256")} | table
-        known = [recorded[name] == found for name, found in digests.items()]
-        lost = "printed_sha256" in table and "printed_sha256" not in digests
-        if table["format"] != RECORD_FORMAT or lost or not all(known):
+        recorded = {name: text for name, text in table.items() if name.endswith("_sha256")}
+        if table["format"] != RECORD_FORMAT or recorded != digests:
             return None
         return Outcome(
             folder=run.folder,

@@ -70,16 +70,20 @@ _STEP_MM = 0.005
 class Variant:
     """One finger of a study: `label` is its base, `changes` is what is different.
 
-    The keys of `changes` are dotted names, as ``materials.dermis.young_mpa``;
-    `contact` holds what it asks of the contact model, without the first word.
+    The keys of `changes` are dotted names, as ``materials.dermis.young_mpa``.
     `called` names it where its changes would be many words.
     """
 
     label: str
     finger: Finger
     changes: Mapping[str, Value] = field(default_factory=dict)
-    contact: Mapping[str, Value] = field(default_factory=dict)
     called: str = ""
+
+    @property
+    def contact(self) -> dict[str, Value]:
+        """What it asks of the contact model, without the first word."""
+        names = [name for name in self.changes if name.startswith(CONTACT)]
+        return {name.removeprefix(CONTACT): self.changes[name] for name in names}
 
     def value(self, name: str) -> Value | None:
         """What this finger has under the dotted `name`; None: no such thing."""
@@ -265,8 +269,7 @@ def _variants(
         except FingerError as error:
             name = name or ", ".join(f"{key} = {value!r}" for key, value in row.items())
             raise FingerError(f"{name}: {error}" if name else str(error)) from error
-        contact = {k.removeprefix(CONTACT): v for k, v in row.items() if k.startswith(CONTACT)}
-        variants.append(Variant(label, made, row, contact, name))
+        variants.append(Variant(label, made, row, name))
     return variants
 
 
