@@ -207,9 +207,10 @@ def solve_deflection(
     stimulus = way_down(depth_mm)
     run = build_press(folder, press, stimulus)
     remove_file(folder / PROFILE_FILE)  # it may be of another run
-    outcome, found = solve_once(run, settings, lambda run: _measured(run, press, stimulus))
-    if found is None:
+    outcome = solve_once(run, settings)
+    if not outcome.accepted:
         raise outcome.to_error()
+    found = _measured(run, press, stimulus)
     made = {"version": outcome.version or "", "iterations": outcome.iterations}
     deflection = replace(found, origin={**made, **found.origin})
     write_profile(folder / PROFILE_FILE, deflection)

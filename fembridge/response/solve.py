@@ -39,7 +39,6 @@ from fembridge.response.acceptance import (
     measured_response,
 )
 from fembridge.response.response_map import MAP_FILE, ResponseMap, write_map
-from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.forecast import in_words, increment_s
 from fembridge.solver.settings import DEFAULTS, SolverSettings
@@ -145,19 +144,17 @@ def solve_response(
     def solved(name: str, attempt: Attempt) -> tuple[Outcome, ResponseMap | ResponseError]:
         """The response that was accepted, or why the attempt is left."""
         stimulus = indentation(depth_um, attempt.steps)
-
-        def measured(run: RunFolder) -> ResponseMap | ResponseError:
-            try:
-                return measured_response(run, stimulus.times_ms, stimulus.displacement_um)
-            except ResponseError as error:
-                return error
-
         moved = replace(still, support=attempt.support, contact=attempt.contact)
         run = build_run_folder(folder / name, moved, stimulus)
-        outcome, found = solve_once(run, settings, measured)
-        if outcome.failure is not None and outcome.failure.cause not in CONTACT_CAUSES:
-            raise outcome.to_error()
-        return outcome, found or ResponseError(str(outcome.failure))
+        outcome = solve_once(run, settings)
+        if outcome.failure is not None:
+            if outcome.failure.cause not in CONTACT_CAUSES:
+                raise outcome.to_error()
+            return outcome, ResponseError(str(outcome.failure))
+        try:
+            return outcome, measured_response(run, stimulus.times_ms, stimulus.displacement_um)
+        except ResponseError as error:
+            return outcome, error
 
     attempts = attempts_for(depth_um, ladder)
     increments = indentation(depth_um).displacement_um.size - 1

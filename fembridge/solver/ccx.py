@@ -22,11 +22,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TypeVar
 
 from decks.dialects import JOB
 from fembridge import cache
@@ -80,8 +79,6 @@ REFERS = re.compile(r"(?im)^\s*\*(?:INCLUDE|RESTART|SUBMODEL)|^\s*\*.*,\s*(?:INP
 _NAMED = (("finger", "name"), ("stimulus", "id"))
 """What of a run's inputs names it to a person."""
 
-_Read = TypeVar("_Read")
-
 
 def run_ccx(
     run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
@@ -107,20 +104,9 @@ def run_ccx(
     return Outcome(run.folder, failure)
 
 
-def solve_once(
-    run: RunFolder, settings: SolverSettings, read: Callable[[RunFolder], _Read]
-) -> tuple[Outcome, _Read | None]:
-    """Outcome of `run`, and what `read` finds in its results; None where it failed.
-
-    Results of the same deck that are there already are read again as long as all
-    their files are whole.
-    """
-    finished = finished_outcome(run)
-    if finished is not None:
-        with contextlib.suppress(ResultError):  # a file is cut: solve it again
-            return finished, read(run)
-    outcome = run_ccx(run, settings)
-    return outcome, read(run) if outcome.accepted else None
+def solve_once(run: RunFolder, settings: SolverSettings = DEFAULTS) -> Outcome:
+    """Outcome of `run`, which is solved unless whole results of its deck are there."""
+    return finished_outcome(run) or run_ccx(run, settings)
 
 
 def warnings_of(run: RunFolder, deck: Path) -> list[str]:

@@ -60,11 +60,10 @@ def solve_pad(
 
     def solved(case: GreenCase) -> tuple[FloatArray, float, str | None]:
         run = _run_folder(folder / case.name, prism, case)
-        outcome, found = solve_once(
-            run, settings.shared_by(settings.jobs), lambda run: _read(run, prism, case)
-        )
-        if found is None:
+        outcome = solve_once(run, settings.shared_by(settings.jobs))
+        if not outcome.accepted:
             raise outcome.to_error()
+        found = _read(run, prism, case)
         log(f"{case.name}: {len(case.loads(prism))} unit forces in {outcome.wall_s:.0f} s")
         return found, outcome.wall_s, outcome.version
 
