@@ -36,13 +36,6 @@ class DeckOptions:
     probe: str | None = None
     frames: int = 0
 
-    def __post_init__(self) -> None:
-        if self.frames < 0:
-            raise UsageError(f"frames is {self.frames}, expected 1 or more samples")
-        for name, known in (("results", RESULTS), ("probe", PROBES)):
-            if (word := getattr(self, name)) not in (None, *known):
-                raise DeckError(f"{name} {word!r}, expected one of {', '.join(known)}")
-
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
@@ -112,6 +105,8 @@ class Dialect:
                 )
         module, _, function = self.target.partition(":")
         target = getattr(import_module(module), function)
+        if options.frames < 0:
+            raise UsageError(f"frames is {options.frames}, expected 1 or more samples")
         if options.frames and not self.frames:
             raise UsageError(f"a deck for {self.name} has results at all nodes, at every sample")
         files: dict[str, str] = target(analysis, DeckOptions(**chosen, frames=options.frames))

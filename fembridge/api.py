@@ -247,7 +247,7 @@ def build_deck(
         dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
     )  # fmt: skip
     if base_deck is not None:
-        from decks.own_model.request import Request
+        from decks.own_model import Request
 
         base = read_base_deck(Path(base_deck), solver)
         if frames not in (0, 1):

@@ -20,7 +20,7 @@ from fembridge.trace import MS_PER_S
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
-    from decks.own_model.request import Request
+    from decks.own_model import Request
 
 _SOLVERS = {".inp": ("calculix", "abaqus"), ".dat": ("marc",)}
 _OURS = (RUN_FILE, STIMULUS_FILE, "job.inp", "job.dat")

@@ -1,1 +1,116 @@
-"""A user's own deck, kept to the byte but for waveform, increments and output."""
+"""A user's own deck, kept to the byte but for waveform, increments and output.
+
+Here is what is wanted of it, and what came of it; `inp` and `marc` are the two languages.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from decks.dialects import INCREMENTS, RESULTS
+from decks.inp import squeezed
+from decks.motion import Motion
+from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
+from fembridge.errors import DeckError, UsageError
+
+_MOVE = re.compile(r".*[^,\s].*,\s*[+-]?[123]\s*")
+_BIG_MM = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is wanted of an own deck.
+
+    Parameters
+    ----------
+    amplitude
+        Name of the ``*AMPLITUDE`` or ``table`` that becomes the waveform; without
+        one, the only one that drives a motion.
+    step
+        Load case by name, or step by number, that the waveform runs in; without
+        one, the only one possible.
+    afferents
+        Node number of each afferent; may be empty.
+    move
+        ``NSET,DOF``: the displacement that becomes the waveform, whether it has an
+        amplitude or not; a sign, ``PROBE,-2``, says which way is into the skin.
+    length_unit
+        One of `decks.unit_system.LENGTH_UNITS`; None: as the heading says, else mm.
+    increments
+        "fixed", one a sample, or "automatic": the solver may make them smaller.
+    all_nodes
+        Results at all nodes, not at those of the afferents alone.
+    results
+        "binary", "text" or, of Marc, "both". None: a Marc deck's own way, of others
+        binary.
+    """
+
+    amplitude: str | None = None
+    step: str | None = None
+    afferents: Mapping[str, int] = field(default_factory=dict)
+    length_unit: str | None = None
+    results: str | None = None
+    move: str | None = None
+    increments: str = "fixed"
+    all_nodes: bool = False
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("length_unit", (None, *LENGTH_UNITS)),
+            ("results", (None, *RESULTS)),
+            ("increments", INCREMENTS),
+        ):
+            if (word := getattr(self, name)) not in known:
+                raise UsageError(f"{name} {word!r}, expected {', '.join(filter(None, known))}")
+        if self.move is not None and self.amplitude:
+            raise UsageError("amplitude and move: one of them names the motion")
+        if self.move is not None and not _MOVE.fullmatch(self.move):
+            raise UsageError(
+                f"move {self.move!r}, expected NSET,DOF: PROBE,2, or PROBE,-2 for into the skin "
+                "on the negative side"
+            )
+        for name, node in self.afferents.items():
+            if node < 1:
+                raise DeckError(f"afferent {name}: a node is from 1, got {node}")
+
+    @property
+    def moved(self) -> tuple[str, int, int] | None:
+        """Set or node, axis and sign of `move`; sign 0 where it says none."""
+        if self.move is None:
+            return None
+        what, degree = self.move.rsplit(",", 1)
+        sign = {"-": -1, "+": 1}.get(degree.strip()[0], 0)
+        return squeezed(what), abs(int(degree)), sign
+
+
+@dataclass(frozen=True, slots=True)
+class Rebased:
+    """An own deck with the waveform in it.
+
+    `remarks` say what was chosen and changed, each with its line. `place_mm` is
+    the undeformed (x, y) of each afferent's node, of a solid model (x, y, z). `needs` are
+    the files that the deck includes, by the relative names it gives them. `before_s` is
+    the solver's time at which the waveform begins: that of the steps before it.
+    `stands_mm` is how deep the probe stands by then. `units` are the deck's.
+    """
+
+    deck: bytes
+    remarks: tuple[str, ...]
+    place_mm: Mapping[str, tuple[float, ...]]
+    needs: tuple[str, ...] = ()
+    before_s: float = 0.0
+    stands_mm: float = 0.0
+    units: UnitSystem = MM
+
+
+def too_far(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
+    """A remark where a waveform or a model is of no size that both can have."""
+    reach_mm = float(motion.depth_mm.max() - motion.depth_mm.min())
+    if size_mm > 0 and reach_mm > size_mm:
+        found = f"the waveform moves {reach_mm:g} mm and the model is {size_mm:g} mm big"
+    elif size_mm > _BIG_MM:
+        found = f"the model is {size_mm / _BIG_MM:g} m big"
+    else:
+        return []
+    hint = "as its heading says" if by_heading else "--length-unit names it"
+    return [f"{found}: is its unit of length {units.length_unit}? ({hint})"]

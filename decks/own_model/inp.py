@@ -24,6 +24,7 @@ from decks.inp import (
 )
 from decks.keyword_deck import fixed, pair_lines
 from decks.motion import Motion
+from decks.own_model import Rebased, Request, too_far
 from decks.own_model.inp_drive import MOVABLE, OWN_AMPLITUDE, Drive, find_drive
 from decks.own_model.inp_output import (
     TIMES,
@@ -34,7 +35,6 @@ from decks.own_model.inp_output import (
     scopes_of,
     size_of,
 )
-from decks.own_model.request import Rebased, Request, too_far
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, unit_system_in
 from fembridge.errors import DeckError
 

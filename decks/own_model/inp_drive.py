@@ -20,7 +20,7 @@ from itertools import chain
 import numpy as np
 
 from decks.inp import Block, Deck, Row, node_sets, squeezed
-from decks.own_model.request import Request
+from decks.own_model import Request
 from fembridge.errors import DeckError
 
 # The amplitude that we put in where the deck has none for the waveform alone.

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 from decks.inp import Block, Deck, Edit, Piece, Row, inserted, members, squeezed, without
 from decks.keyword_deck import list_lines
+from decks.own_model import Request
 from decks.own_model.inp_drive import MOVABLE, Drive, Step
-from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
 OUTPUT_SET = "FEMBRIDGE_OUTPUT"

@@ -44,7 +44,7 @@ from decks.marc.grammar import (
     reals_line,
 )
 from decks.motion import Motion
-from decks.own_model.request import Rebased, Request, too_far
+from decks.own_model import Rebased, Request, too_far
 from decks.unit_system import LENGTH_UNITS, MM
 from fembridge.errors import DeckError
 

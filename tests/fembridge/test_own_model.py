@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.own_model.request import Request
+from decks.own_model import Request
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_own_folder, read_base_deck

@@ -12,8 +12,8 @@ from decks.analysis import Model
 from decks.marc.contents import POST_EVERY, POST_KIND, POST_KINDS, read_marc_deck
 from decks.marc.write import marc_deck
 from decks.motion import Motion, motion_of
+from decks.own_model import Request
 from decks.own_model.marc import rebase_marc
-from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
 from decks.stimuli import resolve
 from decks.unit_system import LENGTH_UNITS

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from decks.motion import Motion
+from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
-from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
 MOTION = Motion(np.arange(5) * 5e-4, np.array([0.0, 0.1, 0.2, 0.1, 0.0]), 5e-4, 0)

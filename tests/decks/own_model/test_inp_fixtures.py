@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from decks.motion import Motion
+from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
-from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from decks.motion import Motion
+from decks.own_model import Request
 from decks.own_model.inp import dialect_of, rebase_inp
-from decks.own_model.request import Request
 
 MOTION = Motion(np.arange(3) * 5e-4, np.array([0.0, 0.1, 0.2]), 5e-4, 0)
 MODEL = """\

@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from decks.motion import Motion
+from decks.own_model import Request
 from decks.own_model.inp import dialect_of, rebase_inp
-from decks.own_model.request import Request
 from fembridge.errors import DeckError
 
 DT_S = 0.0005

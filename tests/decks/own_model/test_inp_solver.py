@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.motion import Motion
+from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
-from decks.own_model.request import Request
 from decks.presets import QUICK, mesh_of
 from fembridge.machine import find_ccx
 from fembridge.results.source import read_values

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.motion import Motion
+from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
-from decks.own_model.request import Request
 from decks.unit_system import LENGTH_UNITS, UNIT_SYSTEMS
 from fembridge.errors import DeckError, UsageError
 
