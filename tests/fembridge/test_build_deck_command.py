@@ -274,14 +274,14 @@ def test_abaqus_is_asked_for_the_whole_field_beside_the_afferents(here):
 @pytest.mark.solver
 def test_traces_are_the_same_and_every_frame_shows_the_finger(here, capsys):
     stress = {}
-    for frames in (0, 5):
-        assert main([*wave(10), "--frames", str(frames), "-o", f"runs{frames}"]) == 0
+    for frames in (0, 3):
+        assert main([*wave(6), "--frames", str(frames), "-o", f"runs{frames}"]) == 0
         assert main(["run", f"runs{frames}/wave"]) == 0
         stress[frames] = fb.read(f"runs{frames}/wave")
     for one, other in zip(*stress.values(), strict=True):
         assert_allclose(other.stress_pa, one.stress_pa, rtol=0, atol=2e-5 * one.stress_pa.max())
-    assert main(["ingest", "runs5/wave", "--vtu", "fields"]) == 0
-    assert "left out: 8 of 10 increments, at fewer nodes" in capsys.readouterr().err
+    assert main(["ingest", "runs3/wave", "--vtu", "fields"]) == 0
+    assert "left out: 4 of 6 increments, at fewer nodes" in capsys.readouterr().err
     assert len(list(here.glob("fields/*.vtu"))) == 2
-    sizes = [len(field.nodes) > 1000 for field in fb.read_fields("runs5/wave")]
-    assert sizes == [False] * 4 + [True] + [False] * 4 + [True]
+    sizes = [len(field.nodes) > 1000 for field in fb.read_fields("runs3/wave")]
+    assert sizes == 2 * [False, False, True]

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import fembridge as fb
 from fembridge.cli import main
+from fembridge.response.response_map import MAP_FILE, read_map
 from fembridge.run_folder import read_run_folder
 from fembridge.tables import read_rates, read_spikes, read_traces
 from neural import parameter_set
@@ -25,12 +27,24 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.solver
 def test_four_verbs_without_options_are_one(here):
-    """From Python and by commands; the transient of the chain against the map of simulate."""
+    """From Python and by commands; the transient of the chain against the map of simulate.
+
+    The map is solved, read again from its folder, and gives what the stored one gives.
+    """
     preindent_um = parameter_set("fitted").preindent_um
-    wave_um = preindent_um + 60.0 * np.sin(2e-3 * np.pi * 100.0 * 0.5 * np.arange(61))
-    stimulus = fb.Stimulus("mine", wave_um, 0.5, (5.0, 25.0), preindent_um)
-    at_once = fb.simulate(stimulus)
+    wave_um = preindent_um + 60.0 * np.sin(2e-3 * np.pi * 100.0 * 0.5 * np.arange(41))
+    stimulus = fb.Stimulus("mine", wave_um, 0.5, (5.0, 20.0), preindent_um)
+    lines = []
+    at_once = fb.simulate(stimulus, output="out", log=lines.append)
     assert at_once.origin["method"] == "map"
+    again = fb.simulate(stimulus, output="out", log=lines.append)
+    stored = fb.simulate(stimulus, stored=True)
+    assert any("response of finger 'quick' solved in " in one for one in lines)
+    assert any("response of finger 'quick' read again: 39 increments" in one for one in lines)
+    for other in (again, stored):
+        pandas.testing.assert_frame_equal(other.spikes, at_once.spikes)
+        pandas.testing.assert_frame_equal(other.rates, at_once.rates)
+    assert read_map(here / "out/response" / MAP_FILE).closure_percent < 0.5
 
     [run] = fb.build_deck(stimulus)
     [outcome] = fb.run(run)
@@ -42,6 +56,7 @@ def test_four_verbs_without_options_are_one(here):
     assert len(spikes) > 10
     pandas.testing.assert_frame_equal(spikes, at_once.spikes)
     at_once.write("out")
+    assert tomllib.loads((here / "out/simulation.toml").read_text("utf-8"))["source"] == "CalculiX"
     for table in ("spikes.csv", "rates.csv"):
         assert (here / "encoded" / table).read_bytes() == (here / "out" / table).read_bytes()
 

@@ -92,9 +92,9 @@ PICTURES = {
 
 
 CASES = [(picture, names) for picture in PICTURES for names in ("one", "five")]
-CASES += [("raster", "all")]
 CASES += [
-    pytest.param(picture, "all", marks=pytest.mark.slow) for picture in ("isi", "rates", "stimulus")
+    pytest.param(picture, "all", marks=pytest.mark.slow)
+    for picture in ("raster", "isi", "rates", "stimulus")
 ]
 
 

@@ -173,25 +173,6 @@ def test_help_shows_an_example_that_runs(here, capsys):
     assert (here / "out/rates.csv").exists()
 
 
-@pytest.mark.solver
-def test_with_a_solver_the_response_is_solved_and_then_read_again(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    words = ["simulate", "--stimulus", "noise_25_250", "-o"]
-    assert main([*words, "out"]) == 0
-    first = capsys.readouterr().err
-    assert main([*words, "out", "--no-plot"]) == 0
-    second = capsys.readouterr().err
-    assert main([*words, "stored", "--stored", "--no-plot"]) == 0
-
-    assert "response of finger 'quick' solved in " in first
-    assert "response of finger 'quick' read again: 39 increments" in second
-    solved, stored = (tmp_path / name / "rates.csv" for name in ("out", "stored"))
-    assert solved.read_bytes() == stored.read_bytes()
-    record = tomllib.loads((tmp_path / "out/simulation.toml").read_text("utf-8"))
-    assert record["source"] == "CalculiX"
-    assert read_map(tmp_path / "out/response/response.toml").closure_percent < 0.5
-
-
 def refused(capsys, *words):
     """Run, expect one line on stderr and nothing else; give code and line."""
     code = main(["simulate", *words])

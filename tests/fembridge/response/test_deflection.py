@@ -3,7 +3,6 @@
 import argparse
 import csv
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.material import TABLE_1, Material
 from decks.presets import PAPER, QUICK, mesh_of
 from fembridge.commands import deflect
 from fembridge.errors import ResponseError, UsageError
@@ -288,18 +286,6 @@ def test_what_is_for_the_solver_is_refused_without_it(call, option):
         call(option, "1")
 
 
-@pytest.mark.solver
-def test_a_shallow_run_is_solved_written_and_kept(call, tmp_path, capsys):
-    summary = call("--solver", "run", "--depth-mm", "0.05", "--threads", "1")
-    assert (summary["source"], summary["depth_mm"]) == ("solved", 0.05)
-    assert summary["meshes"][0]["force_n_per_mm"] > 0
-    rows = table(tmp_path / "out" / "deflection.csv")
-    assert {row["mesh"] for row in rows} == {"quick"}
-    assert_allclose(float(rows[0]["deflection_mm"]), 0.05, rtol=0.03)
-    assert (tmp_path / "out" / "run" / "deflection.toml").is_file()
-    assert "stored differ" not in capsys.readouterr().err  # it is of another depth
-
-
 def test_the_middle_panel_shows_micrometres_from_the_finest_mesh():
     panel = deflection_figure(MESHES).axes[1]
     zero, *lines = panel.get_lines()
@@ -336,17 +322,31 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
 
 
 @pytest.mark.solver
-def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(tmp_path):
-    """``u(a) − u(b) = 2 P (1 − ν²)/(π E) ln(b/a)`` on a half plane.
+def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(
+    call, tmp_path, capsys
+):
+    """``u(a) − u(b) = 2 P (1 − ν²)/(π E) ln(b/a)`` on a half plane, of a run of the command.
 
     Johnson, Contact Mechanics (1985), section 2.3. From 0.1 to 1 mm away the probe
     is thin, and bone and sides are far; ridges and they leave 4 %.
     """
-    soft = Material(0.05, 0.40)
-    skin = dict.fromkeys(("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue"), soft)
-    finger = replace(QUICK, materials={**TABLE_1, **skin})
-    solved = solve_deflection(tmp_path, press_of(finger), 0.05, ONE_THREAD)
-    plane = 2 * (1 - soft.poisson**2) / (math.pi * soft.young_mpa)
+    young_mpa, poisson = 0.05, 0.40
+    of_skin = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
+    soft = f"young_mpa = {young_mpa}\npoisson = {poisson}\n"
+    finger = "".join(f"[materials.{name}]\n{soft}" for name in of_skin)
+    (tmp_path / "soft.toml").write_text(f"name = 'soft'\n{finger}", encoding="utf-8")
+    summary = call(
+        *("--solver", "run", "--finger", str(tmp_path / "soft.toml")),
+        *("--depth-mm", "0.05", "--threads", "1"),
+    )
+    solved = read_profile(tmp_path / "out/run" / PROFILE_FILE)
+    assert (summary["source"], summary["depth_mm"]) == ("solved", 0.05)
+    assert summary["meshes"][0]["force_n_per_mm"] == solved.force_n_per_mm > 0
+    rows = table(tmp_path / "out" / "deflection.csv")
+    assert {row["mesh"] for row in rows} == {"soft"}
+    assert_allclose(float(rows[0]["deflection_mm"]), 0.05, rtol=0.03)
+    assert "stored differ" not in capsys.readouterr().err  # it is of another depth
+    plane = 2 * (1 - poisson**2) / (math.pi * young_mpa)
     for near_mm, far_mm in ((0.1, 0.2), (0.25, 0.5), (0.5, 1.0)):
         found_mm = float(solved.at(near_mm) - solved.at(far_mm))
         flamant_mm = solved.force_n_per_mm * plane * math.log(far_mm / near_mm)

@@ -17,7 +17,7 @@ def run(capsys, *words):
 
 def test_touch_writes_tables_and_pictures(tmp_path, capsys):
     code, printed = run(
-        capsys, "touch", "--shape", "grating", "--press-n", 0.2, "--hold-ms", 100,
+        capsys, "touch", "--shape", "grating", "--press-n", 0.2, "--hold-ms", 20,
         "--population", "fingertip:density=0.2", "--animate", "short.gif", "-o", tmp_path / "out",
     )  # fmt: skip
     assert code == 0, printed.err
