@@ -31,12 +31,14 @@ from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import ResponseMap, reading_energy, stored_response
 from fembridge.response.solve import (
     LADDER,
+    RESPONSE_FOLDER,
     FrictionSlipError,
     Log,
+    check_cost,
     solve_response,
+    solve_transients,
     why_no_map,
 )
-from fembridge.response.transients import RESPONSE_FOLDER, check_cost, solve_transients
 from fembridge.run_folder import RUN_FILE, read_run_folder, read_waveform
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus

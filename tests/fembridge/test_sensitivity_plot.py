@@ -18,7 +18,7 @@ from fembridge.sensitivity import (
     regressions_markdown,
     single_effects,
 )
-from fembridge.sweeps.design import Range, one_at_a_time
+from fembridge.sweeps.fingers import Range, one_at_a_time
 
 PNG = b"\x89PNG\r\n\x1a\n"
 NAMES = ("skin.dermis_mm", "materials.dermis.young_mpa", "contact.friction")

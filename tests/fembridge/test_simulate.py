@@ -18,10 +18,9 @@ from decks.waveform import make_stimulus
 from fembridge import simulation as module
 from fembridge.errors import ResponseError, SolverError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
-from fembridge.response import transients as transients_module
+from fembridge.response import solve as solve_module
 from fembridge.response.response_map import FOLDER, read_map
-from fembridge.response.solve import LADDER, FrictionSlipError
-from fembridge.response.transients import check_cost
+from fembridge.response.solve import LADDER, FrictionSlipError, check_cost
 from fembridge.run_folder import read_run_folder
 from fembridge.simulation import simulate
 from fembridge.solver import ccx as ccx_module
@@ -77,7 +76,7 @@ def accepting(monkeypatch, ccx):
     def solved(folder, model, needed_um, settings, *, ladder, **options):
         return replace(model, contact=ladder[0]), read_map(FOLDER / "quick.toml")
 
-    for each in (module, transients_module):
+    for each in (module, solve_module):
         monkeypatch.setattr(each, "solve_response", solved)
 
 
@@ -88,7 +87,7 @@ def slipping(monkeypatch, ccx):
     def solved(folder, model, needed_um, settings, *, ladder, **options):
         raise FrictionSlipError("skin slips under the probe", 1.5, ladder[0])
 
-    for each in (module, transients_module):
+    for each in (module, solve_module):
         monkeypatch.setattr(each, "solve_response", solved)
 
 
@@ -116,8 +115,8 @@ def transients(monkeypatch):
         wave = np.linspace(0, 1e4, run.increments + 1)
         return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
 
-    monkeypatch.setattr(transients_module, "run_folders", run_folders)
-    monkeypatch.setattr(transients_module, "read", read)
+    monkeypatch.setattr(solve_module, "run_folders", run_folders)
+    monkeypatch.setattr(solve_module, "read", read)
     return calls
 
 
@@ -237,8 +236,8 @@ def test_ctrl_c_keeps_the_transients_that_are_solved_and_says_how_many(
         raise KeyboardInterrupt
 
     finished = [Outcome(tmp_path), None]
-    monkeypatch.setattr(transients_module, "run_folders", stop)
-    monkeypatch.setattr(transients_module, "finished_outcome", lambda run: finished.pop())
+    monkeypatch.setattr(solve_module, "run_folders", stop)
+    monkeypatch.setattr(solve_module, "finished_outcome", lambda run: finished.pop())
     with pytest.raises(KeyboardInterrupt):
         simulate(TWO, model, tmp_path, method="transient", log=lines.append)
     assert lines[-1].startswith("1 of 2 transients are kept")

@@ -25,7 +25,7 @@ from fembridge.sensitivity import (
     single_effects,
 )
 from fembridge.sweeps import read_study
-from fembridge.sweeps.design import Range, one_at_a_time
+from fembridge.sweeps.fingers import Range, one_at_a_time
 
 GROUPS = ("all", "sine_20", "noise")
 HEADER = (

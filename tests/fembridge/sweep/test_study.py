@@ -13,13 +13,16 @@ from decks.finger import AfferentSite, Papillae, Ridges, Skin
 from decks.presets import PRESETS, QUICK
 from decks.probe import Probe
 from fembridge.errors import FingerError, UsageError
-from fembridge.sweeps import design, read_study
-from fembridge.sweeps.design import (
+from fembridge.sweeps import fingers, read_study
+from fembridge.sweeps.fingers import (
+    MOST_POINTS,
+    Anchor,
     Range,
+    anchor_of,
+    anchored,
     latin_hypercube,
     range_of,
 )
-from fembridge.sweeps.fingers import MOST_POINTS, Anchor, anchor_of, anchored
 from fembridge.sweeps.study import study_from
 from fembridge.sweeps.sweep import plan_of
 
@@ -29,7 +32,7 @@ LEAST = {"stimuli": ["sine_20_250"]}
 @pytest.fixture
 def not_optimised(monkeypatch):
     """Hypercubes as they are drawn: to search for one that is better takes seconds."""
-    monkeypatch.setattr(design, "_MOST_OPTIMISED", 0)
+    monkeypatch.setattr(fingers, "_MOST_OPTIMISED", 0)
 
 
 def test_a_grid_gives_every_combination_and_rows_give_one_finger_each(study_file):
