@@ -66,13 +66,6 @@ def test_ccx_writes_float64_at_the_afferents():
     assert steps_of(MODEL, "", afferents=WITH_SETS) == SETS + HEAD + BINARY
 
 
-def test_ccx_writes_text_where_that_is_asked_for():
-    text = BINARY.replace("*NODE OUTPUT", "*NODE FILE").replace(", DOUBLE", "")
-    text = text.replace("*ELEMENT OUTPUT", "*EL FILE")
-    wanted = SETS + HEAD + text
-    assert steps_of(MODEL, "", afferents=WITH_SETS, results="text") == wanted
-
-
 def test_requests_go_and_printed_tables_contact_and_comments_stay():
     requests = (
         "** before\n*NODE FILE, FREQUENCY=5\n** what\nU, RF\n*El File, NSET=ALL\nS\nE\n"

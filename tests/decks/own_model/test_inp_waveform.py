@@ -73,22 +73,6 @@ def test_total_time_starts_where_the_steps_before_end_and_is_zero_until_then():
 
 
 @pytest.mark.parametrize(
-    ("step", "new"),
-    [
-        ("*STEP,NLGEOM", "*STEP,NLGEOM, INC=130"),
-        ("*STEP, NLGEOM,", "*STEP, NLGEOM, INC=130"),
-        ("*step,inc=7,nlgeom  ", "*step,INC=130,nlgeom  "),
-        ("*STEP, INC=130, NLGEOM", "*STEP, INC=130, NLGEOM"),
-        ("*STEP, NLGEOM, INC = 100000", "*STEP, NLGEOM, INC = 100000"),
-    ],
-)
-def test_a_limit_of_increments_is_raised_where_it_is_too_small(step, new):
-    motion = Motion(np.arange(131) * DT_S, np.zeros(131), DT_S, 0)
-    rebased = rebase(deck_of(step=step), motion)
-    assert f"\n{new}\n*STATIC, DIRECT\n0.0005000, 0.0650000\n" in rebased.deck.decode()
-
-
-@pytest.mark.parametrize(
     ("procedure", "new"),
     [
         ("*STATIC", "*STATIC, DIRECT"),
