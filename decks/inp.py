@@ -43,8 +43,6 @@ _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET")
 _DEEPEST = 9  # ccx 2.20 includes no deeper
 _MOST_FILES = 1000  # one file may be included by many lines
 _MOST_DIGITS = 10
-# Runs of consecutive numbers over all sets: sets of sets of sets grow without bound.
-_MOST_RUNS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -359,7 +357,6 @@ def node_sets(deck: Deck) -> dict[str, list[range]]:
     A set may be spread over the deck, and may name sets before it.
     """
     found: dict[str, list[range]] = {}
-    count = 0
     for block in deck.of("NSET", "NODE"):
         name = block.word("NSET")
         if not name and block.keyword == "NODE":
@@ -374,9 +371,6 @@ def node_sets(deck: Deck) -> dict[str, list[range]]:
                 runs[-1] = range(last.start, run.stop, run.step)
             else:
                 runs.append(run)
-                count += 1
-            if count > _MOST_RUNS:
-                raise block.error(f"set {name}: more than {_MOST_RUNS} entries in the deck's sets")
     return found
 
 

@@ -50,7 +50,7 @@ NODES = {
     **dict.fromkeys((202, 203), 15),
     **dict.fromkeys((21, 23, 35, 44, 57, 61, 150), 20),
 }
-_NODES_A_LINE = 14
+_A_LINE = 14  # nodes of an element
 _MOST_COORDINATES = 6
 
 # What makes nodes and elements that are on no line of their own.
@@ -510,31 +510,18 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
             if number in seen:
                 raise line.refuse(f"element {number} again, first on {seen[number].place}")
             seen[number] = line
-            count = NODES.get(kind, 0)
-            while row < len(rows) and _goes_on(values, count, rows[row]):
+            same = found.setdefault(kind, [])
+            # Of a type that is not known all nodes are on the line, as of the first of it.
+            expected = NODES.get(kind, len((same or [values])[0]) - 2)
+            while row < len(rows) and expected > (there := len(values) - 2) and not there % _A_LINE:
                 values += rows[row].integers()
                 row += 1
-            same = found.setdefault(kind, [])
-            expected = len(same[0]) if same else count + 2 if count else len(values)
-            if len(values) != expected:
-                raise line.refuse(
-                    f"element {number} of type {kind} has {len(values) - 2} nodes, "
-                    f"expected {expected - 2}"
-                )
+            words = f"element {number} of type {kind} has {len(values) - 2} nodes"
+            line.check(len(values) - 2 == expected, f"{words}, expected {expected}")
             same.append(values)
         for kind, listed in found.items():
             table = np.array(listed, dtype=np.int64)
             yield Elements(kind, table[:, 0].copy(), table[:, 2:].copy(), head[5])
-
-
-def _goes_on(values: list[int], count: int, line: Line) -> bool:
-    """Whether the element goes on, on `line`; a type not known does if it may."""
-    if count:
-        return len(values) - 2 < count and (len(values) - 2) % _NODES_A_LINE == 0
-    if (len(values) - 2) % _NODES_A_LINE:
-        return False
-    ahead = line.integers()
-    return len(ahead) < 2 or ahead[1] != values[1]
 
 
 def _coordinates(options: Sequence[Option]) -> Coordinates:

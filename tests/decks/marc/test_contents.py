@@ -139,13 +139,6 @@ def test_elements_of_every_known_type_come_back(kind, layout, count):
     assert found.material == 8
 
 
-@pytest.mark.parametrize("count", [5, 14, 20, 27])
-def test_elements_of_a_type_not_known_keep_all_their_nodes(count):
-    nodes = list(range(1000, 1000 + count))
-    (found,) = deck_of([(1, 999, nodes), (2, 999, nodes)]).elements
-    assert_array_equal(found.node, [nodes, nodes])
-
-
 @pytest.mark.parametrize(
     ("elements", "found"),
     [
