@@ -1,6 +1,6 @@
 # Runs in the Python of Mentat or Abaqus, 2.7 or 3.6 and later, with its standard library alone.
-# ruff: noqa: ANN001, ANN003, ANN201, ANN202, ANN204, SIM118, B904, B905, PTH107, PTH110, PTH113, PTH118
-# ruff: noqa: PTH119, PTH122, PTH123, UP010, UP024, UP031
+# ruff: noqa: ANN001, ANN201, ANN202, ANN204, SIM118, B904, B905, PTH107, PTH110, PTH113, PTH118
+# ruff: noqa: PTH119, PTH122, PTH123, UP004, UP010, UP024, UP031
 # mypy: ignore-errors
 """Write von Mises stress at nodes of a Marc post file or an Abaqus .odb as a table for fembridge.
 
@@ -27,7 +27,6 @@ import sys
 AFFERENTS = ("SA", "RA", "PC")
 COLUMNS = "time_ms,afferent,node,von_mises_pa"
 PA_PER_UNIT = {"MPa": 1.0e6, "kPa": 1.0e3, "Pa": 1.0}
-STEP_TOLERANCE = 1.0e-3  # of the mean step, as fembridge has it
 LABELS = {"scalar": "Equivalent Von Mises Stress", "tensor": "Stress"}
 TENSOR = ("t11", "t22", "t33", "t12", "t23", "t13")
 
@@ -48,203 +47,179 @@ class ExportError(Exception):
     """What keeps the table from being written; the words are for the user."""
 
 
-class Quantity:
-    """What is read at an element: a scalar, or a tensor to make von Mises of."""
+class Marc(object):
+    """A post file, by py_post: position 0 is the model and holds no results.
 
-    def __init__(self, kind, label):
-        self.kind, self.label = kind, label or LABELS[kind]
+    `elements` are the nodes of each, `sets` name, kind and members, `positions` how many there
+    are. What py_post raises is not documented.
+    """
 
-    def labels(self, post):
-        """Names of all such quantities at this position."""
-        if self.kind == "scalar":
+    def __init__(self, args):
+        path = args.post_file
+        for folder, _, names in os.walk(os.path.join(args.mentat, "shlib") if args.mentat else ""):
+            if any(name.startswith("py_post.") for name in names):
+                sys.path.insert(0, folder)
+                if hasattr(os, "add_dll_directory"):
+                    os.add_dll_directory(folder)
+        try:
+            import py_post
+        except ImportError as error:
+            version = "%d.%d" % sys.version_info[:2]
+            raise ExportError(NO_PY_POST % (version, sys.executable, error))
+        try:
+            post = py_post.post_open(path)
+        except Exception as error:
+            raise ExportError("py_post cannot open %s: %s" % (path, error))
+        if post is None:
+            raise ExportError("py_post cannot open %s" % path)
+        self._post = post
+        post.extrapolation(args.extrapolate)
+        self.positions = post.increments()
+        self.go_to(min(1, self.positions - 1))
+        self.read_mesh()
+        held = [post.set(k) for k in range(post.sets())]
+        self.sets = [(each.name.strip(), each.type, list(each.items)) for each in held]
+        self.close = post.close
+
+    def read_mesh(self):
+        """Look at the elements of this position."""
+        post = self._post
+        numbers = [post.element_id(k) for k in range(post.elements())]
+        self._index = {number: k for k, number in enumerate(numbers)}
+        self.elements = {n: list(post.element(k).items) for n, k in self._index.items()}
+
+    def has(self, around):
+        """Whether the elements are still these: not after a remeshing."""
+        return self._post.elements() == len(self.elements) and all(
+            here.issubset(self._post.element(self._index[number]).items)
+            for number, here in around.items()
+        )
+
+    def go_to(self, position):
+        """Go there; its increment and time."""
+        try:
+            self._post.moveto(position)
+        except Exception as error:
+            raise ExportError("position %d cannot be read: %s" % (position, error))
+        return self._post.increment, self._post.time
+
+    def place(self, node):
+        """Coordinates of a node, or None where it is absent."""
+        row = self._post.node_sequence(node)
+        if row < 0:
+            return None
+        point = self._post.node(row)
+        return point.x, point.y, point.z
+
+    def labels(self, kind):
+        """Names of the scalars or tensors at elements here."""
+        post = self._post
+        if kind == "scalar":
             return [post.element_scalar_label(k) for k in range(post.element_scalars())]
         return [post.element_tensor_label(k) for k in range(post.element_tensors())]
 
-    def index(self, post):
-        """Which of them it is, or None."""
-        for index, label in enumerate(self.labels(post)):
-            if label.strip().lower() == self.label.strip().lower():
-                return index
-        return None
-
-    def entries(self, post, element, index):
-        """Node number and components, as py_post extrapolated them."""
-        if self.kind == "scalar":
-            found = post.element_scalar(element, index)
-            return [(entry.id, (entry.value,)) for entry in found]
-        found = post.element_tensor(element, index)
-        return [(entry.id, tuple(getattr(entry, name) for name in TENSOR)) for entry in found]
-
-    def stress(self, means):
-        """Make one number of the mean components; of a tensor its von Mises stress."""
-        if self.kind == "scalar":
-            return means[0]
-        xx, yy, zz, xy, yz, zx = means
-        normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-        return math.sqrt(0.5 * normal + 3.0 * (xy**2 + yz**2 + zx**2))
+    def values(self, element, kind, index):
+        """Nodes of an element, and components there, as py_post extrapolates them."""
+        row = self._index[element]
+        if kind == "scalar":
+            return [(one.id, (one.value,)) for one in self._post.element_scalar(row, index)]
+        found = self._post.element_tensor(row, index)
+        return [(one.id, tuple(getattr(one, name) for name in TENSOR)) for one in found]
 
 
-class Neighbourhood:
-    """The elements, by index, at each wanted node; all nodes where `nodes` is None."""
-
-    def __init__(self, post, nodes, within):
-        self.count, self.nodes, self.within = post.elements(), nodes, within
-        members = None if within is None else set(set_named(post, within, "element"))
-        wanted = None if nodes is None else set(nodes)
-        self.elements = []
-        for index in range(self.count):
-            here = set(post.element(index).items)
-            if wanted is not None:
-                here &= wanted
-            if here and (members is None or post.element_id(index) in members):
-                self.elements.append((index, here))
-
-    def holds(self, post):
-        """Whether the elements are still these: not after a remeshing."""
-        return post.elements() == self.count and all(
-            here.issubset(post.element(index).items) for index, here in self.elements
-        )
-
-
-class Member:
-    """A node, an element, a set or a value, as py_post has them."""
-
-    def __init__(self, **given):
-        self.__dict__.update(given)
-
-
-class OdbPost:
-    """An .odb of Abaqus, asked as py_post is: position 0 is the model, then every frame.
+class Abaqus(object):
+    """An .odb, by odbAccess, as `Marc`: position 0 is the model, then every frame.
 
     The first frame of a later step repeats the last of the one before and is left out.
     """
 
-    def __init__(self, odb, element_nodal, instance):
-        self._odb, self._element_nodal = odb, element_nodal
+    def __init__(self, args):
+        path, name = args.post_file, args.instance
+        if args.extrapolate != "linear":
+            raise ExportError("--extrapolate is of Marc: Abaqus extrapolates in one way")
+        try:
+            from abaqusConstants import ELEMENT_NODAL
+            from odbAccess import openOdb
+        except ImportError as error:
+            version = "%d.%d" % sys.version_info[:2]
+            raise ExportError(NO_ABAQUS % (version, sys.executable, error))
+        try:
+            odb = openOdb(path, readOnly=True)
+        except Exception as error:  # OdbError, a lock, another release
+            raise ExportError("Abaqus cannot open %s: %s" % (path, error))
         instances = odb.rootAssembly.instances
         names = sorted(instances.keys())
-        if instance is None and len(names) == 1:
-            instance = names[0]
-        if instance not in names:
+        if name is None and len(names) == 1:
+            name = names[0]
+        if name not in names:
             raise ExportError("which part? --instance one of %s" % (", ".join(names) or "none"))
-        self._name, self._instance = instance, instances[instance]
-        self._elements = list(self._instance.elements)
-        self._nodes = list(self._instance.nodes)
-        self._row = {node.label: row for row, node in enumerate(self._nodes)}
-        self._frames = []
+        part, self._element_nodal, self.close = instances[name], ELEMENT_NODAL, odb.close
+        self._of = {one.label: one for one in part.elements}
+        self.elements = {one.label: list(one.connectivity) for one in part.elements}
+        self._places = {one.label: tuple(one.coordinates) for one in part.nodes}
+        self._frames = [None]
         for step in odb.steps.values():
-            for frame in list(step.frames)[1 if self._frames else 0 :]:
-                self._frames.append((step, frame))
-        self._sets = []
-        for holder in (self._instance, odb.rootAssembly):
+            for frame in list(step.frames)[1 if len(self._frames) > 1 else 0 :]:
+                self._frames.append((step.totalTime + frame.frameValue, frame))
+        self.positions = len(self._frames)
+        self.sets = []
+        for holder in (part, odb.rootAssembly):
             for kind, sets in (("node", holder.nodeSets), ("element", holder.elementSets)):
-                for name in sets.keys():
-                    items = self._members(sets[name], kind + "s")
-                    self._sets.append(Member(name=name, type=kind, items=items))
-        self.moveto(0)
+                for key in sets.keys():
+                    self.sets.append((key, kind, self._members(sets[key], kind + "s", name)))
 
-    def _members(self, one, what):
-        """Labels of the members that are of the chosen part: a set may have several."""
-        found = getattr(one, what) or ()
+    def _members(self, one, what, name):
+        """Labels of the members of a set that are of the chosen part: it may have several."""
         labels = []
-        for place, entry in enumerate(found):
+        for place, entry in enumerate(getattr(one, what) or ()):
             if hasattr(entry, "label"):
                 labels.append(entry.label)
-            elif one.instanceNames[place] == self._name:
+            elif one.instanceNames[place] == name:
                 labels += [member.label for member in entry]
         return labels
 
-    def increments(self):
-        """The positions there are."""
-        return len(self._frames) + 1
+    def has(self, around):
+        """No frame has another mesh."""
+        return True
 
-    def moveto(self, position):
-        """Go to a position."""
-        self._frame, self.time, self.increment = None, 0.0, -1
-        if position:
-            step, self._frame = self._frames[position - 1]
-            self.time = step.totalTime + self._frame.frameValue
-            self.increment = self._frame.incrementNumber
+    def go_to(self, position):
+        """Go there; its increment and time."""
+        time_s, self._frame = self._frames[position] if position else (0.0, None)
+        return self._frame.incrementNumber if position else -1, time_s
 
-    def extrapolation(self, method):
-        """Abaqus has one way."""
-        if method != "linear":
-            raise ExportError("--extrapolate is of Marc: Abaqus extrapolates in one way")
+    def place(self, node):
+        """Coordinates of a node, or None where it is absent."""
+        return self._places.get(node)
 
-    def elements(self):
-        """How many elements there are."""
-        return len(self._elements)
+    def labels(self, kind):
+        """The stress, S, is there as a tensor and as its von Mises stress."""
+        there = self._frame is not None and "S" in self._frame.fieldOutputs.keys()
+        return [LABELS[kind]] if there else []
 
-    def element(self, index):
-        """An element's nodes."""
-        return Member(items=list(self._elements[index].connectivity))
-
-    def element_id(self, index):
-        """An element's number."""
-        return self._elements[index].label
-
-    def node(self, row):
-        """A node's place."""
-        return Member(**dict(zip("xyz", self._nodes[row].coordinates)))
-
-    def node_sequence(self, number):
-        """The row of a node, -1 where it is absent."""
-        return self._row.get(number, -1)
-
-    def sets(self):
-        """How many sets there are."""
-        return len(self._sets)
-
-    def set(self, k):
-        """A set."""
-        return self._sets[k]
-
-    def _has_stress(self):
-        return int(self._frame is not None and "S" in self._frame.fieldOutputs.keys())
-
-    element_tensors = element_scalars = _has_stress
-
-    def element_tensor_label(self, k):
-        """The one tensor: S."""
-        return LABELS["tensor"]
-
-    def element_scalar_label(self, k):
-        """Its von Mises stress, at the nodes of each element."""
-        return LABELS["scalar"]
-
-    def _values(self, index):
-        region, field = self._elements[index], self._frame.fieldOutputs["S"]
-        return field, field.getSubset(region=region, position=self._element_nodal).values
-
-    def element_scalar(self, index, k):
-        """Von Mises stress at an element's nodes."""
-        return [Member(id=one.nodeLabel, value=one.mises) for one in self._values(index)[1]]
-
-    def element_tensor(self, index, k):
-        """Stress at an element's nodes; a plane element has no 13 and 23."""
-        field, values = self._values(index)
-        found = []
-        for one in values:
+    def values(self, element, kind, index):
+        """Nodes of an element, and stress there; a plane element has no 13 and 23."""
+        field, found = self._frame.fieldOutputs["S"], []
+        region, at = self._of[element], self._element_nodal
+        for one in field.getSubset(region=region, position=at).values:
+            if kind == "scalar":
+                found.append((one.nodeLabel, (one.mises,)))
+                continue
             try:
                 data = one.data
             except Exception:  # in double precision, Abaqus wants it by another name
                 data = one.dataDouble
             held = {"t" + name[1:]: float(x) for name, x in zip(field.componentLabels, data)}
-            whole = {name: held.get(name, 0.0) for name in TENSOR}
-            found.append(Member(id=one.nodeLabel, **whole))
+            found.append((one.nodeLabel, tuple(held.get(name, 0.0) for name in TENSOR)))
         return found
-
-    def close(self):
-        """Close the file."""
-        self._odb.close()
 
 
 def main(words=None):
     """Run; give the exit code: 0 done, 1 our error. Misuse leaves with 2."""
     args = parsed(words)
     try:
-        abaqus = args.post_file.lower().endswith(".odb")
-        post = opened_odb(args) if abaqus else opened(args.post_file, args.mentat)
+        if not os.path.isfile(args.post_file):
+            raise ExportError("no such file: %s" % args.post_file)
+        post = (Abaqus if args.post_file.lower().endswith(".odb") else Marc)(args)
         try:
             show(post) if args.list else export(post, args)
         finally:
@@ -257,28 +232,29 @@ def main(words=None):
 
 def export(post, args):
     """Read the traces and write the table."""
-    quantity = Quantity(args.von_mises, args.label)
-    post.extrapolation(args.extrapolate)
-    start = first_position(post, quantity)
-    places = chosen_places(post, args, quantity)
+    kind, label = args.von_mises, args.label or LABELS[args.von_mises]
+    start = first_position(post, kind, label)
+    places = chosen_places(post, args, kind, label)
     nodes = sorted({node for _, node in places})
-    around = Neighbourhood(post, nodes, args.within)
+    around = elements_at(post, nodes, args.within)
     if args.within is None:
         note_borders(post, around, nodes)
     times_ms, stress = [], {node: [] for node in nodes}
-    for position in range(start, post.increments()):
-        moved(post, position)
-        if not around.holds(post):
-            around = Neighbourhood(post, nodes, args.within)
+    for position in range(start, post.positions):
+        times_ms.append(1000.0 * post.go_to(position)[1])
+        if times_ms[1:] and times_ms[-1] <= times_ms[-2]:
+            raise ExportError("time does not rise: %g, %g ms" % tuple(times_ms[-2:]))
+        if not post.has(around):
+            post.read_mesh()
+            around = elements_at(post, nodes, args.within)
             note(
                 "position %d has another mesh: from there on the numbers of nodes may "
                 "stand for other places" % position
             )
-        times_ms.append(1000.0 * post.time)
-        found = sample(post, around, quantity, "position %d" % position)
-        for node in nodes:
-            stress[node].append(found[node] * PA_PER_UNIT[args.unit])
-    check_steps(times_ms)
+        for node, value in sample(post, around, nodes, kind, label, position).items():
+            stress[node].append(value * PA_PER_UNIT[args.unit])
+    if len(times_ms) < 2:
+        raise ExportError("one time with results, a trace needs two or more")
     stem = os.path.splitext(os.path.basename(args.post_file))[0]
     output = args.output or stem + "_traces.csv"
     rows = [COLUMNS]
@@ -291,81 +267,103 @@ def export(post, args):
     print("%s: %d traces, %d times" % (output, len(places), len(times_ms)))
 
 
-def sample(post, around, quantity, where):
-    """Stress at each node of `around`, here, in the file's unit."""
-    index = quantity.index(post)
+def index_of(post, kind, label):
+    """Which of the scalars or tensors here has that name, or None."""
+    names = [name.strip().lower() for name in post.labels(kind)]
+    return names.index(label.strip().lower()) if label.strip().lower() in names else None
+
+
+def sample(post, around, nodes, kind, label, position):
+    """Von Mises stress at each node, here, in the file's unit."""
+    index = index_of(post, kind, label)
     if index is None:
-        raise ExportError("%s: no %s here" % (where, quantity.label))
-    found = {node: [] for node in around.nodes}
-    for element, here in around.elements:
-        for node, components in quantity.entries(post, element, index):
+        raise ExportError("position %d: no %s here" % (position, label))
+    found = {node: [] for node in nodes}
+    for element, here in around.items():
+        for node, components in post.values(element, kind, index):
             if node in here:
                 found[node].append(components)
     stress = {}
     for node, values in found.items():
         if not values:
-            raise ExportError("%s: %s" % (where, why_none(post, around, node)))
+            at = [element for element, here in around.items() if node in here]
+            words = "no value in element %d: a pressure node?" % at[0] if at else "no element there"
+            raise ExportError("position %d: node %d has %s" % (position, node, words))
         means = [sum(column) / len(values) for column in zip(*values)]
-        stress[node] = quantity.stress(means)
+        stress[node] = means[0] if kind == "scalar" else von_mises(*means)
         if stress[node] - stress[node] != 0:
-            raise ExportError("%s: node %d: %r" % (where, node, stress[node]))
+            raise ExportError("position %d: node %d: %r" % (position, node, stress[node]))
     return stress
 
 
-def first_position(post, quantity):
-    """Go to the first position with results of `quantity`; position 0 is the model."""
-    for position in range(1, min(3, post.increments())):
-        moved(post, position)
-        if quantity.index(post) is not None:
+def von_mises(xx, yy, zz, xy, yz, zx):
+    """Von Mises stress of a tensor."""
+    normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return math.sqrt(0.5 * normal + 3.0 * (xy**2 + yz**2 + zx**2))
+
+
+def elements_at(post, nodes, within):
+    """Which of `nodes`, or of all where these are None, each element has."""
+    members = None if within is None else set(set_named(post, within, "element"))
+    around = {}
+    for element, corners in post.elements.items():
+        here = set(corners) if nodes is None else set(corners).intersection(nodes)
+        if here and (members is None or element in members):
+            around[element] = here
+    if nodes is not None:
+        for node in set(nodes).difference(*around.values() or [()]):
+            inside = "" if within is None else " of the set %s" % within
+            raise ExportError("node %d belongs to no element%s" % (node, inside))
+    return around
+
+
+def first_position(post, kind, label):
+    """Go to the first position with results; position 0 is the model."""
+    for position in range(1, min(3, post.positions)):
+        post.go_to(position)
+        if index_of(post, kind, label) is not None:
             if position > 1:
-                note("the first increment holds no %s: left out" % quantity.label)
+                note("the first increment holds no %s: left out" % label)
             return position
-    if post.increments() < 2:
+    if post.positions < 2:
         raise ExportError("the file holds a model and no results")
-    other = Quantity("tensor" if quantity.kind == "scalar" else "scalar", None)
-    hint = "--von-mises %s would find %s" % (other.kind, other.label)
-    raise ExportError(
-        "no element %s %r in it; there is %s%s"
-        % (
-            quantity.kind,
-            quantity.label,
-            ", ".join(quantity.labels(post)) or "none",
-            "" if other.index(post) is None else "; " + hint,
-        )
-    )
+    names = ", ".join(post.labels(kind)) or "none"
+    other = "tensor" if kind == "scalar" else "scalar"
+    if index_of(post, other, LABELS[other]) is not None:
+        names += "; --von-mises %s would find %s" % (other, LABELS[other])
+    raise ExportError("no element %s %r in it; there is %s" % (kind, label, names))
 
 
-def chosen_places(post, args, quantity):
+def chosen_places(post, args, kind, label):
     """Afferent ("" for none) and node number, each pair once."""
     nodes = list(args.nodes)
     for name in args.set:
         nodes += set_named(post, name, "node")
     if args.near:
-        around = Neighbourhood(post, None, args.within)
-        nodes += [nearest(post, place, around, quantity) for place in args.near]
+        around = elements_at(post, None, args.within)
+        nodes += [nearest(post, place, around, kind, label) for place in args.near]
     places = list(args.afferent)
     taken = {node for _, node in places}
     places += [("", node) for node in nodes if node not in taken]
     for _, node in places:
-        if post.node_sequence(node) < 0:
+        if post.place(node) is None:
             raise ExportError("no node %d in the model" % node)
     return [place for at, place in enumerate(places) if place not in places[:at]]
 
 
-def nearest(post, place, around, quantity):
+def nearest(post, place, around, kind, label):
     """The node nearest to `place` at which an element has a value."""
     first = {}
-    for element, here in around.elements:
+    for element, here in around.items():
         for node in here:
             first.setdefault(node, element)
     ranked = []
     for node, element in first.items():
-        point = post.node(post.node_sequence(node))
-        away = zip((point.x, point.y, point.z), place)
+        away = zip(post.place(node), place)
         ranked.append((math.sqrt(sum((a - b) ** 2 for a, b in away)), node, element))
-    index = quantity.index(post)
+    index = index_of(post, kind, label)
     for distance, node, element in sorted(ranked):
-        if any(at == node for at, _ in quantity.entries(post, element, index)):
+        if any(at == node for at, _ in post.values(element, kind, index)):
             note("near %s: node %d, %.4g away" % (place, node, distance))
             return node
     raise ExportError("no node with a value near %s" % (place,))
@@ -373,33 +371,22 @@ def nearest(post, place, around, quantity):
 
 def set_named(post, name, kind):
     """Members of a set of nodes or of elements."""
-    held = [post.set(k) for k in range(post.sets())]
-    for each in held:
-        if each.name.strip() == name and each.type == kind:
-            return list(each.items)
-    names = ", ".join(each.name.strip() for each in held if each.type == kind)
-    raise ExportError("no %s set %r; there is %s" % (kind, name, names or "none"))
-
-
-def why_none(post, around, node):
-    """Why there is no value at a node."""
-    elements = [post.element_id(k) for k, here in around.elements if node in here]
-    if elements:
-        return "node %d has no value in element %d: a pressure node?" % (node, elements[0])
-    inside = "" if around.within is None else " of the set %s" % around.within
-    return "node %d belongs to no element%s" % (node, inside)
+    held = {key: items for key, of, items in post.sets if of == kind}
+    if name not in held:
+        names = ", ".join(sorted(held)) or "none"
+        raise ExportError("no %s set %r; there is %s" % (kind, name, names))
+    return held[name]
 
 
 def note_borders(post, around, nodes):
     """Note where the mean is over elements of different sets: layers, by all signs."""
-    held = [post.set(k) for k in range(post.sets())]
-    held = [(s.name.strip(), set(s.items)) for s in held if s.type == "element"]
+    held = [(name, set(items)) for name, kind, items in post.sets if kind == "element"]
     for node in nodes:
-        sides = set()
-        for index, here in around.elements:
-            if node in here:
-                number = post.element_id(index)
-                sides.add(tuple(name for name, items in held if number in items))
+        sides = {
+            tuple(name for name, items in held if element in items)
+            for element, here in around.items()
+            if node in here
+        }
         if len(sides) > 1:
             words = " | ".join(sorted(" + ".join(names) or "none" for names in sides))
             note(
@@ -408,82 +395,16 @@ def note_borders(post, around, nodes):
             )
 
 
-def check_steps(times_ms):
-    """Refuse times that do not rise; say when their step is uneven."""
-    if len(times_ms) < 2:
-        raise ExportError("one time with results, a trace needs two or more")
-    mean = (times_ms[-1] - times_ms[0]) / (len(times_ms) - 1)
-    for row in range(1, len(times_ms)):
-        before, after = times_ms[row - 1], times_ms[row]
-        if after <= before:
-            raise ExportError("time does not rise: %g, %g ms" % (before, after))
-        if abs(after - before - mean) > STEP_TOLERANCE * mean:
-            note(
-                "uneven time step, %g to %g ms where %g ms is the mean: fembridge "
-                "encode refuses such a table; run with fixed increments" % (before, after, mean)
-            )
-            return
-
-
 def show(post):
     """Print what the file holds."""
-    count = post.increments()
-    print("positions with results: %d" % (count - 1))
-    for position in sorted({min(1, count - 1), count - 1}):
-        moved(post, position)
-        print("  %d: increment %s, %g s" % (position, post.increment, post.time))
+    print("positions with results: %d" % (post.positions - 1))
+    for position in sorted({min(1, post.positions - 1), post.positions - 1}):
+        increment, time_s = post.go_to(position)
+        print("  %d: increment %s, %g s" % (position, increment, time_s))
     for kind in ("scalar", "tensor"):
-        print("element %ss: %s" % (kind, ", ".join(Quantity(kind, None).labels(post))))
-    for each in (post.set(k) for k in range(post.sets())):
-        print("%s set %s: %d" % (each.type, each.name.strip(), len(each.items)))
-
-
-def moved(post, position):
-    """Go to a position."""
-    try:
-        post.moveto(position)
-    except Exception as error:  # whatever py_post raises: it is not documented
-        raise ExportError("position %d cannot be read: %s" % (position, error))
-
-
-def opened(path, mentat):
-    """Import py_post and open the post file with it."""
-    if not os.path.isfile(path):
-        raise ExportError("no such file: %s" % path)
-    for folder, _, names in os.walk(os.path.join(mentat, "shlib") if mentat else ""):
-        if any(name.startswith("py_post.") for name in names):
-            sys.path.insert(0, folder)
-            if hasattr(os, "add_dll_directory"):
-                os.add_dll_directory(folder)
-    try:
-        import py_post
-    except ImportError as error:
-        version = "%d.%d" % sys.version_info[:2]
-        raise ExportError(NO_PY_POST % (version, sys.executable, error))
-    try:
-        post = py_post.post_open(path)
-    except Exception as error:  # whatever py_post raises: it is not documented
-        raise ExportError("py_post cannot open %s: %s" % (path, error))
-    if post is None:
-        raise ExportError("py_post cannot open %s" % path)
-    return post
-
-
-def opened_odb(args):
-    """Import odbAccess and open the .odb with it."""
-    if not os.path.isfile(args.post_file):
-        raise ExportError("no such file: %s" % args.post_file)
-    try:
-        from abaqusConstants import ELEMENT_NODAL
-        from odbAccess import openOdb
-    except ImportError as error:
-        version = "%d.%d" % sys.version_info[:2]
-        raise ExportError(NO_ABAQUS % (version, sys.executable, error))
-    try:
-        odb = openOdb(args.post_file, readOnly=True)
-    except Exception as error:  # OdbError, a lock, another release
-        raise ExportError("Abaqus cannot open %s: %s" % (args.post_file, error))
-    return OdbPost(odb, ELEMENT_NODAL, args.instance)
+        print("element %ss: %s" % (kind, ", ".join(post.labels(kind))))
+    for name, kind, items in post.sets:
+        print("%s set %s: %d" % (kind, name, len(items)))
 
 
 def write(path, text):

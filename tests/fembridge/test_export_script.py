@@ -254,12 +254,8 @@ def test_misuse_has_exit_code_2(export, words):
     assert "usage:" in ran.stderr
 
 
-def test_an_uneven_step_is_told_and_a_falling_time_refused(export):
-    uneven, falling = model(), model()
-    uneven["positions"][-1]["time"] += 0.3 * DT_S
-    ran = export("--nodes", 70, of=uneven)
-    assert ran.returncode == 0
-    assert "uneven time step, 0 to 0.5 ms where 0.5375 ms is the mean" in ran.stderr
+def test_a_falling_time_is_refused(export):
+    falling = model()
     falling["positions"][2]["time"] = 0.0
     ran = export("--nodes", 70, of=falling)
     assert (ran.returncode, "time does not rise: 0.5, 0 ms" in ran.stderr) == (1, True)
