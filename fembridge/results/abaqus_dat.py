@@ -35,6 +35,7 @@ from fembridge.results.dat_section import DatSection
 from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
+from fembridge.results.status import fortran
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, read_run_folder
 from fembridge.trace import MS_PER_S
@@ -251,7 +252,7 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
                 table, at = _Open(clock.now_s * MS_PER_S, text), number
         elif table is None or table.ended or not text or text == "NOTE":
             if table is not None and text.startswith("TOTAL") and ended:
-                table.total = _numbers(text.split()[1:])
+                table.total = [fortran(word) for word in text.split()[1:]]
         elif not table.columns:
             if text.startswith(("NODE", "ELEMENT")) and "FOOT" in text:
                 names, _, columns = text.partition("FOOT-")
@@ -264,7 +265,7 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
         elif "ALL VALUES IN THIS TABLE ARE ZERO" in text:
             table.zero = table.ended = True
         elif row := _ROW.fullmatch(line):
-            values = _numbers(row[3].split())
+            values = [fortran(word) for word in row[3].split()]
             labels = [int(row[1]), *map(int, row[2].split())]
             if (len(labels), len(values)) != (len(table.labels), len(table.columns)):
                 raise ResultError(f"no row of its table: {line[:80]!r}", path, number)
@@ -272,7 +273,7 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
         elif text[0].isalpha():
             table.ended = True
             if text.startswith("TOTAL"):
-                table.total = _numbers(text.split()[1:])
+                table.total = [fortran(word) for word in text.split()[1:]]
         elif not ended:
             break
         elif text != "1":  # of a page
@@ -300,11 +301,6 @@ def _with_zeros(
         yield one
     if filled:
         options.note("rows that tables lack are 0: Abaqus prints no row of zeros")
-
-
-def _numbers(words: Sequence[str]) -> list[float]:
-    """Numbers as Fortran prints them: ``1.0000-101`` has lost its E."""
-    return [float(re.sub(r"(?<=[\d.])(?=[+-])", "E", word)) for word in words]
 
 
 def _six(values: FloatArray) -> FloatArray:

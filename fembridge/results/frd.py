@@ -37,7 +37,7 @@ from fembridge.results.byte_file import (
 )
 from fembridge.results.fields import Key, rows_of
 from fembridge.results.history import FREQUENCY, TIME
-from fembridge.results.printed import StaRow, read_sta
+from fembridge.results.status import StaRow, read_sta
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray
 

@@ -37,10 +37,10 @@ from fembridge.results.history import (
 )
 from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
-from fembridge.results.mentat import read_sts
 from fembridge.results.one_sided import OneSidedStress
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, at_of, check_finite, field_of, names_in
+from fembridge.results.status import read_sts
 from fembridge.results.stress import TENSOR, von_mises_pa
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table

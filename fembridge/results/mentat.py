@@ -1,4 +1,4 @@
-"""Texts beside a Marc job: plots that Mentat saved, and the status file ``.sts``.
+"""Plots that Mentat saved as text.
 
 A history or path plot, saved as text or copied out of a table::
 
@@ -13,15 +13,7 @@ lines with the same count of numbers: the longest, and all others as wide. Names
 the line above that has one cell between tabs for each column. What has no name stays
 ``column_3``, and is not guessed at.
 
-A ``.sts`` has one line for each increment, and how the job ended::
-
-    case   inc  cycl  sepa cut   cycl   separ   cut  rmesh time step   total time ...
-      1     17    2    0    0      34       0     0     0  1.2558E-01  1.0000E+00 ...
-
-Marc writes it while it runs, so it may be read then: a last line without its end is left
-out. The layout is that of Marc 2019 to 2021, from real files.
-
-Time is taken as s, length as mm, and stress in `ReadOptions.stress_unit`.
+Time is taken as s and stress in `ReadOptions.stress_unit`.
 """
 
 import csv
@@ -31,7 +23,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -45,24 +36,12 @@ from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, Table
 
 INDEX = "index"
-SUCCESS = 3004
-"""The exit number of a job that reached its end."""
 
 _LEAST_ROWS, _LEAST_COLUMNS = 2, 2
 _NODE = re.compile(r"\b(?:node|n:) *:? *(\d+)\b", re.IGNORECASE)
 _TIME = re.compile(r"\btime\b", re.IGNORECASE)
 _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
 _DEFAULTS = ReadOptions()
-
-_FIRST_LINE = "style=1"
-_UNDER_HEADER = ("#", "|--")  # two more lines of names
-_HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time displ-mag"
-_WIDTHS = (7, 7, 5, 5, 5, 8, 8, 6, 6, 12, 12, 12, 12)
-_COUNTS = 9  # of the thirteen, the others are reals
-_REAL = re.compile(r"[+-]?\d+\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})?")
-_NO_E = re.compile(r"(?<=[\d.])(?=[+-]\d)")
-_EXIT = re.compile(r"job ends with exit number *:? *(\d+)", re.IGNORECASE)
-_AFTER = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -363,108 +342,3 @@ def _stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[
 
 def _without_nodes(labels: Sequence[str]) -> list[str]:
     return [_NODE.sub("", label).strip() for label in labels]
-
-
-@dataclass(frozen=True, slots=True)
-class StsRow:
-    """One increment that ended.
-
-    `cycles`, `separations` and `cut_backs` are of the increment, `total_...` those since the
-    job began; `displacement_min_mm` and `displacement_max_mm` the least and greatest length
-    of a displacement. A count that outgrew its column is None.
-    """
-
-    load_case: int | None
-    increment: int | None
-    cycles: int | None
-    separations: int | None
-    cut_backs: int | None
-    total_cycles: int | None
-    total_separations: int | None
-    total_cut_backs: int | None
-    remeshings: int | None
-    increment_time_ms: float
-    total_time_ms: float
-    displacement_min_mm: float
-    displacement_max_mm: float
-
-
-@dataclass(frozen=True, slots=True)
-class Sts:
-    """A ``.sts``: the increments so far; `exit_number` is None as long as the job runs."""
-
-    rows: tuple[StsRow, ...]
-    exit_number: int | None
-
-    @property
-    def problem(self) -> str | None:
-        """Why the job is not one that reached its end; None if it is."""
-        if self.exit_number == SUCCESS:
-            return None
-        last = self.rows[-1] if self.rows else None
-        reached = last and f"increment {last.increment} at {last.total_time_ms:g} ms"
-        if self.exit_number is None:
-            return "the job has not ended, or was killed" + (f", {reached}" if reached else "")
-        where = f"after {reached}" if reached else "before any increment"
-        return f"the job ended {where} with exit number {self.exit_number}, {SUCCESS} is success"
-
-
-def read_sts(path: Path) -> Sts:
-    """Read the increments so far and the exit number.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, it does not begin like a ``.sts``, it has columns that are not
-        those above, or a line is neither an increment nor the end.
-    """
-    rows: list[StsRow] = []
-    exit_number: int | None = None
-    has_columns = False
-    for count, line, ended in text_lines(path):
-        text = line.strip()
-        if not ended and not (_EXIT.fullmatch(text) or _AFTER.fullmatch(text)):
-            continue  # it is still being written
-        if count == 1:
-            if text != _FIRST_LINE:
-                raise ResultError(
-                    f"begins with {line[:40]!r}, a .sts of Marc with {_FIRST_LINE!r}", path, 1
-                )
-        elif not has_columns:
-            has_columns = text.startswith("case")
-            if has_columns and text.split() != _HEADER.split():
-                words = f"columns {' '.join(text.split())!r}, only {_HEADER!r} is known"
-                raise ResultError(words, path, count)
-        elif found := _EXIT.fullmatch(text):
-            exit_number = int(found[1])
-        elif exit_number is not None:
-            if text and not _AFTER.fullmatch(text):
-                raise ResultError(f"after the end: {line[:80]!r}", path, count)
-        elif text and (rows or not text.startswith(_UNDER_HEADER)):
-            rows.append(_sts_row(line, path, count))
-    if not has_columns:
-        raise ResultError("no line of column names: cut, or no .sts of Marc", path)
-    return Sts(tuple(rows), exit_number)
-
-
-def _sts_row(line: str, path: Path, number: int) -> StsRow:
-    """An increment, by words, or by columns where neighbours touch."""
-    fields, shown = line.split(), f"{line[:120]!r}"
-    if len(fields) != len(_WIDTHS):
-        ends = np.cumsum(_WIDTHS).tolist()
-        fields = [line[end - width : end].strip() for end, width in zip(ends, _WIDTHS, strict=True)]
-        if line[ends[-1] :].strip():
-            raise ResultError(f"no increment: {shown}", path, number)
-    cells: list[Any] = []
-    for at, text in enumerate(fields):
-        if at < _COUNTS:
-            is_count = text.isascii() and text.isdigit()
-            if not is_count and (not text or text.strip("*")):
-                raise ResultError(f"no increment: {text!r} is no count in {shown}", path, number)
-            cells.append(int(text) if is_count else None)
-            continue
-        if not (text.isascii() and _REAL.fullmatch(text)):
-            raise ResultError(f"no increment: {text!r} is no number in {shown}", path, number)
-        real = float(_NO_E.sub("E", text) if "e" not in text.lower() else text)  # 1.0000-101
-        cells.append(real * MS_PER_S if at in (_COUNTS, _COUNTS + 1) else real)
-    return StsRow(*cells)

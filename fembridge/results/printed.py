@@ -1,8 +1,4 @@
-"""What CalculiX prints beside its results: ``.dat``, ``.sta``, ``.cvg``, and long tables.
-
-A ``.sta`` has one line an attempt at an increment, a ``.cvg`` one an iteration. Both are
-flushed line by line, so they may be read while the run goes on; a last line without its
-end is still being written and is left out.
+"""What CalculiX prints into its ``.dat``, and long tables of all that solvers print.
 
 A ``.dat`` has what ``*NODE PRINT`` and ``*EL PRINT`` asked for, in sections: one
 quantity of one set at one time.
@@ -21,11 +17,9 @@ xx yy zz xy yz zx.
 
 import csv
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -36,12 +30,12 @@ from fembridge.results.byte_file import (
     fixed_floats,
     fixed_integers,
     suffix_of,
-    text_lines,
     text_runs,
 )
 from fembridge.results.dat_section import DatSection, of_set
 from fembridge.results.history import History
 from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.status import STATUS_FILES, fortran, status_rows
 from fembridge.store import replacing
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray, Table
@@ -50,141 +44,6 @@ STRESSES = "stresses"
 POINTS_AN_ELEMENT = 100  # no element has more; makes one number of element and point
 _FRD_ORDER = [0, 1, 2, 3, 5, 4]  # xx yy zz xy yz zx of xx yy zz xy xz yz
 _DEFAULTS = ReadOptions()
-
-_REAL = re.compile(r" *[+-]?\d*\.\d+(?:[Ee][+-]?\d{2,3}|[+-]\d{3})? *")
-_OVERFLOW = re.compile(r" *\*+ *")
-_NOT_FINITE = re.compile(r" *[+-]?(nan|inf|infinity) *", re.IGNORECASE)
-
-
-@dataclass(frozen=True, slots=True)
-class StaRow:
-    """One attempt at an increment.
-
-    If it `failed`, `total_time_ms` and `step_time_ms` are those at the start of
-    the increment and `increment_time_ms` is the size that was tried.
-    """
-
-    step: int
-    increment: int
-    attempt: int
-    failed: bool
-    iterations: int
-    total_time_ms: float
-    step_time_ms: float
-    increment_time_ms: float
-
-
-@dataclass(frozen=True, slots=True)
-class CvgRow:
-    """One iteration: active contact springs, residuals and corrections in percent.
-
-    `iteration` is None beyond 9999, where CalculiX prints asterisks. Residuals
-    may be NaN or infinite: a run that diverges says so here first.
-    """
-
-    step: int
-    increment: int
-    attempt: int
-    iteration: int | None
-    contact_springs: int | None
-    force_residual_percent: float
-    displacement_correction_percent: float
-    flux_residual_percent: float
-    temperature_correction_percent: float
-
-
-def read_sta(path: Path) -> list[StaRow]:
-    """The attempts so far; an empty list before the first.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, or a whole line is no attempt.
-    """
-    rows: list[StaRow] = _progress(path, 2, _STA_COLUMNS, StaRow)
-    return rows
-
-
-def read_cvg(path: Path) -> list[CvgRow]:
-    """The iterations so far.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, or a whole line is no iteration.
-    """
-    rows: list[CvgRow] = _progress(path, 4, _CVG_COLUMNS, CvgRow)
-    return rows
-
-
-def _progress(
-    path: Path,
-    header_lines: int,
-    columns: Sequence[tuple[int, int, Callable[[str], object]]],
-    kind: Callable[..., Any],
-) -> list[Any]:
-    """A `kind` of each ended, not blank line under the header, cut at `columns`."""
-    rows = []
-    for number, line, ended in text_lines(path):
-        if number > header_lines and ended and line.strip():
-            try:
-                if rest := line[columns[-1][1] :].strip():
-                    raise ValueError(f"{rest[:20]!r} behind the last column")
-                rows.append(kind(*(convert(line[at:to]) for at, to, convert in columns)))
-            except ValueError as error:
-                raise ResultError(f"no row: {error}: {line[:80]!r}", path, number) from error
-    return rows
-
-
-def _count(field: str) -> int:
-    """An integer ≥ 0 with blanks around; not what Python calls an integer, as ``1_0``."""
-    text = field.strip(" ")
-    if not (text.isascii() and text.isdigit()):
-        raise ValueError(f"{field!r} is no count")
-    return int(text)
-
-
-def _real(field: str) -> float:
-    """A Fortran number with a decimal point."""
-    if not _REAL.fullmatch(field):
-        raise ValueError(f"{field!r} is no number")
-    return _float(field)
-
-
-def _ms(field: str) -> float:
-    return _real(field) * MS_PER_S
-
-
-def _is_failed(field: str) -> bool:
-    if field not in ("U", " "):
-        raise ValueError(f"{field!r} where U or a blank is expected")
-    return field == "U"
-
-
-def _long_count(field: str) -> int | None:
-    return None if _OVERFLOW.fullmatch(field) else _count(field)
-
-
-def _percent(field: str) -> float:
-    if _OVERFLOW.fullmatch(field) or _NOT_FINITE.fullmatch(field):
-        return float("inf") if "inf" in field.lower() else float("nan")
-    return _real(field)
-
-
-def _float(field: str) -> float:
-    """A number as Fortran prints it: ``1.000000-101`` has lost its E."""
-    return float(re.sub(r"(?<=\d)(?=[+-])", "E", field))
-
-
-_STA_COLUMNS = (
-    (1, 6, _count), (6, 17, _count), (17, 23, _count), (23, 24, _is_failed),
-    (24, 29, _count), (29, 43, _ms), (43, 57, _ms), (57, 71, _ms),
-)  # fmt: skip
-_CVG_COLUMNS = (
-    (0, 6, _count), (6, 12, _count), (12, 18, _count), (18, 24, _long_count),
-    (24, 33, _long_count), (33, 45, _percent), (45, 57, _percent), (57, 69, _percent),
-    (69, 81, _percent),
-)  # fmt: skip
 
 _HEADER = re.compile(
     r" (?P<what>[A-Za-z].*?) ?"
@@ -280,7 +139,7 @@ def dat_sections(
         if not _TIME.fullmatch(time):
             raise ResultError(f"time of a section: {time!r} is no number", path, number)
         found = DatSection(
-            quantity, of, columns, _float(time) * MS_PER_S, labels, over_time=over_time, mode=mode
+            quantity, of, columns, fortran(time) * MS_PER_S, labels, over_time=over_time, mode=mode
         )
         if held is not None:
             name = f"{found.quantity} for {of_set(found.set_name)}"
@@ -380,7 +239,7 @@ def _record(
     values: list[float] = []
     rest = line
     while rest and (_VALUE.fullmatch(rest[-_VALUE_WIDTH:]) or _ODD_VALUE.fullmatch(rest[-14:])):
-        values.insert(0, _float(rest[-_VALUE_WIDTH:]))
+        values.insert(0, fortran(rest[-_VALUE_WIDTH:]))
         rest = rest[:-_VALUE_WIDTH]
     words = rest.split()
     labels = [int(word) for word in words if _LABEL.fullmatch(word)]
@@ -509,23 +368,7 @@ def _history(
         raise ResultError(f"{quantity} of modes or frequencies, no history over time", path)
     if not len(first.values):
         raise ResultError(f"{first}: no records", path)
-    last = sections[-1]
-    if options.partial and len(last.labels) < len(first.labels):
-        options.note(f"dropped {quantity} at {last.time_ms:g} ms: cut")
-        sections.pop()
-    for before, section in pairwise(sections):
-        same = first.values.shape == section.values.shape
-        if not same or not np.array_equal(section.labels, first.labels):
-            raise ResultError(
-                f"{section}: {len(section.labels)} records, expected the "
-                f"{len(first.labels)} of {first.time_ms:g} ms in the same order",
-                path,
-            )
-        if not section.time_ms > before.time_ms:
-            raise ResultError(f"{section} comes after {before.time_ms:g} ms", path)
-    for section in sections:
-        if problem := section.not_finite():
-            raise ResultError(problem, path)
+    sections = list(_whole(sections, path, options))
     times_ms = np.array([section.time_ms for section in sections])
     return times_ms, first.labels, np.stack([section.values for section in sections])
 
@@ -534,7 +377,6 @@ DAT_COLUMNS = (
     "time_ms", "mode", "quantity", "set", "node", "element", "point", "face",
     "component", "value", "unit",
 )  # fmt: skip
-_STA_ROUNDING = 3e-6  # of a time that is printed with six digits
 _VARYING = ("contact", "relative contact")  # as many records as springs are active
 _PA, _DECK = "Pa", "deck"
 _UNITS = {
@@ -553,7 +395,7 @@ _UNITS = {
     "volume": "mm3", "total volume": "mm3", "total mass": "t",
 }  # fmt: skip
 _OF_ANY_DECK = (_PA, "1", "")
-PRINTS = {".dat": "ccx-dat", ".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
+PRINTS = {".dat": "ccx-dat", **STATUS_FILES}
 """Names of the formats, by suffix."""
 
 Row = Sequence[object]
@@ -565,25 +407,14 @@ def print_rows(path: Path, options: ReadOptions, quantity: str | None = None) ->
     A ``.dat`` gives one row a number, with its unit beside it. Stress is in Pa, and so
     are energy densities (1 Pa is 1 J/m³). Other units follow from a deck in mm, N and s;
     of a deck in other units (``--stress-unit``) they are called "deck", and the number
-    is the deck's. The others give one row an attempt, iteration or increment, with the
-    unit in the name of the column; None is empty, a truth 0 or 1. `quantity` takes one
-    of a ``.dat`` alone.
+    is the deck's. Of status files see `status_rows`. `quantity` takes one of a ``.dat``
+    alone.
     """
     if suffix_of(path) == ".dat":
         yield DAT_COLUMNS
         yield from _dat_rows(path, options, quantity)
         return
-    kind, rows, problem = _progress_of(path)
-    if words := _out_of_order(rows):
-        if not options.partial:
-            raise ResultError(f"{words}; --partial (partial=True) takes all rows", path)
-        options.note(words)
-    if problem is not None:
-        options.note(problem)
-    yield tuple(column.name for column in fields(kind))
-    for row in rows:
-        cells = ("" if cell is None else cell for cell in astuple(row))
-        yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in cells)
+    yield from status_rows(path, options)
 
 
 def write_print_table(
@@ -629,99 +460,45 @@ def describe_print(path: Path) -> Table:
     return described | {"sections": held, "remarks": others, "problem": (*cut, None)[0]}
 
 
-def _progress_of(path: Path) -> tuple[type, Sequence[Any], str | None]:
-    """Kind and rows of a ``.sta``, ``.cvg`` or ``.sts``, and why they are not a whole run's."""
-    if path.suffix.lower() == ".sts":
-        from fembridge.results.mentat import StsRow, read_sts
-
-        found = read_sts(path)
-        return StsRow, found.rows, found.problem
-    problem = None
-    for number, line, ended in text_lines(path):
-        if not ended:
-            problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
-    if path.suffix.lower() == ".sta":
-        return StaRow, read_sta(path), problem
-    return CvgRow, read_cvg(path), problem
-
-
-def _out_of_order(rows: Sequence[Any]) -> str:
-    """Which row does not follow the one before it; "" where all do.
-
-    Increments, attempts at one and iterations of one are counted from 1 without a gap, and
-    times of a ``.sta`` add up; a ``.sts`` counts its increments over all load cases.
-    """
-    for number, (before, row) in enumerate(pairwise([None, *rows]), start=1):
-        if hasattr(row, "load_case"):
-            if before is None or None in (before.increment, row.increment):
-                continue
-            follows = row.increment == before.increment + 1
-        else:
-            names = ["step", "increment", "attempt", "iteration"][: 3 + hasattr(row, "iteration")]
-            at = [getattr(row, name) for name in names]
-            was = at if before is None else [getattr(before, name) for name in names]
-            if None in (*at, *was):  # a count that outgrew its column
-                continue
-            ways = [was[:k] + [was[k] + 1] + [1] * (len(was) - k - 1) for k in range(len(was))]
-            if before is None:
-                ways = [[at[0], *[1] * (len(at) - 1)]]
-            elif isinstance(row, StaRow):
-                ways = [ways[2]] if before.failed else ways[:2]
-            follows = at in ways and _adds_up(before, row)
-        if not follows:
-            last = "nothing" if before is None else f"increment {before.increment}"
-            return (
-                f"row {number}, of increment {row.increment}, cannot follow {last}: rows are "
-                "missing, duplicate or not in order"
-            )
-    return ""
-
-
-def _adds_up(before: StaRow | CvgRow | None, row: StaRow | CvgRow) -> bool:
-    """Whether the times of an attempt are those before it and its increment."""
-    if not isinstance(row, StaRow):
-        return True
-    grown_ms = 0.0 if row.failed else row.increment_time_ms
-    pairs = []
-    if isinstance(before, StaRow):
-        pairs = [(row.total_time_ms, before.total_time_ms + grown_ms)]
-        if before.step == row.step:
-            pairs.append((row.step_time_ms, before.step_time_ms + grown_ms))
-    if before is None or before.step != row.step:
-        pairs.append((row.step_time_ms, grown_ms))
-    return all(abs(one - other) <= _STA_ROUNDING * max(one, other) for one, other in pairs)
-
-
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
-    """Rows of all sections; one that differs from the first of its kind is cut or damaged.
+    """Rows of all sections; a time with other sections than the one before is noted.
 
     Which springs of a contact are active changes; what else is printed does not, but for
-    other requests of another step: a time with other sections than the one before is noted.
+    other requests of another step.
     """
-    firsts: dict[tuple[str, str], DatSection] = {}
-    lasts: dict[tuple[str, str], DatSection] = {}
     groups: list[tuple[float, list[tuple[str, str]]]] = []
     noted = False
-    for section in dat_sections(path, lambda name, _: quantity in (None, name), options):
+    wanted = dat_sections(path, lambda name, _: quantity in (None, name), options)
+    for section in _whole(wanted, path, options):
+        if not section.quantity.startswith(_VARYING) and section.over_time:
+            if not groups or groups[-1][0] != section.time_ms:
+                noted = noted or _note_other_sections(groups, options)
+                groups = [*groups[-1:], (section.time_ms, [])]
+            groups[-1][1].append((section.quantity, section.set_name))
+        yield from _section_rows(section, path, options)
+    if not noted:
+        _note_other_sections(groups, options)
+
+
+def _whole(
+    sections: Iterable[DatSection], path: Path, options: ReadOptions
+) -> Iterator[DatSection]:
+    """The sections that are like the first of their kind; a cut or damaged one is refused."""
+    firsts: dict[tuple[str, str], DatSection] = {}
+    lasts: dict[tuple[str, str], DatSection] = {}
+    for section in sections:
         key = section.quantity, section.set_name
         varies = section.quantity.startswith(_VARYING)
         first = section if varies else firsts.get(key, section)
         words = _damage(section, first, lasts.get(key))
         lasts[key] = section
-        if words:
-            if not options.partial:
-                raise ResultError(words, path)
+        if not words:
+            firsts.setdefault(key, section)
+            yield section
+        elif not options.partial:
+            raise ResultError(words, path)
+        else:
             options.note(f"dropped the section: {words}")
-            continue
-        firsts.setdefault(key, section)
-        if not varies and section.over_time:
-            if not groups or groups[-1][0] != section.time_ms:
-                noted = noted or _note_other_sections(groups, options)
-                groups = [*groups[-1:], (section.time_ms, [])]
-            groups[-1][1].append(key)
-        yield from _section_rows(section, path, options)
-    if not noted:
-        _note_other_sections(groups, options)
 
 
 def _damage(section: DatSection, first: DatSection, before: DatSection | None) -> str:

@@ -6,7 +6,6 @@ it. Another package adds a row, a `Reader`, under the entry point group
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -17,7 +16,7 @@ from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.read_options import ReadOptions
-from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
+from fembridge.run_folder import RUN_FILE, read_run_folder
 
 ENTRY_POINTS = "fembridge.readers"
 
@@ -138,20 +137,14 @@ def result_file(path: Path | str) -> Path:
 
 def units_of(
     path: Path,
-    stress_unit: str | None = None,
-    length_unit: str | None = None,
-    run: RunFolder | None = None,
+    stress_unit: str | None,
+    length_unit: str | None,
     log: Callable[[str], None] | None = None,
 ) -> tuple[str, str]:
-    """Units of stress and length: as asked, as the heading or the run says, MPa and mm.
+    """Units of stress and length: as asked, as the heading says, MPa and mm.
 
     CalculiX copies the heading to the start of its results.
     """
-    if run is None and (path.parent / RUN_FILE).exists():
-        with suppress(ResultError):  # of another program, or damaged: who needs it says so
-            run = read_run_folder(path.parent)
-    if run is not None:  # settled when its deck was built, heading and all
-        return stress_unit or run.stress_unit, length_unit or run.length_unit
     held, stated = LENGTH_UNITS.get(length_unit or "mm", MM), None
     if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
         with ByteFile(path) as file:

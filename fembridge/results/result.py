@@ -251,7 +251,10 @@ def open_result(
         from fembridge.results.columns import check_units
 
         check_units(columns)
-    stress, length = units_of(path, stress_unit, length_unit, run, log)
+    if run is not None:  # settled when its deck was built, heading and all
+        stress, length = stress_unit or run.stress_unit, length_unit or run.length_unit
+    else:
+        stress, length = units_of(path, stress_unit, length_unit, log)
     options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
     options = replace(options, length_unit=length, columns=dict(columns or {}))
     return Result(path, options, run, trouble)
@@ -420,13 +423,7 @@ def read_history(
 def read_fields(
     path: Path | str,
     quantity: str = "STRESS",
-    *,
-    partial: bool = False,
-    across_materials: bool = False,
-    stress_unit: str | None = None,
-    length_unit: str | None = None,
-    extrapolate: str | None = None,
-    log: Callable[[str], None] | None = None,
+    **options: Any,  # noqa: ANN401 - those of `read`
 ) -> Iterator[Field]:
     """One quantity, an increment at a time, in file order.
 
@@ -438,16 +435,11 @@ def read_fields(
     path
         A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
     quantity
-        Its name in the file: "STRESS", "DISP", "TOSTRAIN", "FORC", ...; of a Marc file
-        "Displacement", "Stress", or a beginning that is one quantity's alone, case-blind.
-    partial
-        Take what is whole of a run that did not end well; `log` gets what was left
-        out.
-    across_materials, extrapolate
-        As for `fembridge.read`, of a Marc file.
-    stress_unit, length_unit
-        Units of the file, as for `fembridge.read`: None is what its heading says, else MPa
-        and mm.
+        Its name in the file, case-blind, or a beginning that is one quantity's alone: "STRESS",
+        "DISP", "TOSTRAIN", "FORC", ...; of a Marc file "Displacement", "Stress", ...
+    **options
+        `partial`, `stress_unit`, `length_unit` and `log` of `read`; of a Marc file also
+        `across_materials` and `extrapolate`.
 
     Raises
     ------
@@ -462,17 +454,8 @@ def read_fields(
     >>> field.time_ms, field.components, field.units
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
-    result = open_result(
-        path,
-        partial=partial,
-        across_materials=across_materials,
-        stress_unit=stress_unit,
-        length_unit=length_unit,
-        extrapolate=extrapolate,
-        log=log,
-    )
     with ExitStack() as opened:
-        source = opened.enter_context(result.source())
+        source = opened.enter_context(open_result(path, **options).source())
         return _closing(source.fields(quantity), opened.pop_all())
 
 

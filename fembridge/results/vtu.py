@@ -15,8 +15,9 @@ Arrays are appended raw, in full precision: compression took most of the time (d
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -55,12 +56,8 @@ def write_vtu_series(
     *,
     quantities: Sequence[str] | None = None,
     derived: Sequence[str] = ("von_mises",),
-    partial: bool = False,
-    stress_unit: str | None = None,
-    length_unit: str | None = None,
-    extrapolate: str | None = None,
     modes: bool = False,
-    log: Callable[[str], None] | None = None,
+    **options: Any,  # noqa: ANN401 - those of `fembridge.read`
 ) -> Path:
     """Write the results in `path` as VTU files in `folder`; the PVD's path.
 
@@ -77,12 +74,11 @@ def write_vtu_series(
     derived
         Names of `fembridge.results.stress.DERIVED`: computed in the increments
         that have what they take.
-    partial, stress_unit, length_unit, log
-        As for `read_fields`. `log` also gets how many nodes have no value.
-    extrapolate
-        As for `fembridge.read`, of a Marc file.
     modes
         The modes of frequency and buckling steps, of a file that has times too.
+    **options
+        `partial`, `stress_unit`, `length_unit`, `log` and, of a Marc file, `extrapolate` of
+        `fembridge.read`. `log` also gets how many nodes have no value.
 
     Raises
     ------
@@ -95,15 +91,7 @@ def write_vtu_series(
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
-    result = open_result(
-        path,
-        partial=partial,
-        stress_unit=stress_unit,
-        length_unit=length_unit,
-        extrapolate=extrapolate,
-        log=log,
-    )
-    options = result.options
+    result = open_result(path, **options)
     with result.source() as source:
         path, folder = source.path, Path(folder)
         frames = source.frames(quantities, tuple(derived), modes)
@@ -131,7 +119,7 @@ def write_vtu_series(
             if f"{name}_pa" not in seen and (quantities is None or name != "von_mises"):
                 takes = " and ".join(DERIVED[name][0])
                 same = " at the same nodes" if " and " in takes else ""
-                options.note(f"no {name}: it takes {takes}{same}")
+                result.options.note(f"no {name}: it takes {takes}{same}")
     return folder / series
 
 

@@ -31,7 +31,7 @@ from decks.dialects import JOB
 from fembridge import cache
 from fembridge.errors import FembridgeError, LockedError, MissingError, OutputError, ResultError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
-from fembridge.results.printed import CvgRow, StaRow, read_cvg, read_sta
+from fembridge.results.status import CvgRow, StaRow, read_cvg, read_sta
 from fembridge.run_folder import SOLVER_FILE, RunFolder
 from fembridge.solver import guard
 from fembridge.solver.settings import (

@@ -19,7 +19,7 @@ from decks.dialects import JOB
 from fembridge.errors import ResultError, SolverError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
-from fembridge.results.printed import StaRow, read_sta
+from fembridge.results.status import StaRow, read_sta
 from fembridge.run_folder import RunFolder
 from fembridge.solver.guard import CANNOT_RUN
 

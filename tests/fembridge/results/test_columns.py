@@ -2,7 +2,6 @@
 
 import gzip
 import itertools
-import zipfile
 
 import meshio
 import numpy as np
@@ -209,21 +208,6 @@ def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypa
     assert_allclose(trace.stress_pa, 2e6 * STRESS_MPA * scale, rtol=1e-9)
 
 
-def test_an_hdf5_that_announces_gigabytes_is_refused(tmp_path, monkeypatch):
-    h5py = pytest.importorskip("h5py")
-    monkeypatch.chdir(tmp_path)
-    with meshio.xdmf.TimeSeriesWriter("them.xdmf") as out:
-        out.write_points_cells(np.zeros((1, 3)), [("vertex", np.array([[0]]))])
-        out.write_data(0.0, point_data={"S": np.zeros(1)})
-    with h5py.File("them.h5", "a") as held:
-        name = list(held)[-1]
-        del held[name]
-        held.create_dataset(name, shape=(10**11,), dtype="f8", chunks=True)
-    assert (tmp_path / "them.h5").stat().st_size < 20_000
-    with pytest.raises(ResultError, match="has 800000000000 bytes, at most 268435456 are read"):
-        read(tmp_path / "them.xdmf", [1], columns={"time": "t", "value": "S"})
-
-
 @pytest.mark.parametrize(
     ("text", "names", "words"),
     [
@@ -250,15 +234,6 @@ def test_what_a_table_lacks_is_named(tmp_path, text, names, words):
         read(path, [1], columns=names)
 
 
-def test_an_npz_that_unpacks_to_gigabytes_is_refused(tmp_path):
-    path = tmp_path / "bomb.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out, out.open("S.npy", "w") as file:
-        for _ in range(300):
-            file.write(bytes(1 << 20))
-    with pytest.raises(ResultError, match="unpacks to more than"):
-        read(path, [1], columns={"time": "t", "value": "S"})
-
-
 @pytest.mark.parametrize("suffix", [".pvd", ".vtu", ".xdmf"])
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_damaged_series_is_an_error_of_ours(samples, tmp_path, suffix, share):
@@ -272,22 +247,16 @@ def test_a_damaged_series_is_an_error_of_ours(samples, tmp_path, suffix, share):
         read(path, [1], columns={"time": "t", "value": "von_mises_pa"})
 
 
-def test_a_vtu_is_unpacked_up_to_a_bound_and_one_that_lies_is_refused(tmp_path, monkeypatch):
+def test_a_vtu_of_vectors_and_one_that_lies_are_refused(tmp_path):
     path = tmp_path / "them.vtu"
-    points = np.zeros((30000, 3))
-    meshio.write(path, meshio.Mesh(points, [("vertex", np.arange(30000)[:, None])], {"S": points}))
+    points = np.zeros((30, 3))
+    meshio.write(path, meshio.Mesh(points, [("vertex", np.arange(30)[:, None])], {"S": points}))
     names = {"time": "t", "value": "S"}
     with pytest.raises(ResultError, match="3 components, expected 1, or 6 or 9"):
         read(path, [1], columns=names)
-    monkeypatch.setattr("fembridge.results.columns._MOST_BYTES", 1_000_000)
-    with pytest.raises(ResultError, match="unpacks to more than 1000000 bytes"):
+    path.write_text(path.read_text().replace('NumberOfComponents="3"', 'NumberOfComponents="7"'))
+    with pytest.raises(ResultError, match="no VTK or XDMF that can be read: "):
         read(path, [1], columns=names)
-    text = path.read_text().replace('NumberOfComponents="3"', 'NumberOfComponents="7"')
-    path.write_text(text)
-    monkeypatch.undo()
-    with pytest.raises(ResultError, match="no VTK or XDMF that can be read: CorruptionError"):
-        read(path, [1], columns=names)
-    assert meshio.vtu._vtu.zlib.__name__ == "zlib"
 
 
 def test_a_pvd_does_not_leave_its_folder(samples, tmp_path):

@@ -21,9 +21,10 @@ from fembridge.results import describe, frd, read, read_fields
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
 from fembridge.results.nodes import read_node_sets
-from fembridge.results.printed import read_cvg, read_sta, read_total_force
+from fembridge.results.printed import read_total_force
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import read_values
+from fembridge.results.status import read_cvg, read_sta
 from fembridge.results.stress import von_mises_pa
 
 moved_at = partial(read_values, quantity="displacement")

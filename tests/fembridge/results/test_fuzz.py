@@ -18,13 +18,12 @@ from fembridge.results.nodes import near_nodes, read_node_sets
 from fembridge.results.printed import (
     describe_print,
     print_rows,
-    read_cvg,
     read_point_history,
     read_point_stress,
-    read_sta,
 )
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import read_values
+from fembridge.results.status import read_cvg, read_sta
 
 MUTATIONS = 10_000 if os.environ.get("CI") == "true" else 300
 FEWEST = 36  # of a kind

@@ -1,4 +1,4 @@
-"""Plots that Mentat saved as text, and the ``.sts`` of Marc: real ones and damaged ones.
+"""Plots that Mentat saved as text: real ones and damaged ones.
 
 The first layout of a plot is that of a table copied from Mentat 2014 (a trailing blank in
 each label, six digits, tabs); the second and third are as programs say that read them.
@@ -6,8 +6,6 @@ each label, six digits, tabs); the second and third are as programs say that rea
 
 import csv
 import tracemalloc
-from dataclasses import astuple, fields
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,12 +18,9 @@ from fembridge.errors import ResultError
 from fembridge.results import describe
 from fembridge.results.mentat import (
     PlotSource,
-    StsRow,
     read_plot_tables,
-    read_sts,
     write_plot_table,
 )
-from fembridge.results.printed import describe_print, write_print_table
 from fembridge.results.read_options import ReadOptions
 
 COPIED = (
@@ -187,152 +182,6 @@ def test_any_table_comes_back_number_by_number(tmp_path_factory, rows, separator
     path = tmp_path_factory.getbasetemp() / "any.txt"
     path.write_text(head + "\n".join(separator.join(map(repr, row)) for row in rows))
     assert_array_equal(read_plot(path).values, np.array(rows))
-
-
-SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
-HEAD = (
-    "style=1\n"
-    "information summary of job:  finger_job1\n"
-    "version:  Marc 2021.4\n"
-    "date:     Tue Jun 13 16:36:14 2023\n"
-    "\n"
-    "    case   inc  cycl  sepa cut   cycl   separ   cut  rmesh time step   total time"
-    "        displ-mag              \n"
-    "      #     #     #     #   #      #      #      #     #      of           of    "
-    "     min         max    \n"
-    "               |--of the inc--|------of the analysis------| the inc      the job\n"
-    "\n"
-)
-ROW = (
-    "      1      3    2    0    0      12       0     1     0"
-    "  5.0000E-04  1.5000E-03  2.5000E-17  7.5000E-02\n"
-)
-END = """
- Job ends with exit number :    3004
-            total wall time:        269.28
-            total cpu  time:        265.70
-"""
-
-
-@pytest.fixture
-def sts(tmp_path):
-    """A function that writes a ``.sts`` and gives its path."""
-
-    def write(text):
-        path = tmp_path / "job.sts"
-        path.write_bytes(text.encode("latin-1"))
-        return path
-
-    return write
-
-
-@pytest.mark.parametrize(
-    ("name", "count", "cycles", "cut_backs", "greatest_mm"),
-    [
-        ("nour_linear", 2, 1, 0, 99.647),
-        ("nour_plastic", 24, 100, 2, 108.78),
-        ("pfl_example_model_0", 91, 2686, 12, 8.4233),
-    ],
-)
-def test_a_real_job_is_read_to_its_end(name, count, cycles, cut_backs, greatest_mm):
-    """The numbers are the last lines of the files, read by eye."""
-    found = read_sts(SAMPLES / f"{name}.sts")
-    last = found.rows[-1]
-    assert (len(found.rows), found.exit_number, found.problem) == (count, 3004, None)
-    assert (last.total_cycles, last.total_cut_backs) == (cycles, cut_backs)
-    assert last.total_time_ms == 1000.0
-    assert last.displacement_max_mm == greatest_mm
-    assert [row.increment for row in found.rows] == list(range(count))
-
-
-def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):
-    found = read_sts(sts(HEAD + ROW))
-    assert found.exit_number is None
-    assert found.problem == ("the job has not ended, or was killed, increment 3 at 1.5 ms")
-    assert read_sts(sts(HEAD)).problem == "the job has not ended, or was killed"
-
-
-@pytest.mark.parametrize("number", [13, 2004, 3002, 3015])
-def test_another_exit_number_is_a_problem_that_names_it(sts, number):
-    text = HEAD + ROW + END
-    found = read_sts(sts(text.replace("3004", str(number))))
-    assert found.exit_number == number
-    assert found.problem == (
-        f"the job ended after increment 3 at 1.5 ms with exit number {number}, 3004 is success"
-    )
-
-
-def test_counts_that_touch_are_told_apart_by_column_and_stars_are_no_count(sts):
-    wide = ROW.replace(
-        "      1      3    2    0    0      12       0",
-        "      1      31234512345    0********12345678",
-    )
-    row = read_sts(sts(HEAD + wide)).rows[0]
-    assert astuple(row)[:7] == (1, 3, 12345, 12345, 0, None, 12345678)
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "said"),
-    [
-        ("step\n" + HEAD, 1, "begins with 'step', a .sts of Marc with 'style=1'"),
-        (HEAD + "severe error\n" + ROW, 10, "no increment: "),
-        (HEAD + ROW + ROW[:70] + "\n" + ROW[70:], 11, "no increment: "),
-        (HEAD + ROW.replace("5.0000E-04", "NaN       "), 10, "'NaN' is no number"),
-        (HEAD + ROW.replace("   3 ", "  -3 "), 10, "'-3' is no count"),
-        (HEAD + ROW + END + ROW, 15, "after the end: "),
-        (HEAD.replace("displ-mag", "temperature"), 6, "columns 'case inc cycl"),
-        (HEAD.replace("case", "load case"), None, "no line of column names"),
-    ],
-)
-def test_a_foreign_or_wrapped_line_is_named(sts, text, line, said):
-    with pytest.raises(ResultError) as caught:
-        read_sts(sts(text))
-    assert said in caught.value.problem
-    assert caught.value.line == line
-
-
-def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
-    path = SAMPLES / "nour_plastic.sts"
-    heard = []
-    options = ReadOptions(log=heard.append)
-    assert write_print_table(path, tmp_path / "t.csv", options)[1] == 24
-    with (tmp_path / "t.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
-    assert float(rows[-1]["displacement_max_mm"]) == 108.78
-    assert heard == []
-    assert describe_print(path)["problem"] is None
-
-
-@given(cut=st.integers(0, len(HEAD + ROW * 3 + END)))
-def test_cut_anywhere_it_gives_whole_rows_or_an_error(tmp_path_factory, cut):
-    path = tmp_path_factory.getbasetemp() / "cut.sts"
-    path.write_text((HEAD + ROW * 3 + END)[:cut])
-    whole = sts_row_of_text()
-    try:
-        found = read_sts(path)
-    except ResultError:
-        assert cut < len(HEAD)
-    else:
-        assert set(found.rows) <= {whole}
-        assert len(found.rows) == min(3, max(0, cut - len(HEAD)) // len(ROW))
-
-
-def sts_row_of_text():
-    return StsRow(1, 3, 2, 0, 0, 12, 0, 1, 0, 0.5, 1.5, 2.5e-17, 0.075)
-
-
-@given(data=st.data())
-def test_a_changed_byte_gives_rows_or_an_error_and_nothing_else(tmp_path_factory, data):
-    content = bytearray((HEAD + ROW * 2 + END).encode())
-    content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    path = tmp_path_factory.getbasetemp() / "changed.sts"
-    path.write_bytes(bytes(content))
-    try:
-        found = read_sts(path)
-    except ResultError:
-        return
-    assert len(found.rows) <= 2
 
 
 HISTORY = "Time Node 2\tEquivalent Von Mises Stress Node 2\n" + "".join(

@@ -185,14 +185,6 @@ def test_a_print_with_a_row_lost_or_duplicate_is_no_table(ingest, tmp_path, suff
     assert words in said
 
 
-def test_a_time_of_a_sta_that_does_not_add_up_is_refused(ingest, tmp_path):
-    lines = lines_of(FRD / "vib_cpe4_bin_f64.sta")
-    lines[12] = lines[12].replace("0.5", "0.9", 1)
-    path = tmp_path / "job.sta"
-    path.write_text("".join(lines))
-    assert ingest(path, "-o", "t.csv")[0] == 1
-
-
 @pytest.mark.parametrize("how", ["lost", "duplicate", "swapped"])
 def test_a_point_of_the_only_section_of_a_dat_is_missed(ingest, tmp_path, how):
     lines = lines_of(FRD / "interface_cpe8r.dat")

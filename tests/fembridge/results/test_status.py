@@ -1,0 +1,215 @@
+"""``.sta`` and ``.cvg`` of CalculiX, ``.sts`` of Marc: recorded ones, cut ones, foreign lines."""
+
+import csv
+import os
+from dataclasses import astuple, fields
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fembridge.errors import ResultError
+from fembridge.results.printed import describe_print, write_print_table
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.status import CvgRow, StaRow, StsRow, read_cvg, read_sta, read_sts
+
+
+def test_increments_of_a_run_are_listed_in_ms(samples):
+    rows = read_sta(samples / "cpe4_ascii.sta")
+    assert rows[-1] == StaRow(1, 4, 1, False, 5, 2.0, 2.0, 0.5)
+    assert [row.increment for row in rows] == [1, 2, 3, 4]
+
+
+def test_increment_numbers_begin_again_in_a_second_step(samples):
+    rows = read_sta(samples / "cpe4_2step_mixed.sta")
+    assert [(row.step, row.increment) for row in rows][-2:] == [(2, 1), (2, 2)]
+    assert (rows[-1].total_time_ms, rows[-1].step_time_ms) == (3.0, 1.0)
+
+
+def test_a_failed_attempt_keeps_the_time_at_its_start(samples):
+    rows = read_sta(samples / "cpe4_diverged.sta")
+    assert [row.failed for row in rows] == [False, True]
+    assert (rows[1].total_time_ms, rows[1].increment_time_ms) == (0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "read_rows"), [("cpe4_ascii.sta", read_sta), ("cpe4_ascii.cvg", read_cvg)]
+)
+def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, name, read_rows):
+    whole = (samples / name).read_bytes()
+    rows, path = read_rows(samples / name), tmp_path / name
+    path.write_bytes(whole)
+    for size in range(len(whole), -1, -1):
+        os.truncate(path, size)
+        headers = 2 if name.endswith("sta") else 4
+        complete = max(0, whole[:size].count(b"\n") - headers)
+        assert read_rows(path) == rows[:complete]
+
+
+@pytest.mark.parametrize(
+    ("name", "read_rows"), [("cpe4_ascii.sta", read_sta), ("cpe4_ascii.cvg", read_cvg)]
+)
+def test_text_behind_the_last_column_is_refused(samples, tmp_path, name, read_rows):
+    path = tmp_path / name
+    path.write_text((samples / name).read_text().rstrip("\n") + "  0.1\n")
+    with pytest.raises(ResultError, match=r"'0\.1' behind the last column"):
+        read_rows(path)
+
+
+def test_iterations_of_a_run_are_listed(samples):
+    rows = read_cvg(samples / "cpe4_ascii.cvg")
+    assert rows[0] == CvgRow(1, 1, 1, 1, 112, 412.6, 100.0, 0.0, 0.0)
+    assert len([row for row in rows if row.increment == 1]) == 5
+
+
+def test_more_iterations_than_the_field_holds_are_none(tmp_path):
+    path = tmp_path / "job.cvg"
+    line = "     1     2     1  ****     1120         NaN ***********"
+    path.write_text("\n" * 4 + line + "  0.0000E+00  0.1000E+01\n")
+    (row,) = read_cvg(path)
+    assert (row.iteration, row.contact_springs) == (None, 1120)
+    assert row.force_residual_percent != row.force_residual_percent
+    assert row.displacement_correction_percent != row.displacement_correction_percent
+    assert row.temperature_correction_percent == 1.0
+
+
+@pytest.mark.parametrize("read_rows", [read_sta, read_cvg])
+def test_a_whole_line_that_is_no_row_is_refused_by_number(tmp_path, read_rows):
+    path = tmp_path / "job.sta"
+    path.write_text("\n" * 5 + "not a row\n")
+    with pytest.raises(ResultError, match=r"job\.sta:6: no "):
+        read_rows(path)
+
+
+SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
+HEAD = (
+    "style=1\n"
+    "information summary of job:  finger_job1\n"
+    "version:  Marc 2021.4\n"
+    "date:     Tue Jun 13 16:36:14 2023\n"
+    "\n"
+    "    case   inc  cycl  sepa cut   cycl   separ   cut  rmesh time step   total time"
+    "        displ-mag              \n"
+    "      #     #     #     #   #      #      #      #     #      of           of    "
+    "     min         max    \n"
+    "               |--of the inc--|------of the analysis------| the inc      the job\n"
+    "\n"
+)
+ROW = (
+    "      1      3    2    0    0      12       0     1     0"
+    "  5.0000E-04  1.5000E-03  2.5000E-17  7.5000E-02\n"
+)
+END = """
+ Job ends with exit number :    3004
+            total wall time:        269.28
+            total cpu  time:        265.70
+"""
+
+
+@pytest.fixture
+def sts(tmp_path):
+    """A function that writes a ``.sts`` and gives its path."""
+
+    def write(text):
+        path = tmp_path / "job.sts"
+        path.write_bytes(text.encode("latin-1"))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "cycles", "cut_backs", "greatest_mm"),
+    [
+        ("nour_linear", 2, 1, 0, 99.647),
+        ("nour_plastic", 24, 100, 2, 108.78),
+        ("pfl_example_model_0", 91, 2686, 12, 8.4233),
+    ],
+)
+def test_a_real_job_is_read_to_its_end(name, count, cycles, cut_backs, greatest_mm):
+    """The numbers are the last lines of the files, read by eye."""
+    found = read_sts(SAMPLES / f"{name}.sts")
+    last = found.rows[-1]
+    assert (len(found.rows), found.exit_number, found.problem) == (count, 3004, None)
+    assert (last.total_cycles, last.total_cut_backs) == (cycles, cut_backs)
+    assert last.total_time_ms == 1000.0
+    assert last.displacement_max_mm == greatest_mm
+    assert [row.increment for row in found.rows] == list(range(count))
+
+
+def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):
+    found = read_sts(sts(HEAD + ROW))
+    assert found.exit_number is None
+    assert found.problem == ("the job has not ended, or was killed, increment 3 at 1.5 ms")
+    assert read_sts(sts(HEAD)).problem == "the job has not ended, or was killed"
+
+
+@pytest.mark.parametrize("number", [13, 2004, 3002, 3015])
+def test_another_exit_number_is_a_problem_that_names_it(sts, number):
+    text = HEAD + ROW + END
+    found = read_sts(sts(text.replace("3004", str(number))))
+    assert found.exit_number == number
+    assert found.problem == (
+        f"the job ended after increment 3 at 1.5 ms with exit number {number}, 3004 is success"
+    )
+
+
+def test_counts_that_touch_are_told_apart_by_column_and_stars_are_no_count(sts):
+    wide = ROW.replace(
+        "      1      3    2    0    0      12       0",
+        "      1      31234512345    0********12345678",
+    )
+    row = read_sts(sts(HEAD + wide)).rows[0]
+    assert astuple(row)[:7] == (1, 3, 12345, 12345, 0, None, 12345678)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("step\n" + HEAD, 1, "begins with 'step', a .sts of Marc with 'style=1'"),
+        (HEAD + "severe error\n" + ROW, 10, "no row: "),
+        (HEAD + ROW + ROW[:70] + "\n" + ROW[70:], 11, "no row: "),
+        (HEAD + ROW.replace("5.0000E-04", "NaN       "), 10, "'NaN' is no number"),
+        (HEAD + ROW.replace("   3 ", "  -3 "), 10, "'-3' is no count"),
+        (HEAD + ROW + END + ROW, 15, "after the end: "),
+        (HEAD.replace("displ-mag", "temperature"), 6, "columns 'case inc cycl"),
+        (HEAD.replace("case", "load case"), None, "no line of column names"),
+    ],
+)
+def test_a_foreign_or_wrapped_line_is_named(sts, text, line, said):
+    with pytest.raises(ResultError) as caught:
+        read_sts(sts(text))
+    assert said in caught.value.problem
+    assert caught.value.line == line
+
+
+def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
+    path = SAMPLES / "nour_plastic.sts"
+    heard = []
+    options = ReadOptions(log=heard.append)
+    assert write_print_table(path, tmp_path / "t.csv", options)[1] == 24
+    with (tmp_path / "t.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
+    assert float(rows[-1]["displacement_max_mm"]) == 108.78
+    assert heard == []
+    assert describe_print(path)["problem"] is None
+
+
+@given(cut=st.integers(0, len(HEAD + ROW * 3 + END)))
+def test_cut_anywhere_it_gives_whole_rows_or_an_error(tmp_path_factory, cut):
+    path = tmp_path_factory.getbasetemp() / "cut.sts"
+    path.write_text((HEAD + ROW * 3 + END)[:cut])
+    whole = sts_row_of_text()
+    try:
+        found = read_sts(path)
+    except ResultError:
+        assert cut < len(HEAD)
+    else:
+        assert set(found.rows) <= {whole}
+        assert len(found.rows) == min(3, max(0, cut - len(HEAD)) // len(ROW))
+
+
+def sts_row_of_text():
+    return StsRow(1, 3, 2, 0, 0, 12, 0, 1, 0, 0.5, 1.5, 2.5e-17, 0.075)
