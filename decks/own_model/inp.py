@@ -375,16 +375,15 @@ def _procedure(drive: Drive, abaqus: bool) -> Block:
             f"a waveform needs one of {kinds} in its step, found {there or 'none'}"
         )
     (procedure,) = found
-    if step.head.option("PERTURBATION") is not None:
-        raise step.head.error("a PERTURBATION step has no increments in time")
-    own_ways = ["RIKS", "EXPLICIT", "SUBSPACE"]
+    own_ways = [(step.head, "PERTURBATION")]
+    own_ways += [(procedure, name) for name in ("RIKS", "EXPLICIT", "SUBSPACE")]
     if procedure.keyword == "VISCO" and abaqus:
-        own_ways.append("CETOL")
-    for name in own_ways:
-        if procedure.option(name) is not None:
-            raise procedure.error(
-                f"{procedure.title}, {name} chooses its increments itself; the "
-                "waveform needs fixed ones"
+        own_ways.append((procedure, "CETOL"))
+    for block, name in own_ways:
+        if block.option(name) is not None:
+            raise block.error(
+                f"{block.title}, {name} has no increments in time or chooses them itself; the "
+                "waveform needs its own"
             )
     curve = drive.amplitude
     smooth = curve.option("SMOOTH") if curve is not None else None

@@ -218,23 +218,18 @@ def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
         what = "drive a motion; name one" if name is None else f"are named {name!r}"
         raise found[1].line.refuse(f"{len(found)} tables {what}: {_names(found)}")
     (table,) = found
-    same = [each for each in deck.tables if each.number == table.number]
-    if len(same) > 1:
-        raise same[1].line.refuse(f"{len(same)} tables have number {table.number}: {_names(same)}")
     mine = tuple(use for use in uses if use.table == table.number)
     for use in mine:
         words = f"table {table.name!r} ({table.line.place}) also drives {use.what}, which is no"
         use.line.check(use.moves, f"{words} displacement: give the motion a table of its own")
-    for good, problem in (
-        (bool(mine), "drives no fixed displacement and no contact body"),
-        (
-            table.points is not None and len(table.points) > 0,
-            "is a formula or of several variables, or its points are in a file that was not "
-            "read; expected points of time and value",
-        ),
-        (table.variable == TIME, f"is of variable type {table.variable}, expected {TIME}, time"),
-    ):
-        table.line.check(good, f"table {table.name!r} {problem}")
+    table.line.check(
+        bool(mine)
+        and table.points is not None
+        and table.points.size > 0
+        and table.variable == TIME,
+        f"table {table.name!r} is no waveform: expected points of time and value, in the deck "
+        "itself, that drive a fixed displacement or a contact body",
+    )
     return table, mine
 
 
@@ -281,20 +276,14 @@ def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
             named = [each for each in cases if each.number == int(wanted)]
         if not named:
             raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
-    possible = [case for case in named if case.stepping is not None]
-    if not possible:
-        problem = f"no load case has increments; there: {_listed_cases(named) or 'none'}"
-        raise named[0].line.refuse(problem) if named else DeckError(problem)
-    moving = [case for case in possible if _acting(case, drives)]
-    if not moving:
-        raise possible[0].line.refuse(
-            f"{drives[0].what} ({drives[0].line.place}) does not act in {_listed_cases(possible)}"
+    moving = [case for case in named if case.stepping is not None and _acting(case, drives)]
+    if len(moving) != 1:
+        problem = (
+            f"{len(moving)} load cases with increments in which {drives[0].what} "
+            f"({drives[0].line.place}) acts: {_listed_cases(moving)}; name one of "
+            f"{_listed_cases(cases) or 'none'}"
         )
-    if len(moving) > 1:
-        raise moving[1].line.refuse(
-            f"{len(moving)} load cases have increments and this motion; name one: "
-            f"{_listed_cases(moving)}"
-        )
+        raise moving[1].line.refuse(problem) if moving else DeckError(problem)
     (case,) = moving
     start_s = 0.0
     before = cases[: case.number - 1]

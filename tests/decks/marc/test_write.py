@@ -102,23 +102,9 @@ def test_options_have_as_many_fields_a_line_as_in_a_real_deck(built, sample):
         assert ours.rows[4:] == theirs.rows[4:]
 
 
-def test_small_strain_is_asked_for_by_leaving_the_large_one_out(make_model, read_deck):
-    deck = read_deck(marc_deck(make_model(large_strain=False)))
-    assert "large stra" not in deck.keywords
-
-
 def test_a_neo_hookean_skin_is_refused(make_model):
     with pytest.raises(DeckError, match="stratum_corneum is neo-hookean"):
         marc_deck(make_model(law="neo-hookean"))
-
-
-def test_plain_four_node_elements_alone_have_constant_dilatation(built):
-    model, _, deck = built
-    _, kind, name, row, blank = deck.one("geometry").rows
-    assert kind[:20] == "         1         2"  # plane strain
-    assert (name, blank) == ("plane_strain", "")
-    plain_quad = float(model.element == "CPE4")
-    assert deck.reals(row) == [1.0, plain_quad, 0, 0, 0, 0, 0]
 
 
 # ---- Motion
