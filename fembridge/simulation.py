@@ -16,7 +16,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from decks.analysis import Contact, Model
+from decks.analysis import Model
 from decks.presets import PRESETS, finger_id, finger_table
 from fembridge.build import stimulus_inputs
 from fembridge.errors import (
@@ -30,7 +30,6 @@ from fembridge.errors import (
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.response.response_map import ResponseMap, reading_energy, stored_response
 from fembridge.response.solve import (
-    LADDER,
     RESPONSE_FOLDER,
     FrictionSlipError,
     Log,
@@ -210,17 +209,13 @@ def simulate(
     method: str = AUTO,
     stored: bool = False,
     parameters: ParameterSet = PUBLISHED_SET,
-    ladder: Sequence[Contact] = LADDER,
-    response: ResponseMap | None = None,
     settings: SolverSettings = DEFAULTS,
     yes: bool = True,
     log: Log = lambda line: None,
 ) -> Simulation:
     """Compute stress and spikes; what a solver makes is kept below `folder`.
 
-    As `fembridge.simulate`, and `ladder` are the contact models to try, in this order;
-    `response` is what was accepted for `model` with its contact before, taken and not
-    solved.
+    Arguments and errors are those of `fembridge.simulate`.
     """
     if method not in (AUTO, *METHODS):
         raise UsageError(f"method {method!r}, expected {AUTO}, {' or '.join(METHODS)}")
@@ -232,10 +227,9 @@ def simulate(
     method = _possible(method, reason, parameters.parameters, log)
     deepest = max(stimuli, key=lambda stimulus: stimulus.deepest_um)
     closure_percent: float | None = None
+    response: ResponseMap | None = None
     origin: Table = {"source": "CalculiX"}
-    if response is not None:
-        origin = {"source": "response given"}
-    elif stored or find_ccx() is None:
+    if stored or find_ccx() is None:
         if method == "transient":
             raise MissingError(
                 f"{reason or '--method transient'}: that takes a solver, and there is "
@@ -248,9 +242,7 @@ def simulate(
         if method == "transient":
             check_cost(stimuli, model, settings, log, yes=yes)
         try:
-            model, response = solve_response(
-                place, model, deepest.deepest_um, settings, ladder=ladder, log=log
-            )
+            model, response = solve_response(place, model, deepest.deepest_um, settings, log=log)
         except FrictionSlipError as slip:
             reason = "; ".join(why for why in (reason, str(slip)) if why)
             announced = method == "transient"
@@ -266,7 +258,6 @@ def simulate(
             folder,
             settings,
             log,
-            ladder,
             slips=closure_percent is not None,
             parameters=parameters.to_table(),
         )

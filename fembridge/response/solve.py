@@ -257,7 +257,7 @@ def solve_transients(
     folder: Path,
     settings: SolverSettings,
     log: Log,
-    ladder: Sequence[Contact],
+    ladder: Sequence[Contact] = LADDER,
     *,
     slips: bool = False,
     parameters: Table | None = None,

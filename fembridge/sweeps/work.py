@@ -22,7 +22,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from decks.analysis import Contact, Model
 from decks.finger import Finger
@@ -43,8 +43,8 @@ from fembridge.errors import (
 )
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx, version_of
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
-from fembridge.response.solve import solve_response
-from fembridge.simulation import SPIKES_FILE, Simulation, simulate
+from fembridge.response.solve import solve_response, solve_transients
+from fembridge.simulation import SPIKES_FILE, Simulation, encode_all
 from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import (
@@ -62,7 +62,7 @@ from fembridge.sweeps.study import Asked, ladder_of
 from fembridge.tables import write_spikes, write_table
 from fembridge.typing import Table
 from fembridge.version import __version__
-from neural import Parameters, ParameterSet
+from neural import Parameters
 from neural.parameter_sets import parameters_to_table
 from neural.rates import spikes_inside
 
@@ -310,13 +310,7 @@ def _answer(item: Item, folder: Path, settings: SolverSettings) -> None:
     """Simulate an item and write its three files, the record last."""
     place, begin_s = folder / item.place, time.monotonic()
     response = item.response.read(folder)
-    if item.method == "map":
-        simulation = _simulate(item, response, folder, place, settings)  # writes nothing
-    else:
-        solve_place = folder / item.solve_place
-        with _alone(solve_place):
-            _check_solver(item.response.solver)
-            simulation = _simulate(item, response, folder, solve_place, settings)
+    simulation = _simulate(item, response, folder, settings)
     how = {
         "solver": item.response.solver,
         "wall_s": round(time.monotonic() - begin_s, 3),
@@ -341,22 +335,21 @@ def _answer(item: Item, folder: Path, settings: SolverSettings) -> None:
 
 
 def _simulate(
-    item: Item, response: ResponseMap, folder: Path, where: Path, settings: SolverSettings
+    item: Item, response: ResponseMap, folder: Path, settings: SolverSettings
 ) -> Simulation:
-    task = item.response
-    mesh = mesh_of(task.finger) if task.solver == STORED else _mesh(task, folder / task.place)
-    contact = response.origin.get("contact")
-    asked = Contact(**contact) if isinstance(contact, dict) else Contact()
-    return simulate(
-        item.stimuli(),
-        Model(task.finger, mesh, task.probe, asked, task.element),
-        where,
-        method=item.method,
-        parameters=ParameterSet(item.parameters_name, item.parameters),
-        ladder=ladder_of(task.asked),
-        response=response,
-        settings=settings,
-    )
+    """Spikes of all stimuli of an item: by the map, or each waveform solved."""
+    task, stimuli = item.response, item.stimuli()
+    if item.method == "map":
+        traces = [response.traces(each, item.parameters) for each in stimuli]
+        return encode_all(stimuli, traces, item.parameters, {})
+    accepted = Contact(**cast("dict[str, Any]", response.origin["contact"]))
+    mesh = _mesh(task, folder / task.place)
+    model = Model(task.finger, mesh, task.probe, accepted, task.element)
+    place, ladder = folder / item.solve_place, ladder_of(task.asked)
+    with _alone(place):
+        _check_solver(task.solver)
+        traces, _ = solve_transients(stimuli, model, place, settings, lambda line: None, ladder)
+    return encode_all(stimuli, traces, item.parameters, {})
 
 
 def _answers_of(simulation: Simulation) -> Iterator[tuple[str, str, float, int, float]]:

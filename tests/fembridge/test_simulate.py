@@ -73,7 +73,7 @@ def ccx(monkeypatch):
 def accepting(monkeypatch, ccx):
     """A solver whose indentation is accepted with whatever contact comes first."""
 
-    def solved(folder, model, needed_um, settings, *, ladder, **options):
+    def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
         return replace(model, contact=ladder[0]), read_map(FOLDER / "quick.toml")
 
     for each in (module, solve_module):
@@ -84,7 +84,7 @@ def accepting(monkeypatch, ccx):
 def slipping(monkeypatch, ccx):
     """A solver whose indentation shows that skin slips under friction."""
 
-    def solved(folder, model, needed_um, settings, *, ladder, **options):
+    def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
         raise FrictionSlipError("skin slips under the probe", 1.5, ladder[0])
 
     for each in (module, solve_module):

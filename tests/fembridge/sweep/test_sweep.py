@@ -9,6 +9,7 @@ import pytest
 from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.simulation import simulate
 from fembridge.stimulus import Stimulus
 from fembridge.sweeps import Study, Variant, run_sweep
@@ -129,14 +130,15 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
 
 
 def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(here, tmp_path, monkeypatch):
-    real = work_module.simulate
+    real = work_module.encode_all
 
-    def buggy(stimuli, model, *words, **options):
-        if model.finger.name == "quick":
+    def buggy(stimuli, traces, *words):
+        if traces[0][0].node == of_quick:
             raise ZeroDivisionError("by\nnothing")
-        return real(stimuli, model, *words, **options)
+        return real(stimuli, traces, *words)
 
-    monkeypatch.setattr(work_module, "simulate", buggy)
+    monkeypatch.setattr(work_module, "encode_all", buggy)
+    of_quick = read_map(FOLDER / "quick.toml").places[0].node
     made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
     sweep = run_sweep(made, tmp_path)
 
