@@ -248,11 +248,10 @@ class PostFile:
         found: FloatArray = numbers.values(self._file, records, one.offset)
         return found.reshape(elements.size, model.points, model.values)
 
-    def nodal_values(self, row: int, name: str, node_rows: IntArray | None = None) -> FloatArray:
-        """A nodal quantity of increment `row`, ``(K, components)``.
+    def nodal_values(self, row: int, name: str) -> FloatArray:
+        """A nodal quantity of increment `row` at all nodes, ``(N, components)``.
 
-        `node_rows` count nodes as the mesh has them; None is all of them. Where the file
-        says that there is no data all is zero.
+        Where the file says that there is no data all is zero.
 
         Raises
         ------
@@ -261,13 +260,11 @@ class PostFile:
         """
         one = self.increments[row]
         for quantity, numbers in one.layout.nodal:
-            if quantity.name != name:
-                continue
-            if numbers is None:
-                count = self._model.nodes if node_rows is None else len(node_rows)
-                return np.zeros((count, quantity.components))
-            found: FloatArray = numbers.values(self._file, node_rows, one.offset)
-            return found
+            if quantity.name == name:
+                if numbers is None:
+                    return np.zeros((self._model.nodes, quantity.components))
+                found: FloatArray = numbers.values(self._file, offset=one.offset)
+                return found
         names = ", ".join(quantity.name for quantity in one.nodal) or "none"
         raise ResultError(f"{one} has no nodal quantity {name!r}; it has {names}", self.path)
 

@@ -18,11 +18,12 @@ Time is taken as s and stress in `ReadOptions.stress_unit`.
 
 import csv
 import re
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -208,32 +209,33 @@ def _tables_of(path: Path, size: int, written_ns: int) -> tuple[tuple[PlotTable,
 
     A command asks three times: what the abscissa is, which nodes there are, the numbers.
     """
+    read = [(number, _in_utf8(text), ended) for number, text, ended in text_lines(path)]
+    cut = read[-1][1].strip() if read and not read[-1][2] else ""
+    numbered = ((number, line, _numbers(line)) for number, line, _ in read)
     runs: list[_Run] = []
-    run, above, cut = _Run(0, 0), list[str](), ""
-    for number, text, ended in text_lines(path):
-        line = _in_utf8(text)
-        cut = "" if ended else line.strip()
-        row = _numbers(line)
-        if len(row) != run.columns:
-            above = _closed(run, runs, above)
-            run = _Run(len(row), number)
-        run.add(row, line)
-    above = _closed(run, runs, above)
+    above: list[str] = []
+    for columns, group in groupby(numbered, key=lambda one: len(one[2])):
+        some = list(group)
+        if columns < _LEAST_COLUMNS or len(some) < _LEAST_ROWS:
+            above += [line for _, line, _ in some]
+        else:
+            runs.append(_Run(some[0][0], above, np.array([row for _, _, row in some])))
+            above = []
     if not runs:
         raise ResultError("no table: no two lines with as many numbers each", path)
-    width = max(runs, key=lambda one: one.rows).columns
+    width = max(runs, key=lambda one: len(one.values)).values.shape[1]
     tables = []
     for place, one in enumerate(runs):
-        if one.columns != width:
+        if one.values.shape[1] != width:
             continue
         labels = _labels(one.above, one.values)
         behind = runs[place + 1].above if place + 1 < len(runs) else above
-        beside = [(one.first + one.rows, behind[:1])]
+        end = one.first + len(one.values)
+        beside = [(end, behind[:1])]
         if labels[0] != "column_1":
             beside.append((one.first - 1, one.above[-1:]))
-        near = runs[place + 1].first if place + 1 < len(runs) else None
-        if near == one.first + one.rows:
-            beside.append((near, ["0"]))
+        if place + 1 < len(runs) and runs[place + 1].first == end:
+            beside.append((end, ["0"]))
         for number, lines in beside:
             if any(_like_row(each, width) for each in lines):
                 raise ResultError(f"no row of {width} numbers, at a table of such", path, number)
@@ -245,39 +247,12 @@ def _tables_of(path: Path, size: int, written_ns: int) -> tuple[tuple[PlotTable,
     return tuple(tables), cut
 
 
-class _Run:
+class _Run(NamedTuple):
     """Consecutive lines of as many numbers, the `first` of them, and the text `above`."""
 
-    def __init__(self, columns: int, first: int) -> None:
-        self.columns, self.first, self.rows = columns, first, 0
-        self.lines: list[str] = []  # as long as it is no table
-        self.above: list[str] = []
-        self._numbers = array("d")
-
-    def add(self, row: Sequence[float], line: str) -> None:
-        """Take the next line, and the numbers in it."""
-        self.rows += 1
-        if self.columns < _LEAST_COLUMNS or self.rows < _LEAST_ROWS:
-            self.lines.append(line)
-        if self.columns >= _LEAST_COLUMNS:
-            self._numbers.extend(row)
-
-    @property
-    def values(self) -> FloatArray:
-        """The numbers, ``(R, C)``."""
-        table = np.frombuffer(self._numbers).reshape(self.rows, self.columns)
-        table.flags.writeable = False
-        return table
-
-
-def _closed(run: _Run, runs: list[_Run], above: list[str]) -> list[str]:
-    """Add `run` to the `runs` if it is a table; the text above what comes next."""
-    if run.columns < _LEAST_COLUMNS or run.rows < _LEAST_ROWS:
-        above.extend(run.lines)
-        return above
-    run.above = above
-    runs.append(run)
-    return []
+    first: int
+    above: list[str]
+    values: FloatArray
 
 
 def _like_row(line: str, columns: int) -> bool:

@@ -169,18 +169,6 @@ def test_von_mises_of_the_mean_tensor_differs_from_the_mean_of_von_mises(traces)
     assert_allclose(scalar[20].stress_pa, 1e6 * math.sqrt(3), rtol=1e-8)
 
 
-def test_each_component_of_a_tensor_counts_as_it_should(traces):
-    tensor = [3.0, -1.0, 2.0, 0.5, -0.25, 0.75]
-    each = model()
-    for position in each["positions"]:
-        position["tensors"] = {TENSOR: [[tensor] * 4] * 2}
-    found = traces("--nodes", 70, "--von-mises", "tensor", of=each)
-    normal = (3.0 + 1.0) ** 2 + (-1.0 - 2.0) ** 2 + (2.0 - 3.0) ** 2
-    shear_part = 0.5**2 + 0.25**2 + 0.75**2
-    expected_pa = 1e6 * math.sqrt(normal / 2 + 3 * shear_part)
-    assert_allclose(found[70].stress_pa, expected_pa, rtol=1e-8)
-
-
 def test_afferents_are_named_and_come_out_as_encode_reads_them(export, tmp_path):
     assert export("--afferent", "SA=70", "RA=30", "--nodes", 10, 70).returncode == 0
     found = read_traces(tmp_path / "job_traces.csv")

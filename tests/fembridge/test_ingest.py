@@ -76,16 +76,6 @@ def test_nodes_of_a_foreign_file_have_no_afferent_and_say_their_unit(here, capsy
     assert "taken as MPa (--stress-unit says otherwise)" in capsys.readouterr().out
 
 
-def test_the_unit_of_the_file_can_be_told(here):
-    words = ["ingest", str(SAMPLES / "cpe4_ascii.frd"), "--node", "11", "-o"]
-    assert main([*words, "mpa.csv"]) == 0
-    assert main([*words, "kpa.csv", "--stress-unit", "kPa"]) == 0
-    mpa, kpa = (float(rows_of(here / f)[0]["von_mises_pa"]) for f in ("mpa.csv",) * 2)
-    assert mpa == kpa
-    kpa = float(rows_of(here / "kpa.csv")[0]["von_mises_pa"])
-    assert kpa == pytest.approx(mpa / 1e3, rel=1e-9)
-
-
 def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys):
     assert main(["ingest", ASCII]) == 0
     heard = capsys.readouterr()
@@ -101,35 +91,12 @@ def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys
     assert "choose with --node N or all, --set NAME or --near X,Y" in capsys.readouterr().err
 
 
-def test_afferents_of_a_foreign_file_are_misuse(here, capsys):
-    assert main(["ingest", str(SAMPLES / "cpe4_ascii.frd"), "--afferents"]) == 2
-    assert "no run.toml beside it; --afferents needs one" in capsys.readouterr().err
-
-
-def test_a_listing_can_be_read_by_a_program(here, capsys):
-    words = ["ingest", str(SAMPLES / "kill_bin_f32.frd"), "--list", "--json"]
-    assert main(words) == 0
-    held = json.loads(capsys.readouterr().out)
-    assert held["mesh_nodes"] == 252
-    assert "after 59 of 252 records" in held["problem"]
-
-
 def test_a_summary_is_all_that_json_prints(here, run_folder, capsys):
     assert main(["ingest", str(run_folder), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["output"] == "job_traces.csv"
     assert (summary["samples"], summary["dt_ms"]) == (5, 0.5)
     assert [trace["afferent"] for trace in summary["traces"]] == ["SA", "RA"]
-
-
-def test_a_bad_file_leaves_an_earlier_table_alone(here, capsys):
-    (here / "traces.csv").write_text("earlier\n")
-    path = str(SAMPLES / "cpe4_diskfull.frd")
-    assert main(["ingest", path, "--node", "11", "-o", "traces.csv"]) == 1
-    assert (here / "traces.csv").read_text() == "earlier\n"
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "after 7 of 47 records" in error
 
 
 def test_partial_takes_what_is_whole_and_says_on_stderr_what_is_not(here, capsys):
@@ -139,13 +106,6 @@ def test_partial_takes_what_is_whole_and_says_on_stderr_what_is_not(here, capsys
     heard = capsys.readouterr()
     assert "after 7 of 47 records" in heard.err
     assert "cut" not in heard.out
-
-
-def test_a_node_on_a_boundary_needs_a_word_of_consent(here, capsys):
-    words = ["ingest", str(SAMPLES / "cpe4_ascii.frd"), "--node", "18"]
-    assert main(words) == 1
-    assert "node 18 is between EPI and DER" in capsys.readouterr().err
-    assert main([*words, "--across-materials"]) == 0
 
 
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
@@ -208,15 +168,6 @@ def test_a_field_of_one_increment_says_its_time_and_unit(capsys):
         assert held["units"].tolist() == ["Pa"] * 6
     out = capsys.readouterr().out
     assert "STRESS of 47 nodes, step 1, increment 2, 1 ms; " + FOREIGN_UNIT in out
-
-
-def test_all_increments_go_to_paraview(here, capsys):
-    assert main(["ingest", ASCII, "--vtu", "v", "--quantity", "STRESS"]) == 0
-    assert len(list((here / "v").glob("*.vtu"))) == 4
-    assert len(list((here / "v").glob("*.pvd"))) == 1
-    out = capsys.readouterr().out
-    assert "4 increments" in out
-    assert FOREIGN_UNIT in out
 
 
 def test_prints_become_a_table_and_say_their_unit(capsys):

@@ -1,6 +1,5 @@
 """Tables and series of any program, whose columns the user names."""
 
-import gzip
 import itertools
 
 import meshio
@@ -99,20 +98,6 @@ def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_p
         read_traces(path, columns={"time": "t [min]", **names}, gain_pa=1.0)
 
 
-def test_each_component_is_in_its_own_unit(tmp_path, capsys):
-    path, ends = tmp_path / "them.csv", ["_pa", "_kpa", "_mpa", "", "_kpa", "_pa"]
-    factors = np.array([1.0, 1e3, 1e6, 1e6, 1e3, 1.0])
-    names = {key: f"S{key}{end}" for key, end in zip(SIX, ends, strict=True)}
-    lines = [",".join(map(str, (t, *(TENSOR * 1e3 / factors)))) for t in (0, 1)]
-    path.write_text("\n".join([",".join(["t_s", *names.values()]), *lines]))
-    held = read_history(path, "all", quantity="stress", columns={"time": "t_s", **names})
-    found = [held[f"s{key}_pa"].tolist()[0] for key in SIX]
-    assert_allclose(found, 1e3 * TENSOR, rtol=1e-12)
-    names = ",".join(f"{key}={name}" for key, name in {"time": "t_s", **names}.items())
-    assert main(["ingest", str(path), "--columns", names, "-o", str(tmp_path / "out.csv")]) == 0
-    assert "taken as Pa, kPa, MPa (--stress-unit says otherwise)" in capsys.readouterr().out
-
-
 def test_a_table_is_parsed_once_and_again_when_it_was_written_anew(tmp_path, monkeypatch):
     parsed, parse = [], pd.read_csv
     monkeypatch.setattr(pd, "read_csv", lambda *a, **k: parsed.append(1) or parse(*a, **k))
@@ -126,18 +111,6 @@ def test_a_table_is_parsed_once_and_again_when_it_was_written_anew(tmp_path, mon
     assert len(parsed) == 2
 
 
-def test_a_packed_table_is_read_and_a_packed_series_refused(samples, tmp_path):
-    names = {"time": "t_s", "value": "S_pa"}
-    packed = tmp_path / "them.csv.gz"
-    packed.write_bytes(gzip.compress(b"t_s,S_pa\n0,1\n1,2\n"))
-    assert read(packed, columns=names)[0].stress_pa.tolist() == [1, 2]
-    series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path)
-    packed = tmp_path / "them.pvd.gz"
-    packed.write_bytes(gzip.compress(series.read_bytes()))
-    with pytest.raises(ResultError, match=r"a packed \.pvd is not read: gunzip it first"):
-        read(packed, [1], columns=names)
-
-
 def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_path):
     path = tmp_path / "them.csv"
     path.write_text("t_s,node,afferent,S_pa\n0,9,RA,1\n1,9,RA,2\n0,7,SA,3\n1,7,SA,4\n")
@@ -147,15 +120,6 @@ def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_pat
         for reader in (read, read_traces)
     ]
     assert whose[0] == whose[1] == {(9, "RA", 1, 2), (7, "SA", 3, 4)}
-
-
-def test_uneven_times_are_rows_as_they_are_and_can_be_resampled(tmp_path):
-    path = tmp_path / "them.csv"
-    path.write_text("t,S_pa\n0,0\n0.001,10\n0.004,40\n")
-    names = {"time": "t", "value": "S_pa"}
-    assert read_history(path, "all", columns=names)["time_ms"].tolist() == [0, 1, 4]
-    (trace,) = read(path, columns=names, resample_ms=1.0)
-    assert_allclose(trace.stress_pa, [0, 10, 20, 30, 40], rtol=1e-12)
 
 
 @pytest.mark.parametrize("form", ["value", "tensor", "components"])

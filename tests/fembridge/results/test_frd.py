@@ -75,12 +75,6 @@ def test_von_mises_stress_is_what_another_reader_computed(name):
     assert_allclose(von_mises_pa(tensor_pa), stored_pa, rtol=6e-7)
 
 
-@pytest.mark.parametrize("name", [n for n in EXPECTED if n not in INDEXED])
-def test_a_file_that_the_other_reader_gave_up_on_is_an_error_here(name):
-    with pytest.raises(ResultError, match=name):
-        read_values(SAMPLES / name, [1])
-
-
 @pytest.mark.parametrize("sta", [True, False])
 def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
     """Seen in the ``.sta`` file, and without one in the missing STRESS."""
@@ -95,14 +89,6 @@ def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
     assert displacement_mm.shape == (1, 1, 3)
     assert "dropped step 1, increment 2: not converged" in heard
     assert ("has DISP, FORC and no ERROR, STRESS" in heard[0]) != sta
-
-
-def test_a_trace_has_one_step_whichever_it_is():
-    """Output at every third increment; at automatic ones."""
-    (trace,) = read(SAMPLES / "cpe4_freq3.frd", [11])
-    assert (trace.start_ms, trace.dt_ms) == (1.5, 0.5)
-    with pytest.raises(ResultError):
-        read(SAMPLES / "cpe4_timepoints.frd", [11])
 
 
 def test_a_missing_node_is_named_with_its_neighbours():
@@ -340,23 +326,6 @@ def test_an_increment_that_lost_its_stress_is_refused_or_told(block, write_frd):
     assert read_values(path, [1], LENIENT_PA)[0].tolist() == [1.0]
 
 
-def test_bytes_behind_the_end_line_are_told(block, write_frd):
-    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])])
-    path.write_bytes(path.read_bytes() + b"    1C\n")
-    with pytest.raises(ResultError):
-        read_values(path, [1])
-
-
-def test_a_file_that_shrinks_while_it_is_read_is_an_error(block, write_frd):
-    from fembridge.results.byte_file import ByteFile
-
-    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])])
-    with ByteFile(path) as file:
-        os.truncate(path, 100)
-        with pytest.raises(ResultError):
-            file.take(90, 40)
-
-
 HOLE_BYTES = 2 << 30  # of a sparse file: no disk is used
 SEARCHED = HOLE_BYTES if os.environ.get("CI") == "true" else 128 << 20
 # Sample, where it says the damage is, and the times that --partial still reads at node 11.
@@ -397,19 +366,6 @@ def test_what_was_whole_before_the_damage_is_read_and_equals_the_file(samples, n
         same_pa = read_values(samples / f"{twin}.frd", [11], options)[1]
         shared = min(len(same_pa), len(tensor_pa))
         assert_allclose(tensor_pa[:shared, :, :4], same_pa[:shared, :, :4], rtol=1e-5, atol=1e-9)
-
-
-@pytest.mark.parametrize("flag", [1, 2, 3])
-def test_a_file_that_grows_while_it_is_read_is_named(block, write_frd, flag):
-    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)], flag=flag)])
-    with ByteFile(path) as file:
-        assert file.change is None
-        with path.open("ab") as more:
-            more.write(b"    1PSTEP\n")
-        assert "grew from" in file.change
-        assert "something is still writing it" in file.change
-        os.truncate(path, 10)
-        assert "shrank from" in file.change
 
 
 def test_a_run_that_goes_on_while_its_history_is_read_is_refused_or_told(

@@ -5,7 +5,6 @@ each label, six digits, tabs); the second and third are as programs say that rea
 """
 
 import csv
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -216,15 +215,3 @@ def test_a_text_that_is_cut_in_its_last_number_says_so(tmp_path):
     said.clear()
     read(path, [2], ReadOptions(log=said.append))
     assert said == []
-
-
-def test_a_long_text_takes_the_memory_of_its_numbers(tmp_path):
-    path, rows = tmp_path / "plot.txt", 30_000
-    path.write_text("Time\tvon Mises\n" + "".join(f"{k}\t{k}.5\n" for k in range(rows)))
-    tracemalloc.start()
-    try:
-        (table,) = read_plot_tables(path)
-        assert table.values.shape == (rows, 2)
-        assert tracemalloc.get_traced_memory()[1] < 4 * 16 * rows
-    finally:
-        tracemalloc.stop()

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results import read
-from fembridge.results.nodes import choose_nodes, near_nodes, read_node_sets
+from fembridge.results.nodes import choose_nodes, near_nodes
 from fembridge.results.read_options import ReadOptions
 
 KINDS = ["cpe4_ascii", "cpe4_bin_f32", "cpe4_bin_f64", "cpe4_2step_mixed"]
@@ -87,20 +86,3 @@ def test_a_deck_elsewhere_can_be_named(samples, tmp_path):
     assert choose_nodes(path, sets=["mine"], deck=deck) == [25, 11]
     with pytest.raises(ResultError):
         choose_nodes(path, sets=["NONE"], deck=deck)
-
-
-def test_read_takes_a_set_and_places(samples):
-    path = samples / "cpe4_ascii.frd"
-    by_set = read(path, node_set="PROBES", across_materials=True)
-    by_place = read(path, near_mm=[(1.5, 0.3)])
-    assert [trace.node for trace in by_set] == [11, 18, 25]
-    assert [trace.node for trace in by_place] == [11]
-    assert by_place[0].stress_pa.tolist() == by_set[0].stress_pa.tolist()
-
-
-def test_two_numbers_without_a_comma_are_not_one(tmp_path):
-    deck = tmp_path / "job.inp"
-    deck.write_text("*NODE, NSET=ALL\n1, 0., 0.\n*NSET, NSET=B\n5 3\n")
-
-    with pytest.raises(ResultError, match="line 4"):
-        read_node_sets(deck)

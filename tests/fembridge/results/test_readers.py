@@ -21,10 +21,6 @@ from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.store import sha256_of
 
 
-def test_a_result_file_is_taken_by_suffix_and_first_bytes(samples):
-    assert reader_of(samples / "cpe4_ascii.frd") is READERS[0]
-
-
 def test_traces_come_in_the_order_asked_for_in_pa_and_ms(samples):
     """Values of the sample's expected.json, in MPa there."""
     first, second = read(samples / "cpe4_bin_f64.frd", [25, 11])
@@ -216,10 +212,6 @@ def folder(tmp_path):
     return copy
 
 
-def test_results_of_the_deck_beside_them_are_read(folder):
-    assert len(read(folder)) == 3
-
-
 @pytest.mark.parametrize("resample_ms", [0.7, 0.25, 60.0])
 def test_a_whole_run_is_whole_whatever_the_step_that_it_is_resampled_with(folder, resample_ms):
     plain, (sa, *_) = read(folder), read(folder, resample_ms=resample_ms)
@@ -238,13 +230,6 @@ def test_a_deck_changed_after_the_run_is_named_with_what_to_do(folder):
 
     with pytest.raises(ResultError):
         read(folder)
-
-
-def test_results_without_a_record_are_taken_as_they_are(folder):
-    (folder / "solver.toml").unlink()
-    (folder / "job.inp").write_text("** mine\n")
-
-    assert len(read(folder)) == 3
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Damage that leaves a file readable: refused or said, never another number without a word."""
 
-import json
-import shutil
 from pathlib import Path
 
 import meshio
@@ -71,11 +69,6 @@ def test_damaged_values_of_a_post_file_are_refused_whatever_is_asked(
     assert "--partial" in said
     assert sorted(one.name for one in tmp_path.iterdir()) == ["job.t16"]
     assert ingest(path, *WAYS[way], "--partial", *json_too)[0] == 0
-
-
-def test_the_list_of_a_damaged_post_file_says_so(damaged_post, capsys):
-    assert main(["ingest", str(damaged_post("52401")), "--list", "--json"]) == 0
-    assert "block 52401" in json.loads(capsys.readouterr().out)["problem"]
 
 
 def test_a_block_under_another_number_is_damage(ingest, tmp_path):
@@ -225,12 +218,3 @@ def test_every_recorded_progress_is_in_order(ingest, suffix):
     for path in paths:
         code, said = ingest(path, "-o", "t.csv")
         assert code == 0 or "no rows" in said, said
-
-
-def test_a_copy_without_damage_is_read_without_a_word_of_damage(ingest, tmp_path):
-    for source in (MARC / "nour_plastic.t16", FRD / "cpe4_ascii.frd"):
-        path = tmp_path / f"job{source.suffix}"
-        shutil.copy(source, path)
-        code, said = ingest(path, "--vtu", "vtu")
-        assert code == 0
-        assert not any(word in said for word in ("missing", "left out: increment", "dropped"))

@@ -152,14 +152,6 @@ def test_strain_energy_is_the_ener_of_a_recorded_shear(write_frd, block):
     assert_allclose(energy_pa, fields["ENER"].component("ENER"), rtol=1e-4)
 
 
-def test_many_tensors_are_taken_in_blocks_of_any_shape(monkeypatch):
-    monkeypatch.setattr("fembridge.results.stress._ROWS_AT_ONCE", 4)
-    tensor = np.random.default_rng(5).normal(size=(3, 5, 6))
-    expected = np.linalg.eigvalsh(matrices_of(tensor))[..., ::-1]
-    assert_array_equal(principal_stresses_pa(tensor), expected)
-    assert principal_stresses_pa(tensor[:0]).shape == (0, 5, 3)
-
-
 def test_components_in_another_order_are_put_in_order(write_frd, block):
     names = ("SZX", "SXX", "SYY", "SZZ", "SXY", "SYZ")
     path = write_frd([block("STRESS", 1, 1e-3, [(1, [6, 1, 2, 3, 4, 5])],
@@ -183,11 +175,6 @@ def test_each_side_of_a_layer_boundary_has_its_own_stress(samples, node):
         assert_allclose(side.tensor_pa[0], expected, atol=1e-6 * sxx)
     mean = next(read_fields(path)).at([node])[0, 0]
     assert_allclose(mean, (below.tensor_pa + above.tensor_pa)[0, 0] / 2, rtol=1e-4)
-
-
-def test_a_node_inside_a_layer_has_one_side(samples):
-    (only,) = sides(samples / "interface_cpe8r.frd", 10, "EALL")
-    assert (only.node, only.material, only.elements) == (10, 1, (1,))
 
 
 def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
@@ -241,3 +228,11 @@ def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(ki
 def test_an_unknown_kind_of_element_is_not_extrapolated():
     with pytest.raises(ValueError, match="tri6 with 9 integration points"):
         brick_weights("tri6", 9, 0)
+
+
+def test_many_tensors_are_taken_in_blocks_of_any_shape(monkeypatch):
+    monkeypatch.setattr("fembridge.results.stress._ROWS_AT_ONCE", 4)
+    tensor = np.random.default_rng(5).normal(size=(3, 5, 6))
+    expected = np.linalg.eigvalsh(matrices_of(tensor))[..., ::-1]
+    assert_array_equal(principal_stresses_pa(tensor), expected)
+    assert principal_stresses_pa(tensor[:0]).shape == (0, 5, 3)

@@ -56,20 +56,6 @@ def test_a_listing_shows_header_codes_sets_and_times(capsys):
     assert held["problem"] is None
 
 
-def test_traces_by_number_set_and_place(capsys):
-    words = ["--node", "5", "--set", "probes", "--near", "0.1,1.9", "-o", "t.csv"]
-    assert main(["ingest", "job.t16", *words]) == 0
-    rows = rows_of("t.csv")
-    assert list(dict.fromkeys(row["node"] for row in rows)) == ["5", "6", "1", "9"]
-    last = {row["node"]: float(row["von_mises_pa"]) for row in rows}
-    assert last["5"] == pytest.approx(2e6, rel=1e-5)
-    assert last["6"] == pytest.approx(4e6, rel=1e-5)
-    assert last["1"] == pytest.approx(2e6 * (1 + 3) ** 0.5, rel=1e-5)
-    heard = capsys.readouterr()
-    assert "stress: Stress (codes 311 to 316), extrapolated to nodes: linear" in heard.err
-    assert "0 to 2 ms every 1 ms" in heard.out
-
-
 def test_a_boundary_is_refused_crossed_or_read_side_by_side(capsys):
     assert main(["ingest", "job.t16", "--node", "7"]) == 1
     assert "node 7 lies between soft and elements with ids 2" in capsys.readouterr().err
@@ -143,17 +129,6 @@ def test_a_status_file_becomes_a_table(capsys):
     assert len(rows_of("s.csv")) == 24
     assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "--list"]) == 0
     assert "rows: 24" in capsys.readouterr().out
-
-
-def test_a_history_plot_becomes_traces_of_the_nodes_that_it_names(here):
-    lines = ["Time Node 2\tEquivalent Von Mises Stress Node 2"]
-    lines += [f"{k * 0.0005:g}\t{k * 0.25:g}" for k in range(6)]
-    (here / "history.txt").write_text("\n".join(lines) + "\n")
-    assert main(["ingest", "history.txt", "-o", "t.csv"]) == 0
-    rows = rows_of("t.csv")
-    assert [row["node"] for row in rows] == ["2"] * 6
-    assert float(rows[-1]["von_mises_pa"]) == pytest.approx(1.25e6)
-    assert float(rows[-1]["time_ms"]) == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("words", [["--list"], ["--node", "1"], []])
