@@ -128,8 +128,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.api import build_deck
 
     remarks: list[str] = []
+    words = words_of(args, build_deck)
     if args.base_deck is not None:
-        words = _own_words(args)
+        words["afferents"] = _own_afferents(args)
     else:
         foreign = ("amplitude", "step", "move", "length_unit", "afferent")
         given = [option(name) for name in foreign if getattr(args, name)]
@@ -137,13 +138,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             given.append("--increments")
         if given:
             raise UsageError(f"{', '.join(given)}: for --base-deck alone")
-        names = ("finger", "element", "contact", "stiffness_mpa_per_mm", "friction", "probe_body")
-        words = {"probe": probe_from(args), **words_of(args, *SOLVING, *names)}
-    built = build_deck(
-        **words_of(args, *STIMULUS, "parameters", "output", "solver", "results", "frames"),
-        **words,
-        log=remarks.append,
-    )
+        words["probe"] = probe_from(args)
+    built = build_deck(**words, log=remarks.append)
     solver = built[0].solver
     if not args.json:
         for one in built:
@@ -169,8 +165,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"finger": finger["name"], "solver": solver, "folders": rows}
 
 
-def _own_words(args: argparse.Namespace) -> dict[str, Any]:
-    """What the options say of a deck of one's own; those of our finger mean nothing there."""
+def _own_afferents(args: argparse.Namespace) -> dict[str, int]:
+    """Nodes of afferents in a deck of one's own; options of our finger mean nothing there."""
     ours = argparse.ArgumentParser()
     _add_deck_options(ours)
     for name, default in vars(ours.parse_args([])).items():
@@ -179,10 +175,7 @@ def _own_words(args: argparse.Namespace) -> dict[str, Any]:
     names = [name for name, _ in args.afferent]
     if len(set(names)) < len(names):
         raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
-    return {
-        "afferents": dict(args.afferent),
-        **words_of(args, "base_deck", "amplitude", "step", "move", "length_unit", "increments"),
-    }
+    return dict(args.afferent)
 
 
 def _afferent(word: str) -> tuple[str, int]:

@@ -58,9 +58,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.tables import write_table
 
     output = Path(args.output)
-    for name in ("depth_mm", "threads", "time_limit"):
+    for name in ("depth_mm", "threads", "time_limit_s"):
         if args.solver is None and getattr(args, name) is not None:
-            raise UsageError(f"{option(name)} is for --solver run")
+            raise UsageError(f"{option(name.removesuffix('_s'))} is for --solver run")
     if args.solver is not None:
         check_output(output, TABLE_FILE, PICTURE_FILE)
         shown = [_solved(args, output)]
@@ -112,9 +112,9 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
     with SolverBars() as bars:
         settings = SolverSettings(
             threads=args.threads,
-            time_limit_s=args.time_limit,
+            time_limit_s=args.time_limit_s,
             on_progress=bars,
-            cache=not args.no_cache,
+            cache=args.cache,
         )
         solved = solve_deflection(output / "run", press_of(finger), depth_mm, settings)
     for stored in stored_deflections():

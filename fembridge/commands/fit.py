@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import (
     STORED_FINGER,
     Several,
+    add_from,
     add_options,
     add_output_option,
     words_of,
@@ -27,12 +28,11 @@ INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
 
 LIST = "list"
 EVERY = "all"
-_SEARCH = ("evaluations", "population", "seed", "rule", "held_out")
-_BESIDE = ("thresholds", "timing", "spikes", "spike_distance")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge import api
     from neural.fit_problem import DISTANCES
     from neural.models import DEFAULT_MODELS
     from neural.parameter_sets import fitted_preindent_um
@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     defaults = ", ".join(f"{model} {name}" for name, model in DEFAULT_MODELS.items())
     rules = "; ".join(f"{name}: {sentence}" for name, sentence in RULES.items())
+    depth_um = fitted_preindent_um()
     add_options(parser, ("observed",))
     add = parser.add_argument
     add(
@@ -55,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"the model whose parameters are searched (default: {defaults}); "
         f"'--drive {LIST}' lists all, with equation and free parameters",
     )
-    add(
-        "--cells", type=int, metavar="N", help="of the population (default: the model's own number)"
-    )
+    add_from(parser, api.fit, cells=("N", "of the population (default: the model's own number)"))
     add(
         "--family",
         choices=("sine", "diharm", "noise", EVERY),
@@ -69,28 +68,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--evaluations", **numbers, default=EVALUATIONS, help=tried)
     generation = "candidates of a generation (default: %(default)d)"
     add("--population", **numbers, default=POPULATION, help=generation)
-    add("--seed", **numbers, default=1, help="default: %(default)d")
     add(
         "--rule",
         choices=tuple(RULES),
         default=next(iter(RULES)),
         help=f"which candidate of the front is taken. {rules} (default: %(default)s)",
     )
-    add(
-        "--thresholds",
-        metavar="NAME|FILE.csv",
-        help="fit threshold amplitudes too: thresholds_freeman_johnson_1982, or a table "
-        "afferent,criterion,frequency_hz,amplitude_um",
-    )
-    add(
-        "--timing",
-        action="store_true",
-        help="fit the published vector strengths at 20 Hz too (timing_20hz)",
-    )
-    add(
-        "--spikes",
-        metavar="FILE.csv",
-        help="fit spike times too, with a latency: a table stimulus,afferent,repeat,spike_time_ms",
+    evidence = "fit threshold amplitudes too: thresholds_freeman_johnson_1982, or a table "
+    evidence += "afferent,criterion,frequency_hz,amplitude_um"
+    trains = "fit spike times too, with a latency: a table "
+    trains += "stimulus,afferent,repeat,spike_time_ms"
+    held_out = "predict each frequency (each group) by one fit more that did not see it; takes as "
+    held_out += "many times as long; `fembridge validate` shows them"
+    depth = f"depth of the probe before time 0 (default: 0 for published, else {depth_um:g})"
+    add_from(
+        parser,
+        api.fit,
+        thresholds=("NAME|FILE.csv", evidence),
+        timing="fit the published vector strengths at 20 Hz too (timing_20hz)",
+        spikes=("FILE.csv", trains),
+        held_out=held_out,
+        seed=("N", ""),
+        preindent_um=("DEPTH", depth),
     )
     add(
         "--spike-distance",
@@ -98,22 +97,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=DISTANCES[0],
         help="of spike times, both with 5 ms (default: %(default)s)",
     )
-    add(
-        "--held-out",
-        action="store_true",
-        help="predict each frequency (each group) by one fit more that did not see it; takes as "
-        "many times as long; `fembridge validate` shows them",
-    )
-    default = f"(default: 0 for published, else {fitted_preindent_um():g})"
-    depth = f"depth of the probe before time 0 {default}"
-    add("--preindent-um", type=float, metavar="DEPTH", help=depth)
     stress = parser.add_mutually_exclusive_group()
     add_options(stress, ("finger",), **STORED_FINGER, default=None)
-    stress.add_argument(
-        "--response",
-        metavar="DIR|FILE.toml",
-        help="or a response of your own, as `fembridge simulate` keeps it",
-    )
+    add_options(stress, ("response",))
     missing = "take a table in which some stimuli have no rate of some class"
     add("--allow-missing", action="store_true", help=missing)
     add_output_option(parser, default="fit")
@@ -133,10 +119,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             bar.print(line)
 
         made = api.fit(
-            **words_of(
-                args, "observed", *_SEARCH, *_BESIDE, "drive", "cells", "family", "preindent_um"
-            ),
-            **words_of(args, "finger", "response", "output"),
+            **words_of(args, api.fit),
             afferents=args.afferent,
             complete=not args.allow_missing,
             log=log,

@@ -1,8 +1,9 @@
 """Options that verbs share, each described once; a verb names those that it takes."""
 
 import argparse
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Sequence
+from inspect import signature
+from typing import TYPE_CHECKING, Any, get_args
 
 if TYPE_CHECKING:
     from decks.probe import Probe
@@ -183,6 +184,15 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "RATES.csv",
         "help": "what to fit to: a table stimulus,afferent,rate_ips",
     },
+    "response": {
+        "metavar": "DIR|FILE.toml",
+        "help": "or a response of your own, as `fembridge simulate` keeps it",
+    },
+    "pad": {
+        "default": "reference",
+        "metavar": "NAME|FILE.npz",
+        "help": "default: reference",
+    },
     "endings_mm": {
         "type": float,
         "default": 0.5,
@@ -219,11 +229,13 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "time_limit": {
         "type": float,
+        "dest": "time_limit_s",
         "metavar": "S",
         "help": "stop a run after so many seconds (default: never)",
     },
     "no_cache": {
-        "action": "store_true",
+        "action": "store_false",
+        "dest": "cache",
         "help": "solve also what was solved before on this machine",
     },
 }
@@ -240,6 +252,33 @@ def add_options(
         parser.add_argument(option(name), *also, **{**_OPTIONS[name], **changed})
 
 
+def add_from(
+    parser: argparse._ActionsContainer,
+    function: Callable[..., Any],
+    **words: str | tuple[str, str],
+) -> None:
+    """Add options that are arguments of a `function` of the API: type and default are its own.
+
+    `words` are by argument its help, or its metavar and its help, without the default.
+    """
+    arguments = signature(function).parameters
+    for name, text in words.items():
+        metavar, meaning = (None, text) if isinstance(text, str) else text
+        default, annotation = arguments[name].default, arguments[name].annotation
+        if default is False:
+            parser.add_argument(option(name), action="store_true", help=meaning)
+            continue
+        kinds = get_args(annotation) or (annotation,)
+        how: dict[str, Any] = {"type": next((k for k in (float, int) if k in kinds), str)}
+        shown = default
+        if isinstance(default, tuple):
+            how |= {"action": Several}
+            default, shown = list(default), ",".join(f"{each:g}" for each in default)
+        said = "" if shown in (None, "") else f"default: {shown}".removesuffix(".0")
+        about = f"{meaning} ({said})" if meaning and said else meaning or said
+        parser.add_argument(option(name), metavar=metavar, default=default, help=about, **how)
+
+
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     """Where to."""
     parser.add_argument(
@@ -252,9 +291,9 @@ def option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def words_of(args: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Arguments of `fembridge.api` that are options of the same `names`."""
-    return {name: getattr(args, name) for name in names}
+def words_of(args: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
+    """Arguments of a `function` of the API that are options of the same names."""
+    return {name: getattr(args, name) for name in signature(function).parameters if name in args}
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":

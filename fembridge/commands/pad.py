@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_options, words_of
+from fembridge.commands.options import add_options
 
 EXAMPLE = "fembridge pad --finger finger.toml -o pad.npz"
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.output.suffix != ".npz":
         raise UsageError(f"{args.output}: expected a name in .npz")
     finger = read_finger(args.finger)
-    settings = SolverSettings(**words_of(args, "threads", "jobs"), time_limit_s=args.time_limit)
+    settings = SolverSettings(args.threads, args.jobs, args.time_limit_s)
     mesh = PadMesh(args.spacing_mm, args.reach_mm)
     with ExitStack() as stack:
         folder = args.runs or stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))

@@ -13,13 +13,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import Several, add_options, add_output_option, words_of
+from fembridge.commands.options import Several, add_from, add_options, add_output_option, words_of
 
 EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge.touching.field import receptive_field
+
     parser.add_argument(
         "--afferent",
         action=Several,
@@ -28,39 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=["SA", "RA", "PC"],
         help="default: all three",
     )
-    parser.add_argument(
-        "--probe-diameter-mm", type=float, default=0.5, metavar="D", help="default: 0.5"
+    add_from(
+        parser,
+        receptive_field,
+        probe_diameter_mm=("D", ""),
+        depth_um=("UM", "depths, or amplitudes"),
+        times_threshold=("N", "further depths, as multiples of threshold"),
+        criterion=("SHARE", "share of the hot spot's impulses"),
+        frequency_hz=("HZ", "the probe vibrates in place of the press"),
+        step_mm=("MM", ""),
     )
-    parser.add_argument(
-        "--depth-um",
-        action=Several,
-        type=float,
-        default=[100.0, 200.0, 300.0, 400.0, 500.0],
-        metavar="UM",
-        help="depths, or amplitudes (default: 100 to 500)",
-    )
-    parser.add_argument(
-        "--times-threshold",
-        action=Several,
-        type=float,
-        default=[],
-        metavar="N",
-        help="further depths, as multiples of threshold",
-    )
-    parser.add_argument(
-        "--criterion",
-        type=float,
-        default=0.1,
-        help="share of the hot spot's impulses (default: 0.1)",
-    )
-    parser.add_argument(
-        "--frequency-hz", type=float, metavar="HZ", help="the probe vibrates in place of the press"
-    )
-    parser.add_argument("--step-mm", type=float, default=0.25, metavar="MM", help="default: 0.25")
-    add_options(parser, ("endings_mm", "sa_von_mises"))
-    parser.add_argument(
-        "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
-    )
+    add_options(parser, ("endings_mm", "sa_von_mises", "pad"))
     add_options(parser, ("parameters",), default="fitted_pad")
     add_output_option(parser, default="field")
 
@@ -79,22 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     output = Path(args.output)
     fields = []
     for name in args.afferent:
-        field = receptive_field(
-            name,
-            pad=pad,
-            **words_of(
-                args,
-                "depth_um",
-                "times_threshold",
-                "probe_diameter_mm",
-                "criterion",
-                "frequency_hz",
-                "step_mm",
-                "endings_mm",
-                "sa_von_mises",
-                "parameters",
-            ),
-        )
+        field = receptive_field(**{**words_of(args, receptive_field), "afferent": name, "pad": pad})
         fields.append(field)
         save_figure(field_figure(field), output / f"field_{name}.png")
     areas = pandas.concat([field.areas for field in fields], ignore_index=True)

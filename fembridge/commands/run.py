@@ -47,9 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise UsageError(f"{folder}: no such folder; fembridge build-deck makes run folders")
     with SolverBars() as bars:
         outcomes = api.run(
-            **words_of(args, "folders", "threads", "jobs", "force", "iteration_limit"),
-            time_limit_s=args.time_limit,
-            cache=not (args.no_cache or args.force),
+            **{**words_of(args, api.run), "cache": args.cache and not args.force},
             stall_limit_s=args.stall_limit,
             on_progress=bars,
         )

@@ -89,17 +89,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         lines.append(line)
         print(line, file=sys.stderr)
 
-    names = ("finger", "element", "method", "stored", "parameters", "threads", "jobs", "yes")
     with SolverBars() as bars:
-        simulation = simulate(
-            **words_of(args, *STIMULUS, *SOLVING, *names),
-            probe=probe_from(args),
-            output=output,
-            time_limit_s=args.time_limit,
-            cache=not args.no_cache,
-            log=log,
-            on_progress=bars,
-        )
+        words = {**words_of(args, simulate), "probe": probe_from(args)}
+        simulation = simulate(**words, log=log, on_progress=bars)
     simulation.write(output, plot=not args.no_plot)
     exported = export(Recording.of(simulation), output, args.export)
     if args.no_plot and (output / RASTER_FILE).is_file():

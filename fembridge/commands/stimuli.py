@@ -85,8 +85,8 @@ def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stim
     def log(line: str) -> None:
         print(line, file=sys.stderr)
 
-    words_given = words_of(args, "seed", *WAVE)
-    return stimuli_of(words, args.preindent_um or 0.0, **words_given, log=log)
+    given = {**words_of(args, stimuli_of), "preindent_um": args.preindent_um or 0.0}
+    return stimuli_of(words, **given, log=log)
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:

@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge import api
     from fembridge.terminal import error_line
 
-    names = ("study", "output", "jobs", "executor", "scheduler", "threads")
-    sweep = api.sweep(**words_of(args, *names), shows=True)
+    sweep = api.sweep(**words_of(args, api.sweep), shows=True)
     failed, items = sweep.failed, len(sweep.plan.items)
     if failed:
         first = failed[0]

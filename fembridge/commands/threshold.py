@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import (
     STORED_FINGER,
     Several,
+    add_from,
     add_options,
     add_output_option,
     words_of,
@@ -26,6 +27,8 @@ TABLE_FILE, PICTURE_FILE = "thresholds.csv", "thresholds.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge import api
+
     add = parser.add_argument
     add(
         "--afferent",
@@ -42,19 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="third octaves of a range, or frequencies, from 2 to 800 (default: 2:800)",
     )
     add_options(parser, ("parameters",), default="fitted")
-    add(
-        "--preindent-um",
-        type=float,
-        metavar="DEPTH",
-        help="depth of the probe before time 0 (default: that of the parameters' fit)",
-    )
+    depth = "depth of the probe before time 0 (default: that of the parameters' fit)"
+    add_from(parser, api.thresholds, preindent_um=("DEPTH", depth))
     stress = parser.add_mutually_exclusive_group()
     add_options(stress, ("finger",), **STORED_FINGER, default=None)
-    stress.add_argument(
-        "--response",
-        metavar="DIR|FILE.toml",
-        help="or a response of your own, as `fembridge simulate` keeps it",
-    )
+    add_options(stress, ("response",))
     add(
         "--thresholds",
         metavar="NAME|FILE.csv",
@@ -77,8 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.tables import write_table
 
     observed = read_evidence(args.thresholds, THRESHOLDS).table
-    names = ("parameters", "preindent_um", "finger", "response")
-    found = api.thresholds(args.afferent, ",".join(args.hz), **words_of(args, *names))
+    args.hz = ",".join(args.hz)
+    found = api.thresholds(args.afferent, **words_of(args, api.thresholds))
     with filling(Path(args.output), last=TABLE_FILE) as draft:
         save_figure(thresholds_figure(found, observed), draft / PICTURE_FILE)
         write_table(draft / TABLE_FILE, list(found.columns), found.to_numpy().tolist())

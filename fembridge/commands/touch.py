@@ -17,27 +17,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_options, add_output_option, words_of
+from fembridge.commands.options import add_from, add_options, add_output_option, words_of
 
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
-
-_SHAPE = ("at_mm", "angle_deg", "pixel_mm", "relief_mm", "friction")
-_WHO = (
-    "population", "endings_mm", "sa_von_mises", "pad", "parameters", "repeats", "noise_mv",
-    "seed",
-)  # fmt: skip
-_WAY = (
-    "stimulus", "press_um", "press_n", "ramp_ms", "hold_ms", "slide_mm_per_s",
-    "direction_deg", "duration_ms", "path", "pins", "preindent_um",
-)  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge.touching.touch import touch
+
     what = parser.add_argument_group("what touches")
-    what.add_argument(
-        "--shape", default="punch", metavar="SHAPE|FILE", help="default: punch, a 1 mm pin"
-    )
+    add_from(what, touch, shape=("SHAPE|FILE", "punch is a 1 mm pin"))
     what.add_argument(
         "--at-mm",
         type=float,
@@ -46,64 +36,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Z"),
         help="where its middle is at first, across and along the finger (default: 0 0)",
     )
-    what.add_argument("--angle-deg", type=float, default=0.0, help="how far it is rotated")
-    what.add_argument("--pixel-mm", type=float, metavar="MM", help="of a height map")
-    what.add_argument(
-        "--relief-mm",
-        type=float,
-        metavar="MM",
-        help="white over black in a picture, negative: black over white (default: 0.5)",
-    )
-    what.add_argument("--friction", type=float, default=0.4, help="while it slides (default: 0.4)")
-    what.add_argument(
-        "--pins",
-        type=Path,
-        metavar="CSV",
-        help="in place of a shape, pins x_mm,z_mm,diameter_mm,stimulus",
+    relief = "white over black in a picture, negative: black over white (default: 0.5)"
+    add_from(
+        what,
+        touch,
+        angle_deg=("DEG", "how far it is rotated"),
+        pixel_mm=("MM", "of a height map"),
+        relief_mm=("MM", relief),
+        friction=("MU", "while it slides"),
+        pins=("CSV", "in place of a shape, pins x_mm,z_mm,diameter_mm,stimulus"),
     )
     how = parser.add_argument_group("how it moves")
     add_options(how, ("stimulus",), action="store", required=False, help="its depth: sine_20_250")
     add_options(how, ("preindent_um",))
-    how.add_argument("--press-um", type=float, metavar="UM", help="to this depth, or")
-    how.add_argument("--press-n", type=float, metavar="N", help="with this force: ramp and hold")
-    how.add_argument("--ramp-ms", type=float, default=50.0, metavar="MS", help="default: 50")
-    how.add_argument("--hold-ms", type=float, default=500.0, metavar="MS", help="default: 500")
+    add_from(
+        how,
+        touch,
+        press_um=("UM", "to this depth, or"),
+        press_n=("N", "with this force: ramp and hold"),
+        ramp_ms=("MS", ""),
+        hold_ms=("MS", ""),
+    )
     add_options(how, ("slide_mm_per_s",), help="slides at this speed, pressed all the time")
-    how.add_argument(
-        "--direction-deg",
-        type=float,
-        default=-90.0,
-        metavar="DEG",
-        help="0 is to the right, 90 towards the tip (default: -90)",
-    )
-    how.add_argument(
-        "--duration-ms", type=float, default=1000.0, metavar="MS", help="default: 1000"
-    )
-    how.add_argument(
-        "--path", type=Path, metavar="CSV", help="time_ms,x_mm,z_mm and depth_um or force_n"
+    add_from(
+        how,
+        touch,
+        direction_deg=("DEG", "0 is to the right, 90 towards the tip"),
+        duration_ms=("MS", ""),
+        path=("CSV", "time_ms,x_mm,z_mm and depth_um or force_n"),
     )
     who = parser.add_argument_group("who feels it")
-    who.add_argument(
-        "--population",
-        default="fingertip",
-        metavar="NAME|FILE",
-        help="fingertip, grid, line, one_each (as fingertip:seed=3) or a table unit,afferent,"
-        "x_mm,z_mm,depth_mm (default: fingertip)",
-    )
-    add_options(who, ("endings_mm", "sa_von_mises"))
-    who.add_argument(
-        "--pad", default="reference", metavar="NAME|FILE.npz", help="default: reference"
-    )
+    words = "fingertip, grid, line, one_each (as fingertip:seed=3) or a table "
+    words += "unit,afferent,x_mm,z_mm,depth_mm"
+    add_from(who, touch, population=("NAME|FILE", words))
+    add_options(who, ("endings_mm", "sa_von_mises", "pad"))
     add_options(who, ("parameters",), default="fitted_pad")
-    who.add_argument("--repeats", type=int, default=1, metavar="N", help="trials (default: 1)")
-    who.add_argument(
-        "--noise-mv",
-        type=float,
-        default=0.0,
-        metavar="MV",
-        help="noise of the membrane, mV after 1 ms, by which trials differ (default: 0)",
+    add_from(
+        who,
+        touch,
+        repeats=("N", "trials"),
+        noise_mv=("MV", "noise of the membrane, mV after 1 ms, by which trials differ"),
+        seed=("N", "of the noise"),
     )
-    who.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
     add_output_option(parser, default="out")
     parser.add_argument(
         "--animate",
@@ -128,8 +102,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
     require_libraries(args.export)
     result = touch(
-        **words_of(args, "shape", *_SHAPE, *_WAY),
-        **words_of(args, *_WHO),
+        **words_of(args, touch),
         log=lambda line: print(line, file=sys.stderr),
     )
     if note := result.origin.get("note"):

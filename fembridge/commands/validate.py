@@ -10,7 +10,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_output_option, words_of
+from fembridge.commands.options import add_options, add_output_option, words_of
 
 if TYPE_CHECKING:
     from fembridge.report.validate import Validation
@@ -40,11 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="3 100 or 17 702 elements, or a finger of your own, which is solved "
         f"(default: {_FINGER})",
     )
-    skin.add_argument(
-        "--response",
-        metavar="DIR|FILE.toml",
-        help="or a response of your own, as `fembridge simulate` keeps it",
-    )
+    add_options(skin, ("response",))
     parser.add_argument(
         "--parameters",
         default=_PARAMETERS,
@@ -85,7 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         notes.append(line)
         print(line, file=sys.stderr)
 
-    study = api.validate(**words_of(args, "parameters", "finger", *_FILES), log=log)
+    study = api.validate(**{**words_of(args, api.validate), "output": None}, log=log)
     output = Path(args.output)
     files = write_report(output, study, command_line(args))
     rows = _rows(study)

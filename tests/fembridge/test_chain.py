@@ -32,8 +32,8 @@ def test_four_verbs_without_options_are_one(here):
     The map is solved, read again from its folder, and gives what the stored one gives.
     """
     preindent_um = parameter_set("fitted").preindent_um
-    wave_um = preindent_um + 60.0 * np.sin(2e-3 * np.pi * 100.0 * 0.5 * np.arange(41))
-    stimulus = fb.Stimulus("mine", wave_um, 0.5, (5.0, 20.0), preindent_um)
+    wave_um = preindent_um + 60.0 * np.sin(2e-3 * np.pi * 100.0 * 0.5 * np.arange(31))
+    stimulus = fb.Stimulus("mine", wave_um, 0.5, (5.0, 15.0), preindent_um)
     lines = []
     at_once = fb.simulate(stimulus, output="out", log=lines.append)
     assert at_once.origin["method"] == "map"

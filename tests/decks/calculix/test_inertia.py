@@ -59,8 +59,8 @@ def test_a_run_folder_tells_samples_and_not_increments(tmp_path, held):
 @pytest.mark.solver
 def test_skin_that_weighs_next_to_nothing_answers_as_without_inertia(tmp_path):
     """On the way in: unloading, so light a skin flutters."""
-    depth_um = 60.0 * (1 - np.cos(np.linspace(0, np.pi, 9)))
-    wave = Stimulus("in", depth_um, 0.5, (0.0, 4.0))
+    depth_um = 40.0 * (1 - np.cos(np.linspace(0, np.pi, 6)))
+    wave = Stimulus("in", depth_um, 0.5, (0.0, 2.5))
     light = {layer: replace(one, density_kg_m3=1.0) for layer, one in QUICK.materials.items()}
     whole = replace(model_of(QUICK), support="prescribed")
     light_finger = replace(QUICK, materials=light)
