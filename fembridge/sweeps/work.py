@@ -136,7 +136,7 @@ class Response:
     def read(self, folder: Path) -> ResponseMap:
         """What it came to in the sweep's `folder`, or what is stored for it."""
         if self.solver == STORED:
-            return stored_response(self.finger, self.probe, self.element)
+            return stored_response(self.finger, self.probe, self.element, depth_um=self.depth_um)
         return read_map(folder / self.place / MAP_FILE)
 
     def is_finished(self, folder: Path) -> bool:
