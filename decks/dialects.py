@@ -44,14 +44,13 @@ class Dialect:
     `deck` and `results` are names of files in a run folder; the first of `results`
     that is there holds the stresses. `result_kinds` and `probes` are the words of
     `DeckOptions` that it knows, its own choice first. `contact` are the fields of
-    `decks.analysis.Contact` that its decks hold, `procedures` those of
-    `decks.motion.PROCEDURES` that they can ask for, `slides` whether they can hold a
-    probe's way aside. `elements` gives, for our (Abaqus's) name of an element, the
-    solver's own. `how_to_run` is what a person does where fembridge cannot run the solver
-    itself. `target` is ``module:function``, called as ``(analysis, options)`` and giving
-    text by name of file. `springs` is whether a probe may hang on a spring, and half of
-    a section do; `branches` whether relaxing skin has elements over its elements; `frames`
-    whether it can have whole fields now and then.
+    `decks.analysis.Contact` that its decks hold. `elements` gives, for our (Abaqus's) name
+    of an element, the solver's own. `how_to_run` is what a person does where fembridge
+    cannot run the solver itself. `target` is ``module:function``, called as ``(analysis,
+    options)`` and giving text by name of file; it refuses what its decks cannot say.
+    `springs` is whether a probe may hang on a spring, and half of a section do; `branches`
+    whether relaxing skin has elements over its elements; `frames` whether it can have whole
+    fields now and then.
     """
 
     name: str
@@ -64,8 +63,6 @@ class Dialect:
     contact: tuple[str, ...]
     target: str
     how_to_run: str = ""
-    procedures: tuple[str, ...] = ("static",)
-    slides: bool = False
     springs: bool = False
     branches: bool = False
     frames: bool = False
@@ -90,13 +87,7 @@ class Dialect:
             Something that this dialect cannot say.
         """
         self.element_named(analysis.element)
-        motion, chosen = analysis.motion, dict[str, str]()
-        if motion.aside_mm is not None and not self.slides:
-            raise DeckError(f"fembridge writes no sliding probe for {self.name}")
-        for phase in motion.phases:
-            if phase.procedure not in self.procedures:
-                words = {"viscous": "relaxing skin", "dynamic": "inertia"}
-                raise DeckError(f"fembridge writes no {words[phase.procedure]} for {self.name}")
+        chosen = dict[str, str]()
         for what, known in (("results", self.result_kinds), ("probe", self.probes)):
             word = chosen[what] = getattr(options, what) or known[0]
             if word not in known:
@@ -126,8 +117,6 @@ DIALECTS = {
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction", "stick_share"),
             target="decks.calculix:calculix_files",
-            procedures=("static", "viscous", "dynamic"),
-            slides=True,
             springs=True,
             branches=True,
             frames=True,
@@ -157,8 +146,6 @@ DIALECTS = {
             target="decks.abaqus:abaqus_files",
             how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
             "encode, as a table time_ms,afferent,node,von_mises_pa",
-            procedures=("static", "viscous", "dynamic"),
-            slides=True,
             frames=True,
         ),
     )

@@ -49,6 +49,13 @@ _LIST_ITEMS = 13  # a line of 12 columns each, as Mentat writes sets
 
 def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     """Deck and Mentat procedure by their names in a run folder."""
+    for asked, words in (
+        (analysis.motion.aside_mm is not None, "sliding probe"),
+        (analysis.finger.relaxing_s > 0, "relaxing skin"),
+        (analysis.inertia, "inertia"),
+    ):
+        if asked:
+            raise DeckError(f"fembridge writes no {words} for marc")
     results = options.results or "both"
     friction = analysis.contact.friction > 0
     return {

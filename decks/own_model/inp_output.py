@@ -33,7 +33,6 @@ TIMES = "FEMBRIDGE_TIMES"
 _SET_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPENING = ("PART", "INSTANCE")
 _NODE_MAKERS = ("NCOPY", "NFILL", "NGEN", "NMAP")
-_SAME = 1e-12
 # Elements of a solid model, where z counts.
 _SOLID = ("C3D", "M3D", "SC", "S3", "S4", "S6", "S8")
 _SAMPLED = 20_000  # nodes that show how big a model is
@@ -371,11 +370,7 @@ def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, Place]:
                 )
             node = row.whole(0)
             at = tuple(row.number(1 + k, blank=0.0) + scope.shift[k] for k in range(axes))
-            place = Place(node, at, scope.instance, row.where)
-            before = found.setdefault(node, place)
-            if math.dist(before.at, at) > _SAME * math.hypot(*at):
-                raise DeckError(f"{row.where}: node {node} again, elsewhere than at {before.where}")
-            found[node] = place
+            found[node] = Place(node, at, scope.instance, row.where)  # the last one counts
     moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
     if found and (moved or scope.rotated):
         raise DeckError(

@@ -54,7 +54,6 @@ CLOCK = [  # before the step, on an amplitude that counts total time
 NODES = [  # with the afferent SA at node 3
     ("3, 1., 1., 0.", "9, 1., 1., 0.", "no .NODE of the deck defines node 3"),
     ("3, 1., 1., 0.\n", "*NGEN\n1, 3, 1\n", ".*node 3; .NGEN, line 6"),
-    ("*ELEMENT", "*NODE\n3, 1., 1.5\n*ELEMENT", "line 9: node 3 again, .* line 6"),
     ("*NODE, NSET=ALL", "*NODE, NSET=ALL, SYSTEM=C", "line 3: .NODE, SYSTEM=C: node 3"),
     ("3, 1., 1., 0.", "3, 1., one, 0.", "line 6: 'one'"),
     ("*NODE,", "*SYSTEM\n1., 2., 3.\n*NODE,", "line 3: "),
