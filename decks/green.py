@@ -9,6 +9,9 @@ small decks stand for one that is four times as large, and each is factorised on
 ``x_even`` / ``x_odd``    forces along x and y: nothing leaves ``z = 0``
 ``z_x_even`` / ``z_x_odd``  forces along z: nothing moves within ``z = 0``
 
+A plane pad is the section alone, in plane strain: a slice so thin that it moves as one,
+held along z, which the first two decks answer.
+
 The section is a structured grid: columns across the skin, rows from the skin to the
 bone, which no mesher is needed for and whose rows are the layers' own.
 """
@@ -39,6 +42,11 @@ _GROWTH = 1.2
 _FAR_MM = 1.5
 # Slices are as near as columns up to here: the field of a force is steep there.
 _NEAR_MM = 1.0
+# A plane pad, which costs little, has so many times the rows: papillae are drawn by them.
+PLANE_ROWS = 3
+# Of a plane pad a slice is this share of the spacing: what its faces differ by is a
+# thousandth of what they move.
+_THIN = 0.05
 # A force is a quarter of what the whole prism would get: see the module.
 SHARE = 0.25
 _AXES = {"x": 1, "y": 2, "z": 3}
@@ -49,17 +57,21 @@ class PadMesh(Ranged):
     """How a pad is cut into elements: `spacing_mm` between nodes that may touch.
 
     They lie within `reach_mm` of the apex, to both sides, along the skin. The prism is
-    twice `length_mm` long. Cost grows with the cube of 1 / `spacing_mm`.
+    twice `length_mm` long; `plane` is a thin slice of it. Layers have `rows` times the
+    usual rows of elements. Cost grows with the cube of 1 / `spacing_mm`.
     """
 
     spacing_mm: float = 0.25
     reach_mm: float = 4.5
     length_mm: float = 14.0
+    plane: bool = False
+    rows: int = 1
 
     RANGES: ClassVar = {
         "spacing_mm": (0.05, 1.0),
         "reach_mm": (1.0, 20.0),
         "length_mm": (5.0, 50.0),
+        "rows": (1, 4),
     }
 
 
@@ -117,7 +129,7 @@ class Prism:
 
     def layer_rows(self, layer: str) -> IntArray:
         """Rows of elements of `layer` that are watched, from the skin inwards."""
-        most = _TISSUE_ROWS if layer == "subcutaneous_tissue" else None
+        most = self.mesh.rows * _TISSUE_ROWS if layer == "subcutaneous_tissue" else None
         return np.flatnonzero(self.row_layer == LAYERS.index(layer))[:most]
 
 
@@ -184,8 +196,13 @@ def prism_of(finger: Finger, mesh: PadMesh = PadMesh()) -> Prism:
             f"{most_mm:.3g} mm, short of the finger's side"
         )
     arc_mm, nail_column, contact_columns = _columns(section, mesh)
-    point_mm, row_layer = _grid(section, arc_mm)
+    point_mm, row_layer = _grid(section, arc_mm, mesh.rows)
     _check(point_mm)
+    if mesh.plane:
+        z_mm = np.array([0.0, _THIN * mesh.spacing_mm])
+        return Prism(
+            finger.at_once(), mesh, point_mm, z_mm, row_layer, nail_column, contact_columns
+        )
     near = np.arange(0.0, _NEAR_MM + 1e-9, mesh.spacing_mm)
     z_mm = np.concatenate([near, near[-1] + _growing(mesh.length_mm - near[-1], mesh.spacing_mm)])
     return Prism(finger.at_once(), mesh, point_mm, z_mm, row_layer, nail_column, contact_columns)
@@ -219,18 +236,19 @@ def _growing(length_mm: float, step_mm: float) -> FloatArray:
     return scaled
 
 
-def _grid(section: Section, arc_mm: FloatArray) -> tuple[FloatArray, IntArray]:
+def _grid(section: Section, arc_mm: FloatArray, times: int) -> tuple[FloatArray, IntArray]:
     """Nodes ``(R + 1, C + 1, 2)`` from the skin to the bone, and the layer of each row."""
     curves = (section.surface, section.corneum, section.epidermis, section.dermis)
     lines = [section.curve(depth, arc_mm) for depth in curves]
     rows, layers = [lines[0]], []
-    for (layer, count), upper, lower in zip(SKIN_ROWS.items(), lines, lines[1:], strict=False):
+    for (layer, usual), upper, lower in zip(SKIN_ROWS.items(), lines, lines[1:], strict=False):
+        count = times * usual
         for k in range(1, count + 1):
             rows.append(upper + (lower - upper) * (k / count))
             layers.append(LAYERS.index(layer))
     bone = section.bone(np.pi * arc_mm / section.end_arc_mm)
     depth_mm = float(np.linalg.norm(bone[0] - rows[-1][0]))
-    first_mm = section.finger.skin.dermis_mm / SKIN_ROWS["dermis"]
+    first_mm = section.finger.skin.dermis_mm / (times * SKIN_ROWS["dermis"])
     steps = first_mm * _TISSUE_GROWTH ** np.arange(1, 400)
     count = int(np.searchsorted(np.cumsum(steps), depth_mm)) + 1
     share = np.cumsum(steps[:count]) / steps[:count].sum()

@@ -191,7 +191,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "pad": {
         "default": "reference",
         "metavar": "NAME|FILE.npz",
-        "help": "default: reference",
+        "help": "reference; of touch also plane, the ridged section, endless along z; or a file "
+        "(default: reference)",
     },
     "endings_mm": {
         "type": float,

@@ -20,9 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spacing-mm",
         type=float,
-        default=0.25,
         metavar="MM",
-        help="between nodes that may touch (default: 0.25)",
+        help="between nodes that may touch (default: 0.25, of a plane pad 0.0625)",
     )
     parser.add_argument(
         "--reach-mm",
@@ -35,6 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ridges",
         action="store_true",
         help="with the finger's ridges and papillae, along its axis (default: smooth)",
+    )
+    parser.add_argument(
+        "--plane",
+        action="store_true",
+        help="the section alone, in plane strain: what touches it is endless along the finger",
     )
     add_options(parser, ("threads", "jobs", "time_limit"))
     parser.add_argument(
@@ -59,7 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import tempfile
     from contextlib import ExitStack
 
-    from decks.green import PadMesh, smooth
+    from decks.green import PLANE_ROWS, PadMesh, smooth
     from decks.presets import read_finger
     from fembridge.errors import UsageError
     from fembridge.solver.settings import SolverSettings
@@ -70,7 +74,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"{args.output}: expected a name in .npz")
     finger = read_finger(args.finger)
     settings = SolverSettings(args.threads, args.jobs, args.time_limit_s)
-    mesh = PadMesh(args.spacing_mm, args.reach_mm)
+    spacing_mm = args.spacing_mm or (0.0625 if args.plane else 0.25)
+    mesh = PadMesh(
+        spacing_mm, args.reach_mm, plane=args.plane, rows=PLANE_ROWS if args.plane else 1
+    )
     with ExitStack() as stack:
         folder = args.runs or stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
         pad = solve_pad(
@@ -84,7 +91,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     size = args.output.stat().st_size
     if not args.json:
         print(
-            f"{args.output}: {pad.x_mm.size} columns of skin {args.spacing_mm:g} mm apart, "
+            f"{args.output}: {pad.x_mm.size} columns of skin {spacing_mm:g} mm apart, "
             f"{pad.origin['elements']} elements, {size / 1e6:.1f} MB"
         )
     return {"pad": str(args.output), "bytes": size, **pad.origin}

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         step_mm=("MM", ""),
     )
     add_options(parser, ("endings_mm", "sa_von_mises", "pad"))
-    add_options(parser, ("parameters",), default="fitted_pad")
+    add_options(parser, ("parameters",), help="a set's name or a TOML file (default: fitted_pad)")
     add_output_option(parser, default="field")
 
 

@@ -70,7 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words += "unit,afferent,x_mm,z_mm,depth_mm"
     add_from(who, touch, population=("NAME|FILE", words))
     add_options(who, ("endings_mm", "sa_von_mises", "pad"))
-    add_options(who, ("parameters",), default="fitted_pad")
+    parameters = "a set's name or a TOML file (default: fitted_pad, of a plane pad fitted)"
+    add_options(who, ("parameters",), help=parameters)
     add_from(
         who,
         touch,

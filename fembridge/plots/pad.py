@@ -147,6 +147,9 @@ def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401
     middle = 0.5 * (pad.x_mm[1:] + pad.x_mm[:-1])
     edge = np.concatenate([2 * pad.x_mm[:1] - middle[:1], middle, 2 * pad.x_mm[-1:] - middle[-1:]])
     rows_mm = (np.arange(first, first + len(grid) + 1) - 0.5) * pad.spacing_mm
+    if pad.plane:
+        half_length = view_mm(touch)[1]
+        rows_mm = np.array([-half_length, half_length])
     top = max(float(np.nanmax(grid, initial=0.0)), 1e-3)
     return panel.pcolormesh(
         edge, rows_mm, grid, cmap=_pressure_colours(), vmin=0.0, vmax=top, rasterized=True
@@ -157,7 +160,7 @@ def pressure_kpa(touch: Touch, row: int) -> FloatArray:
     """Pressure on all columns and the touched rows of the skin; NaN where nothing touches."""
     nodes = touch.nodes
     first, last = int(nodes.row.min()), int(nodes.row.max())
-    area_mm2 = np.gradient(nodes.pad.x_mm)[nodes.column] * nodes.pad.spacing_mm
+    area_mm2 = nodes.pad.node_mm2[nodes.column]
     grid = np.full((last - first + 1, nodes.pad.x_mm.size), np.nan)
     force = touch.contact_n[row]
     grid[nodes.row - first, nodes.column] = np.where(
@@ -180,6 +183,9 @@ def draw_way(panel: "Axes", touch: Touch) -> None:
     make_plain(panel)
     panel.set_xlabel("Time (ms)")
     panel.set_ylabel("Depth (µm)")
+    panel.set_ylim(
+        min(float(touch.depth_um.min()), 0.0), 1.15 * max(float(touch.depth_um.max()), 1.0)
+    )
     panel.set_xlim(0, float(times_ms[-1]))
     other = panel.twinx()
     other.plot(times_ms, touch.force_n, color="#CC79A7", linewidth=LINE_PT, linestyle=(0, (4, 1.5)))

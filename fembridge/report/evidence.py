@@ -1,12 +1,13 @@
 """A model beside what is known of real afferents: timing, thresholds, man, distance, ramp.
 
 Each table is made of a table of published facts, `fembridge.evidence`, or of a user's in
-its place, and of a model under the same stimuli by the response map; only the distance
-from a probe takes the whole fingertip.
+its place, and of a model under the same stimuli by the response map. The parameters of
+the whole fingertip are held to timing and thresholds too; the distance from a probe is
+its own.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -71,7 +72,8 @@ class Evidence:
     `timing` has a row a class and vibration: what was recorded, the model's impulses a
     cycle and vector strengths over all cells, the impulses of the keenest cell, and
     whether that is near enough. `phases` are shares of the spikes by phase of the cycle,
-    `tuning` recorded thresholds with the model's, `curves` the model's, `man` impulses a
+    `tuning` recorded thresholds with the model's, `curves` the model's, and those that begin
+    with ``fingertip`` are of its parameters on the pad. `man` are impulses a
     cycle in man, `distance` amplitudes of RA away from a probe, `ramp` spikes under
     `ramp_stimulus`. `sources` say of each set, by name, what it holds and where it is from,
     `trains` are a user's recorded spikes.
@@ -81,6 +83,9 @@ class Evidence:
     phases: "DataFrame"
     tuning: "DataFrame"
     curves: "DataFrame"
+    fingertip_timing: "DataFrame"
+    fingertip_tuning: "DataFrame"
+    fingertip_curves: "DataFrame"
     man: "DataFrame"
     distance: "DataFrame"
     ramp: tuple[SpikeTrain, ...]
@@ -111,33 +116,20 @@ def gather(
     `own` tables stand in the place of the published ones of their names, and recorded
     `trains` in that of the published timing.
     """
-    from pandas import concat
+    from fembridge.touching.pad import pad_named
+    from fembridge.touching.response import pad_response
 
-    columns = {str(place.afferent): k for k, place in enumerate(response.places)}
     own = own or {}
-
-    def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
-        trace = response.traces(stimulus, parameters)[columns[afferent]]
-        [cells] = encode_cells(trace.stress_pa, stimulus.dt_ms, parameters[afferent])
-        return cells
-
+    spikes = _answering(response, parameters)
     known = {
         name: own.get(name) or Facts(evidence(name), citation(name))
         for name in (THRESHOLDS, TIMING, PHASES, MAN, DISTANCE)
     }
     asked = known[THRESHOLDS].table
-    curves = concat(
-        [
-            thresholds(
-                response,
-                parameters[name],
-                sorted({*CURVE_HZ, *asked[asked["afferent"] == name]["frequency_hz"].tolist()}),
-                preindent_um,
-            )
-            for name in AFFERENTS
-        ],
-        ignore_index=True,
-    )
+    curves = _curves(response, parameters, preindent_um, asked)
+    pad, fingertip = pad_response(pad_named("reference")), parameter_set("fitted_pad")
+    of_fingertip = pad, fingertip.parameters, fingertip.preindent_um
+    fingertip_curves = _curves(*of_fingertip, asked)
     recorded = timing_of(trains) if trains else published_timing()
     phases = phases_of(trains) if trains else known[PHASES].table.assign(frequency_hz=20.0)
     ramp = make_stimulus(RAMP)
@@ -149,6 +141,9 @@ def gather(
         phases=_phases(phases, preindent_um, spikes),
         tuning=against_evidence(curves, asked),
         curves=curves,
+        fingertip_timing=_timing(recorded, fingertip.preindent_um, _answering(*of_fingertip[:2])),
+        fingertip_tuning=against_evidence(fingertip_curves, asked),
+        fingertip_curves=fingertip_curves,
         man=_man(known[MAN].table, response.deepest_um, preindent_um, spikes),
         distance=_distance(known[DISTANCE].table),
         ramp=tuple(
@@ -159,6 +154,37 @@ def gather(
         ramp_stimulus=ramp,
         sources=sources,
         trains=tuple(trains),
+    )
+
+
+def _answering(response: ResponseMap, parameters: Parameters) -> Spikes:
+    columns = {str(place.afferent): k for k, place in enumerate(response.places)}
+
+    def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
+        trace = response.traces(stimulus, parameters)[columns[afferent]]
+        [cells] = encode_cells(trace.stress_pa, stimulus.dt_ms, parameters[afferent])
+        return cells
+
+    return spikes
+
+
+def _curves(
+    response: ResponseMap, parameters: Parameters, preindent_um: float, asked: "DataFrame"
+) -> "DataFrame":
+    """Thresholds of all classes, also at the frequencies that are `asked` for."""
+    from pandas import concat
+
+    return concat(
+        [
+            thresholds(
+                response,
+                parameters[name],
+                sorted({*CURVE_HZ, *asked[asked["afferent"] == name]["frequency_hz"].tolist()}),
+                preindent_um,
+            )
+            for name in AFFERENTS
+        ],
+        ignore_index=True,
     )
 
 
@@ -278,9 +304,12 @@ def _man(table: "DataFrame", deepest_um: float, preindent_um: float, spikes: Spi
 def _distance(table: "DataFrame") -> "DataFrame":
     """Amplitude for one impulse a cycle at a distance from a pin on the whole fingertip.
 
-    `model_um` is of the parameters that hold there, ``fitted_pad``, whichever model is
-    judged; NaN where the largest amplitude is not enough.
+    `model_um` is of the median unit of the parameters that hold there, ``fitted_pad``,
+    whichever model is judged, `keenest_um` of the keenest of its cells; NaN where the
+    largest amplitude is not enough.
     """
+    from scipy.stats import norm
+
     from fembridge.touching.pad import pad_named
     from fembridge.touching.population import Population
     from fembridge.touching.shape import Shape
@@ -288,7 +317,10 @@ def _distance(table: "DataFrame") -> "DataFrame":
     from fembridge.touching.way import Way
 
     pad, parameters = pad_named("reference"), parameter_set("fitted_pad").parameters
-    units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
+    # A line of median units and one of keenest ones.
+    units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA", "RA"))
+    keenest = norm.ppf(0.5 / parameters["RA"].cells)
+    units = replace(units, deviate=np.repeat([0.0, keenest], len(units) // 2))
     window_ms = (2000.0 / _PIN_HZ, 10_000.0 / _PIN_HZ)
     times_ms = np.arange(round(window_ms[1] / DT_MS) + 1) * DT_MS
     wave = np.sin(2e-3 * np.pi * _PIN_HZ * times_ms)
@@ -304,7 +336,11 @@ def _distance(table: "DataFrame") -> "DataFrame":
         for amplitude_um in _PIN_UM
     ]
     least_um = np.where(np.any(reached, axis=0), _PIN_UM[np.argmax(reached, axis=0)], np.nan)
-    return table.assign(model_um=np.interp(table["distance_mm"], units.z_mm, least_um))
+    median, keen = (
+        np.interp(table["distance_mm"], *each)
+        for each in zip(np.split(units.z_mm, 2), np.split(least_um, 2), strict=True)
+    )
+    return table.assign(model_um=median, keenest_um=keen)
 
 
 def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:

@@ -310,10 +310,12 @@ def man_figure(found: Evidence) -> "Figure":
 
 @in_style
 def distance_figure(found: Evidence) -> "Figure":
-    """Amplitude for one impulse a cycle against distance: recorded as dots, RA's as a line."""
+    """Amplitude for one impulse a cycle against distance: recorded as dots, RA's as lines."""
     figure, [[panel]] = new_figure(_EVIDENCE_IN, margins_in=(0.6, 3.2, 0.42, 0.4, 0.0, 0.0))
     colour, table = AFFERENT_COLOURS["RA"], found.distance
+    keenest: dict[str, Any] = {"color": colour, "dashes": (3, 2)}
     panel.plot(table["distance_mm"], table["model_um"], color=colour)
+    panel.plot(table["distance_mm"], table["keenest_um"], **keenest)
     panel.plot(table["distance_mm"], table["amplitude_um"], **dots(INK, 3.5))
     panel.set_yscale("log")
     panel.set_yticks([50, 100, 200, 500], ["50", "100", "200", "500"])
@@ -321,6 +323,9 @@ def distance_figure(found: Evidence) -> "Figure":
     panel.set_xlabel("Distance from the probe’s centre (mm)")
     panel.set_ylabel("Amplitude (µm)")
     legend_above(
-        figure, [dots(INK, 3.5), {"color": colour}], ["recorded", "fitted_pad"], down_in=0.15
+        figure,
+        [dots(INK, 3.5), {"color": colour}, keenest],
+        ["recorded", "fitted_pad, median cell", "its keenest cell"],
+        down_in=0.15,
     )
     return figure

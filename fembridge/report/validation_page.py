@@ -147,11 +147,13 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         cited=study.evidence.sources,
         unlike=study.judged.unlike(study.response),
         held_out=_held_out_frame(study),
-        timing=_timing_frame(study),
+        timing=_timing_frame(study.evidence.timing),
+        fingertip_timing=_timing_frame(study.evidence.fingertip_timing),
         timing_near=[
             int(study.evidence.timing[name].sum()) for name in ("strengths_near", "impulses_near")
         ],
-        tuning=_tuning_frame(study),
+        tuning=_tuning_frame(study.evidence.tuning),
+        fingertip_tuning=_tuning_frame(study.evidence.fingertip_tuning),
         ramp_facts=_ramp_facts(),
     )
 
@@ -187,6 +189,7 @@ def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
         )
     yield "thresholds", threshold_figure(study.thresholds, judged)
     yield "tuning", thresholds_figure(known.curves, known.tuning)
+    yield "fingertip_tuning", thresholds_figure(known.fingertip_curves, known.fingertip_tuning)
     yield "phases", phase_figure(known)
     yield "man", man_figure(known)
     yield "distance", distance_figure(known)
@@ -262,6 +265,9 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         "phases": study.evidence.phases,
         "tuning": study.evidence.tuning,
         "tuning_curves": study.evidence.curves,
+        "fingertip_timing": study.evidence.fingertip_timing,
+        "fingertip_tuning": study.evidence.fingertip_tuning,
+        "fingertip_tuning_curves": study.evidence.fingertip_curves,
         **({} if study.held_out.empty else {"held_out": study.held_out}),
         "distance": study.evidence.distance,
         "impulses_in_man": study.evidence.man,
@@ -538,9 +544,8 @@ def _held_out_frame(study: Validation) -> "DataFrame":
     return _laid_out(words, "head", rows, list(dict.fromkeys(heads)))
 
 
-def _timing_frame(study: Validation) -> "DataFrame":
+def _timing_frame(table: "DataFrame") -> "DataFrame":
     """Recorded and predicted timing, a row a class and vibration."""
-    table = study.evidence.timing
     names = [
         f"{row.afferent}, {row.frequency_hz:g} Hz, {row.amplitude_um:g} µm"
         for row in table.itertuples()
@@ -550,11 +555,11 @@ def _timing_frame(study: Validation) -> "DataFrame":
     return shown.rename(columns=_TIMING_HEADS)
 
 
-def _tuning_frame(study: Validation) -> "DataFrame":
+def _tuning_frame(tuning: "DataFrame") -> "DataFrame":
     """How far thresholds are off, a row a class."""
     from pandas import concat
 
-    known = study.evidence.tuning.dropna(subset="ratio")
+    known = tuning.dropna(subset="ratio")
     times = np.exp(np.abs(np.log(known["ratio"]))).set_axis(known["afferent"])
     every = concat([times, times.set_axis(["all"] * times.size)])
     numbers: DataFrame = every.groupby(level=0, sort=False).agg(["size", "median", "max"])

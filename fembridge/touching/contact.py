@@ -89,7 +89,7 @@ class SkinNodes:
 
 def skin_nodes(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> SkinNodes:
     """All nodes that a shape may touch, up to so far from the middle along the finger."""
-    most = int(half_length_mm / pad.spacing_mm)
+    most = 0 if pad.plane else int(half_length_mm / pad.spacing_mm)
     column, row = np.meshgrid(np.arange(pad.x_mm.size), np.arange(-most, most + 1), indexing="ij")
     return SkinNodes(pad, column.ravel(), row.ravel())
 
@@ -128,7 +128,7 @@ def first_touch_mm(pad: Pad, shape: Shape) -> float:
     else:
         x = np.arange(pad.x_mm[0], pad.x_mm[-1], pad.spacing_mm / 8)
         z = np.arange(nodes.z_mm.min(), nodes.z_mm.max(), pad.spacing_mm / 8)
-    x = x[np.abs(x) <= pad.reach_mm]
+    x, z = x[np.abs(x) <= pad.reach_mm], np.zeros(1) if pad.plane else z
     height = shape.height_mm(*np.meshgrid(x, z, indexing="ij"))
     least = float((height - skin_height_mm(pad, *np.meshgrid(x, z, indexing="ij"))).min())
     if not np.isfinite(least):

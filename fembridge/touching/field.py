@@ -19,7 +19,7 @@ from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import driving_stress_pa
-from fembridge.touching.touch import PAD, PARAMETERS, between, parameters_of
+from fembridge.touching.touch import PAD, between, parameters_on
 from fembridge.touching.way import Way
 from fembridge.typing import FloatArray, IntArray
 from neural.parameter_sets import ParameterSet
@@ -104,7 +104,7 @@ def receptive_field(
     endings_mm: float = ENDINGS_MM,
     sa_von_mises: bool = False,
     pad: str | Pad = PAD,
-    parameters: str | ParameterSet = PARAMETERS,
+    parameters: str | ParameterSet | None = None,
 ) -> ReceptiveField:
     """Where a probe makes the median afferent of a class fire, and over what area.
 
@@ -138,7 +138,9 @@ def receptive_field(
     ['afferent', 'depth_um', 'area_mm2', 'whole']
     """
     skin = pad if isinstance(pad, Pad) else pad_named(pad)
-    own = parameters_of(parameters).parameters
+    if skin.plane:
+        raise UsageError("a plane pad has no fields: its probes are endless along the finger")
+    own = parameters_on(skin, parameters).parameters
     if afferent not in own or afferent not in skin.finger.afferents:
         raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(own)}")
     if not 0 < criterion <= 1:

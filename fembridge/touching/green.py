@@ -67,15 +67,15 @@ def solve_pad(
         log(f"{case.name}: {len(case.loads(prism))} unit forces in {outcome.wall_s:.0f} s")
         return found, outcome.wall_s, outcome.version
 
+    cases = CASES[:2] if mesh.plane else CASES  # nothing moves along z
     with ThreadPoolExecutor(settings.jobs) as pool:
-        answers = list(pool.map(solved, CASES))
-    even = _joined(answers[0][0], answers[2][0])
-    odd = _joined(answers[1][0], answers[3][0])
+        answers = list(pool.map(solved, cases))
+    even, odd = (_joined(*(answer[0] for answer in answers[parity::2])) for parity in (0, 1))
     origin = {
         "solver": f"CalculiX {answers[0][2] or ''}".strip(),
         "mesh": asdict(mesh),
-        "elements": 4 * prism.elements,
-        "unit_forces": sum(len(case.loads(prism)) for case in CASES),
+        "elements": (2 if mesh.plane else 4) * prism.elements,
+        "unit_forces": sum(len(case.loads(prism)) for case in cases),
     }
     return _pad(prism, even, odd, origin)
 
@@ -135,15 +135,22 @@ def displacements(field: Field, prism: Prism) -> FloatArray:
     return values
 
 
-def _joined(in_plane: FloatArray, axial: FloatArray) -> FloatArray:
+def _joined(in_plane: FloatArray, axial: FloatArray | None = None) -> FloatArray:
     """Forces along x and y of one run, along z of the other; 0 where there is no force."""
     found = np.nan_to_num(in_plane)
-    found[2] = np.nan_to_num(axial[2])
+    if axial is not None:
+        found[2] = np.nan_to_num(axial[2])
     return found
 
 
 def _pad(prism: Prism, even: FloatArray, odd: FloatArray, origin: dict[str, object]) -> Pad:
     """Put the responses of both parities together; forces on the right half."""
+    plane = prism.mesh.plane
+    if plane:  # both faces move as one; 1 N on each mm of the slice
+        thick_mm = 2 * prism.z_mm[1]
+        even, odd = (
+            thick_mm * np.repeat(each.mean(axis=-1, keepdims=True), 2, -1) for each in (even, odd)
+        )
     right, left = even + odd, even - odd  # at x > 0, and the mirror image of that at x < 0
     touching = prism.contact_columns
     # Into the skin is -y, of forces and of displacements.
@@ -163,9 +170,11 @@ def _pad(prism: Prism, even: FloatArray, odd: FloatArray, origin: dict[str, obje
         spacing_mm=prism.mesh.spacing_mm,
         x_mm=np.concatenate([-surface_mm[:0:-1, 0], surface_mm[:, 0]]),
         y_mm=np.concatenate([surface_mm[:0:-1, 1], surface_mm[:, 1]]),
-        z_mm=prism.z_mm,
-        stress_z_mm=0.5 * (prism.z_mm[1:] + prism.z_mm[:-1]),
-        down_mm=np.concatenate([down_mm[1][:, :, :0:-1], down_mm[0]], axis=2),
+        z_mm=np.zeros(1) if plane else prism.z_mm,
+        stress_z_mm=np.zeros(1) if plane else 0.5 * (prism.z_mm[1:] + prism.z_mm[:-1]),
+        down_mm=np.concatenate([down_mm[1][:, :, :0:-1], down_mm[0]], axis=2)[
+            ..., : 1 if plane else None
+        ],
         stress_pa=np.stack(stress_pa),
         rows=tuple(rows),
         origin=origin,

@@ -5,6 +5,8 @@ place are, ``x'`` and ``x``, and on ``z - z'``. It is a mirror image of itself a
 ``x = 0`` and about ``z = 0``: stored are forces with ``x' >= 0`` and places with
 ``z >= 0``, signs give the rest.
 
+A plane pad is a slice of 1 mm in plane strain: what touches it has no end along z.
+
 Stress is that in the middle of elements, from displacements and the material of that
 element alone: nothing is averaged over two layers. `stress_rows` are rows of elements of
 one layer, along the skin.
@@ -82,6 +84,16 @@ class Pad:
         return section_of(self.finger)
 
     @property
+    def plane(self) -> bool:
+        """Whether it is the section alone: what touches is endless along z, forces are by mm."""
+        return self.z_mm.size == 1
+
+    @property
+    def node_mm2(self) -> FloatArray:
+        """Skin that a node of each column stands for, ``(N,)``."""
+        return np.gradient(self.x_mm) * (1.0 if self.plane else self.spacing_mm)
+
+    @property
     def reach_mm(self) -> float:
         """How far from the apex, across the finger, skin may be touched."""
         return float(self.x_mm[-1])
@@ -102,6 +114,8 @@ class Pad:
     @cached_property
     def lattice_compliance(self) -> FloatArray:
         """`compliance` ``(3, N', N, J)`` for nodes of the lattice, j times the spacing apart."""
+        if self.plane:
+            return self.compliance
         at_mm = np.arange(int(LATTICE_LENGTH_MM / self.spacing_mm) + 1.0) * self.spacing_mm
         mirrored = np.concatenate([-self.z_mm[:0:-1], self.z_mm])
         place, weight = cubic_weights(mirrored, at_mm)
@@ -124,8 +138,11 @@ class Pad:
         return found
 
     def normal_at(self, x_mm: FloatArray) -> FloatArray:
-        """Normal of the skin in the section ``(place, 2)`` at `x_mm`."""
-        slope = np.interp(x_mm, self.x_mm, np.gradient(self.y_mm, self.x_mm))
+        """Normal of the smooth skin in the section ``(place, 2)`` at `x_mm`."""
+        right = self.section.point_mm[: int(self.section.point_mm[:, 0].argmax())]
+        slope = np.sign(x_mm) * np.interp(
+            np.abs(x_mm), right[:, 0], np.gradient(right[:, 1], right[:, 0])
+        )
         return np.stack([-slope, np.ones_like(slope)], -1) / np.hypot(slope, 1.0)[:, None]
 
 
@@ -150,7 +167,7 @@ def write_pad(path: Path, pad: Pad) -> None:
     """Store `pad` as NPZ with its checksum; stress in half precision (1 in 2000)."""
     from decks.presets import finger_table
 
-    largest = np.abs(pad.stress_pa).max(axis=(2, 3, 4, 5), keepdims=True)
+    largest = np.maximum(np.abs(pad.stress_pa).max(axis=(2, 3, 4, 5), keepdims=True), 1e-9)
     arrays = {
         "x_mm": pad.x_mm,
         "y_mm": pad.y_mm,

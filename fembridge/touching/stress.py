@@ -108,16 +108,18 @@ def influence_pa(
     columns, column = np.unique(nodes.column, return_inverse=True)
     rows, row = np.unique(nodes.row, return_inverse=True)
     middle = pad.stress_z_mm
-    along = np.concatenate([-middle[::-1], middle])
+    along = middle if pad.plane else np.concatenate([-middle[::-1], middle])
     table = _table(pad, columns - pad.x_mm.size // 2, (drag[0], 1.0, drag[1]))
     # Stress at the places in the section, along the finger: (place, 6 x column, K).
     in_section = _section_weights(pad, layer, x_mm, depth_mm) @ table
     here = in_section.reshape(x_mm.size, 6 * columns.size, along.size)
     away_mm = z_mm[:, None] - rows * pad.spacing_mm  # (place, row)
-    at, share = cubic_weights(along, away_mm.ravel())
-    share[np.abs(away_mm.ravel()) > middle[-1]] = 0.0
-    weight = np.zeros((away_mm.size, along.size), dtype=np.float32)
-    np.put_along_axis(weight, at, share.astype(np.float32), axis=1)
+    weight = np.ones((away_mm.size, along.size), dtype=np.float32)
+    if not pad.plane:
+        at, share = cubic_weights(along, away_mm.ravel())
+        share[np.abs(away_mm.ravel()) > middle[-1]] = 0.0
+        weight[:] = 0.0
+        np.put_along_axis(weight, at, share.astype(np.float32), axis=1)
     stress = here @ weight.reshape(x_mm.size, rows.size, along.size).transpose(0, 2, 1)
     whole = stress.reshape(x_mm.size, 6, columns.size, rows.size)
     found: SingleArray = np.moveaxis(whole[:, :, column, row], 1, 0)
@@ -178,7 +180,7 @@ def _table(pad: Pad, columns: IntArray, force: tuple[float, float, float]) -> Si
         ahead = np.stack(both, axis=2)
         flip = FORCE_FLIP["z"][direction] * STRESS_FLIP["z"].astype(np.float32)
         behind = ahead[..., ::-1] * flip[:, None, None, None]
-        parts.append(np.concatenate([behind, ahead], axis=-1))
+        parts.append(ahead if pad.plane else np.concatenate([behind, ahead], axis=-1))
     whole: SingleArray = np.sum(parts, axis=0, dtype=np.float32)
     rows, _, _, middles, _ = whole.shape
     return np.moveaxis(whole, 3, 1).reshape(rows * middles, -1)

@@ -55,8 +55,8 @@ LEVELS = 25
 _STEPS_A_NODE = 8
 _MOST_EVERY = 20
 _MS_PER_S = 1.0e3
-# What is touched, and the parameters that were fitted on it.
-PAD, PARAMETERS = "reference", "fitted_pad"
+# What is touched.
+PAD = "reference"
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ def touch(
     endings_mm: float = ENDINGS_MM,
     sa_von_mises: bool = False,
     pad: str | Pad = PAD,
-    parameters: str | ParameterSet = PARAMETERS,
+    parameters: str | ParameterSet | None = None,
     preindent_um: float | None = None,
     repeats: int = 1,
     noise_mv: float = 0.0,
@@ -208,7 +208,10 @@ def touch(
         SA units read von Mises stress, as in the paper, in place of a share of
         compression and of stretch.
     pad
-        ``reference``, a file that ``fembridge pad`` made, or a `Pad`.
+        ``reference``, ``plane`` (the ridged section, endless along z), a file that
+        ``fembridge pad`` made, or a `Pad`.
+    parameters
+        A set's name, a file or a set; None: ``fitted_pad``, on a plane pad ``fitted``.
     preindent_um
         Depth before time 0 of a stimulus. None: as in the fit of the parameters.
     repeats, noise_mv, seed
@@ -236,7 +239,7 @@ def touch(
     ['SA', 'RA', 'PC']
     """
     skin = pad if isinstance(pad, Pad) else pad_named(pad)
-    chosen = parameters_of(parameters)
+    chosen = parameters_on(skin, parameters)
     units = population
     if not isinstance(units, Population):
         units = population_named(units, skin.finger)
@@ -467,6 +470,8 @@ def between(knots: FloatArray, values: FloatArray | SingleArray, at: FloatArray)
     return found
 
 
-def parameters_of(parameters: str | ParameterSet) -> ParameterSet:
-    """The set of a name, a file, or as it is."""
+def parameters_on(pad: Pad, parameters: str | ParameterSet | None) -> ParameterSet:
+    """The set of a name, a file, or as it is; None: the one that was fitted on such a pad."""
+    if parameters is None:
+        parameters = "fitted" if pad.plane else "fitted_pad"
     return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters

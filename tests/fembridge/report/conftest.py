@@ -68,6 +68,7 @@ def undrawn(monkeypatch):
         "rasters",
         "thresholds",
         "tuning",
+        "fingertip_tuning",
         "phases",
         "man",
         "distance",

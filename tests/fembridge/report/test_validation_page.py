@@ -86,6 +86,8 @@ def test_a_report_is_a_page_with_numbers_figures_and_a_record(report):
         *(f"regression_{family.name}.svg" for family in FAMILIES),
         "thresholds.svg",
         *(f"{name}.svg" for name in ("tuning", "phases", "man", "distance", "ramp")),
+        *("fingertip_tuning.svg", "fingertip_timing.csv"),
+        *("fingertip_tuning.csv", "fingertip_tuning_curves.csv"),
         *("timing.csv", "phases.csv", "tuning.csv", "tuning_curves.csv"),
         *("impulses_in_man.csv", "ramp_and_hold.csv", "distance.csv"),
     }
@@ -118,7 +120,7 @@ def test_every_figure_and_table_has_a_command_and_a_file(read, report):
 
 def test_figures_have_the_page_s_colours_no_size_and_each_its_own_ids(read):
     drawings = re.findall(r"<svg.*?</svg>", read.text, re.DOTALL)
-    assert len(drawings) == 14
+    assert len(drawings) == 15
     for drawing in drawings:
         head = drawing.partition(">")[0]
         assert "viewBox" in head and " width" not in head and " height" not in head

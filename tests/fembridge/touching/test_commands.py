@@ -64,6 +64,7 @@ def test_a_picture_of_ones_own_is_scanned(tmp_path, capsys):
         (("touch", "--press-um", "100", "--parameters", "nobody"), "fitted_pad"),
         (("receptive-field", "--afferent", "XX"), "SA"),
         (("receptive-field", "--depth-um", "deep"), "deep"),
+        (("receptive-field", "--pad", "plane"), "plane"),
         (("pad", "-o", "pad.txt"), ".npz"),
     ],
 )
@@ -88,15 +89,28 @@ def test_receptive_field_writes_areas_and_maps(tmp_path, capsys):
     assert (tmp_path / "field_RA.png").is_file()
 
 
+def test_a_grating_is_scanned_across_the_ridged_section(tmp_path, capsys):
+    code, printed = run(
+        capsys, "touch", "--pad", "plane", "--shape", "grating", "--angle-deg", 90,
+        "--slide-mm-per-s", 40, "--direction-deg", 0, "--duration-ms", 100, "--press-um", 300,
+        "--population", "line:along=x", "--json", "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert code == 0, printed.err
+    classes = json.loads(printed.out)["classes"]
+    assert all(each["firing"] for each in classes.values())
+
+
 @pytest.mark.solver
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx")
-def test_a_coarse_pad_made_here_presses_about_as_the_stored_one(tmp_path, capsys):
-    code, printed = run(
-        capsys, "pad", "--spacing-mm", 0.5, "--reach-mm", 2, "-o", tmp_path / "pad.npz"
-    )
+@pytest.mark.parametrize(
+    ("words", "stored"),
+    [(("--spacing-mm", 0.5), "reference"), (("--plane", "--spacing-mm", 0.25), "plane")],
+)
+def test_a_coarse_pad_made_here_presses_about_as_the_stored_one(tmp_path, capsys, words, stored):
+    code, printed = run(capsys, "pad", *words, "--reach-mm", 2, "-o", tmp_path / "pad.npz")
     assert code == 0, printed.err
     forces = []
-    for pad in (tmp_path / "pad.npz", "reference"):
+    for pad in (tmp_path / "pad.npz", stored):
         code, printed = run(
             capsys, "touch", "--shape", "punch:diameter_mm=2", "--press-um", 200, "--pad", pad,
             "--population", "one_each", "--no-plot", "--json", "-o", tmp_path / "out",

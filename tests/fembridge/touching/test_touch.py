@@ -10,14 +10,14 @@ import fembridge as fb
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import TableError, UsageError
-from fembridge.response.response_map import read_map, write_map
+from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.results.stress import von_mises_pa as tensor_von_mises
-from fembridge.touching.contact import skin_nodes
+from fembridge.touching.contact import TIP_RADIUS_MM, press_to, skin_nodes
 from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.response import pad_response
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import SA_NU, sa_stress_pa
+from fembridge.touching.stress import SA_NU, driving_stress_pa, sa_stress_pa
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.way import Pins, Way, read_pins
 from neural import parameter_set
@@ -155,6 +155,37 @@ def test_the_response_that_parameters_are_fitted_on_is_that_of_a_touch(tmp_path)
     expected = tensor_von_mises(tensors) / depth_um[:, None]
     # First touch is between nodes there and on one here: a micrometre or two.
     assert_allclose(held.stress_pa[samples] / held.depth_um[samples, None], expected, rtol=0.05)
+
+
+def test_a_plane_pad_answers_a_cylinder_as_the_response_map_of_the_ridged_section():
+    """CalculiX' contact and large strain on the mesh ``quick``, beside superposed unit forces."""
+    depth_um = np.array([50.0, 100.0, 200.0])
+    known = read_map(FOLDER / "quick.toml")
+    units = Population.at(
+        [str(place.afferent) for place in known.places],
+        np.array([place.x_mm for place in known.places]), np.zeros(3),
+    )  # fmt: skip
+    units = replace(units, endings_mm=0.0, sa_von_mises=True)
+    nodes, forces, _ = press_to(pad_named("plane"), Shape.cylinder(1.0), depth_um)
+    stress = driving_stress_pa(pad_named("plane"), nodes, forces, units)
+    ratio = stress / tensor_von_mises(known.tensors(depth_um))
+    names = list(units.afferent)
+    for name, least, most in (("SA", 0.98, 1.02), ("RA", 1.1, 1.2), ("PC", 1.0, 1.16)):
+        mine = ratio[:, names.index(name)]
+        assert least < mine.min() and mine.max() < most, (name, mine)
+
+
+def test_what_touches_a_plane_pad_is_endless_and_forces_are_by_millimetre():
+    """Beside a long cylinder on the prism, as far as ridges leave the deep afferent alone."""
+    one = touch_skin(pad_named("plane"), Shape.cylinder(1.0), Way.hold(press_um=200), ONE, FITTED)
+    units = Population.line(step_mm=3.0, half_length_mm=3.0, afferents=("PC",))
+    rod = Shape("rod", lambda x, z: Shape.cylinder(1.0).height_mm(x, z) - z**2 / 2 / TIP_RADIUS_MM)
+    whole = touch_skin(PAD, rod, Way.hold(press_um=200), units, FITTED)
+    assert_allclose(whole.stress_pa.max(axis=0)[1], one.stress_pa.max(axis=0)[2], rtol=0.02)
+    at = whole.contact_n[-1]
+    middle = np.abs(whole.nodes.z_mm) < 2.1
+    per_mm = at[middle].sum() / (np.unique(whole.nodes.z_mm[middle]).size * PAD.spacing_mm)
+    assert_allclose(per_mm, one.force_n.max(), rtol=0.06)
 
 
 def test_a_shape_that_never_touches_leaves_the_skin_at_rest():
