@@ -136,8 +136,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.errors import UsageError
     from fembridge.results import open_result
     from fembridge.results.byte_file import suffix_of
-    from fembridge.results.nodes import sets_beside
-    from fembridge.results.printed import PRINTS, describe_print
+    from fembridge.results.readers import PRINTS
 
     where = args.result  # until it is known which file that is
     result = open_result(
@@ -161,9 +160,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     printed = suffix in PRINTS and not (suffix == ".dat" and _at_nodes(args, result))
     kind = _kind(args, result, printed)
     if kind == "list" or (kind == "traces" and _nothing_chosen(args, result)):
-        held = describe_print(path) if suffix in PRINTS else result.describe()
-        if suffix == ".frd" and (sets := sets_beside(path)):
-            held["sets"] = sets
+        held = _described(result, suffix in PRINTS)
         ways = [] if kind == "list" else _ways(args, result)
         if not args.json:
             _show(path, held)
@@ -194,6 +191,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(f"{summary['output']}: {words}{unit}", *(f"  {row}" for row in rows), sep="\n")
     return summary
+
+
+def _described(result: "Result", printed: bool) -> dict[str, Any]:
+    """What the file holds; of a ``.frd`` with the sets of the deck beside it."""
+    from fembridge.results.nodes import sets_beside
+    from fembridge.results.printed import describe_print
+
+    held: dict[str, Any] = describe_print(result.path) if printed else result.describe()
+    if held["format"] == "ccx-frd" and (sets := sets_beside(result.path)):
+        held["sets"] = sets
+    return held
 
 
 def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
@@ -409,7 +417,8 @@ def _table(args: argparse.Namespace, result: "Result") -> Written:
     """The prints of a solver as a table."""
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
-    from fembridge.results.printed import PRINTS, write_print_table
+    from fembridge.results.printed import write_print_table
+    from fembridge.results.readers import PRINTS
 
     path, suffix = result.path, suffix_of(result.path)
     quantity = _one_quantity(args, path)

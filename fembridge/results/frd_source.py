@@ -16,7 +16,6 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.extrapolation import brick_weights
 from fembridge.results.fields import VERTEX, Field, Scene, SceneCells, rows_of
 from fembridge.results.frd import (
     COMPONENTS,
@@ -28,18 +27,19 @@ from fembridge.results.frd import (
     FrdIndex,
     attempts_of,
     block_table,
+    characters_of,
     element_rows,
     imaginary,
     materials_at,
     node_ids,
+    record_ids,
     values_at,
 )
 from fembridge.results.history import OF_STRESS, printed_digit_ms
 from fembridge.results.one_sided import OneSidedStress
-from fembridge.results.printed import read_point_stress
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import result_file
-from fembridge.results.source import FieldSource, check_finite, field_of
+from fembridge.results.source import FieldSource, Span, check_finite, field_of
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -81,9 +81,9 @@ class FrdSource(FieldSource[FrdBlock]):
         quantities = []
         for name in index.names:
             blocks = index.named(name)
-            nodes = np.unique(node_ids(self._file, blocks[0]))
-            storage_here = storage[blocks[0].flag]
-            quantities.append(self.quantity_table(name, blocks, nodes, storage_here))
+            quantities.append(
+                self.quantity_table(name, blocks, self._span(blocks[0]), storage[blocks[0].flag])
+            )
         return {
             "format": "ccx-frd",
             "bytes": index.size,
@@ -94,6 +94,19 @@ class FrdSource(FieldSource[FrdBlock]):
             "remarks": list(index.remarks),
             "problem": "; ".join(word for word in words if word) or None,
         }
+
+    def _span(self, block: FrdBlock) -> Span:
+        """A block of the whole mesh ascends, so its ends are enough; one of a set is read."""
+        nodes = self._index.nodes
+        if block.records and not block.free and nodes and nodes.records == block.records:
+            first, last = (
+                int(record_ids(self.path, [block], characters_of(self._file, block, row, 1))[0])
+                for row in (0, block.records - 1)
+            )
+            if first <= last:
+                return block.records, first, last
+        ids = np.unique(node_ids(self._file, block))
+        return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
 
     def outputs(self) -> list[dict[str, FrdBlock]]:
         """Blocks of each output that counts, in file order.
@@ -305,6 +318,9 @@ class FrdSource(FieldSource[FrdBlock]):
             A file is absent or damaged; the node is not in the mesh; an element there is not in
             the set `set_name`, or of a kind whose points are not extrapolated here.
         """
+        from fembridge.results.extrapolation import brick_weights
+        from fembridge.results.printed import read_point_stress
+
         if not set_name:
             words = "--one-sided takes the element set that the .dat beside a .frd prints"
             raise UsageError(words)

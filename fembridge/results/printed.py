@@ -35,7 +35,8 @@ from fembridge.results.byte_file import (
 from fembridge.results.dat_section import DatSection, of_set
 from fembridge.results.history import History
 from fembridge.results.read_options import ReadOptions, in_pa
-from fembridge.results.status import STATUS_FILES, fortran, status_rows
+from fembridge.results.readers import PRINTS
+from fembridge.results.status import fortran, status_rows
 from fembridge.store import replacing
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray, Table
@@ -395,9 +396,6 @@ _UNITS = {
     "volume": "mm3", "total volume": "mm3", "total mass": "t",
 }  # fmt: skip
 _OF_ANY_DECK = (_PA, "1", "")
-PRINTS = {".dat": "ccx-dat", **STATUS_FILES}
-"""Names of the formats, by suffix."""
-
 Row = Sequence[object]
 
 

@@ -22,7 +22,8 @@ ENTRY_POINTS = "fembridge.readers"
 
 _FIRST_BYTES = 64
 _HEADING_BYTES = 4096  # in which a heading is sought
-_PRINTS = (".dat", ".sta", ".cvg")
+PRINTS = {".dat": "ccx-dat", ".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
+"""What solvers print beside their results: names of the formats, by suffix."""
 _KNOWN_STARTS = (
     (b"\x1f\x8b", "gzip: name it .frd.gz"),
     (b"PK\x03\x04", "zip: unpack it first"),
@@ -156,7 +157,7 @@ def units_of(
 
 
 def _foreign(path: Path, start: bytes) -> str:
-    if suffix_of(path) in _PRINTS:
+    if suffix_of(path) in (".dat", ".sta", ".cvg"):
         return (
             "prints of CalculiX, no nodal results: fembridge ingest makes a table of "
             "them, and --point traces of a .dat's integration points"

@@ -41,6 +41,7 @@ from fembridge.results.stress import DERIVED
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
+Span = tuple[int, int | None, int | None]  # how many nodes, the lowest and the highest
 LAST = "last"  # increment
 _INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
 _DEFAULTS = ReadOptions()
@@ -362,9 +363,10 @@ class FieldSource(Source, Generic[_Block]):
                 yield Frame(at, scene, _at_points(fields, rows, derived, scene), axis == TIME)
 
     def quantity_table(
-        self, name: str, blocks: Sequence[_Block], nodes: IntArray, storage: str
+        self, name: str, blocks: Sequence[_Block], span: Span, storage: str
     ) -> Table:
         """One quantity of a description; outputs that are not over time are its modes."""
+        nodes, lowest, highest = span
         timed = [one for one in blocks if one.axis == TIME]
         others = [one for one in blocks if one.axis != TIME]
         return {
@@ -378,9 +380,9 @@ class FieldSource(Source, Generic[_Block]):
             "first_value": others[0].value if others else None,
             "last_value": others[-1].value if others else None,
             "steps": sorted({one.key[0] for one in blocks}),
-            "nodes": int(nodes.size),
-            "lowest_node": int(nodes.min()) if nodes.size else None,
-            "highest_node": int(nodes.max()) if nodes.size else None,
+            "nodes": nodes,
+            "lowest_node": lowest,
+            "highest_node": highest,
             "storage": storage,
         }
 

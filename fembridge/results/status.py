@@ -24,8 +24,6 @@ from fembridge.results.byte_file import text_lines
 from fembridge.results.read_options import ReadOptions
 from fembridge.trace import MS_PER_S
 
-STATUS_FILES = {".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
-"""Names of the formats, by suffix."""
 SUCCESS = 3004
 """The exit number of a job of Marc that reached its end."""
 
