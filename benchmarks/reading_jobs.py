@@ -253,7 +253,7 @@ def increments_in(path: Path, held: Held) -> int:
     return found
 
 
-RTOL = 1e-3  # of the largest component: tells a wrong record, not a rounding
+RTOL = 1e-3  # of the largest component: shows a wrong record, not a rounding
 SETTLE_S = 0.2  # NumPy's threads spin for a while before they sleep
 _BLOCK_BYTES = 1 << 16
 _KB_PER_MB = 1e6 / 1024

@@ -4,7 +4,7 @@
 that size and its binary twins ``float32.frd`` and ``float64.frd``, with the same
 increments; ``short.frd``, the first increments in ASCII, for readers that are slow;
 ``first_*.frd``, two increments of each, for warming up; and ``files.json``, which
-tells what they hold. Increments beyond the recorded ones repeat them at new times,
+prints what they hold. Increments beyond the recorded ones repeat them at new times,
 by a factor that differs from turn to turn, so that no two have the same numbers.
 
 The run: with ccx on the PATH the deck of ``fixtures/response_paper`` is solved for a few

@@ -60,12 +60,12 @@ def table(study: Path, folder: Path) -> list[str]:
             print(f"{mesh} {variant.called}: {pressed.elements}", file=sys.stderr)
             if first is None:
                 first = pressed
-                told = [f"{each / 1000:.3g} kPa" for each in pressed.last_pa]
+                shown = [f"{each / 1000:.3g} kPa" for each in pressed.last_pa]
                 heads = [*heads, f"{mesh} mesh, {pressed.elements} elements"]
             else:
                 percent = 100 * (pressed.last_pa / first.last_pa - 1)
-                told = [f"{signed(float(each), 1)} %" for each in percent]
-            columns[variant.called] += told
+                shown = [f"{signed(float(each), 1)} %" for each in percent]
+            columns[variant.called] += shown
     order = [k + m * len(afferents) for k in range(len(afferents)) for m in range(2)]
     lines = [
         f"{heads[0]}; {heads[1]}",
@@ -73,8 +73,8 @@ def table(study: Path, folder: Path) -> list[str]:
         "| finger | " + " | ".join(f"{a}, {m}" for a in afferents for m in ("own", "finer")) + " |",
         "|---" * (1 + len(order)) + "|",
     ]
-    for told, cells in columns.items():
-        name, _, value = told.partition("=")
+    for shown, cells in columns.items():
+        name, _, value = shown.partition("=")
         words = f"{parameter_words(name)} {value}" if value else "the first"
         lines.append(f"| {words} | {' | '.join(cells[k] for k in order)} |")
     return lines

@@ -42,7 +42,7 @@ _RISE_UM = 1.0
 class Way:
     """One way to solve the same transient; what differs from the default."""
 
-    told: str
+    shown: str
     drive: str = "spring"
     section: str = "half"
     friction: float | None = None
@@ -132,7 +132,7 @@ def table(model: Model, folder: Path, increments: int) -> list[str]:
     ]
     first: FloatArray | None = None
     for number, way in enumerate(WAYS):
-        print(way.told, file=sys.stderr)
+        print(way.shown, file=sys.stderr)
         run = build(folder / f"way_{number}", model, way, increments)
         solved = solve(run, way.threads)
         each_s = solved.cpu_s / max(solved.iterations, 1)
@@ -141,7 +141,7 @@ def table(model: Model, folder: Path, increments: int) -> list[str]:
             first = solved.stress_pa if first is None else first
             off = f"{off_percent(solved.stress_pa, first):.4f}"
         lines.append(
-            f"| {way.told} | {solved.cpu_s:.1f} | {solved.wall_s:.1f} "
+            f"| {way.shown} | {solved.cpu_s:.1f} | {solved.wall_s:.1f} "
             f"| {solved.iterations} | {each_s:.3f} | {off} |"
         )
     return lines

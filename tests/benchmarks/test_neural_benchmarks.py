@@ -1,4 +1,4 @@
-"""The benchmarks of encoding and fitting run, and tell what they promise."""
+"""The benchmarks of encoding and fitting run, and print what they promise."""
 
 import importlib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The table that tells a finger's change from its mesh's, with a solver made up."""
+"""The table that separates a finger's change from its mesh's, with a solver made up."""
 
 import importlib
 from pathlib import Path

@@ -48,16 +48,16 @@ def test_terms_in_a_file_that_mean_nothing_are_refused(prony, words):
         finger_from({"materials": {"dermis": {"prony": prony}}}, "f")
 
 
-def test_a_finger_that_does_not_relax_is_told_as_it_always_was():
+def test_a_finger_that_does_not_relax_is_said_as_it_always_was():
     """Stored responses and addresses of sweeps hold such tables."""
     for finger in PRESETS.values():
         for layer in finger_table(finger)["materials"].values():
             assert set(layer) == {"young_mpa", "poisson"}
 
 
-def test_what_a_finger_relaxes_by_is_told_as_toml_has_it():
+def test_what_a_finger_relaxes_by_is_said_as_toml_has_it():
     dermis = {"prony": [{"g": 0.3, "tau_s": 0.02}], "density_kg_m3": 1200.0}
     finger = finger_from({"materials": {"dermis": dermis}}, "f")
-    told = finger_table(finger)["materials"]["dermis"]
-    assert told == {"young_mpa": 0.05, "poisson": 0.48, **dermis}
-    assert finger_from({"materials": {"dermis": told}}, "f") == finger
+    shown = finger_table(finger)["materials"]["dermis"]
+    assert shown == {"young_mpa": 0.05, "poisson": 0.48, **dermis}
+    assert finger_from({"materials": {"dermis": shown}}, "f") == finger

@@ -103,7 +103,7 @@ def test_numbers_of_ones_own_are_welcome_where_they_are_complete(word, entry):
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "shown"),
     [
         ("sin_20_250", "did you mean sine_20_250"),
         ("nois_25_250", "noise_25_250"),
@@ -128,10 +128,10 @@ def test_numbers_of_ones_own_are_welcome_where_they_are_complete(word, entry):
         ("rmp_300_100_200_100", "did you mean ramp"),
     ],
 )
-def test_what_is_no_stimulus_is_refused_in_one_line_as_misuse(word, told):
+def test_what_is_no_stimulus_is_refused_in_one_line_as_misuse(word, shown):
     with pytest.raises(StimulusError) as refusal:
         resolve(word)
-    assert told in str(refusal.value)
+    assert shown in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert refusal.value.exit_code == 2
 

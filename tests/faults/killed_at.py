@@ -118,7 +118,7 @@ class Results:
         assert outcome.accepted, outcome
 
     def solve(self, program, words, folder, log, threads):
-        """Stand for the solver: quick, and its files tell the deck they are of."""
+        """Stand for the solver: quick, and its files name the deck they are of."""
         SOLVER_AT_WORK.append(program)
         deck = (log.parent / "job.inp").read_text()
         for name, text in FILES.items():

@@ -19,21 +19,21 @@ place, *words = sys.argv[1:]
 folder = pathlib.Path(place) / "out"
 def contents():
     return {p.name: p.read_bytes().hex() for p in folder.iterdir()}
-def tell(stimulus):
+def attempt(stimulus):
     said = io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         code = main([*words, str(folder), "--stimulus", stimulus])
     return code, said.getvalue().splitlines()[-1]
-codes = [tell("sine_20_250")[0]]
+codes = [attempt("sine_20_250")[0]]
 before = contents()
 filler = pathlib.Path(place) / "filler"
 with contextlib.suppress(OSError), filler.open("wb", 0) as file:
     while True:
         file.write(bytes(4096))
-code, line = tell("sine_50_250")
+code, line = attempt("sine_50_250")
 same = contents() == before
 filler.unlink()
-codes += [code, tell("sine_50_250")[0]]
+codes += [code, attempt("sine_50_250")[0]]
 print(json.dumps({"codes": codes, "line": line, "same": same}))
 """
 
@@ -82,11 +82,11 @@ def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
 ):
     place, mount = little_room(200)
 
-    told = json.loads(apart(mount, FILL, place, *WORDS))
+    shown = json.loads(apart(mount, FILL, place, *WORDS))
 
-    assert told["codes"] == [0, 1, 0]
-    assert told["same"]
-    as_in_table(told["line"].removeprefix("fembridge: "))
+    assert shown["codes"] == [0, 1, 0]
+    assert shown["same"]
+    as_in_table(shown["line"].removeprefix("fembridge: "))
 
 
 @pytest.mark.solver
@@ -98,26 +98,26 @@ def test_calculix_on_a_disk_that_fills_is_not_believed(apart, little_room, make_
     source = make_run(deck=real.patch(end_s=0.05), increments=100)
     place, mount = little_room(64)
 
-    told = json.loads(apart(mount, RUN, source, place))
+    shown = json.loads(apart(mount, RUN, source, place))
 
-    assert told["code"] == 1
-    (line,) = told["said"].splitlines()
+    assert shown["code"] == 1
+    (line,) = shown["said"].splitlines()
     as_in_table(line.removeprefix("fembridge: "))
-    assert told["names"] == ["failed", "job.inp", "run.toml"]
+    assert shown["names"] == ["failed", "job.inp", "run.toml"]
 
 
-def test_a_disk_that_fills_when_the_log_grows_is_told(
+def test_a_disk_that_fills_when_the_log_grows_is_said(
     apart, little_room, fake_ccx, make_run, as_in_table
 ):
     source = make_run("loud")
     place, mount = little_room(400)
 
-    told = json.loads(apart(mount, RUN, source, place))
+    shown = json.loads(apart(mount, RUN, source, place))
 
-    assert told["code"] == 1
-    (line,) = told["said"].splitlines()
+    assert shown["code"] == 1
+    (line,) = shown["said"].splitlines()
     as_in_table(line.removeprefix("fembridge: "))
-    assert "job.frd" not in told["names"]
+    assert "job.frd" not in shown["names"]
 
 
 LOCK = """

@@ -49,7 +49,7 @@ def test_every_cell_is_filled(table):
 
 
 def test_every_test_of_a_fault_has_its_row(table):
-    """A fault that is tried and not told is of use to nobody."""
+    """A fault that is tried and not documented is of use to nobody."""
     named = {name.partition("[")[0] for row in table for name in row.tests}
     for path in Path(__file__).parent.glob("test_*.py"):
         if path != Path(__file__):

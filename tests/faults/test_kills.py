@@ -19,7 +19,7 @@ def names_in(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_solver_that_is_killed_is_told_and_leaves_no_result(fake_ccx, make_run, pid_of, refused):
+def test_a_solver_that_is_killed_is_said_and_leaves_no_result(fake_ccx, make_run, pid_of, refused):
     folder = make_run("hang")
     killer = threading.Thread(target=lambda: os.kill(pid_of(folder), signal.SIGKILL))
     killer.start()

@@ -65,7 +65,7 @@ def test_a_solver_in_an_odd_folder_is_started(fake_ccx, make_run, monkeypatch):
     assert run_ccx(read_run_folder(make_run("normal"))).accepted
 
 
-def test_a_name_that_is_too_long_for_the_system_is_told(tmp_path, refused):
+def test_a_name_that_is_too_long_for_the_system_is_said(tmp_path, refused):
     words = ["build-deck", "--stimulus", "sine_20_250", "-o", tmp_path / (300 * "n")]
 
     refused(*words)

@@ -13,13 +13,13 @@ NOBODY = 65534
 PROGRAM = """
 import contextlib, io, json, sys
 from fembridge.cli import main
-told = []
+shown = []
 for words in json.loads(sys.argv[1]):
     said = io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
         code = main(words)
-    told.append([code, said.getvalue().splitlines()])
-print(json.dumps(told))
+    shown.append([code, said.getvalue().splitlines()])
+print(json.dumps(shown))
 """
 SIMULATE = ["simulate", "--stored", "--stimulus", "sine_20_250", "-o", "{place}"]
 BUILD = ["build-deck", "--stimulus", "sine_20_250", "-o"]
@@ -43,14 +43,14 @@ def read_only(apart, make_run):
     return folder, run
 
 
-def test_a_read_only_folder_is_told_in_one_line(fake_ccx, read_only, files_below, as_in_table):
+def test_a_read_only_folder_is_said_in_one_line(fake_ccx, read_only, files_below, as_in_table):
     folder, run = read_only
     before = files_below(folder)
 
     for words, (code, lines) in zip(COMMANDS, run(*COMMANDS), strict=True):
         assert code == 1, lines
         as_in_table(lines[-1].removeprefix("fembridge: "))
-        assert len(lines) == (3 if words is SIMULATE else 1)  # two tell of the model
+        assert len(lines) == (3 if words is SIMULATE else 1)  # two are about the model
 
     assert files_below(folder) == before
 
@@ -88,7 +88,7 @@ def not_ours(make_run, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["build-deck", "run"])
-def test_a_folder_without_permission_is_told_in_one_line(not_ours, capsys, refused, verb):
+def test_a_folder_without_permission_is_said_in_one_line(not_ours, capsys, refused, verb):
     capsys.readouterr()
     refused(*(["run", "."] if verb == "run" else [*BUILD, "runs"]))
 

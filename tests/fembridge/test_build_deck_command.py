@@ -152,13 +152,13 @@ def test_a_word_without_meaning_is_misuse(here, capsys, words):
     assert list(here.iterdir()) == []
 
 
-def test_an_output_that_is_a_file_is_told_and_stays(here, capsys):
+def test_an_output_that_is_a_file_is_said_and_stays(here, capsys):
     (here / "runs").write_text("mine")
 
     assert main(["build-deck", "--stimulus", "sine_20_250"]) == 1
 
-    told = capsys.readouterr().err
-    assert told == "fembridge: runs: a file stands where a folder is wanted\n"
+    shown = capsys.readouterr().err
+    assert shown == "fembridge: runs: a file stands where a folder is wanted\n"
     assert (here / "runs").read_text() == "mine"
 
 

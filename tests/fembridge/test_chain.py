@@ -138,9 +138,9 @@ def test_a_table_that_was_changed_is_of_no_run(here, capsys):
 
     encoded()
 
-    told = capsys.readouterr().err
-    assert "traces.csv.toml: of another table than traces.csv, not used" in told
-    assert "(here: not known)" in told
+    shown = capsys.readouterr().err
+    assert "traces.csv.toml: of another table than traces.csv, not used" in shown
+    assert "(here: not known)" in shown
 
 
 @pytest.mark.usefixtures("recorded")
@@ -155,7 +155,7 @@ def test_a_table_of_no_run_takes_an_old_record_away(here):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "shown"),
     [
         ('name = "published"', 'name = "other"', "no parameter set 'other'"),
         ('name = "published"', "tau_ms = 3", "unknown section 'tau_ms'"),
@@ -163,7 +163,7 @@ def test_a_table_of_no_run_takes_an_old_record_away(here):
         ("preindent_um = ", "preindent_um = '1' #", "run.toml: inputs: "),
     ],
 )
-def test_a_run_that_names_what_is_nothing_is_one_line(recorded, capsys, old, new, told):
+def test_a_run_that_names_what_is_nothing_is_one_line(recorded, capsys, old, new, shown):
     text = (recorded / "run.toml").read_text(encoding="utf-8")
     assert old in text
     (recorded / "run.toml").write_text(text.replace(old, new), encoding="utf-8")
@@ -175,7 +175,7 @@ def test_a_run_that_names_what_is_nothing_is_one_line(recorded, capsys, old, new
 
     assert codes[-1] in (1, 2)
     error = capsys.readouterr().err
-    assert told in error
+    assert shown in error
     assert error.count("\n") == 1
     assert len(error) <= 301
 
@@ -194,7 +194,7 @@ def test_another_finger_is_named_where_a_set_is_used(here, capsys):
     assert said == ["parameters fitted were fitted on finger 'quick' (here: another of that name)"]
 
 
-def test_a_set_fitted_on_a_finger_that_bears_a_preset_s_name_is_told_apart(here):
+def test_a_set_fitted_on_a_finger_that_bears_a_preset_s_name_is_distinguished(here):
     """The preset itself is another finger then."""
     fit = "[fit.response]\nfinger = 'quick'\nfinger_sha256 = 'ab'\n"
     (here / "mine.toml").write_text(f"base = 'fitted'\n{fit}", encoding="utf-8")

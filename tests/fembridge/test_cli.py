@@ -33,7 +33,7 @@ def in_a_process(*words, MPLBACKEND="", **options):  # noqa: N803 - as it is cal
 
 @pytest.fixture
 def verb(monkeypatch):
-    """Make a verb ``try`` that does what it is told."""
+    """Make a verb ``try`` that does what `run` does."""
 
     def make(run):
         module = SimpleNamespace(
@@ -55,7 +55,7 @@ def raising(error):
     return run
 
 
-def test_version_is_told_on_stdout(capsys):
+def test_version_is_printed_on_stdout(capsys):
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"fembridge {fembridge.__version__}\n"
 
@@ -69,7 +69,7 @@ def test_without_a_verb_the_help_lists_every_verb(capsys):
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "stated"),
     [
         ("stimul", "no verb 'stimul'; did you mean stimuli"),
         ("build_deck", "did you mean build-deck"),
@@ -77,16 +77,16 @@ def test_without_a_verb_the_help_lists_every_verb(capsys):
         ("xyzzy", "choose stimuli, build-deck, run"),
     ],
 )
-def test_an_unknown_verb_is_misuse_and_tells_the_near_one(capsys, word, told):
+def test_an_unknown_verb_is_misuse_and_names_the_near_one(capsys, word, stated):
     assert cli.main([word, "--json"]) == 2
     streams = capsys.readouterr()
-    assert told in streams.err
+    assert stated in streams.err
     assert streams.err.count("\n") == 1
-    assert told in json.loads(streams.out)["error"]["message"]
+    assert stated in json.loads(streams.out)["error"]["message"]
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "stated"),
     [
         (["stimuli", "--nope"], "no option --nope; see fembridge stimuli --help"),
         (["--nope"], "no option --nope; see fembridge --help"),
@@ -107,10 +107,10 @@ def test_an_unknown_verb_is_misuse_and_tells_the_near_one(capsys, word, told):
         (["study", "--observed", "t.csv", "--seeds", "x"], "--seeds: invalid int value: 'x'"),
     ],
 )
-def test_misuse_of_options_is_2_in_one_line_that_says_what_to_write(capsys, words, told):
+def test_misuse_of_options_is_2_in_one_line_that_says_what_to_write(capsys, words, stated):
     assert cli.main(words) == 2
     streams = capsys.readouterr()
-    assert told in streams.err
+    assert stated in streams.err
     assert (streams.err.count("\n"), streams.out) == (1, "")
     assert len(streams.err) <= 301
 

@@ -73,12 +73,12 @@ def test_a_response_has_no_panel_for_an_afferent_that_it_has_not(afferents, pane
 
 
 @pytest.mark.parametrize(
-    ("percent", "told"),
+    ("percent", "shown"),
     [(0.0312, "within 0.031 %"), (1e-6, "within 0.01 %"), (math.nan, "not compared")],
 )
-def test_a_response_says_how_unloading_came_back(percent, told):
+def test_a_response_says_how_unloading_came_back(percent, shown):
     response = response_of("SA", closure_percent=percent)
-    assert told in closure_text(response)
+    assert shown in closure_text(response)
     assert closure_text(response) in words_of(response_figure(response))
 
 

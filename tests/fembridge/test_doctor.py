@@ -105,13 +105,13 @@ def test_without_a_solver_the_doctor_is_content_and_tells_the_line(bin_folder, c
 
 def test_json_of_the_doctor_names_every_check(bin_folder, capsys):
     assert main(["doctor", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    names = [check["name"] for check in told["checks"]]
+    shown = json.loads(capsys.readouterr().out)
+    names = [check["name"] for check in shown["checks"]]
     expected = ["fembridge", "python", *PACKAGES]
     expected += ["ccx", "gmsh", "threads", "folder", "locale"]
     assert names == expected
-    assert told["ok"] is True
-    assert told["checks"][0]["found"] == fembridge.__version__
+    assert shown["ok"] is True
+    assert shown["checks"][0]["found"] == fembridge.__version__
 
 
 def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(bin_folder, monkeypatch, capsys):
@@ -125,7 +125,7 @@ def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(bin_folder, monkeyp
     assert "pip install 'no-such-need>=1.0'" in capsys.readouterr().out
 
 
-def test_a_package_that_is_too_old_is_told_with_both_versions(monkeypatch):
+def test_a_package_that_is_too_old_is_said_with_both_versions(monkeypatch):
     monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "1.25.9")
     check = check_package("numpy")
     assert check.state == "missing"

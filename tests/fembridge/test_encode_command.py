@@ -39,7 +39,7 @@ def here(tmp_path, monkeypatch):
 def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
     assert main(["encode", "sine_50_250.csv", *OURS, "--window-ms", "100:200"]) == 0
 
-    told = capsys.readouterr()
+    shown = capsys.readouterr()
     trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
     rates = {one.afferent: one for one in read_rates(here / "encoded/rates.csv")}
     assert list(trains) == list(rates) == ["SA", "RA", "PC"]
@@ -49,25 +49,25 @@ def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
         inside = (times_ms > 100) & (times_ms <= 200)
         assert rates[trace.afferent].rate_ips == 10.0 * inside.sum() > 0
         assert rates[trace.afferent].stimulus == "sine_50_250"
-        assert f"{10.0 * inside.sum():.2f}  100 to 200" in told.out
+        assert f"{10.0 * inside.sum():.2f}  100 to 200" in shown.out
     assert (here / "encoded/raster.png").stat().st_size > 5000
-    assert told.err == ""
+    assert shown.err == ""
 
 
 def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, capsys):
     assert main(["encode", "sine_50_250.csv", *OURS, "--json", "--no-raster"]) == 0
 
-    told = capsys.readouterr()
-    summary = json.loads(told.out)
-    assert "rates over the whole trace; narrow it with --window-ms" in told.err
+    shown = capsys.readouterr()
+    summary = json.loads(shown.out)
+    assert "rates over the whole trace; narrow it with --window-ms" in shown.err
     assert summary["files"] == ["encoded/spikes.csv", "encoded/rates.csv"]
     assert sorted(path.name for path in (here / "encoded").iterdir()) == ["rates.csv", "spikes.csv"]
     assert summary["parameters"] == "published"
     assert [one["node"] for one in summary["rates"]] == [100, 101, 102]
-    for told_of in summary["rates"]:
-        assert told_of["window_ms"] == [0.0, 250.0]
-        assert told_of["spikes"] == told_of["spikes_in_window"]
-        assert told_of["rate_ips"] == told_of["spikes"] / 0.25
+    for shown_of in summary["rates"]:
+        assert shown_of["window_ms"] == [0.0, 250.0]
+        assert shown_of["spikes"] == shown_of["spikes_in_window"]
+        assert shown_of["rate_ips"] == shown_of["spikes"] / 0.25
 
 
 def test_own_parameters_change_their_class_alone(here):
@@ -135,10 +135,10 @@ def test_help_shows_an_example_that_runs(here, capsys):
     with_help = main(["encode", "--help"])
 
     assert with_help == 0
-    told = capsys.readouterr().out
-    assert "example: fembridge encode traces.csv -o encoded --window-ms 5:250" in told
+    shown = capsys.readouterr().out
+    assert "example: fembridge encode traces.csv -o encoded --window-ms 5:250" in shown
     (here / "sine_50_250.csv").rename("traces.csv")
-    example = told.split("example: fembridge ")[1].split()
+    example = shown.split("example: fembridge ")[1].split()
     assert main(example) == 0
 
 
@@ -151,12 +151,12 @@ def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
     words = ["traces.csv", "--parameters", "fitted", "--window-ms", "5:250"]
     assert main(["encode", *words, "--json"]) == 0
 
-    told = json.loads(capsys.readouterr().out)
+    shown = json.loads(capsys.readouterr().out)
     trains = read_spikes(tmp_path / "encoded/spikes.csv")
     assert [train.repeat for train in trains] == list(range(1, 11))
     inside = sum(((t.times_ms > 5.0) & (t.times_ms <= 250.0)).sum() for t in trains)
-    assert told["rates"][0]["cells"] == 10
-    assert told["rates"][0]["rate_ips"] == pytest.approx(inside / 10 / 0.245)
+    assert shown["rates"][0]["cells"] == 10
+    assert shown["rates"][0]["rate_ips"] == pytest.approx(inside / 10 / 0.245)
     assert inside > 50
 
 
@@ -333,13 +333,13 @@ def test_faint_stress_of_a_run_is_not_taken_for_another_unit(here, capsys):
     words = ["--stored", "--stimulus", "sine_20_0.1", "--preindent-um", "0", "--no-plot"]
     assert main(["simulate", *words, "-o", "faint"]) == 0
     assert main(["encode", "faint", "--no-raster"]) == 0
-    told = capsys.readouterr().err
-    assert "too faint" in told
-    assert "--gain-pa" not in told
+    shown = capsys.readouterr().err
+    assert "too faint" in shown
+    assert "--gain-pa" not in shown
 
 
 @pytest.mark.parametrize(
-    ("gain", "told"),
+    ("gain", "shown"),
     [
         (1e-6, "in another unit? --gain-pa 1e6"),
         (1e-3, "in another unit? --gain-pa 1e3"),
@@ -349,23 +349,23 @@ def test_faint_stress_of_a_run_is_not_taken_for_another_unit(here, capsys):
         (1.0, ""),
     ],
 )
-def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, told):
+def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, shown):
     """Without PC, whose keenest cell answers even a 300th of the stress."""
     felt = [trace for trace in traces() if trace.afferent != "PC"]
     whole = [replace(trace, stress_pa=gain * trace.stress_pa) for trace in felt]
     write_traces(here / "table.csv", whole)
     assert main(["encode", "table.csv", "--no-raster", "--window-ms", "0:250"]) == 0
     doubts = [line for line in capsys.readouterr().err.splitlines() if "fitted on" not in line]
-    assert len(doubts) == bool(told)
-    assert told in "".join(doubts)
-    if told:
+    assert len(doubts) == bool(shown)
+    assert shown in "".join(doubts)
+    if shown:
         with pytest.warns(UserWarning, match="peaks|all stress is 0"):
             fb.encode(whole)
 
 
-def test_a_change_of_step_that_loses_power_is_told(here, capsys):
+def test_a_change_of_step_that_loses_power_is_said(here, capsys):
     """Of a coarse table what PCHIP smooths, of a fine one what folds."""
-    for dt_ms, hz, told in (
+    for dt_ms, hz, shown in (
         (2.0, 100, "100 % of its power is above 50 Hz: rates may be off: sample it every 0.5 ms"),
         (2.0, 10, ""),
         (0.1, 2500, "100 % of its power is above 1000 Hz: filter it first"),
@@ -376,7 +376,7 @@ def test_a_change_of_step_that_loses_power_is_told(here, capsys):
         write_traces(here / "other.csv", [StressTrace(wave, dt_ms, 1, "SA")])
         assert main(["encode", "other.csv", "--no-raster"]) == 0
         (line,) = [x for x in capsys.readouterr().err.splitlines() if "resampled to every" in x]
-        assert line.endswith(told or "every 0.5 ms")
+        assert line.endswith(shown or "every 0.5 ms")
 
 
 def test_an_even_table_is_resampled_where_that_is_asked(here):
@@ -386,7 +386,7 @@ def test_an_even_table_is_resampled_where_that_is_asked(here):
     np.testing.assert_allclose(trace.stress_pa, fine.stress_pa[::10])
 
 
-def test_a_cut_end_is_told_by_the_function_and_by_the_picture(here, capsys):
+def test_a_cut_end_is_said_by_the_function_and_by_the_picture(here, capsys):
     path = here / "sine_50_250.csv"
     path.write_bytes(path.read_bytes()[:-2])
     with pytest.warns(UserWarning, match="may be cut"):
@@ -398,10 +398,10 @@ def test_a_cut_end_is_told_by_the_function_and_by_the_picture(here, capsys):
 def test_a_stimulus_that_is_named_brings_its_window(here, capsys):
     for name, window_ms in (("sine_100_200", [100, 200]), ("ramp_100_20_20_20", [0, 210])):
         assert main(["encode", "sine_50_250.csv", "--stimulus", name, "--json"]) == 0
-        told = capsys.readouterr()
-        assert {tuple(row["window_ms"]) for row in json.loads(told.out)["rates"]} == {
+        shown = capsys.readouterr()
+        assert {tuple(row["window_ms"]) for row in json.loads(shown.out)["rates"]} == {
             tuple(window_ms)
         }
-        assert "whole trace" not in told.err
+        assert "whole trace" not in shown.err
     assert main(["encode", "sine_50_250.csv", "--stimulus", "ramp_100_200_200_200"]) == 0
     assert "rates over the whole trace" in capsys.readouterr().err

@@ -37,10 +37,10 @@ def test_the_error_of_a_task_is_its_own():
 
 
 def test_messages_come_on_the_way():
-    heard = []
-    with LocalExecutor(1, heard.append) as executor:
+    logged = []
+    with LocalExecutor(1, logged.append) as executor:
         executor.submit(module.send, "half").result()
-    assert heard == ["half"]
+    assert logged == ["half"]
     module.send("nobody listens here")
 
 
@@ -76,10 +76,10 @@ def test_an_exception_in_the_block_ends_tasks_and_their_processes():
 
 def test_a_process_goes_though_its_signal_comes_before_it_waits(monkeypatch):
     """Then nothing wakes it but the end of its tasks; without that, one sweep in many hung."""
-    heard, tasks = [], queue.SimpleQueue()
-    monkeypatch.setattr(os, "kill", lambda *words: heard.append(words))
+    logged, tasks = [], queue.SimpleQueue()
+    monkeypatch.setattr(os, "kill", lambda *words: logged.append(words))
     module._listen(io.BytesIO(pickle.dumps("task")), tasks)
-    assert heard == [(os.getpid(), signal.SIGTERM)]
+    assert logged == [(os.getpid(), signal.SIGTERM)]
     assert tasks.get(timeout=1) == "task"
     assert tasks.get(timeout=1) is None
 

@@ -119,26 +119,26 @@ def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, caps
     assert "chosen: candidate 1, smallest RMSE over all 7 stimuli" in streams.out
 
 
-def test_the_file_of_parameters_gives_the_rates_that_are_told(call, tmp_path, undrawn):
+def test_the_file_of_parameters_gives_the_rates_that_are_said(call, tmp_path, undrawn):
     """Read back, and worked out by the encoder apart from the fit."""
     call()
     found = read_parameter_set(tmp_path / "out/fitted.toml")
     assert found.name == "fit"
     assert found.preindent_um == 75.0
     assert found.parameters["PC"] == PUBLISHED["PC"]
-    told = read_rates(tmp_path / "out/fitted_rates.csv")
-    assert [(one.stimulus, one.afferent) for one in told] == [
+    shown = read_rates(tmp_path / "out/fitted_rates.csv")
+    assert [(one.stimulus, one.afferent) for one in shown] == [
         (stimulus, name) for name in ("SA", "RA") for stimulus in RATES
     ]
     response = read_map(FOLDER / "quick.toml")
     expected = []
-    for one in told:
+    for one in shown:
         stimulus = make_stimulus(resolve(one.stimulus)[0], preindent_um=75.0)
         [trace] = [t for t in response.traces(stimulus) if t.afferent == one.afferent]
         parameters = found.parameters[one.afferent]
         [cells] = encode_cells(trace.stress_pa[:, None], 0.5, parameters)
         expected.append(np.mean([rate_ips(x, stimulus.window_ms) for x in cells]))
-    assert_allclose([one.rate_ips for one in told], expected, rtol=1e-12)
+    assert_allclose([one.rate_ips for one in shown], expected, rtol=1e-12)
     assert max(expected) > 10.0
 
 
@@ -148,11 +148,11 @@ def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(call, tm
     for name in ("SA", "RA"):
         rows = table(tmp_path / f"out/pareto_{name}.csv")
         [chosen] = [row for row in rows if row["chosen"] == "yes"]
-        told = found["fit"][name]
-        assert int(chosen["candidate"]) == told["candidate"]
-        assert len(rows) == told["front_size"]
-        assert len(told["free"]) == told["free_parameters"]
-        for field, free in told["free"].items():
+        shown = found["fit"][name]
+        assert int(chosen["candidate"]) == shown["candidate"]
+        assert len(rows) == shown["front_size"]
+        assert len(shown["free"]) == shown["free_parameters"]
+        for field, free in shown["free"].items():
             assert float(chosen[field]) == found[name][field]
             assert free["low"] <= found[name][field] <= free["high"]
         totals = [float(row["rmse_all_ips"]) for row in rows]
@@ -168,20 +168,20 @@ def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(
     import hashlib
 
     call("--seed", "5")
-    told = record(tmp_path)["fit"]
-    assert told["finished"] is True
-    assert (told["seed"], told["evaluations"], told["population"]) == (5, 40, 20)
-    assert told["rule"] == "smallest_error"
+    shown = record(tmp_path)["fit"]
+    assert shown["finished"] is True
+    assert (shown["seed"], shown["evaluations"], shown["population"]) == (5, 40, 20)
+    assert shown["rule"] == "smallest_error"
     digest = hashlib.sha256(observed.read_bytes()).hexdigest()
-    assert told["observed"] == {"file": "rates.csv", "sha256": digest}
+    assert shown["observed"] == {"file": "rates.csv", "sha256": digest}
     stored = (FOLDER / "quick.toml").read_bytes()
-    assert told["response"]["sha256"] == hashlib.sha256(stored).hexdigest()
-    assert told["response"]["finger"] == "quick"
-    assert {*told["versions"]} - {"numba"} == {"fembridge", "numpy", "pymoo"}
-    counts = told["SA"]["observed_rates"]
+    assert shown["response"]["sha256"] == hashlib.sha256(stored).hexdigest()
+    assert shown["response"]["finger"] == "quick"
+    assert {*shown["versions"]} - {"numba"} == {"fembridge", "numpy", "pymoo"}
+    counts = shown["SA"]["observed_rates"]
     assert counts["fitted"] == {"20 Hz": 3, "50 Hz": 2, "100 Hz": 2}
     assert counts["unseen"] == {"5-25 Hz": 1}
-    seen = {(row["group"], row["seen"]) for row in told["RA"]["agreement"]}
+    seen = {(row["group"], row["seen"]) for row in shown["RA"]["agreement"]}
     assert {("20 Hz", True), ("5-25 Hz", False)} < seen
     text = (tmp_path / "out/fitted.toml").read_text(encoding="utf-8")
     assert str(tmp_path) not in text
@@ -195,11 +195,11 @@ def test_the_same_seed_gives_the_same_bytes(call, tmp_path, undrawn):
 
 
 def test_an_interrupt_keeps_the_best_so_far_and_says_so(call, tmp_path, monkeypatch, capsys):
-    heard = []
+    logged = []
 
     def stop(self, afferent, progress):
-        heard.append(progress.evaluations)
-        if len(heard) == 2:
+        logged.append(progress.evaluations)
+        if len(logged) == 2:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(SearchBar, "__call__", stop)
@@ -210,13 +210,13 @@ def test_an_interrupt_keeps_the_best_so_far_and_says_so(call, tmp_path, monkeypa
         *(name for name in FILES if name != "pareto_RA.csv"),
         PICTURE,
     ]
-    told = record(tmp_path)["fit"]
-    assert told["finished"] is False
-    assert told["SA"]["finished"] is False
-    assert told["SA"]["evaluations"] == 40
-    assert told["afferents"] == ["SA"]
-    assert told["left_out"] == ["RA"]
-    assert told["source"].endswith("interrupted")
+    shown = record(tmp_path)["fit"]
+    assert shown["finished"] is False
+    assert shown["SA"]["finished"] is False
+    assert shown["SA"]["evaluations"] == 40
+    assert shown["afferents"] == ["SA"]
+    assert shown["left_out"] == ["RA"]
+    assert shown["source"].endswith("interrupted")
     last = capsys.readouterr().err.splitlines()[-1]
     assert last == "interrupted: the best so far of SA is kept, finished = false"
 
@@ -247,10 +247,10 @@ def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(call, tmp_pat
 
 def test_all_families_can_be_fitted_and_then_none_is_unseen(call, tmp_path, undrawn):
     call("--family", "all", "--afferent", "SA")
-    told = record(tmp_path)["fit"]
-    assert told["families"] == ["sine", "diharm", "noise"]
-    assert list(told["SA"]["observed_rates"]) == ["fitted"]
-    assert told["SA"]["observed_rates"]["fitted"]["5-25 Hz"] == 1
+    shown = record(tmp_path)["fit"]
+    assert shown["families"] == ["sine", "diharm", "noise"]
+    assert list(shown["SA"]["observed_rates"]) == ["fitted"]
+    assert shown["SA"]["observed_rates"]["fitted"]["5-25 Hz"] == 1
     header = table(tmp_path / "out/pareto_SA.csv")[0]
     assert "rmse_5-25_Hz_ips" in header
 
@@ -297,11 +297,11 @@ def test_drive_list_describes_every_model_and_needs_no_rates(capsys, parse):
     with pytest.raises(SystemExit) as stop:
         parse("--drive", "list")
     assert stop.value.code == 0
-    told = capsys.readouterr().out
+    shown = capsys.readouterr().out
     for name, rows in MODELS.items():
         for afferent, model in rows.items():
-            start = told.index(f"{name}, {afferent}")
-            words = " ".join(told[start:].partition("\n\n")[0].split())
+            start = shown.index(f"{name}, {afferent}")
+            words = " ".join(shown[start:].partition("\n\n")[0].split())
             assert model.equation in words
             assert model.reason in words
             for one in model.free():
@@ -337,8 +337,8 @@ def test_an_own_response_is_taken_from_where_simulate_keeps_it(call, tmp_path, u
     for word in (tmp_path / "simulated", kept, kept / "response.toml"):
         call("--response", word, "--afferent", "SA")
         by_word[word] = contents(tmp_path / "out")
-        told = record(tmp_path)["fit"]["response"]
-        assert (told["source"], told["finger"]) == ("solved response", "paper")
+        shown = record(tmp_path)["fit"]["response"]
+        assert (shown["source"], shown["finger"]) == ("solved response", "paper")
     first, *others = by_word.values()
     assert all(each == first for each in others)
     call("--finger", "paper", "--afferent", "SA")

@@ -78,12 +78,12 @@ def test_nodes_of_a_foreign_file_have_no_afferent_and_say_their_unit(here, capsy
 
 def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys):
     assert main(["ingest", ASCII]) == 0
-    heard = capsys.readouterr()
-    assert "STRESS: SXX, SYY, SZZ, SXY, SYZ, SZX; 4 increments" in heard.out
-    assert "47 nodes, 1 to 47; ASCII" in heard.out
-    assert "sets: NALL 47, NBOT 7, NTOP 4, PROBES 3" in heard.out
+    logged = capsys.readouterr()
+    assert "STRESS: SXX, SYY, SZZ, SXY, SYZ, SZX; 4 increments" in logged.out
+    assert "47 nodes, 1 to 47; ASCII" in logged.out
+    assert "sets: NALL 47, NBOT 7, NTOP 4, PROBES 3" in logged.out
     assert list(here.iterdir()) == []
-    command = heard.out.splitlines()[-1].split()
+    command = logged.out.splitlines()[-1].split()
     assert command[0] == "fembridge"
     assert main(command[1:]) == 0
     assert len(rows_of(here / "cpe4_ascii_traces.csv")) == 4
@@ -103,19 +103,19 @@ def test_partial_takes_what_is_whole_and_says_on_stderr_what_is_not(here, capsys
     words = ["ingest", str(SAMPLES / "cpe4_diskfull.frd"), "--node", "11"]
     assert main([*words, "--partial", "-o", "traces.csv"]) == 0
     assert len(rows_of(here / "traces.csv")) == 2
-    heard = capsys.readouterr()
-    assert "after 7 of 47 records" in heard.err
-    assert "cut" not in heard.out
+    logged = capsys.readouterr()
+    assert "after 7 of 47 records" in logged.err
+    assert "cut" not in logged.out
 
 
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
     words = ["--set", "probes", "--across-materials", "--near", "1.5,0.3", "-o", "t.csv"]
     assert main(["ingest", ASCII, *words]) == 0
     assert nodes_of("t.csv") == ["11", "18", "25"]
-    heard = capsys.readouterr()
-    assert "set probes of cpe4_ascii.inp: 3 nodes, 11, 18, 25" in heard.err
-    assert "near 1.5, 0.3: node 11 at 1.5, 0.25, 0.05 mm away" in heard.err
-    assert FOREIGN_UNIT in heard.out
+    logged = capsys.readouterr()
+    assert "set probes of cpe4_ascii.inp: 3 nodes, 11, 18, 25" in logged.err
+    assert "near 1.5, 0.3: node 11 at 1.5, 0.25, 0.05 mm away" in logged.err
+    assert FOREIGN_UNIT in logged.out
 
 
 def test_a_negative_place_is_written_behind_an_equals_sign():
@@ -134,7 +134,7 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         ([ASCII, "--list", "--node", "1"], "--list and --node do not go together"),
         ([ASCII, "--node", "11", "--increment", "2"], "--increment is for --field"),
@@ -155,9 +155,9 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([DAT, "--point", "7"], "argument --point: invalid point value: '7'"),
     ],
 )
-def test_words_that_mean_nothing_together_are_misuse(words, told, here, capsys):
+def test_words_that_mean_nothing_together_are_misuse(words, shown, here, capsys):
     assert main(["ingest", *words]) == 2
-    assert told in capsys.readouterr().err
+    assert shown in capsys.readouterr().err
     assert list(here.iterdir()) == []
 
 
@@ -267,9 +267,9 @@ def test_default_increments_of_calculix_go_to_spikes_by_the_commands_that_are_sh
     (here / "job.inp").write_text("*HEADING\nUnit system: MM_TON_S_C\n" + UNEVEN)
     subprocess.run(["ccx", "-i", "job"], check=True, capture_output=True, cwd=here)
     assert main(["ingest", "job.frd"]) == 0
-    heard = capsys.readouterr()
-    assert "MM_TON_S_C: length in mm, stress in MPa" in heard.err
-    plain, resampled = (line.split() for line in heard.out.splitlines()[-2:])
+    logged = capsys.readouterr()
+    assert "MM_TON_S_C: length in mm, stress in MPa" in logged.err
+    plain, resampled = (line.split() for line in logged.out.splitlines()[-2:])
     assert main(plain[1:]) == 0
     rows = rows_of(here / "job_traces.csv")
     assert len({row["time_ms"] for row in rows}) == len(rows) == 7
@@ -346,9 +346,9 @@ def test_points_of_a_print_are_resampled_too(here):
 
 def test_a_damaged_file_shows_the_command_that_takes_what_is_whole(here, capsys):
     assert main(["ingest", str(SAMPLES / "cpe4_diskfull.frd")]) == 0
-    heard = capsys.readouterr().out
-    assert "after 7 of 47 records" in heard
-    command = heard.splitlines()[-1].split()
+    logged = capsys.readouterr().out
+    assert "after 7 of 47 records" in logged
+    command = logged.splitlines()[-1].split()
     assert "--partial" in command
     assert main(command[1:]) == 0
 

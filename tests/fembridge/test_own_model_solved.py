@@ -175,7 +175,7 @@ def test_a_deck_of_prepomax_goes_through_to_spikes(here, capsys):
     said = capsys.readouterr().err
     assert "unit system M_KG_S_C" in said
     assert "NLGEOM" not in said
-    # told of before the run and after it, which is taken: hard contact has a default stiffness
+    # named before the run and after it, which is taken: hard contact has a default stiffness
     assert "mine.inp: CalculiX warns: reading *SURFACE BEHAVIOR: K must" in said
     assert f"{RUN}: CalculiX warned: reading *SURFACE BEHAVIOR: K must" in said
     assert found == {"RA"}
@@ -214,7 +214,7 @@ def test_a_ramp_to_a_pre_indentation_begins_where_the_probe_stands(here):
     assert_allclose(depth_um(PROBE, 1e3), 350.0 + WAVE_UM[1:], atol=1e-6)
 
 
-def test_a_line_that_ccx_cannot_read_is_told_and_the_run_taken(here, capsys):
+def test_a_line_that_ccx_cannot_read_is_said_and_the_run_taken(here, capsys):
     lines = [*axisymmetric()]
     lines.insert(lines.index("*STEP, NLGEOM") + 1, "press it in")
     spikes_of(here, lines, *AUTOMATIC)

@@ -83,7 +83,7 @@ def summary(capsys, *words):
     ],
     ids=lambda words: words[0],
 )
-def test_every_picture_is_a_png_named_after_itself_and_that_is_told(here, capsys, words):
+def test_every_picture_is_a_png_named_after_itself_and_that_is_said(here, capsys, words):
     before = set(here.iterdir())
     assert main(["plot", *words]) == 0
     assert capsys.readouterr().out == f"{words[0]}.png\n"
@@ -103,7 +103,7 @@ def test_the_suffix_chooses_the_format(here, name, start):
 
 @pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["stimulus", "sine_50"], {"stimuli": [entry.id for entry in resolve("sine_50")]}),
         (["mesh", "--finger", "soft.toml"], {"finger": "soft"}),
@@ -129,10 +129,10 @@ def test_the_suffix_chooses_the_format(here, name, start):
     ],
     ids=lambda words: words[0] if isinstance(words, list) else "",
 )
-def test_the_summary_holds_what_is_in_the_picture(here, capsys, words, told):
+def test_the_summary_holds_what_is_in_the_picture(here, capsys, words, shown):
     Path("soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.02\n")
     found = summary(capsys, *words)
-    assert told.items() <= found.items()
+    assert shown.items() <= found.items()
     assert (found["picture"], found["file"]) == (words[0], f"{words[0]}.png")
     assert main(["plot", "--json", *words]) == 0
     assert json.loads(capsys.readouterr().out) == found
@@ -140,18 +140,18 @@ def test_the_summary_holds_what_is_in_the_picture(here, capsys, words, told):
 
 @pytest.mark.usefixtures("unrendered")
 def test_the_summary_of_a_mesh_names_the_nodes_of_the_afferents(here, capsys):
-    told = summary(capsys, "mesh", "--probe-shape", "flat", "--probe-x-mm", "0.5")
+    shown = summary(capsys, "mesh", "--probe-shape", "flat", "--probe-x-mm", "0.5")
     mesh = mesh_of(QUICK)
-    assert told["elements"] == len(mesh.quad)
+    assert shown["elements"] == len(mesh.quad)
     nodes = {name: mesh.node_at(QUICK.afferents[name]) + 1 for name in ("SA", "RA", "PC")}
-    assert {name: place["node"] for name, place in told["afferents"].items()} == nodes
+    assert {name: place["node"] for name, place in shown["afferents"].items()} == nodes
 
 
 @pytest.mark.usefixtures("unrendered")
 def test_without_a_file_the_stored_response_of_a_finger_is_drawn(here, capsys):
     for words, elements in (([], "quick"), (["--finger", "paper"], "paper")):
-        told = summary(capsys, "response", *words)
-        assert told["deepest_um"] == stored_response(PRESETS[elements], Probe(), "CPE4").deepest_um
+        shown = summary(capsys, "response", *words)
+        assert shown["deepest_um"] == stored_response(PRESETS[elements], Probe(), "CPE4").deepest_um
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -159,10 +159,10 @@ def test_a_raster_has_the_rows_that_were_asked_for_and_says_which_are_silent(her
     words = ["--stimulus", "sine_20_6.71,sine_20_250", "--stimulus", "sine_20_18"]
     assert main(["plot", "raster", "spikes.csv", *words, "--json"]) == 0
     streams = capsys.readouterr()
-    told = json.loads(streams.out)
-    assert told["stimuli"] == ["sine_20_6.71", "sine_20_250", "sine_20_18"]
-    assert told["silent"] == ["sine_20_6.71", "sine_20_18"]
-    assert told["spikes"] == 2
+    shown = json.loads(streams.out)
+    assert shown["stimuli"] == ["sine_20_6.71", "sine_20_250", "sine_20_18"]
+    assert shown["silent"] == ["sine_20_6.71", "sine_20_18"]
+    assert shown["spikes"] == 2
     assert "spikes.csv: no spike of sine_20_6.71, sine_20_18: silent" in streams.err
 
 
@@ -190,7 +190,7 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         ([], "required: PICTURE"),
         (["mash"], "invalid choice: 'mash'"),
@@ -207,18 +207,18 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
         (["mesh", "--probe-diameter-mm", "0"], "diameter_mm"),
     ],
 )
-def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
+def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, shown):
     before = set(here.iterdir())
     assert main(["plot", *words]) == 2
     streams = capsys.readouterr()
-    assert told in streams.err
+    assert shown in streams.err
     assert "Traceback" not in streams.err
     assert streams.out == ""
     assert set(here.iterdir()) == before
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "shown"),
     [
         (["mesh", "--finger", "nobody"], 2, "neither a preset (quick, paper) nor a file"),
         (["mesh", "--probe-x-mm", "20"], 1, "the probe spans x = "),
@@ -229,11 +229,11 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, told):
         (["stimulus", "sine_20", "-o", "spikes.csv/a.png"], 1, "a file stands where"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line(here, capsys, words, code, told):
+def test_what_cannot_be_drawn_is_one_line(here, capsys, words, code, shown):
     before = set(here.iterdir())
     assert main(["plot", *words]) == code
     streams = capsys.readouterr()
-    assert told in streams.err
+    assert shown in streams.err
     assert streams.err.count("\n") == 1
     assert set(here.iterdir()) == before
 
@@ -272,8 +272,8 @@ def test_every_picture_of_a_file_takes_the_folder_that_has_it(here, capsys, pict
     for name in ("spikes.csv", "traces.csv", "response.toml"):
         (here / name).unlink()
     words = ["--stimulus", "sine_20_250"] if picture == "trace" else []
-    told = summary(capsys, picture, place, *words)
-    assert told["picture"] == picture
+    shown = summary(capsys, picture, place, *words)
+    assert shown["picture"] == picture
     assert (here / f"{picture}.png").read_bytes() == PNG
 
 
@@ -306,14 +306,14 @@ def test_rates_are_drawn_beside_those_observed_and_touchsims(out, capsys):
     Path("observed.csv").write_text(
         "stimulus,afferent,rate_ips\nsine_20_250,SA,25\nsine_50_250,SA,4\n"
     )
-    told = summary(capsys, "rates", "out", "--observed", "observed.csv", "--touchsim")
-    assert told["stimuli"] == ["sine_20_250", "sine_20_6.71"]
-    assert (told["observed"], told["touchsim"]) == (1, 6)
+    shown = summary(capsys, "rates", "out", "--observed", "observed.csv", "--touchsim")
+    assert shown["stimuli"] == ["sine_20_250", "sine_20_6.71"]
+    assert (shown["observed"], shown["touchsim"]) == (1, 6)
 
 
 @pytest.mark.usefixtures("unrendered", "out")
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "shown"),
     [
         (["trace", "out"], 2, "out/traces.npz: has 2 stimuli"),
         (["trace", "out", "--stimulus", "sine_50_250"], 2, "out/traces.npz: has 2 stimuli"),
@@ -326,7 +326,7 @@ def test_rates_are_drawn_beside_those_observed_and_touchsims(out, capsys):
         (["rates", "docs.csv"], 2, "docs.csv: rates of several fingers"),
     ],
 )
-def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, capsys, words, code, told):
+def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, capsys, words, code, shown):
     for name in ("empty", "many/a", "many/b"):
         (here / name).mkdir(parents=True)
     for name in ("many/a", "many/b"):
@@ -337,6 +337,6 @@ def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, capsys, words, co
     Path("docs.csv").write_text(head + rows)
     assert main(["plot", *words]) == code
     streams = capsys.readouterr()
-    assert told in streams.err
+    assert shown in streams.err
     assert streams.err.count("\n") == 1
     assert streams.out == ""

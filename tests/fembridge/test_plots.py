@@ -75,7 +75,7 @@ def lab(colour, seen):
 
 
 @pytest.mark.parametrize("eyes", SEEN)
-def test_any_two_layers_are_told_apart_by_all_eyes(eyes):
+def test_any_two_layers_are_distinguished_by_all_eyes(eyes):
     """A difference of 2.3 in CIE Lab is just seen; 15 is seen at a glance."""
     seen = np.array(SEEN[eyes])
     places = np.array([lab(LAYER_COLOURS[layer], seen) for layer in LAYERS])
@@ -161,10 +161,10 @@ def test_materials_are_named_with_the_numbers_they_have(words_of):
     dermis = Material(young_mpa=0.085, poisson=0.495)
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
     figure = mesh_figure(finger, mesh_of(finger), Probe())
-    told = [text.get_text() for text in words_of(figure)]
-    assert "Dermis\n$E$ = 85 kPa, $\\nu$ = 0.495" in told
-    assert "Bone\n$E$ = 17 GPa, $\\nu$ = 0.30" in told
-    assert "Probe\nrigid, cylinder, 1 mm" in told
+    shown = [text.get_text() for text in words_of(figure)]
+    assert "Dermis\n$E$ = 85 kPa, $\\nu$ = 0.495" in shown
+    assert "Bone\n$E$ = 17 GPa, $\\nu$ = 0.30" in shown
+    assert "Probe\nrigid, cylinder, 1 mm" in shown
 
 
 @given(heights=st.lists(st.floats(-5, 5), min_size=1, max_size=6), step=st.floats(0.01, 1.5))

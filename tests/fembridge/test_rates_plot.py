@@ -53,7 +53,7 @@ def test_what_is_beside_is_of_the_same_frequencies_and_the_legend_names_it():
     assert panels(figure)["20 Hz"].get_ylim()[1] < 40
 
 
-def test_stimuli_without_an_amplitude_are_told_and_not_drawn():
+def test_stimuli_without_an_amplitude_are_said_and_not_drawn():
     entries, strange = placed([*OWN, Rate("my own", "SA", 1.0)])
 
     assert (len(entries), strange) == (4, ["my own"])

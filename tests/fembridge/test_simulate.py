@@ -1,4 +1,4 @@
-"""The whole pipeline as a function: where its stress comes from, and who is told."""
+"""The whole pipeline as a function: where its stress comes from, and who gets a line about it."""
 
 import os
 import shutil

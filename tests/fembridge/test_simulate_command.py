@@ -266,7 +266,7 @@ def test_a_file_that_is_wrong_is_named(here, capsys, option, word, expected, fou
     assert not (here / "out").exists()
 
 
-def test_a_solver_that_is_asked_for_and_not_there_is_told(here, capsys, monkeypatch):
+def test_a_solver_that_is_asked_for_and_not_there_is_said(here, capsys, monkeypatch):
     monkeypatch.setenv(CCX_VARIABLE, "/opt/ccx")
     code, line = refused(capsys, "--stimulus", "sine_20_250")
     assert code == 1
@@ -274,7 +274,7 @@ def test_a_solver_that_is_asked_for_and_not_there_is_told(here, capsys, monkeypa
 
 
 @pytest.mark.parametrize("output", ["file", "file/deeper"])
-def test_an_output_that_is_a_file_is_told_and_stays(here, capsys, output):
+def test_an_output_that_is_a_file_is_said_and_stays(here, capsys, output):
     (here / "file").write_text("mine")
 
     assert main(["simulate", "--stimulus", "sine_20_250", "-o", output]) == 1

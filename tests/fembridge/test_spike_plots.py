@@ -84,13 +84,13 @@ def test_silent_stimuli_and_classes_are_shown_where_they_are_named():
     assert [len(spikes_drawn(panel)) for panel in figure.axes] == [1, 0, 0]
 
 
-def test_the_time_axis_covers_every_spike_unless_it_is_told():
+def test_the_time_axis_covers_every_spike_unless_it_is_said():
     trains = [train(times_ms=[40.0, 180.0])]
 
     assert raster_figure(trains).axes[0].get_xlim() == (0.0, 180.0)
     assert raster_figure(trains, window_ms=(5, 250)).axes[0].get_xlim() == (0.0, 250.0)
-    told = raster_figure(trains, span_ms=(0.0, 100.0)).axes[0]
-    assert told.get_xlim() == (0.0, 100.0)
+    shown = raster_figure(trains, span_ms=(0.0, 100.0)).axes[0]
+    assert shown.get_xlim() == (0.0, 100.0)
 
 
 def test_what_is_outside_the_window_has_a_grey_ground():

@@ -79,8 +79,8 @@ def test_npy_is_the_displacement_in_um(tmp_path, capsys):
 
 def test_wav_is_the_displacement_over_the_full_scale_it_tells(tmp_path, capsys):
     path = tmp_path / "wave.wav"
-    told = summary(capsys, "--export", "wav", "diharm_10_50_44.46", "-o", str(path))
-    full_scale_um = told["files"][0]["full_scale_um"]
+    shown = summary(capsys, "--export", "wav", "diharm_10_50_44.46", "-o", str(path))
+    full_scale_um = shown["files"][0]["full_scale_um"]
     with wave.open(str(path), "rb") as file:
         assert file.getparams()[:4] == (1, 2, 2000, 501)
         pcm = np.frombuffer(file.readframes(501), dtype="<i2")
@@ -180,13 +180,13 @@ def test_several_stimuli_do_not_go_into_one_file(tmp_path, capsys):
 
 def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys):
     words = ["--export", "npy", "noise_5_25_1", "--preindent-um", "500", "--seed", "3"]
-    told = summary(capsys, *words, "-o", str(tmp_path))["files"][0]
-    assert (told["seed"], told["preindent_um"]) == (3, 500.0)
-    assert_array_equal(np.load(told["file"]), depth_of("noise_5_25_1", preindent_um=500.0, seed=3))
+    shown = summary(capsys, *words, "-o", str(tmp_path))["files"][0]
+    assert (shown["seed"], shown["preindent_um"]) == (3, 500.0)
+    assert_array_equal(np.load(shown["file"]), depth_of("noise_5_25_1", preindent_um=500.0, seed=3))
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["--export", "csv"], "no stimulus named"),
         (["--export", "csv", "sine_20_25o"], "did you mean"),
@@ -201,10 +201,10 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
     ],
 )
-def test_misuse_is_2_and_writes_nothing(tmp_path, monkeypatch, capsys, words, told):
+def test_misuse_is_2_and_writes_nothing(tmp_path, monkeypatch, capsys, words, shown):
     monkeypatch.chdir(tmp_path)
     assert main(["stimuli", *words]) == 2
     streams = capsys.readouterr()
-    assert told in streams.err
+    assert shown in streams.err
     assert streams.out == ""
     assert list(tmp_path.iterdir()) == []

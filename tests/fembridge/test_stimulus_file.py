@@ -59,8 +59,8 @@ def test_what_export_writes_comes_back_in(tmp_path, format_name, preindent_um):
 def test_all_files_of_an_export_share_the_scale_that_travels_with_them(tmp_path, capsys):
     words = ["stimuli", "--export", "wav", "sine_20_250", "sine_20_25", "-o", str(tmp_path)]
     assert main([*words, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["files"]
-    assert [one["full_scale_um"] for one in told] == [250.0, 250.0]
+    shown = json.loads(capsys.readouterr().out)["files"]
+    assert [one["full_scale_um"] for one in shown] == [250.0, 250.0]
     with wave.open(str(tmp_path / "sine_20_25.wav"), "rb") as file:
         pcm = np.frombuffer(file.readframes(501), dtype="<i2")
     assert abs(pcm).max() == round(32767 / 10)
@@ -114,7 +114,7 @@ def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_p
     assert "400 samples, uneven times, resampled" in line
 
 
-def test_what_lies_above_half_the_rate_is_told(tmp_path):
+def test_what_lies_above_half_the_rate_is_said(tmp_path):
     times_ms = np.arange(2000) * 0.05
     said = []
     for hz in (100.0, 4000.0):
@@ -244,7 +244,7 @@ def test_an_npy_of_something_else_is_refused(tmp_path, content):
         read_stimulus(tmp_path / "a.npy", dt_ms=0.5)
 
 
-def test_an_npy_needs_its_step_and_names_are_told_apart(tap, capsys):
+def test_an_npy_needs_its_step_and_names_are_distinguished(tap, capsys):
     np.save("tap.npy", TAP_UM)
     with pytest.raises(StimulusError, match="--dt-ms"):
         stimuli_of("tap.npy")

@@ -65,7 +65,7 @@ def permissions(path):
 
 @pytest.fixture
 def umask():
-    """Set the umask as told, and put it back."""
+    """Set the umask, and put it back."""
     before = os.umask(0o022)
     yield os.umask
     os.umask(before)

@@ -101,9 +101,9 @@ def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
 
     assert cli.main([*words, "-o", str(tmp_path / "out"), "--json"]) == 0
 
-    told = json.loads(capsys.readouterr().out)["thresholds"]
+    shown = json.loads(capsys.readouterr().out)["thresholds"]
     table = pd.read_csv(tmp_path / "out/thresholds.csv")
-    assert table["amplitude_um"].tolist() == [row["amplitude_um"] for row in told]
+    assert table["amplitude_um"].tolist() == [row["amplitude_um"] for row in shown]
     assert table["frequency_hz"].tolist() == [40, 40, 250, 250]
     assert table["amplitude_um"][2] < table["amplitude_um"][0]
     assert (tmp_path / "out/thresholds.png").stat().st_size > 10_000
@@ -122,16 +122,16 @@ def test_a_table_in_the_place_of_a_set_brings_its_source(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "told"),
+    ("text", "line", "shown"),
     [
         ("# Mine\ndistance_mm\n1\n", 2, "no column amplitude_um"),
         ("# Mine\ndistance_mm,amplitude_um\n1,wide\n", 3, "'wide'"),
         ("distance_mm,amplitude_um\n# Mine\n1,0\n", 3, ">= 0.01"),
     ],
 )
-def test_a_wrong_table_of_evidence_is_refused_with_its_line(tmp_path, text, line, told):
+def test_a_wrong_table_of_evidence_is_refused_with_its_line(tmp_path, text, line, shown):
     own = tmp_path / "own.csv"
     own.write_text(text, encoding="utf-8")
-    with pytest.raises(TableError, match=told) as caught:
+    with pytest.raises(TableError, match=shown) as caught:
         read_evidence(own, DISTANCE)
     assert caught.value.line == line

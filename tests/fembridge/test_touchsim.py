@@ -43,6 +43,6 @@ def test_a_rate_is_a_whole_number_of_spikes_in_its_window(depth_um, whole_second
         assert abs(spikes - round(spikes)) <= rounding + 1e-9, rate
 
 
-def test_a_depth_that_was_not_computed_is_told():
+def test_a_depth_that_was_not_computed_is_said():
     with pytest.raises(UsageError, match=r"250.*0 or 500"):
         touchsim_rates(250)

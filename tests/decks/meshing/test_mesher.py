@@ -163,7 +163,7 @@ def test_without_its_system_libraries_the_packages_are_named(monkeypatch):
     )
 
 
-def test_without_pygmsh_the_line_that_installs_it_is_told(monkeypatch):
+def test_without_pygmsh_the_line_that_installs_it_is_said(monkeypatch):
     absent(monkeypatch, ImportError("No module named 'pygmsh'"))
     with pytest.raises(MissingError, match="No module named 'pygmsh'; pip install py"):
         mesh_finger(QUICK)

@@ -331,12 +331,12 @@ def test_an_option_that_says_another_unit_counts_and_the_heading_is_named():
         ("1, 0., 0.\n2, 0.016, 0.02\n", "m", ""),
     ],
 )
-def test_a_model_of_no_likely_size_is_told(nodes, unit, said):
+def test_a_model_of_no_likely_size_is_said(nodes, unit, said):
     remarks = rebase(f"*NODE\n{nodes}{RAMP}", length_unit=unit).remarks
     assert any("unit of length" in one and said in one for one in remarks) == bool(said)
 
 
-def test_contact_that_is_path_dependent_in_ccx_is_told():
+def test_contact_that_is_path_dependent_in_ccx_is_said():
     deck = "*CONTACT PAIR, TYPE=SURFACE TO SURFACE\nS, M\n" + RAMP
     assert any(one.startswith("line 1: *CONTACT PAIR") for one in rebase(deck).remarks)
     for other in (deck.replace("SURFACE TO", "NODE TO"), RAMP):

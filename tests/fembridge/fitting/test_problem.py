@@ -46,11 +46,11 @@ def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response)
         assert problem.groups[column] == group_of(entry)
 
 
-def test_agreement_is_told_of_each_group_each_family_and_all():
+def test_agreement_is_said_of_each_group_each_family_and_all():
     entries = resolve(["sine_20_250,sine_20_128,sine_50_250,noise_5_25_30"])
     judged = JudgedRates(entries, np.array([1, 2, 3, 4]), np.array([1, 4, 3, 4]), True)
-    told = [(row["family"], row["group"], row["rmse_ips"]) for row in judged.rows()]
-    assert told == [
+    shown = [(row["family"], row["group"], row["rmse_ips"]) for row in judged.rows()]
+    assert shown == [
         ("sine", "20 Hz", pytest.approx(np.sqrt(2.0))),
         ("sine", "50 Hz", 0.0),
         ("sine", "all", pytest.approx(np.sqrt(4 / 3))),

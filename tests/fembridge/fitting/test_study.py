@@ -113,9 +113,9 @@ def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
     short = ["--evaluations", "200", "--seeds", "1", "--json", "-o", str(tmp_path / "s")]
     assert main([*words, *short]) == 0
 
-    told = json.loads(capsys.readouterr().out)
-    assert told["cases"] == 2
-    assert set(told["best"]) == {"RA", "PC"}
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["cases"] == 2
+    assert set(shown["best"]) == {"RA", "PC"}
     assert sorted(path.name for path in (tmp_path / "s").iterdir()) == [
         "study.csv",
         "study.md",
@@ -140,8 +140,8 @@ def test_an_interrupt_keeps_the_cases_that_are_finished(table, tmp_path, monkeyp
     assert main([*words, *short]) == 130
 
     streams = capsys.readouterr()
-    told = json.loads(streams.out)
-    assert (told["finished"], told["cases"]) == (False, len(set(asked)) - 1)
+    shown = json.loads(streams.out)
+    assert (shown["finished"], shown["cases"]) == (False, len(set(asked)) - 1)
     assert asked[-1] == "rate"
     with (tmp_path / "s" / "study.csv").open(newline="") as file:
         assert {row["drive"] for row in csv.DictReader(file)} == {"sharp"}

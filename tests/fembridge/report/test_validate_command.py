@@ -50,7 +50,7 @@ def test_json_is_all_that_stdout_holds(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "shown"),
     [
         (["--observed", "absent.csv"], 2, "absent.csv: cannot be read"),
         (["--parameters", "absent.toml"], 2, "absent.toml"),
@@ -58,9 +58,9 @@ def test_json_is_all_that_stdout_holds(here, capsys):
         (["-o", ""], 2, "expected the name of a folder"),
     ],
 )
-def test_what_is_not_there_is_one_line_and_no_report(here, capsys, words, code, told):
+def test_what_is_not_there_is_one_line_and_no_report(here, capsys, words, code, shown):
     assert main(["validate", "--parameters", "published", *words]) == code
-    assert told in capsys.readouterr().err
+    assert shown in capsys.readouterr().err
     assert list(here.iterdir()) == []
 
 
@@ -71,8 +71,8 @@ def test_the_line_on_the_page_is_the_one_that_was_given():
         return command.command_line(parser.parse_args(words))
 
     assert line([]) == "fembridge validate -o report"
-    told = line(["-o", "my report", "--observed", "r.csv", "--finger", "paper"])
-    assert told == ("fembridge validate -o 'my report' --observed r.csv --finger paper")
+    shown = line(["-o", "my report", "--observed", "r.csv", "--finger", "paper"])
+    assert shown == ("fembridge validate -o 'my report' --observed r.csv --finger paper")
     assert line(["--parameters", "own.toml"]).endswith("--parameters own.toml")
 
 

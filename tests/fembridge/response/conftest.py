@@ -1,4 +1,4 @@
-"""A response map whose curves are known, and a solver that plays what it is told.
+"""A response map whose curves are known, and a solver that plays what it is given.
 
 The solver stands for ccx on the ladder of contact models: each one's results are
 the recorded ones of the quick finger, put where the solver would leave them.

@@ -51,7 +51,7 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "shown"),
     [
         ({"apex_um": 0.0 * DEPTH_UM}, "at 400 um the skin moved 0 um"),
         ({"apex_um": 0.49 * DEPTH_UM}, "the skin moved 196 um"),
@@ -61,10 +61,10 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
         ({"apex_um": np.nan * DEPTH_UM}, "the skin moved nan um"),
     ],
 )
-def test_a_probe_that_slips_between_the_nodes_is_refused(changes, told):
+def test_a_probe_that_slips_between_the_nodes_is_refused(changes, shown):
     """The other trap: the run ends well, closes exactly, and nothing was pushed."""
     found = run(**changes)
-    assert told in found.problem
+    assert shown in found.problem
     assert not found.hysteresis
 
 

@@ -27,14 +27,14 @@ ATTEMPTS = attempts_for(DEFAULT_DEPTH_UM, LADDER)
 
 
 def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
-    told = []
+    shown = []
 
-    solved, response = solve_response(tmp_path, model, log=told.append)
+    solved, response = solve_response(tmp_path, model, log=shown.append)
 
     assert player.numbers == [1]
     assert solved.contact == LADDER[0]
-    assert told[0].startswith("indentation to 400 um")
-    assert "solved in 12 s: 39 increments, contact node-to-surface, 200 MPa/mm" in told[1]
+    assert shown[0].startswith("indentation to 400 um")
+    assert "solved in 12 s: 39 increments, contact node-to-surface, 200 MPa/mm" in shown[1]
     shipped = read_map(FOLDER / "quick.toml")
     np.testing.assert_array_equal(response.tensor_pa, shipped.tensor_pa)
 
@@ -42,13 +42,13 @@ def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
 @pytest.mark.parametrize("cause", [Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN])
 def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, player, cause):
     player.plays[1] = cause
-    told = []
+    shown = []
 
-    solved, response = solve_response(tmp_path, model, log=told.append)
+    solved, response = solve_response(tmp_path, model, log=shown.append)
 
     assert player.numbers == [1, 2]
-    assert told[1].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
-    assert told[2] == f"contact model 2 of {len(ATTEMPTS)}: {LADDER[0]}, probe on a spring"
+    assert shown[1].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
+    assert shown[2] == f"contact model 2 of {len(ATTEMPTS)}: {LADDER[0]}, probe on a spring"
     assert solved.contact == LADDER[0]
     assert response.origin["drive"] == "spring"
 
@@ -57,12 +57,12 @@ def test_a_contact_that_does_not_come_back_is_left_and_told(
     tmp_path, model, player, path_dependent
 ):
     path_dependent.add(1)
-    told = []
+    shown = []
 
-    solve_response(tmp_path, model, log=told.append)
+    solve_response(tmp_path, model, log=shown.append)
 
     assert player.numbers == [1, 2]
-    assert told[1] == f"left {LADDER[0]}: unloading differs from loading by 17 %"
+    assert shown[1] == f"left {LADDER[0]}: unloading differs from loading by 17 %"
 
 
 @pytest.mark.parametrize("cause", [Cause.NO_SOLVER, Cause.DISK_FULL, Cause.INTERRUPTED])
@@ -84,13 +84,13 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
 ):
     player.plays = {1: Cause.DIVERGED, 3: Cause.STALLED}
     path_dependent.update({2, *range(4, len(ATTEMPTS) + 1)})
-    told = []
+    shown = []
 
     with pytest.raises(ResponseError) as caught:
-        solve_response(tmp_path, model, log=told.append)
+        solve_response(tmp_path, model, log=shown.append)
 
     assert player.numbers == list(range(1, len(ATTEMPTS) + 1))
-    reasons = [line.removeprefix("left ") for line in told if line.startswith("left ")]
+    reasons = [line.removeprefix("left ") for line in shown if line.startswith("left ")]
     assert (tmp_path / solve.ATTEMPTS_FILE).read_text().splitlines() == reasons
     assert [reason.split(": ")[0] for reason in reasons] == [str(each) for each in ATTEMPTS]
     assert f"{Cause.DIVERGED.value}: increment 3" in reasons[0]
@@ -193,7 +193,7 @@ def test_skin_that_relaxes_is_named(model, sine):
     assert two.startswith("epidermis, dermis relax:")
 
 
-def test_inertia_and_a_slide_are_told(model, sine):
+def test_inertia_and_a_slide_are_said(model, sine):
     assert why_no_map(replace(model, inertia=True), [sine]).startswith("inertia")
     slid = why_no_map(model, [sine, sine.sliding(5.0)])
     assert slid.startswith("sine_20_250_slide_5: the probe slides")

@@ -130,7 +130,7 @@ def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(ori
 
 
 @pytest.mark.parametrize(
-    ("finger", "probe", "element", "told"),
+    ("finger", "probe", "element", "shown"),
     [
         (QUICK, Probe(diameter_mm=2.0), "CPE4", "diameter_mm 1.0, asked for is 2.0"),
         (QUICK, Probe("flat"), "CPE4", "shape 'cylinder', asked for is 'flat'"),
@@ -150,13 +150,13 @@ def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(ori
         ),
     ],
 )
-def test_anything_else_is_refused_and_the_difference_named(finger, probe, element, told):
+def test_anything_else_is_refused_and_the_difference_named(finger, probe, element, shown):
     with pytest.raises(ResponseError, match="no response is stored for this") as caught:
         stored_response(finger, probe, element)
-    assert told in str(caught.value)
+    assert shown in str(caught.value)
 
 
-def test_a_finger_of_another_name_is_told_which_are_stored():
+def test_a_finger_of_another_name_gets_the_names_of_those_that_are():
     other = dataclasses.replace(QUICK, name="mine")
     with pytest.raises(ResponseError, match="finger 'mine', only for paper, quick"):
         stored_response(other, Probe(), "CPE4")

@@ -157,7 +157,7 @@ def test_a_cut_table_is_refused_and_left_out_when_partial(dat):
     assert any("did not end" in words for words in said)
 
 
-def test_a_node_in_two_tables_needs_to_be_told_apart(dat):
+def test_a_node_in_two_tables_needs_to_be_distinguished(dat):
     parts = [increment(k, 0.5, [nodal("A", (1,), 1.0), nodal("B", (1,), 2.0)]) for k in (1, 2)]
     with pytest.raises(ResultError, match="node 1 is in the tables of A and B"):
         read(dat(*parts), [1])

@@ -81,14 +81,14 @@ def test_the_increment_that_never_converged_is_left_out(tmp_path, sta):
     shutil.copy(SAMPLES / "cpe4_diverged.frd", tmp_path)
     if sta:
         shutil.copy(SAMPLES / "cpe4_diverged.sta", tmp_path)
-    heard = []
+    logged = []
     times_ms, displacement_mm = moved_at(
-        tmp_path / "cpe4_diverged.frd", [11], ReadOptions(partial=True, log=heard.append)
+        tmp_path / "cpe4_diverged.frd", [11], ReadOptions(partial=True, log=logged.append)
     )
     assert times_ms.tolist() == [0.5]
     assert displacement_mm.shape == (1, 1, 3)
-    assert "dropped step 1, increment 2: not converged" in heard
-    assert ("has DISP, FORC and no ERROR, STRESS" in heard[0]) != sta
+    assert "dropped step 1, increment 2: not converged" in logged
+    assert ("has DISP, FORC and no ERROR, STRESS" in logged[0]) != sta
 
 
 def test_a_missing_node_is_named_with_its_neighbours():
@@ -299,10 +299,10 @@ def test_a_value_that_is_no_number_is_named_by_node_and_time(block, write_frd, f
     path = write_frd(blocks)
     with pytest.raises(ResultError, match=r"node 4 at 1 ms: STRESS SYY is -?(nan|inf)"):
         read_values(path, [4])
-    heard = []
-    options = ReadOptions(partial=True, log=heard.append)
+    logged = []
+    options = ReadOptions(partial=True, log=logged.append)
     assert read_values(path, [4], options)[0].tolist() == [0.5]
-    assert heard[0].startswith("dropped step 1, increment 2: node 4 at 1 ms")
+    assert logged[0].startswith("dropped step 1, increment 2: node 4 at 1 ms")
 
 
 def test_times_that_go_back_are_no_trace(block, write_frd):
@@ -354,11 +354,11 @@ def test_a_damaged_sample_is_refused_in_the_right_words(samples, name):
 @pytest.mark.parametrize("name", [n for n, row in DAMAGED.items() if row[1]])
 def test_what_was_whole_before_the_damage_is_read_and_equals_the_file(samples, name):
     """Of these runs the first increments are those of the run that ended well."""
-    heard = []
-    options = ReadOptions(partial=True, across_materials=True, log=heard.append)
+    logged = []
+    options = ReadOptions(partial=True, across_materials=True, log=logged.append)
     times_ms, tensor_pa = read_values(samples / f"{name}.frd", [11], options)
     assert times_ms.tolist() == DAMAGED[name][1]
-    assert heard
+    assert logged
     twin = {"kill_ascii": "kill_bin_f32", "kill_bin_f32": "kill_ascii"}.get(name)
     if name in ("cpe4_diskfull", "cpe4_bin_diskfull", "cpe4_incmax"):
         twin = "cpe4_bin_f64"
@@ -384,11 +384,11 @@ def test_a_run_that_goes_on_while_its_history_is_read_is_refused_or_told(
     monkeypatch.setattr(node_ids, growing)
     with pytest.raises(ResultError):
         read_values(path, [1])
-    heard = []
-    options = ReadOptions(partial=True, log=heard.append)
+    logged = []
+    options = ReadOptions(partial=True, log=logged.append)
     path = write_frd(blocks)
     assert read_values(path, [1], options)[0].tolist() == [1.0, 2.0]
-    assert "it grew from" in heard[-1]
+    assert "it grew from" in logged[-1]
 
 
 def hole(path, start, size=HOLE_BYTES):

@@ -270,7 +270,7 @@ def test_blank_counts_and_beams_are_read(samples):
         (b" -1         2 2.0", b" -1         1 2.0", "a node is duplicate"),
     ],
 )
-def test_a_damaged_mesh_is_told(write_frd, old, new, words):
+def test_a_damaged_mesh_is_said(write_frd, old, new, words):
     path = write_frd([])
     content = path.read_bytes()
     assert content.count(old) == 1

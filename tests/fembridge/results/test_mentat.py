@@ -88,11 +88,11 @@ def test_a_history_plot_of_uneven_increments_is_rows_until_it_is_resampled(text)
 
 def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(text):
     path = text(NINE_LINES)
-    heard = []
-    trace = read(path, [12], ReadOptions(log=heard.append))[0]
+    logged = []
+    trace = read(path, [12], ReadOptions(log=logged.append))[0]
     assert trace.node == 12
     assert_allclose(trace.stress_pa, [0.0, 12500.0, 25000.0], rtol=1e-15)
-    assert "taken as time in s and von Mises stress; above them: 'History" in heard[0]
+    assert "taken as time in s and von Mises stress; above them: 'History" in logged[0]
     with pytest.raises(ResultError, match=r"name .--node N. one for each of the 1, 0 were"):
         read(path, ())
 
@@ -115,10 +115,10 @@ def test_a_path_plot_is_a_table_and_no_trace(text, tmp_path):
 
 def test_what_is_no_von_mises_stress_is_left_out_and_told(text):
     path = text(COPIED.replace("Mises Stress Node 12", "X Displacement Node 12"))
-    heard = []
-    traces = read(path, (), ReadOptions(log=heard.append))
+    logged = []
+    traces = read(path, (), ReadOptions(log=logged.append))
     assert [trace.node for trace in traces] == [7]
-    assert heard == ["no von Mises stress, left out: 'Equivalent Von X Displacement Node 12'"]
+    assert logged == ["no von Mises stress, left out: 'Equivalent Von X Displacement Node 12'"]
     none = COPIED.replace("Mises", "Nothing")
     with pytest.raises(ResultError, match="no von Mises stress in it, but"):
         read(text(none), ())

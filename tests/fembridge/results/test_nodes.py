@@ -13,7 +13,7 @@ KINDS = ["cpe4_ascii", "cpe4_bin_f32", "cpe4_bin_f64", "cpe4_2step_mixed"]
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_the_nearest_node_is_told_with_its_distance(samples, name):
+def test_the_nearest_node_is_said_with_its_distance(samples, name):
     """Node 11 of the 6 x 4 grid of 3 x 1 mm stands at 1.5, 0.25."""
     [(node, words)] = near_nodes(samples / f"{name}.frd", [(1.5, 0.3)])
     assert node == 11
@@ -70,13 +70,13 @@ def test_any_place_gives_what_a_plain_search_gives(block, write_frd, seed, mesh_
 
 
 def test_numbers_sets_and_places_go_together_each_node_once(samples):
-    heard = []
+    logged = []
     path = samples / "cpe4_ascii.frd"
-    options = ReadOptions(log=heard.append)
+    options = ReadOptions(log=logged.append)
     found = choose_nodes(path, [25, 1], ["probes"], [(1.5, 0.3)], options=options)
     assert found == [25, 1, 11, 18]
-    assert heard[0] == "set probes of cpe4_ascii.inp: 3 nodes, 11, 18, 25"
-    assert heard[1].startswith("near 1.5, 0.3: node 11")
+    assert logged[0] == "set probes of cpe4_ascii.inp: 3 nodes, 11, 18, 25"
+    assert logged[1].startswith("near 1.5, 0.3: node 11")
 
 
 def test_a_deck_elsewhere_can_be_named(samples, tmp_path):

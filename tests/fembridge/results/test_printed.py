@@ -217,12 +217,12 @@ def test_modes_have_a_number_and_no_time(dat, tmp_path):
     assert row[:4] == ("", 7, "displacements", "N")
 
 
-def test_tables_of_another_kind_are_told_once(dat):
-    heard = []
+def test_tables_of_another_kind_are_said_once(dat):
+    logged = []
     text = "     E I G E N V A L U E   O U T P U T\n\n MODE NO  X\n\n      1   0.4E+04\n"
-    assert sections_of(dat(text), ReadOptions(log=heard.append)) == []
-    assert len(heard) == 1
-    assert heard[0].startswith("tables of another kind are left out, from line 1: E I")
+    assert sections_of(dat(text), ReadOptions(log=logged.append)) == []
+    assert len(logged) == 1
+    assert logged[0].startswith("tables of another kind are left out, from line 1: E I")
 
 
 @pytest.mark.parametrize(
@@ -258,7 +258,7 @@ def test_a_point_that_is_not_printed_is_named(samples, place, words):
         read_point_history(samples / "cpe4_ascii.dat", [place])
 
 
-def test_two_sets_of_stresses_have_to_be_told_apart(dat):
+def test_two_sets_of_stresses_have_to_be_distinguished(dat):
     row = record("21 3", REALS[:6])
     header = KINDS[3][0]
     path = dat(f"\n {header}\n\n{row}\n {header.replace('set N', 'set M')}\n\n{row}")
@@ -345,9 +345,9 @@ def test_a_value_that_is_no_number_is_named_or_its_section_left_out(dat, odd):
     words = r"displacements for set N at 1 ms, node 12: vx is -?(nan|inf)"
     with pytest.raises(ResultError, match=words):
         write_table(path, output)
-    heard = []
-    assert write_table(path, output, partial=True, log=heard.append) == 6
-    assert heard[0].startswith("dropped the section: displacements for set N at 1 ms")
+    logged = []
+    assert write_table(path, output, partial=True, log=logged.append) == 6
+    assert logged[0].startswith("dropped the section: displacements for set N at 1 ms")
 
 
 def test_a_contact_print_may_have_fewer_records_at_the_end(dat):
@@ -355,10 +355,10 @@ def test_a_contact_print_may_have_fewer_records_at_the_end(dat):
     assert write_table(path, path.with_name("t.csv")) == 9
 
 
-def test_a_line_that_is_still_being_written_is_told(samples, tmp_path):
+def test_a_line_that_is_still_being_written_is_said(samples, tmp_path):
     path = tmp_path / "job.sta"
     path.write_bytes((samples / "cpe4_ascii.sta").read_bytes()[:-20])
-    heard = []
-    assert write_table(path, tmp_path / "t.csv", log=heard.append) == 3
-    assert heard[0].startswith("line 6 has no end yet and is left out")
+    logged = []
+    assert write_table(path, tmp_path / "t.csv", log=logged.append) == 3
+    assert logged[0].startswith("line 6 has no end yet and is left out")
     assert "line 6" in describe_print(path)["problem"]

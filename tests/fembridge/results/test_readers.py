@@ -44,7 +44,7 @@ def test_traces_come_in_the_order_asked_for_in_pa_and_ms(samples):
         ("job.dat", b"\n", "prints of CalculiX, no nodal results: fembridge ingest"),
     ],
 )
-def test_a_foreign_file_is_told_by_its_first_bytes(tmp_path, name, content, words):
+def test_a_foreign_file_is_recognised_by_its_first_bytes(tmp_path, name, content, words):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(ResultError, match=words):
@@ -193,10 +193,10 @@ def test_results_that_stop_short_of_the_deck_are_refused_or_told(make_run):
     folder = make_run(increments=4, planned=6)
     with pytest.raises(ResultError, match="results end at 2 ms, the deck runs to 3 ms"):
         read(folder)
-    heard = []
-    _, ra = read(folder, partial=True, log=heard.append)
+    logged = []
+    _, ra = read(folder, partial=True, log=logged.append)
     assert ra.stress_pa.size == 5
-    assert heard == ["results end at 2 ms, the deck runs to 3 ms"]
+    assert logged == ["results end at 2 ms, the deck runs to 3 ms"]
 
 
 RECORDED = Path(__file__).parents[3] / "fixtures" / "transient_sine"
@@ -234,7 +234,7 @@ def test_a_deck_changed_after_the_run_is_named_with_what_to_do(folder):
 
 @pytest.fixture
 def relaxing(tmp_path):
-    """A recorded run, told that PC's node has three branches."""
+    """A recorded run that says that PC's node has three branches."""
     shutil.copytree(RECORDED, tmp_path / "run")
     run = read_run_folder(tmp_path / "run")
     replace(run, branches={run.node_of()["PC"]: 3}).write()
@@ -277,7 +277,7 @@ def von_mises(tensor):
 
 @pytest.fixture
 def halved(tmp_path):
-    """A recorded run, told that RA's node, where there is shear, is on the axis."""
+    """A recorded run that says that RA's node, where there is shear, is on the axis."""
     shutil.copytree(RECORDED, tmp_path / "run")
     run = read_run_folder(tmp_path / "run")
     replace(run, on_axis=(run.node_of()["RA"],)).write()

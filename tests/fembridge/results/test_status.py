@@ -155,7 +155,7 @@ def test_another_exit_number_is_a_problem_that_names_it(sts, number):
     )
 
 
-def test_counts_that_touch_are_told_apart_by_column_and_stars_are_no_count(sts):
+def test_counts_that_touch_are_distinguished_by_column_and_stars_are_no_count(sts):
     wide = ROW.replace(
         "      1      3    2    0    0      12       0",
         "      1      31234512345    0********12345678",
@@ -186,14 +186,14 @@ def test_a_foreign_or_wrapped_line_is_named(sts, text, line, said):
 
 def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
     path = SAMPLES / "nour_plastic.sts"
-    heard = []
-    options = ReadOptions(log=heard.append)
+    logged = []
+    options = ReadOptions(log=logged.append)
     assert write_print_table(path, tmp_path / "t.csv", options)[1] == 24
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
     assert float(rows[-1]["displacement_max_mm"]) == 108.78
-    assert heard == []
+    assert logged == []
     assert describe_print(path)["problem"] is None
 
 

@@ -110,7 +110,7 @@ def test_modes_are_refused_as_a_history_and_increments_are_not(name, words, tmp_
 
 @HERE
 @pytest.mark.parametrize("name", ["shell3.frd.ref.gz", "concretebeam.frd.ref.gz"])
-def test_layers_of_composite_shells_are_told(name, tmp_path):
+def test_layers_of_composite_shells_are_said(name, tmp_path):
     held = describe(unpacked(name, tmp_path))
     assert "layers of composite shells" in held["remarks"][0]
 

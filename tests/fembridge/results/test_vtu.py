@@ -86,7 +86,7 @@ def test_nodes_between_materials_are_marked_and_told(samples, tmp_path):
     assert "9 nodes are between materials" in said[0]
 
 
-def test_of_few_nodes_those_alone_are_written_and_told_once(samples, tmp_path):
+def test_of_few_nodes_those_alone_are_written_and_said_once(samples, tmp_path):
     path, said = samples / "cpe4_nset_unsorted_dup.frd", []
     series = written(write_vtu_series(path, tmp_path, log=said.append))
     mesh, field = meshio.read(series[0][1]), next(read_fields(path))
@@ -100,7 +100,7 @@ def test_of_few_nodes_those_alone_are_written_and_told_once(samples, tmp_path):
     ]
 
 
-def test_a_node_without_a_value_is_nan_and_told_once(write_frd, block, tmp_path):
+def test_a_node_without_a_value_is_nan_and_said_once(write_frd, block, tmp_path):
     rows = [(node, [1.0 * node] * 6) for node in (1, 2, 3, 4)]
     moved = [(node, [0.5] * 3) for node in (1, 2)]
     blocks = [

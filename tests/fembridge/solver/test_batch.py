@@ -60,7 +60,7 @@ def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run, 
 
 
 def test_jobs_run_at_the_same_time(fake_ccx, make_run):
-    """Each is told of only while both are at work; one alone would wait for ever."""
+    """Each has a line only while both are at work; one alone would wait for ever."""
     meeting = threading.Barrier(2, timeout=120)
     met = set()
 

@@ -124,12 +124,12 @@ def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
 
 @pytest.mark.parametrize("play", ["normal", "diverged"])
 def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, play):
-    told = []
+    shown = []
 
-    outcome = solve(make_run(play), on_progress=told.append)
+    outcome = solve(make_run(play), on_progress=shown.append)
 
-    assert [progress.ended for progress in told] == [False] * (len(told) - 1) + [True]
-    assert told[-1].increment == outcome.increments
+    assert [progress.ended for progress in shown] == [False] * (len(shown) - 1) + [True]
+    assert shown[-1].increment == outcome.increments
 
 
 def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypatch):
@@ -147,7 +147,7 @@ def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypa
     assert "override 7" in log
 
 
-def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatch, tmp_path):
+def test_without_a_solver_the_line_that_installs_it_is_said(make_run, monkeypatch, tmp_path):
     monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     folder = make_run("normal")
@@ -159,7 +159,7 @@ def test_without_a_solver_the_line_that_installs_it_is_told(make_run, monkeypatc
     assert files_of(folder) == {"job.inp", "run.toml"}
 
 
-def test_a_solver_that_the_system_cannot_run_is_told(fake_ccx, make_run):
+def test_a_solver_that_the_system_cannot_run_is_said(fake_ccx, make_run):
     fake_ccx.write_text("#!/no/such/interpreter\n")
 
     outcome = solve(make_run("normal"))
@@ -168,8 +168,8 @@ def test_a_solver_that_the_system_cannot_run_is_told(fake_ccx, make_run):
     assert f"{fake_ccx} cannot be run" in str(outcome.failure)
 
 
-def test_a_deck_that_ccx_never_finishes_reading_is_told_of(fake_ccx, make_run, monkeypatch):
+def test_a_deck_that_ccx_never_finishes_reading_is_named(fake_ccx, make_run, monkeypatch):
     monkeypatch.setattr(ccx, "READING_S", 0.5)
     folder = make_run("hang")
-    (told,) = ccx.warnings_of(read_run_folder(folder), folder / "job.inp")
-    assert "had not read the deck after 0.5 s" in told
+    (shown,) = ccx.warnings_of(read_run_folder(folder), folder / "job.inp")
+    assert "had not read the deck after 0.5 s" in shown

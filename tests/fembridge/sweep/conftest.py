@@ -1,7 +1,7 @@
 """Studies in files, and a solver that gives the recorded response of `quick`.
 
 The solver keeps a ledger: a line when it begins and a line when it has solved. What
-it does with a deck is told by environment variables, which workers inherit.
+it does with a deck is shown by environment variables, which workers inherit.
 """
 
 import os

@@ -168,7 +168,7 @@ def test_tls_without_certificates_is_refused_in_one_line(dermis_study, tmp_path)
         run_sweep(dermis_study(1), tmp_path, executor="dask", scheduler="tls://127.0.0.1:1")
 
 
-def test_without_dask_the_line_that_installs_it_is_told(dermis_study, tmp_path, monkeypatch):
+def test_without_dask_the_line_that_installs_it_is_said(dermis_study, tmp_path, monkeypatch):
     def absent(name):
         raise ImportError(name)
 

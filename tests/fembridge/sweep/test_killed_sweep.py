@@ -89,7 +89,7 @@ def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
     ("number", "code"),
     [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
 )
-def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
+def test_a_sweep_that_is_asked_to_stop_takes_its_solvers_along(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive, number, code
 ):
     path = dermis_study(3)
@@ -97,9 +97,9 @@ def test_a_sweep_that_is_told_to_stop_takes_its_solvers_along(
     wait_until(lambda: len(begun(ledger)) == 2)
     os.kill(sweep.pid, number)
 
-    found, _, told = finished(sweep)
+    found, _, shown = finished(sweep)
     assert found == code
-    assert ("0 of 3 items are kept" in told) == (number == signal.SIGINT)
+    assert ("0 of 3 items are kept" in shown) == (number == signal.SIGINT)
     assert not any(is_alive(pid) for entry in ledger() for pid in entry[1:3])
     assert not solved(ledger)
     assert not (tmp_path / "out/results.csv").exists()

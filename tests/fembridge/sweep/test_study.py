@@ -359,7 +359,7 @@ def test_each_slice_of_each_range_has_one_finger(samples, parameters, not_optimi
         ("factor 2", 0.25, 1.0, True),
     ],
 )
-def test_a_range_is_two_numbers_or_told_about_the_base(asked, low, high, logarithmic):
+def test_a_range_is_two_numbers_or_a_share_around_the_base(asked, low, high, logarithmic):
     assert range_of(asked, 0.5) == Range(low, high, logarithmic)
 
 

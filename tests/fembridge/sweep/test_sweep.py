@@ -135,7 +135,7 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
     }
 
 
-def test_a_bug_of_ours_in_one_item_is_told_and_stops_nobody(here, tmp_path, monkeypatch):
+def test_a_bug_of_ours_in_one_item_is_said_and_stops_nobody(here, tmp_path, monkeypatch):
     real = work_module.encode_all
 
     def buggy(stimuli, traces, *words):
@@ -198,17 +198,17 @@ def test_without_a_solver_the_whole_sweep_is_refused_at_once(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["--jobs", "0"], "jobs is 0"),
         (["--threads", "0"], "threads is 0"),
         (["--scheduler", "tcp://localhost:1"], "scheduler is for the executor dask"),
     ],
 )
-def test_misuse_ends_with_2(here, command, study_file, tmp_path, capsys, words, told):
+def test_misuse_ends_with_2(here, command, study_file, tmp_path, capsys, words, shown):
     path = study_file('stimuli = ["sine_20_250"]\nstored = true\n')
     assert command(path, "-o", tmp_path / "out", *words) == 2
-    assert told in capsys.readouterr().err
+    assert shown in capsys.readouterr().err
 
 
 def short(entry, preindent_um=0.0, seed=None):

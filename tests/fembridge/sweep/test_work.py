@@ -188,12 +188,12 @@ def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, le
     [item] = plan_with("calculix 9.9").items.values()
     finding = work(item.response, folder)
 
-    told = "calculix 2.20 is here, the sweep was laid out for calculix 9.9"
-    assert finding.cause == told
+    shown = "calculix 2.20 is here, the sweep was laid out for calculix 9.9"
+    assert finding.cause == shown
     assert ledger() == []
 
 
-def test_a_folder_that_this_machine_does_not_see_is_told(tmp_path):
+def test_a_folder_that_this_machine_does_not_see_is_said(tmp_path):
     [item] = plan_with().items.values()
     assert "all need to share it" in work(item, tmp_path).cause
 

@@ -88,7 +88,7 @@ class Plane:
 
     def model(self, **changes):
         """Give the model for the writer; extras have the layer as first number."""
-        told = {
+        shown = {
             "node_ids": tuple(self.nodes),
             "coordinates": tuple(self.nodes.values()),
             "elements": tuple(
@@ -98,7 +98,7 @@ class Plane:
             "points": self.count,
             "codes": CODES,
         }
-        return writer.Model(**{**told, **changes})
+        return writer.Model(**{**shown, **changes})
 
     def increments(self, stress, times_s):
         """Give increments with stress and a displacement of (time, -number)."""

@@ -81,7 +81,7 @@ def test_fields_and_paraview(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["--list", "--von-mises", "scalar"], "--list and --von-mises do not go toget"),
         (["--node", "7", "--one-sided", "SOFT"], "of a Marc post file takes no name"),
@@ -92,9 +92,9 @@ def test_fields_and_paraview(here, capsys):
         (["--point", "1:1"], "--point is for a .dat"),
     ],
 )
-def test_words_that_mean_nothing_together_are_misuse(words, told, here, capsys):
+def test_words_that_mean_nothing_together_are_misuse(words, shown, here, capsys):
     assert main(["ingest", "job.t16", *words]) == 2
-    assert told in capsys.readouterr().err
+    assert shown in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["--node", "1"], ["--field", "STRESS"], ["--vtu", "v"]])
@@ -106,7 +106,7 @@ def test_extrapolation_is_not_for_files_of_nodal_values(words, capsys):
     assert "--one-sided takes the element set" in capsys.readouterr().err
 
 
-def test_a_deck_is_told_from_prints(here, capsys):
+def test_a_deck_is_distinguished_from_prints(here, capsys):
     deck = str(SAMPLES / "pfl_example_model_0.dat")
     assert main(["ingest", deck]) == 2
     assert "a Marc deck, no results; --list shows" in capsys.readouterr().err

@@ -161,7 +161,7 @@ def test_paraview_gets_what_was_asked_for_alone(path, tmp_path):
     assert not (tmp_path / "c").exists()
 
 
-def test_unknown_elements_are_left_out_of_pictures_and_that_is_told(write_post, tmp_path):
+def test_unknown_elements_are_left_out_of_pictures_and_that_is_said(write_post, tmp_path):
     plane = models.Plane(11, *models.grid(2, 1))
     (first, second) = plane.model().elements
     elements = (first, (second[0], 998, second[2], second[3]))

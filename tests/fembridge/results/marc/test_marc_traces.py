@@ -203,7 +203,7 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(write_post):
 
 
 @pytest.mark.parametrize(
-    ("codes", "told"),
+    ("codes", "shown"),
     [
         (((17, 0, ""),), "it holds Equivalent Von Mises Stress .code 17.; --von-mises"),
         (
@@ -217,12 +217,12 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(write_post):
         ),
     ],
 )
-def test_a_file_without_one_stress_tensor_says_what_it_has(codes, told, write_post):
+def test_a_file_without_one_stress_tensor_says_what_it_has(codes, shown, write_post):
     plane = models.Plane(11, *models.grid(1, 1))
     element = [[[1.0] * len(codes)] * 4]
     increments = [writer.Increment(number=0, element=element)]
     path = write_post(writer.Storage(), plane.model(codes=codes), increments)
-    with pytest.raises(ResultError, match=told):
+    with pytest.raises(ResultError, match=shown):
         read_values(path, [1])
 
 
@@ -382,7 +382,7 @@ def write(plane, write_post):
 
 
 @pytest.mark.parametrize(
-    ("node", "told"),
+    ("node", "shown"),
     [
         (99, r"no node 99 in the mesh: it has 1 to 13, near it 11, 12, 13"),
         (10, r"node 10 is a corner of no element with values: a pressure node"),
@@ -390,8 +390,8 @@ def write(plane, write_post):
         (-1, r"no node -1 in the mesh"),
     ],
 )
-def test_a_node_without_stress_is_named(node, told, write, increments):
-    with pytest.raises(ResultError, match=told):
+def test_a_node_without_stress_is_named(node, shown, write, increments):
+    with pytest.raises(ResultError, match=shown):
         read(write(increments), [node])
 
 
@@ -403,12 +403,12 @@ def test_an_element_with_a_node_that_is_not_listed_is_named(known, write_post):
     ones = np.ones((1, 4, len(models.CODES)))
     increments = [writer.Increment(k, time_s=0.1 * k, element=ones) for k in (1, 2)]
     path = write_post(writer.Storage(), model, increments)
-    told = f"element 7 has node {4 if known else 1}, which has no coordinates"
-    with pytest.raises(ResultError, match=told):
+    shown = f"element 7 has node {4 if known else 1}, which has no coordinates"
+    with pytest.raises(ResultError, match=shown):
         read(path, [1])
-    with pytest.raises(ResultError, match=told):
+    with pytest.raises(ResultError, match=shown):
         read_field(path, "Stress", "last", ReadOptions())
-    with pytest.raises(ResultError, match=told):
+    with pytest.raises(ResultError, match=shown):
         read(path, near_mm=[(0.0, 0.0)])
 
 
@@ -538,7 +538,9 @@ def test_even_times_are_even_again_without_their_rounding(kind, dt_s, write, pla
     assert trace.stress_pa.size == 500
 
 
-def test_a_job_that_gave_up_is_told_from_its_status_file(write, increments, marc_samples, tmp_path):
+def test_a_job_that_gave_up_is_distinguished_from_its_status_file(
+    write, increments, marc_samples, tmp_path
+):
     path, said = tmp_path / "job.t16", []
     path.write_bytes(write(increments).read_bytes())
     status = (marc_samples / "nour_plastic.sts").read_text()
