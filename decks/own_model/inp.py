@@ -291,8 +291,11 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
         again = block.option("OP")
         op = f", OP={again.word}" if again is not None else ""
         edits.append(inserted(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said]))
-    where = drive.push[0].where
-    return edits, [f"{where}: {drive.push[0].name} gets an amplitude, {OWN_AMPLITUDE}, which"]
+    first, instead = drive.push[0], ""
+    if first.amplitude not in ("", OWN_AMPLITUDE):
+        instead = f" ({first.amplitude} has other users, or cannot hold a waveform)"
+    words = f"{first.where}: {first.name} gets an amplitude, {OWN_AMPLITUDE}{instead}, which"
+    return edits, [words]
 
 
 # ---- Increments: fixed ones, one a sample, or automatic ones of a sample at most. Solvers

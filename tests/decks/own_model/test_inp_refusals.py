@@ -85,7 +85,9 @@ def test_an_amplitude_that_cannot_be_the_waveforms_or_has_other_users_stays(
     old, new, changed, rebase
 ):
     deck = changed(old, new)
-    text = rebase(deck, amplitude="press").deck.decode()
+    rebased = rebase(deck, amplitude="press")
+    assert "(PRESS has other users, or cannot hold a waveform)" in str(rebased.remarks)
+    text = rebased.deck.decode()
     own = "*BOUNDARY, AMPLITUDE=FEMBRIDGE_WAVEFORM\n4, 2, 2, -1.\n"
     assert own in text and text.startswith(deck[: deck.index("*STEP")])
     assert rebase(text).deck.decode() == text
