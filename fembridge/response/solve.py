@@ -18,6 +18,9 @@ matter: no layer relaxes, no mass is accelerated, the probe does not slide. That
 known before anything is solved. Friction is not: skin that slips under the probe on
 its way in does not slip back on the same way out. Where the indentation comes back
 without friction, it is not the contact that is path-dependent but the skin that slips.
+
+Where no map holds, each waveform is solved for itself, a transient, with the contact that
+the indentation accepted, or the next of the ladder.
 """
 
 from collections.abc import Callable, Sequence
@@ -72,7 +75,6 @@ RESPONSE_FOLDER = "response"
 RUNS_FOLDER = "runs"
 LONG_S = 600.0
 """What takes longer is only begun when somebody says so."""
-
 
 Log = Callable[[str], None]
 """Called with each line about what goes on."""
