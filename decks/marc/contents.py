@@ -339,17 +339,10 @@ class MarcDeck:
 def read_marc_deck(
     data: bytes, path: Path | None = None, resolver: Resolver | None = None
 ) -> MarcDeck:
-    """Read a Marc deck.
+    """Read a Marc deck; `path` is its file, for messages.
 
-    Parameters
-    ----------
-    data
-        Its bytes.
-    path
-        Its file, for messages.
-    resolver
-        Gives the bytes of an included file by the name in the deck, None where it has
-        none. Without it, included files are noted and not followed.
+    `resolver` gives the bytes of an included file by the name in the deck. Without it, or
+    where it has none, included files are noted and not followed.
 
     Raises
     ------

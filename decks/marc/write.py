@@ -65,17 +65,11 @@ def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
 
 
 def marc_deck(model: Analysis, *, probe: str = "rigid", results: str = "both") -> str:
-    """`model` as a deck for Marc.
+    """`model`, all of the section, as a deck for Marc.
 
-    Parameters
-    ----------
-    model
-        What is computed; all of the section.
-    probe
-        "rigid": a curve that a table moves; "meshed": elements of a second contact body
-        whose nodes a table moves.
-    results
-        "binary" for ``job.t16``, "text" for ``job.t19``, or "both".
+    The `probe` is "rigid", a curve that a table moves, or "meshed", elements of a second
+    contact body whose nodes a table moves. `results` are "binary" for ``job.t16``, "text"
+    for ``job.t19``, or "both".
 
     Raises
     ------

@@ -57,18 +57,7 @@ _NEWER_VERSION = 14  # of those seen, the first with five numbers in `auto load`
 def rebase_marc(
     data: bytes, motion: Motion, request: Request, resolver: Resolver | None = None
 ) -> Rebased:
-    """A Marc deck with `motion` in it.
-
-    Parameters
-    ----------
-    data
-        The deck.
-    motion
-        The probe's way into the skin.
-    request
-        Which table and load case, which nodes, and the deck's unit of length.
-    resolver
-        Gives the bytes of an included file by its name, None where it has none.
+    """A Marc deck with `motion` in it; `resolver` gives an included file by its name.
 
     Raises
     ------
