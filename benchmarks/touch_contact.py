@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.prism_contact import PROBE_SET, contact_deck
 from decks.analysis import Contact as PenaltyContact
 from decks.green import PadMesh, Prism, prism_of
-from benchmarks.prism_contact import PROBE_SET, contact_deck
 from fembridge.results import read_fields
 from fembridge.results.printed import read_total_force
 from fembridge.run_folder import RunFolder
@@ -81,7 +81,9 @@ def report(name, pad: Pad, prism: Prism, shape: Shape, depth, moved, total) -> N
             x = float(np.interp(where.arc_mm[column], section.arc_mm, section.point_mm[:, 0]))
             z = float(pad.stress_z_mm[slice_])
             place = np.array([x]), np.array([z]), np.array([where.depth_mm[column]])
-            ours = von_mises_pa(influence_pa(pad, nodes, np.array([layer]), *place), forces[None])[0, 0]
+            ours = von_mises_pa(influence_pa(pad, nodes, np.array([layer]), *place), forces[None])[
+                0, 0
+            ]
             theirs = von_mises_pa(own[:, column, slice_][:, None, None], np.ones((1, 1)))[0, 0]
             print(
                 f"  {layer} {place[2][0]:.2f} mm at ({x:.2f}, {z:.2f}): {ours:.0f} Pa, CalculiX "

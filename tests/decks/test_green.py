@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.prism_contact import contact_deck
 from decks.analysis import Contact
 from decks.finger import LAYERS
 from decks.green import CASES, PadMesh, green_deck, prism_of, smooth
 from decks.presets import QUICK
-from benchmarks.prism_contact import contact_deck
 from fembridge.errors import FingerError
 
 COARSE = PadMesh(spacing_mm=0.5, reach_mm=2.0, length_mm=6.0)
