@@ -773,9 +773,8 @@ def thresholds(
     from fembridge.fitting.problem import solved_source, stored_source
     from fembridge.tuning import frequencies_of
     from fembridge.tuning import thresholds as of_class
-    from neural import parameter_set_or_file
 
-    chosen = parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
+    chosen = _parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
     frequencies_hz = frequencies_of(hz) if isinstance(hz, str) else list(hz)
