@@ -114,24 +114,17 @@ NOT_BESIDE_A_STIMULUS = (
     ("methods = ['maps']", "methods: .*'maps'"),
     ("methods = []", "methods"),
     ("methods = ['map', 'map']", "methods: map"),
-    ("preindent_um = nan", "preindent_um: .*nan"),
     ("preindent_um = -1", "preindent_um: .*-1.0"),
     ("preindent_um = [1, 1.0]", "preindent_um: 1.0"),
     ("seed = -1", "seed: -1"),
-    ("seed = 1.5", "seed: 1.5"),
-    ("stored = 'yes'", "stored: 'yes'"),
     ("element = 'CPE5'", "element: 'CPE5'"),
     ("name = ''", "name: ''"),
     ("parameters = '../p.toml'", "parameters: '../p.toml'"),
-    ("parameters = '../study'", "parameters: '../study'"),
     ("parameters = '/etc/passwd'", "parameters: '/etc/passwd'"),
     ("parameters = 'publish'", "parameters: .*publish"),
-    ("parameters = 7", "parameters: 7"),
     ("fingers = []", "fingers"),
-    ("fingers = 'quick'", "fingers: 'quick'"),
     ("fingers = [3]", "fingers 1: 3"),
     ("fingers = ['../q.toml']", "fingers 1: '../q.toml'"),
-    ("fingers = ['/etc/passwd']", "fingers 1: '/etc/passwd'"),
     ("fingers = ['absent.toml']", "fingers 1: .*absent.toml"),
     ("fingers = [{grids = {}}]", "fingers 1: .*'grids'"),
     ("fingers = [{grid = {skin = 1}}]", "fingers 1: 'skin'"),
@@ -140,7 +133,6 @@ NOT_BESIDE_A_STIMULUS = (
     ("fingers = [{rows = [{}], grid = {}}]", "grid and rows"),
     ("fingers = [{rows = [{skin.dermis_mm = -1}]}]", "fingers 1: skin.dermis_mm = -1"),
     ("fingers = [{rows = [{}, {skin.dermis_mm = nan}]}]", "fingers 1: 2: skin.dermis_mm: nan"),
-    ("fingers = [{rows = [{skin.dermis_mm = true}]}]", "skin.dermis_mm: True"),
     ("fingers = [{grid.skin.dermis = [1.0]}]", "'dermis'.*dermis_mm"),
     ("fingers = [{grid.skin.dermis_mm = ['__import__']}]", "dermis_mm: '__import__'"),
     ("fingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]", "fingers 1: 1: skin.dermis_mm"),
@@ -154,14 +146,11 @@ NOT_BESIDE_A_STIMULUS = (
     ),
     ("probes = [{diameter_mm = -1}]", "probes: diameter_mm"),
     ("probes = [{diameter = 1}]", "diameter_mm"),
-    ("probes = [{x_mm = '../'}]", "x_mm"),
     ("probes = [{fillet_mm = 0.1}]", "fillet_mm"),
-    ("probes = [{shape = 'round'}]", "'round'"),
     ("probes = []", "probes"),
     ("probes = [{}, {}]", "probes: .*duplicate"),
     ("contacts = [{friction = -0.1}]", "contacts: friction"),
     ("contacts = [{fricton = 0.1}]", "fricton.*friction"),
-    ("contacts = [{friction = '0.4'}]", "friction: '0.4'"),
     ("stored = true\nmethods = ['transient']", "stored"),
     ("stored = true\ncontacts = [{friction = 0}]", "contacts"),
 )
@@ -185,21 +174,19 @@ def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, found, s
     assert len(line) < 700
 
 
-def test_a_product_without_measure_is_refused_by_its_number_before_it_is_made():
-    names = [f"skin.key_{k}" for k in range(10)]
-    grid = {name: [float(k) for k in range(1000)] for name in names}
-
-    with pytest.raises(UsageError, match=f"{10**30} points .* {MOST_POINTS}"):
-        study_from({**LEAST, "fingers": [{"grid": grid}]}, folder=None)
-
-
-@pytest.mark.parametrize("part", ["probes", "contacts"])
-def test_a_product_of_probes_or_contacts_is_refused_alike(part):
-    keys = {"probes": ("diameter_mm", "x_mm"), "contacts": ("friction", "stick_share")}
-    wide = {key: [0.1 + 1e-6 * k for k in range(400)] for key in keys[part]}
-
-    with pytest.raises(UsageError, match="160000 points"):
-        study_from({**LEAST, part: [wide]}, folder=None)
+@pytest.mark.parametrize(
+    ("part", "keys", "count"),
+    [
+        ("fingers", [f"skin.key_{k}" for k in range(10)], 400**10),
+        ("probes", ["diameter_mm", "x_mm"], 160_000),
+        ("contacts", ["friction", "stick_share"], 160_000),
+    ],
+)
+def test_a_product_without_measure_is_refused_by_its_number_before_it_is_made(part, keys, count):
+    wide = {key: [0.1 + 1e-6 * k for k in range(400)] for key in keys}
+    entry = {"grid": wide} if part == "fingers" else wide
+    with pytest.raises(UsageError, match=f"{count} points .* {MOST_POINTS}"):
+        study_from({**LEAST, part: [entry]}, folder=None)
 
 
 RANGES = {"skin.dermis_mm": [0.9, 1.2], "materials.dermis.young_mpa": "20 %"}
@@ -283,7 +270,6 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
         ({"design": "one-at-a-time", "ranges": {}}, "ranges"),
         ({"design": "one-at-a-time", "ranges": RANGES, "samples": 4}, "samples"),
         ({"design": "latin-hypercube", "ranges": RANGES}, "samples: 0"),
-        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 1}, "samples: 1"),
         ({"design": "latin-hypercube", "ranges": RANGES, "samples": 5.5}, "samples: 5.5"),
         ({"design": "latin-hypercube", "ranges": RANGES, "samples": 5, "seed": -1}, "seed: -1"),
         ({"design": "latin-hypercube", "ranges": RANGES, "samples": 90_000}, "1080000 points"),
@@ -301,14 +287,12 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
             r"sample \d of 9: afferent SA",
         ),
         ({"sites": "float"}, "sites: 'float'"),
-        ({"rows": [{"afferents.SA.to_boundary_mm": "near"}]}, "'near'"),
         ({"rows": [{"afferents.SA.to_boundary_mm": -0.1}]}, "-0.1"),
         (
             {"rows": [{"afferents.SA.to_boundary_mm": 0.1, "afferents.SA.depth_mm": 0.5}]},
             "to_boundary_mm.*afferents.SA.depth_mm",
         ),
         ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "'XY'.*SA, RA, PC"),
-        ({"rows": [{"contact.friction": -0.1}]}, "friction"),
     ],
 )
 def test_what_cannot_be_designed_is_one_line(tmp_path, finger, found):
