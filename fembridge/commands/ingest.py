@@ -450,9 +450,9 @@ def _plot(args: argparse.Namespace, result: "Result") -> Written:
 def _field(args: argparse.Namespace, result: "Result") -> Written:
     """One quantity of one increment at all nodes."""
     from fembridge.results.fields import write_field
+    from fembridge.results.source import read_field
 
-    with result.source() as source:
-        found = source.field(args.field, args.increment)
+    found = read_field(result.path, args.field, args.increment, result.options)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
     output: Path = args.output or Path(f"{result.path.stem}_{name}.npz")
     write_field(output, found)
