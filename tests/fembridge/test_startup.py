@@ -68,9 +68,13 @@ def test_verbs_that_only_tell_something_load_no_numpy(tmp_path, words):
     assert loaded.isdisjoint(HEAVY | {"numpy"})
 
 
-@pytest.mark.parametrize("name", ["decks", "neural"])
-@pytest.mark.parametrize("kind", ["module", "package"])
-@pytest.mark.parametrize("code", ["import fembridge", "import fembridge.errors"])
+@pytest.mark.parametrize(
+    ("name", "kind", "code"),
+    [
+        ("decks", "module", "import fembridge"),
+        ("neural", "package", "import fembridge.errors"),
+    ],
+)
 def test_it_refuses_to_start_beside_a_stranger_and_names_the_file(tmp_path, name, kind, code):
     stranger = tmp_path / (f"{name}.py" if kind == "module" else f"{name}/__init__.py")
     stranger.parent.mkdir(exist_ok=True)
