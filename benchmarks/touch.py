@@ -51,7 +51,7 @@ def pin_array(count):
     depth = np.repeat(stimulus.displacement_um[:, None], count, axis=1)
     places = tuple(zip(x.tolist(), z.tolist(), [0.5] * count, strict=True))
     pins = Pins(places, depth)
-    return pins.shape, Way.of_pins(pins, stimulus.dt_ms, stimulus.window_ms)
+    return None, Way.of_pins(pins, stimulus.dt_ms, stimulus.window_ms)
 
 
 def touched(shape, way, units=UNITS_958):

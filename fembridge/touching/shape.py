@@ -9,7 +9,7 @@ A word is a shape's name and its sizes, ``bar:width_mm=1,length_mm=8``.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,6 +29,8 @@ _SLOPE_MM = 2.0
 # Letters are drawn as grids this fine.
 _PIXEL_MM = 0.05
 _MOST_PIXELS = 20_000_000
+# A hole of a height map, and any share of one that is more than rounding, is no shape.
+_HOLE_MM = 1e12
 # Dots 1, 2, 3 are the left column of a Braille cell from above, 4, 5, 6 the right one.
 _BRAILLE_DOTS = {
     "a": "1", "b": "12", "c": "14", "d": "145", "e": "15", "f": "124", "g": "1245",
@@ -194,16 +196,6 @@ class Shape:
         return cls.of_grid(_beveled(inside, _PIXEL_MM, relief_mm), _PIXEL_MM, f"letters {text!r}")
 
     @classmethod
-    def pins(cls, places: Sequence[tuple[float, float, float]]) -> "Shape":
-        """Round flat pins ``(x_mm, z_mm, diameter_mm)``, all at one height."""
-
-        def height(x: FloatArray, z: FloatArray) -> FloatArray:
-            each = [_raised(np.hypot(x - a, z - b) - 0.5 * d, math.inf) for a, b, d in places]
-            return np.asarray(np.min(each, axis=0))
-
-        return cls(f"{len(places)} pins", height)
-
-    @classmethod
     def of_grid(cls, raised_mm: FloatArray, pixel_mm: float, name: str = "height map") -> "Shape":
         """Heights on a grid ``(row, column)``, the first row towards the tip.
 
@@ -218,32 +210,20 @@ class Shape:
         if not np.isfinite(raised).any() or np.isposinf(raised).any():
             raise UsageError(f"{name}: heights must be finite, or NaN where there is none")
         _check(pixel_mm=pixel_mm * min(raised.shape))
-        depth = np.where(np.isfinite(raised), np.nanmax(raised) - raised, math.inf)
-        rows, columns = depth.shape
+        filled = np.where(np.isfinite(raised), np.nanmax(raised) - raised, _HOLE_MM)
+        rows, columns = filled.shape
 
         def height(x: FloatArray, z: FloatArray) -> FloatArray:
+            from scipy.ndimage import map_coordinates
+
             column = np.asarray(x) / pixel_mm + 0.5 * (columns - 1)
             row = 0.5 * (rows - 1) - np.asarray(z) / pixel_mm
             column, row = np.broadcast_arrays(column, row)
             edge = 0.5 + 1e-9
             inside = (column >= -edge) & (column <= columns - 1 + edge)
             inside &= (row >= -edge) & (row <= rows - 1 + edge)
-            c = np.clip(column, 0, columns - 1)
-            r = np.clip(row, 0, rows - 1)
-            c0 = np.minimum(c.astype(np.int64), columns - 2)
-            r0 = np.minimum(r.astype(np.int64), rows - 2)
-            u, v = c - c0, r - r0
-            found = np.zeros(c.shape)
-            for down, across, weight in (
-                (0, 0, (1 - u) * (1 - v)),
-                (0, 1, u * (1 - v)),
-                (1, 0, (1 - u) * v),
-                (1, 1, u * v),
-            ):
-                with np.errstate(invalid="ignore"):
-                    part = weight * depth[r0 + down, c0 + across]
-                found += np.where(weight > 0, part, 0.0)
-            return np.where(inside, found, math.inf)
+            found = map_coordinates(filled, [row, column], order=1, mode="nearest")
+            return np.where(inside & (found < _HOLE_MM / 1e6), found, math.inf)
 
         return cls(name, height)
 

@@ -35,7 +35,7 @@ from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population, population_named
 from fembridge.touching.shape import Shape, shape_named
 from fembridge.touching.stress import driving_stress_pa
-from fembridge.touching.way import Pins, Way, read_pins, way_of
+from fembridge.touching.way import Way, read_pins, way_of
 from fembridge.typing import FloatArray, SingleArray, Table
 from neural.parameter_sets import ParameterSet, parameter_set_or_file
 from neural.parameters import Parameters
@@ -70,7 +70,6 @@ class Touch:
 
     population: Population
     way: Way
-    shape: Shape
     stress_pa: FloatArray
     force_n: FloatArray
     depth_um: FloatArray
@@ -249,11 +248,10 @@ def touch(
         others = (stimulus, press_um, press_n, slide_mm_per_s, path)
         if any(each is not None for each in others):
             raise UsageError("pins have waveforms of their own: no other way beside them")
-        way, shape = read_pins(pins, preindent_um=depth_um)
+        way, rigid = read_pins(pins, preindent_um=depth_um), None
     else:
-        if not isinstance(shape, Shape):
-            shape = shape_named(shape, pixel_mm, relief_mm, log)
-        shape = shape.rotated(angle_deg).moved(*at_mm)
+        named = shape if isinstance(shape, Shape) else shape_named(shape, pixel_mm, relief_mm, log)
+        rigid = named.rotated(angle_deg).moved(*at_mm)
         way = way_of(
             stimulus, press_um, press_n, ramp_ms, hold_ms, slide_mm_per_s, direction_deg,
             duration_ms, path, depth_um, log,
@@ -265,14 +263,14 @@ def touch(
         )
     origin = {"parameter_set": chosen.name, "seed": seed}
     return touch_skin(
-        skin, shape, way, units, chosen.parameters,
+        skin, rigid, way, units, chosen.parameters,
         friction=friction, trials=repeats, noise_mv=noise_mv, seed=seed, origin=origin,
     )  # fmt: skip
 
 
 def touch_skin(
     pad: Pad,
-    shape: Shape,
+    shape: Shape | None,
     way: Way,
     population: Population,
     parameters: Parameters,
@@ -283,7 +281,7 @@ def touch_skin(
     seed: int = 0,
     origin: Mapping[str, Any] | None = None,
 ) -> Touch:
-    """Press or slide `shape` over the pad and fire all units.
+    """Press or slide `shape`, or the pins of `way`, over the pad and fire all units.
 
     Raises
     ------
@@ -293,8 +291,8 @@ def touch_skin(
     ParameterError
         Parameters of another time step or another quantity.
     """
-    if way.pins is not None:
-        solved = _pinned(pad, way, way.pins)
+    if shape is None or way.pins is not None:
+        solved = _pinned(pad, way)
     elif way.slides:
         solved = _slid(pad, shape, way, friction)
     else:
@@ -331,7 +329,6 @@ def touch_skin(
     return Touch(
         population=population,
         way=way,
-        shape=shape,
         stress_pa=stress,
         force_n=total_n,
         depth_um=depth_um,
@@ -364,13 +361,16 @@ class _Solved:
     drag: FloatArray | None = None
 
 
-def _pinned(pad: Pad, way: Way, pins: Pins) -> _Solved:
+def _pinned(pad: Pad, way: Way) -> _Solved:
     """Contact sample by sample of pins that move on their own."""
+    pins = way.pins
+    if pins is None:
+        raise UsageError("nothing touches: neither a shape nor pins")
     samples = np.arange(way.pressed.size, dtype=np.float64)
     nodes = skin_nodes(pad)
     overlap_um = np.full((samples.size, nodes.column.size), -np.inf)
-    for place, depth_um in zip(pins.places, pins.depth_um.T, strict=True):
-        alone = Shape.pins([place])
+    for (x_mm, z_mm, diameter_mm), depth_um in zip(pins.places, pins.depth_um.T, strict=True):
+        alone = Shape.punch(diameter_mm).moved(x_mm, z_mm)
         gap_um = (gaps_mm(nodes, alone) - first_touch_mm(pad, alone)) / MM_PER_UM
         under = gap_um < depth_um.max()
         here = depth_um[:, None] - gap_um[under]

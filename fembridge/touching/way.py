@@ -13,7 +13,6 @@ from fembridge.stimulus import Stimulus
 from fembridge.stimulus_file import stimuli_of
 from fembridge.tables import read_table
 from fembridge.touching.contact import MM_PER_UM, MOST_UM
-from fembridge.touching.shape import Shape
 from fembridge.typing import FloatArray
 
 _MS_PER_S = 1.0e3
@@ -30,11 +29,6 @@ class Pins:
 
     places: tuple[tuple[float, float, float], ...]
     depth_um: FloatArray
-
-    @property
-    def shape(self) -> Shape:
-        """All of them as they stand."""
-        return Shape.pins(self.places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +206,7 @@ def way_of(
     return Way.hold(press_um, press_n, ramp_ms, hold_ms)
 
 
-def read_pins(path: Path | str, preindent_um: float = 0.0) -> tuple[Way, Shape]:
+def read_pins(path: Path | str, preindent_um: float = 0.0) -> Way:
     """Pins of a table ``x_mm,z_mm,diameter_mm,stimulus``: an id of the catalogue each.
 
     Raises
@@ -237,8 +231,7 @@ def read_pins(path: Path | str, preindent_um: float = 0.0) -> tuple[Way, Shape]:
     sizes = table.numbers("x_mm"), table.numbers("z_mm"), table.numbers("diameter_mm", 0.01)
     places = tuple(zip(*(each.tolist() for each in sizes), strict=True))
     window_ms = min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)
-    pins = Pins(places, depth_um)
-    return Way.of_pins(pins, waves[0].dt_ms, window_ms), pins.shape
+    return Way.of_pins(Pins(places, depth_um), waves[0].dt_ms, window_ms)
 
 
 def _level(press_um: float | None, press_n: float | None) -> tuple[float, str]:
