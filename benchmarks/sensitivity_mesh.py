@@ -17,8 +17,7 @@ from pathlib import Path
 
 from decks.finger import Finger, Resolution
 from decks.presets import QUICK, model_of
-from fembridge.report.indent import indent
-from fembridge.report.runs import Runs
+from fembridge.report.runs import Runs, indent
 from fembridge.sensitivity import parameter_words, signed
 from fembridge.sweeps import Variant, read_study
 

@@ -848,7 +848,7 @@ def validate(
     rates = None if observed is None else read_observed(Path(observed), complete=False)
     models = report.judged_models(parameters)
     study = report.validate(
-        report.source_of(finger, response, models, log), models, rates, log, facts, trains
+        report.response_of(finger, response, models, log), models, rates, log, facts, trains
     )
     if output is not None:
         from fembridge.report.validation_page import write_report

@@ -16,16 +16,15 @@ import numpy as np
 
 from decks.analysis import Contact, Model
 from decks.presets import QUICK, model_of
-from fembridge.report.indent import (
+from fembridge.report.runs import (
     AFFERENTS,
     DEPTH_UM,
     Indented,
-    attempt_indent,
+    Runs,
     indent,
     read_indented,
     through,
 )
-from fembridge.report.runs import Runs
 from fembridge.report.study import Check, Finding, finish, line, panels
 from fembridge.response.acceptance import CLOSURE_PERCENT, judge
 from fembridge.response.solve import LADDER
@@ -71,7 +70,7 @@ def models(runs: Runs) -> Finding:
     rows, found = [], {}
     for element, contact in _MODELS_QUICK if runs.quick else _MODELS:
         runs.log(f"contact: {element}, {contact}")
-        model = replace(model_of(QUICK), element=element, contact=contact)
+        model = replace(model_of(QUICK), element=element, contact=contact, support="prescribed")
         row, indented = _try(runs, model, stimulus)
         rows.append(row)
         if indented is not None:
@@ -112,7 +111,7 @@ def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], 
         f"contact/{model.element}_{contact.formulation}_{contact.stiffness_mpa_per_mm:g}"
         f"_{contact.friction:g}_{contact.stick_share:g}"
     )
-    attempt = attempt_indent(runs, name, model, stimulus)
+    attempt = runs.attempt(name, model, stimulus)
     found, closure_percent, peak_pa = None, math.nan, np.full(len(AFFERENTS), np.nan)
     if attempt.failure is not None:
         verdict = attempt.failure.cause.value

@@ -22,10 +22,9 @@ from decks.dialects import JOB
 from decks.finger import AfferentSite
 from decks.material import TABLE_1, Material
 from decks.presets import QUICK, model_of
-from fembridge.report.indent import AFFERENTS, DEPTH_UM, down, indent
 from fembridge.report.mesh_convergence import LIMIT_KPA, member
 from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
-from fembridge.report.runs import Runs
+from fembridge.report.runs import AFFERENTS, DEPTH_UM, Runs, down, indent
 from fembridge.report.study import Check, Finding, finish, line, panels
 from fembridge.results.printed import read_point_stress
 from fembridge.results.stress import von_mises_pa

@@ -7,9 +7,8 @@ Table 1's moduli; a neo-Hookean skin has the same moduli at rest.
 import numpy as np
 
 from decks.presets import QUICK, model_of
-from fembridge.report.indent import AFFERENTS, down, indent
 from fembridge.report.plane import NEO_HOOKEAN
-from fembridge.report.runs import Runs
+from fembridge.report.runs import AFFERENTS, Runs, down, indent
 from fembridge.report.study import Check, Finding, finish, line, panels
 
 DEPTH_UM, STEPS, STEPS_QUICK = 400.0, 16, 8

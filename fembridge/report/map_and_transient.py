@@ -17,7 +17,6 @@ from decks.analysis import Model
 from decks.presets import PRESETS, model_of
 from decks.stimuli import CATALOGUE, resolve
 from decks.waveform import make_stimulus
-from fembridge.build import inputs_of
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, off_percent, panels
@@ -160,9 +159,7 @@ def _figure(found: Sequence[Compared]) -> "Figure":
 def _mapped(runs: Runs, name: str, model: Model) -> tuple[ResponseMap, Attempt]:
     stimulus = indentation()
     model = replace(model, support="prescribed")  # as `solve_response` has it
-    attempt = runs.attempt(
-        f"map/{name}", model.analysis(stimulus), stimulus, inputs_of(model, stimulus)
-    ).accepted()
+    attempt = runs.attempt(f"map/{name}", model, stimulus).accepted()
     return recorded_response(attempt.folder), attempt
 
 
@@ -186,9 +183,7 @@ def _compare(runs: Runs, model: Model, response: ResponseMap, stimulus: Stimulus
         place = f"{model.finger.name}/{stimulus.id}_{number}"
         if number:
             response, _ = _mapped(runs, f"{place}_response", tried)
-        attempt = runs.attempt(
-            f"map/{place}", tried.analysis(stimulus), stimulus, inputs_of(tried, stimulus)
-        )
+        attempt = runs.attempt(f"map/{place}", tried, stimulus)
         if attempt.failure is None:
             return _compared(tried, response, stimulus, attempt)
         if attempt.failure.cause not in CONTACT_CAUSES:

@@ -17,8 +17,7 @@ from decks.finger import Finger, Resolution
 from decks.presets import PAPER, QUICK, model_of
 from decks.refinement import refined as refined_mesh
 from fembridge.errors import FingerError
-from fembridge.report.indent import AFFERENTS, DEPTH_UM, Indented, indent
-from fembridge.report.runs import Runs
+from fembridge.report.runs import AFFERENTS, DEPTH_UM, Indented, Runs, indent
 from fembridge.report.study import Check, Finding, exact, extrapolated, finish, line, panels
 from fembridge.typing import FloatArray
 

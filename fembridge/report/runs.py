@@ -1,27 +1,35 @@
 """Runs of the solver that a study asks for: each made once, its cost kept beside it.
 
+Most press a probe into a finger to one depth, in equal steps: `indent`.
+
 A run folder whose deck and results have the checksums on record is not run again,
 so that a study that was killed resumes. Runs follow each other, on one
 thread: only then is the processor time of a child process that of one run.
 """
 
 import hashlib
+import re
 import resource
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from decks.analysis import Analysis
+import numpy as np
+
+from decks.analysis import Model
 from decks.dialects import JOB
-from fembridge.build import build_analysis_folder
+from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
+from fembridge.results.printed import read_total_force
+from fembridge.results.source import read_values
+from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
-from fembridge.solver.ccx import finished_outcome, run_ccx
+from fembridge.solver.ccx import LOG_FILE, finished_outcome, run_ccx
 from fembridge.solver.settings import OnProgress, SolverSettings
 from fembridge.solver.verdict import Failure, Outcome
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, write_text
-from fembridge.typing import Table
+from fembridge.typing import FloatArray
 
 COST_FILE = "cost.toml"
 RUNS_FOLDER = "runs"
@@ -29,7 +37,15 @@ THREADS = 1
 # No single run of a study takes as long on any machine of the last ten years.
 TIME_LIMIT_S = 4 * 3600.0
 
+AFFERENTS = ("SA", "RA", "PC")
+DEPTH_UM = 200.0
+STEPS, STEPS_QUICK = 10, 4
+
 _STEP_MS = 1000.0
+_PROBE_SET = "PROBE"
+_SPRINGS = re.compile(r"Number of contact spring elements=(\d+)")
+_DT_MS = 0.5
+_UM_PER_MM = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +98,9 @@ class Runs:
         self.spent = Cost()
         self._on_progress = on_progress
 
-    def attempt(self, name: str, analysis: Analysis, stimulus: Stimulus, inputs: Table) -> Attempt:
-        """Solve `analysis`, which prescribes `stimulus`, in the folder `name`."""
-        place = self.folder / RUNS_FOLDER / name
-        return self._made(build_analysis_folder(place, analysis, stimulus, inputs))
+    def attempt(self, name: str, model: Model, stimulus: Stimulus) -> Attempt:
+        """Solve `model` under `stimulus` in the folder `name`; a failure is in the attempt."""
+        return self._made(build_run_folder(self.folder / RUNS_FOLDER / name, model, stimulus))
 
     def solve_deck(
         self, name: str, deck: str, increments: int = 1, dt_ms: float = _STEP_MS
@@ -132,6 +147,83 @@ class Runs:
         cost = Cost(outcome.increments, outcome.iterations, outcome.wall_s, cpu_s)
         self.spent += cost
         return Attempt(run.folder, cost, outcome.failure)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Indented:
+    """Von Mises stress `stress_pa` ``(T, afferent)`` at `depth_um` ``(T,)``.
+
+    Afferents are those of the finger, in its order; `apex_um` ``(T,)`` is how far the
+    skin under the probe moved in. The state at rest comes first. `touching` nodes of
+    the skin touch the probe at the end.
+    """
+
+    elements: int
+    depth_um: FloatArray
+    stress_pa: FloatArray
+    force_n_per_mm: FloatArray
+    apex_um: FloatArray
+    touching: int
+    cost: Cost
+
+    @property
+    def last_pa(self) -> FloatArray:
+        """Stress ``(afferent,)`` at the end."""
+        last: FloatArray = self.stress_pa[-1]
+        return last
+
+
+def through(depths_um: FloatArray, name: str) -> Stimulus:
+    """Stimulus that moves the probe through `depths_um` ``(T,)``, the first of them 0."""
+    return Stimulus(name, depths_um, _DT_MS, (0.0, (depths_um.size - 1) * _DT_MS))
+
+
+def down(depth_um: float = DEPTH_UM, steps: int = STEPS) -> Stimulus:
+    """Stimulus that moves the probe down to `depth_um` in equal steps."""
+    return through(np.linspace(0.0, depth_um, steps + 1), f"down_{depth_um:g}")
+
+
+def indent(
+    runs: Runs, name: str, model: Model, stimulus: Stimulus | None = None, *, law: str = "linear"
+) -> Indented:
+    """Solve and read one indentation.
+
+    Raises
+    ------
+    SolverError
+        The run is not accepted.
+    """
+    stimulus = stimulus or down(steps=STEPS_QUICK if runs.quick else STEPS)
+    model = replace(model, support="prescribed", law=law)
+    return read_indented(runs.attempt(name, model, stimulus).accepted(), model, stimulus)
+
+
+def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indented:
+    """Result of an accepted run, with the state at rest in front."""
+    run = read_run_folder(attempt.folder)
+    nodes = [place.node for place in run.afferents]
+    _, tensor_pa = read_values(run.results, nodes)
+    _, moved_mm = read_values(run.results, [run.apex_node], quantity="displacement")
+    _, force_n = read_total_force(attempt.folder / f"{JOB}.dat", _PROBE_SET)
+    return Indented(
+        elements=len(model.mesh.quad),
+        depth_um=stimulus.displacement_um,
+        stress_pa=_from_rest(von_mises_pa(tensor_pa)),
+        force_n_per_mm=_from_rest(-force_n[:, 1]),
+        apex_um=_from_rest(-_UM_PER_MM * moved_mm[:, 0, 1]),
+        touching=read_touching(attempt.folder / LOG_FILE),
+        cost=attempt.cost,
+    )
+
+
+def read_touching(log: Path) -> int:
+    """Last number of contact springs in CalculiX's log."""
+    numbers = _SPRINGS.findall(log.read_text(encoding="utf-8", errors="replace"))
+    return int(numbers[-1]) if numbers else 0
+
+
+def _from_rest(values: FloatArray) -> FloatArray:
+    return np.concatenate([np.zeros_like(values[:1]), values])
 
 
 def _children_s() -> float:

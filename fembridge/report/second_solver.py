@@ -14,9 +14,8 @@ from decks.analysis import Model
 from decks.dialects import JOB
 from decks.finger import LAYERS
 from decks.presets import QUICK, mesh_of
-from fembridge.report.indent import down
 from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
-from fembridge.report.runs import Runs
+from fembridge.report.runs import Runs, down
 from fembridge.report.study import Check, Finding, off_percent
 from fembridge.results.printed import read_point_stress
 from fembridge.results.source import read_values

@@ -12,7 +12,7 @@ from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
 from fembridge.errors import MissingError, UsageError
 from fembridge.evidence import Facts
-from fembridge.fitting.problem import ResponseSource, solved_source, stored_source
+from fembridge.fitting.problem import solved_source, stored_source
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.observed import ObservedRates
 from fembridge.report.evidence import Evidence, gather
@@ -59,9 +59,8 @@ _SHORT_DIGEST = 12
 
 @dataclass(frozen=True, slots=True)
 class JudgedModel(ParameterSet):
-    """A parameter set, the `word` that chooses it, and in a line the `source` of its numbers."""
+    """A parameter set, and in a line the `source` of its numbers."""
 
-    word: str = ""
     source: str = ""
 
     def held_out(self) -> dict[str, dict[str, Any]]:
@@ -89,7 +88,6 @@ class Validation:
     """
 
     response: ResponseMap
-    stored: bool
     models: tuple[JudgedModel, ...]
     simulations: Mapping[str, Simulation]
     observed: ObservedRates | None
@@ -116,7 +114,7 @@ class Validation:
 
 
 def validate(
-    source: ResponseSource,
+    response: ResponseMap,
     models: Sequence[JudgedModel],
     observed: ObservedRates | None = None,
     log: Callable[[str], None] = lambda line: None,
@@ -144,7 +142,7 @@ def validate(
     ResponseError
         A model's probe goes deeper than the response.
     """
-    left_out, response = _left_out(observed, log), source.response
+    left_out = _left_out(observed, log)
     simulations = {model.name: _simulated(model, response) for model in models}
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: one.mean_rates for name, one in simulations.items()}
@@ -155,7 +153,6 @@ def validate(
     if unlike := judged.unlike(response):
         log(unlike)
     return Validation(
-        stored=source.stored,
         response=response,
         models=tuple(models),
         simulations=simulations,
@@ -172,12 +169,12 @@ def validate(
     )
 
 
-def source_of(
+def response_of(
     finger: str,
     response: Path | str | None,
     models: Sequence[JudgedModel],
     log: Callable[[str], None] = lambda line: None,
-) -> ResponseSource:
+) -> ResponseMap:
     """The response at that place, the stored one of a preset, or that of a finger, solved.
 
     Raises
@@ -186,10 +183,10 @@ def source_of(
         A finger of one's own, and no solver.
     """
     if response is not None:
-        return solved_source(Path(response))
+        return solved_source(Path(response)).response
     deepest_um = max(model.preindent_um for model in models) + _STROKE_UM
     if finger in STORED:
-        return stored_source(finger, deepest_um)
+        return stored_source(finger, deepest_um).response
     pressed = replace(model_of(read_finger(finger)), element=ELEMENT)
     if find_ccx() is None:
         raise MissingError(
@@ -198,7 +195,7 @@ def source_of(
         )
     with TemporaryDirectory() as place:
         _, solved = solve_response(Path(place), pressed, deepest_um, log=log)
-    return ResponseSource(solved, Path(finger), stored=False)
+    return solved
 
 
 def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
@@ -251,7 +248,7 @@ def _model(word: str) -> JudgedModel:
     if word not in SET_NAMES:
         source = f"file {Path(word).name}, SHA-256 {sha256_of(Path(word))[:_SHORT_DIGEST]}"
     known = {each.name: getattr(found, each.name) for each in fields(found)}
-    return JudgedModel(**known, word=word, source=source)
+    return JudgedModel(**known, source=source)
 
 
 def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:

@@ -1,4 +1,4 @@
-"""The figures that only a validation has: regressions, a raster, thresholds, recorded afferents.
+"""The figures that only a validation has: regressions, a raster, recorded afferents.
 
 A source looks the same in all: observed rates are black, TouchSim is grey, a model has the
 colour of the class, the judged one filled.
@@ -47,9 +47,6 @@ _LEGEND: dict[str, Any] = {"down_in": 0.12, "columnspacing": 1.3, "handletextpad
 _MARK_PT = 3.8
 _REGRESSION: dict[str, Any] = {"linewidth": 1.5 * LINE_PT, "dashes": (3.5, 1.6), "zorder": 2}
 _EQUAL: dict[str, Any] = {"color": FAINT, "linewidth": 1.6 * HAIR_PT}
-# Thresholds: lanes of a block, one a frequency.
-_LANE_IN, _BETWEEN_BLOCKS = 0.135, 0.9
-_BAR_PT, _DOT_PT = 3.4, 4.2
 # Raster: a train in its row, and a row for each cell where there are many.
 _TRAIN_HEIGHT, _FEW_ROWS_IN, _ROW_IN = 0.74, 0.62, 0.07
 # Beside recorded afferents; the tuning curves are `fembridge.plots.thresholds`.
@@ -187,74 +184,6 @@ def raster_figure(
     for panel, afferent in zip(panels[1:, 0], AFFERENTS, strict=True):
         panel.set_ylabel(afferent, **place, **class_style(afferent, TEXT_PT + 2))
     return figure
-
-
-@in_style
-def threshold_figure(thresholds: "DataFrame", judged: str) -> "Figure":
-    """Each source's threshold as a mark and its plateau of 1:1 as a bar.
-
-    A panel a class, a block a frequency.
-    """
-    table = thresholds
-    sources, frequencies_hz = list(table.source.unique()), sorted(table.frequency_hz.unique())
-    block = len(sources) + _BETWEEN_BLOCKS
-    lanes = block * len(frequencies_hz)
-    figure, [panels] = new_figure(
-        1.0 + lanes * _LANE_IN,
-        columns=len(AFFERENTS),
-        margins_in=(0.62, 0.12, 0.56, 0.44, 0.16, 0.0),
-        sharex=True,
-        sharey=True,
-    )
-    middles = [k * block + (len(sources) - 1) / 2 for k in range(len(frequencies_hz))]
-    panels[0].set_yticks(middles, [f"{frequency_hz:g} Hz" for frequency_hz in frequencies_hz])
-    panels[0].set_ylim(lanes - _BETWEEN_BLOCKS / 2 - 0.5, -0.9)
-    for panel, afferent in zip(panels, AFFERENTS, strict=True):
-        for row in table[table.afferent == afferent].itertuples():
-            lane = frequencies_hz.index(row.frequency_hz) * block + sources.index(row.source)
-            _draw_threshold(panel, row, lane, judged)
-        for middle in middles[1:]:
-            panel.axhline(middle - block / 2, color=FAINT, linewidth=HAIR_PT, zorder=0)
-        log_axis(panel, table.lowest_tried_um.min() / 1.5, table.highest_tried_um.max() * 1.5)
-        panel.tick_params(axis="y", length=0.0)
-        panel.spines["left"].set_visible(False)
-        panel.set_title(afferent, pad=5, **class_style(afferent, TEXT_PT + 1))
-    _name_figure(figure, panels[None], "Amplitude (µm)")
-    samples = [
-        [
-            _threshold_mark(s, one, judged)
-            for one in AFFERENTS[: 1 if s in (OBSERVED, TOUCHSIM) else 3]
-        ]
-        for s in sources
-    ]
-    bar = {"linewidth": _BAR_PT, "solid_capstyle": "butt"}
-    names = [source_title(source, judged) for source in sources]
-    legend_above(
-        figure,
-        [*samples, bar, marks(">", INK, _DOT_PT, filled=True)],
-        [*names, "one impulse a cycle", "none up to here"],
-        pad=0.2,
-        handlelength=1.9,
-        **_LEGEND,
-    )
-    return figure
-
-
-def _threshold_mark(source: str, afferent: str, judged: str, marker: str = "o") -> dict[str, Any]:
-    filled = source in (OBSERVED, TOUCHSIM, judged)
-    return marks(marker, _colour(source, afferent), _DOT_PT, filled=filled)
-
-
-def _draw_threshold(panel: "Axes", row: Any, lane: float, judged: str) -> None:  # noqa: ANN401 - row
-    tried_um = [row.lowest_tried_um, row.highest_tried_um]
-    panel.plot(tried_um, [lane, lane], color=FAINT, linewidth=HAIR_PT, zorder=1)
-    plateau_um = [row.plateau_low_um, row.plateau_high_um]
-    width_pt = _BAR_PT if row.source in (OBSERVED, TOUCHSIM, judged) else 0.5 * _BAR_PT
-    style: dict[str, Any] = {"linewidth": width_pt, "solid_capstyle": "butt", "zorder": 2}
-    panel.plot(plateau_um, [lane, lane], color=_colour(row.source, row.afferent), **style)
-    above = math.isinf(row.threshold_um)
-    style = _threshold_mark(row.source, row.afferent, judged, ">" if above else "o")
-    panel.plot([row.highest_tried_um if above else row.threshold_um], [lane], **style)
 
 
 @in_style

@@ -40,7 +40,6 @@ from fembridge.report.validation_figures import (
     raster_figure,
     regression_figure,
     source_title,
-    threshold_figure,
 )
 from fembridge.simulation import spikes_frame
 from fembridge.store import filling, sha256_of, write_text
@@ -187,7 +186,6 @@ def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
             f"regression_{family.name}",
             regression_figure(study.rates, study.agreement, family, reference, judged),
         )
-    yield "thresholds", threshold_figure(study.thresholds, judged)
     yield "tuning", thresholds_figure(known.curves, known.tuning)
     yield "fingertip_tuning", thresholds_figure(known.fingertip_curves, known.fingertip_tuning)
     yield "phases", phase_figure(known)

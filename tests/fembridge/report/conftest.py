@@ -44,14 +44,14 @@ def own_file(tmp_path_factory):
 @pytest.fixture(scope="session")
 def study(observed_file, own_file):
     observed = read_observed(observed_file, complete=False)
-    return validate(stored_source("quick"), judged_models(str(own_file)), observed)
+    return validate(stored_source("quick").response, judged_models(str(own_file)), observed)
 
 
 @pytest.fixture(scope="session")
 def unobserved(study):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fembridge.report.validate.gather", lambda *_: study.evidence)
-        return validate(stored_source("quick"), judged_models("published"))
+        return validate(stored_source("quick").response, judged_models("published"))
 
 
 @pytest.fixture
@@ -66,7 +66,6 @@ def undrawn(monkeypatch):
     names = [
         "skin_deflection",
         "rasters",
-        "thresholds",
         "tuning",
         "fingertip_tuning",
         "phases",

@@ -36,7 +36,7 @@ from fembridge.report.validate import (
     cells_of,
     judged_models,
     repeated_trains,
-    source_of,
+    response_of,
     validate,
 )
 from fembridge.report.validation_page import page_text, shortfalls
@@ -244,7 +244,7 @@ def test_rates_that_are_all_zero_are_a_shortfall_only_of_a_model_that_fires(tmp_
     rates = [Rate(id_, afferent, 0.0) for id_ in noises for afferent in ("SA", "RA")]
     write_rates(tmp_path / "rates.csv", rates)
     observed = read_observed(tmp_path / "rates.csv")
-    study = validate(stored_source("quick"), judged_models("published"), observed)
+    study = validate(stored_source("quick").response, judged_models("published"), observed)
     openings = [
         one.partition(":")[0] for one in shortfalls(with_rates(study, "published", "RA", 0.0))
     ]
@@ -258,7 +258,9 @@ def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     write_rates(tmp_path / "rates.csv", rates)
     log = []
     observed = read_observed(tmp_path / "rates.csv")
-    study = validate(stored_source("quick"), judged_models("published"), observed, log.append)
+    study = validate(
+        stored_source("quick").response, judged_models("published"), observed, log.append
+    )
     assert study.left_out == ("sine_40_100",)
     assert ["sine_40_100" in line for line in log] == [True]
 
@@ -267,7 +269,7 @@ def test_observed_rates_of_none_of_the_paper_s_stimuli_are_refused(tmp_path):
     write_rates(tmp_path / "rates.csv", [Rate("sine_40_100", "SA", 20.0)])
     observed = read_observed(tmp_path / "rates.csv")
     with pytest.raises(UsageError, match="sine_40_100"):
-        validate(stored_source("quick"), judged_models("published"), observed)
+        validate(stored_source("quick").response, judged_models("published"), observed)
 
 
 def test_rows_of_a_large_population_are_from_the_keenest_to_the_dullest(study):
@@ -300,7 +302,6 @@ def test_a_file_is_judged_under_its_name_and_the_published_model_comes_after(own
     own, published = judged_models(str(own_file))
     assert (own.name, published.name) == ("own", "published")
     assert own.parameters["SA"].alpha_mv_per_ms == 1.2
-    assert own.word == str(own_file)
     assert own.source.startswith("file own.toml, SHA-256 ")
 
 
@@ -366,13 +367,13 @@ def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(
     own.write_bytes((FOLDER / "paper.toml").read_bytes())
     models = judged_models()
     log = []
-    found = validate(source_of("quick", own, models), models, log=log.append)
-    assert (found.finger, found.stored) == ("paper", False)
+    found = validate(response_of("quick", own, models), models, log=log.append)
+    assert found.finger == "paper"
     assert log == ["parameters fitted were fitted on finger 'quick' (here: paper)"]
     text = page_text(found, "fembridge validate --response response.toml", tmp_path)
     assert "arameters fitted were fitted on finger" in text
     monkeypatch.setattr("fembridge.report.validate.gather", lambda *_: found.evidence)
-    of_paper = validate(source_of("paper", None, models), models)
+    of_paper = validate(response_of("paper", None, models), models)
     rates = [one.rates.of("fitted", "SA", SINES.stimuli) for one in (found, of_paper)]
     assert_array_equal(*rates)
 
@@ -382,7 +383,7 @@ def test_a_finger_of_one_s_own_takes_a_solver_or_its_response(tmp_path, monkeypa
     finger = tmp_path / "mine.toml"
     finger.write_text("name = 'mine'\n", encoding="utf-8")
     with pytest.raises(MissingError, match="--response DIR"):
-        source_of(str(finger), None, judged_models("published"))
+        response_of(str(finger), None, judged_models("published"))
 
 
 def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study):

@@ -9,7 +9,6 @@ from fembridge.report.validate import RASTER_STIMULI, repeated_trains
 from fembridge.report.validation_figures import (
     raster_figure,
     regression_figure,
-    threshold_figure,
 )
 from fembridge.tables import AFFERENTS
 
@@ -34,11 +33,7 @@ def ramp(study):
     return raster_figure(study.evidence.ramp, [study.evidence.ramp_stimulus])
 
 
-def thresholds(study):
-    return threshold_figure(study.thresholds, "own")
-
-
-@pytest.mark.parametrize("figure_of", [regression, raster, ramp, thresholds])
+@pytest.mark.parametrize("figure_of", [regression, raster, ramp])
 def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_of, check_words):
     check_words(figure_of(study), LEAST_PT)
 

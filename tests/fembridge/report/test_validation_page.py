@@ -84,7 +84,6 @@ def test_a_report_is_a_page_with_numbers_figures_and_a_record(report):
         *("deflection_convergence.csv", "skin_deflection.svg", "rasters.svg"),
         *(f"rates_{family.name}.svg" for family in FAMILIES),
         *(f"regression_{family.name}.svg" for family in FAMILIES),
-        "thresholds.svg",
         *(f"{name}.svg" for name in ("tuning", "phases", "man", "distance", "ramp")),
         *("fingertip_tuning.svg", "fingertip_timing.csv"),
         *("fingertip_tuning.csv", "fingertip_tuning_curves.csv"),
@@ -120,7 +119,7 @@ def test_every_figure_and_table_has_a_command_and_a_file(read, report):
 
 def test_figures_have_the_page_s_colours_no_size_and_each_its_own_ids(read):
     drawings = re.findall(r"<svg.*?</svg>", read.text, re.DOTALL)
-    assert len(drawings) == 15
+    assert len(drawings) == 14
     for drawing in drawings:
         head = drawing.partition(">")[0]
         assert "viewBox" in head and " width" not in head and " height" not in head

@@ -18,10 +18,9 @@ from fembridge.commands.written import outputs_of
 from fembridge.errors import MissingError, UsageError
 from fembridge.report import contact, laws, patch
 from fembridge.report import verify as module
-from fembridge.report.indent import Indented, read_touching
 from fembridge.report.map_and_transient import Compared, finding_of
 from fembridge.report.plane import PlaneProblem, neo_hookean
-from fembridge.report.runs import Cost, Runs
+from fembridge.report.runs import Cost, Indented, Runs, read_touching
 from fembridge.report.study import AT_LEAST, Check, Finding
 from fembridge.report.verify import STUDIES, studies_named, summary_of, verify, write_report
 from fembridge.trace import StressTrace
