@@ -172,6 +172,8 @@ def agreement_table(rates: RateTable) -> "DataFrame":
     A row for each ``reference, source, family, set, afferent``, which are the index as well;
     `set` is one of the family's, or ``all``. Where the two have no stimulus in common, the count
     is 0 and the other numbers NaN. Observed rates are predicted by nobody.
+    ``meets_paper``: R² and p are what the paper reports; ``meets_goal``: R² is
+    `GOAL_R_SQUARED` or more, and RMSE below TouchSim's; None without observed rates.
     """
     from pandas import DataFrame
 
@@ -191,7 +193,18 @@ def agreement_table(rates: RateTable) -> "DataFrame":
                 found = (numbers.get(number, np.nan) for number in NUMBERS)
                 rows.append((reference, source, family.name, name, afferent, *found))
     keys = ["reference", "source", "family", "set", "afferent"]
-    return DataFrame(rows, columns=[*keys, *NUMBERS]).set_index(keys, drop=False)
+    table = DataFrame(rows, columns=[*keys, *NUMBERS]).set_index(keys, drop=False)
+    known = (table.reference == OBSERVED) & (table["count"] > 0)
+    of_touchsim = table.rmse_ips.xs(TOUCHSIM, level="source") if len(table) else table.rmse_ips
+    index: Any = table.index
+    unknown: Any = None
+    theirs_ips = of_touchsim.reindex(index.droplevel("source")).to_numpy()
+    paper = (table.r_squared > PAPER_R_SQUARED) & (table.p_value < PAPER_P_VALUE)
+    goal = (table.r_squared >= GOAL_R_SQUARED) & (table.rmse_ips < theirs_ips)
+    return table.assign(
+        meets_paper=np.where(known, paper.astype(object), unknown),
+        meets_goal=np.where(known & np.isfinite(theirs_ips), goal.astype(object), unknown),
+    )
 
 
 def held_out_table(
@@ -237,26 +250,6 @@ def row_of(table: "DataFrame", *key: Any) -> "Series[Any]":  # noqa: ANN401 - la
     rows: Any = table.loc
     found: Series[Any] = rows[key]
     return found
-
-
-def meets_paper(cell: Any) -> bool | None:  # noqa: ANN401 - a row
-    """Whether R² and p are what the paper reports; None without observed rates.
-
-    `cell` is a row of `agreement_table`.
-    """
-    if cell["count"] == 0 or cell["reference"] != OBSERVED:
-        return None
-    return bool(cell["r_squared"] > PAPER_R_SQUARED and cell["p_value"] < PAPER_P_VALUE)
-
-
-def beats(cell: Any, other: Any) -> bool | None:  # noqa: ANN401 - rows
-    """Whether R² is `GOAL_R_SQUARED` or more and RMSE below that of `other`.
-
-    None without observed rates.
-    """
-    if cell["count"] == 0 or other["count"] == 0 or cell["reference"] != OBSERVED:
-        return None
-    return bool(cell["r_squared"] >= GOAL_R_SQUARED and cell["rmse_ips"] < other["rmse_ips"])
 
 
 def threshold_table(rates: RateTable) -> "DataFrame":

@@ -120,8 +120,9 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
     finest = study.deflections[-1]
     half_mm = np.interp(-0.5 * finest.at(0.0), -finest.deflection_mm, finest.distance_mm)
     observed = study.rates.reference() == OBSERVED
-    goals = [_goals(study, *place) for place in product(FAMILIES, AFFERENTS)] if observed else []
-    known = [mark for mark in goals if mark[0] is not None]
+    cells = study.agreement
+    judged = (cells.source == study.judged.name) & (cells["set"] == EVERY_SET)
+    known = cells[judged & cells.meets_paper.notna()]
     simulation = study.simulations[study.judged.name]
     return rendered(
         "validation.html.j2",
@@ -136,7 +137,8 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         constants={**vars(rates), **vars(validate), **vars(threshold)},
         summary=_agreement_frame(study, study.rates.reference()),
         touchsim=_agreement_frame(study, TOUCHSIM),
-        goals_met=[sum(bool(mark[k]) for mark in known) for k in (0, 1)] + [len(known)],
+        goals_met=[int(known[name].sum()) for name in ("meets_paper", "meets_goal")],
+        goals_known=len(known),
         shortfalls=shortfalls(study),
         sources=_source_frame(study),
         raster_cells=validate.cells_of(simulation),
@@ -252,7 +254,7 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
     columns = ["quantity", "mesh", "elements", "value", "last_change_percent", "limit", "order"]
     return {
         "rates": study.rates.frame,
-        "agreement": study.agreement,
+        "agreement": study.agreement.drop(columns=["meets_paper", "meets_goal"]),
         "rasters": concat(rasters)[["source", *SPIKE_COLUMNS]],
         "thresholds": thresholds[keys + tried],
         "entrainment": thresholds.drop(columns=tried),
@@ -330,20 +332,12 @@ def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
     if reference == OBSERVED:
         paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
         ours = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
-        marks = [map(_mark, _goals(study, *place)) for place in product(FAMILIES, AFFERENTS)]
-        for goal, column in zip((paper, ours), zip(*marks, strict=True), strict=True):
-            frame["Goals of this model", goal] = column
+        place = (reference, study.judged.name, EVERY_SET)
+        cells = study.agreement.xs(place, level=("reference", "source", "set"))
+        for goal, column in ((paper, "meets_paper"), (ours, "meets_goal")):
+            frame["Goals of this model", goal] = cells[column].map(_mark)
     names = {one.name: f"{one.title} ({len(one.stimuli)} stimuli)" for one in FAMILIES}
     return frame.rename(index=names, level=0)
-
-
-def _goals(study: Validation, family: Family, afferent: str) -> tuple[bool | None, bool | None]:
-    """Whether the judged model meets the paper's bar, and ours; None without observed rates."""
-    mine, touchsims = (
-        row_of(study.agreement, OBSERVED, source, family.name, EVERY_SET, afferent)
-        for source in (study.judged.name, TOUCHSIM)
-    )
-    return rates.meets_paper(mine), rates.beats(mine, touchsims)
 
 
 def _mark(met: bool | None) -> str:
@@ -423,7 +417,7 @@ def _off(study: Validation, family: Family, afferent: str) -> _Off:
     mean_ips = float(np.nanmean(study.rates.of(cell.reference, afferent, family.stimuli)))
     if not mean_ips:
         return _Off(observed, math.inf, bool(cell.rmse_ips > 0))
-    good = _goals(study, family, afferent)[1] if observed else cell.r_squared > PAPER_R_SQUARED
+    good = cell.meets_goal if observed else cell.r_squared > PAPER_R_SQUARED
     share = float(cell.rmse_ips) / mean_ips
     return _Off(observed, share, not (good and share <= RMSE_SHARE))
 
@@ -443,7 +437,7 @@ def _rate_sentence(
         where = f"where {cell.reference} reaches {top_ips:.1f} impulses/s"
         return f"{name}: silent throughout, {where}."
     high = off.observed and cell.r_squared >= rates.GOAL_R_SQUARED
-    lost = high and not _goals(study, family, afferent)[1]
+    lost = high and not cell.meets_goal
     worst = _worst_set(study, family, afferent).replace(", ", " ", 1)
     return (
         f"{name}: R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s"
