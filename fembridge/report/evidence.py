@@ -6,7 +6,7 @@ the whole fingertip are held to timing and thresholds too; the distance from a p
 its own.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -41,12 +41,6 @@ if TYPE_CHECKING:
 
 # Within these bounds the timing of a model passes for that of a recorded unit.
 STRENGTH_APART, IMPULSES_APART = 0.25, 0.30
-
-# Impulses a cycle that a model may be off the median of human units.
-IMPULSES_IN_MAN_APART = 0.5
-
-# A tuning curve may be off by so many times at one frequency, and by so many in the median.
-MOST_TIMES, MEDIAN_TIMES = 4.0, 1.5
 
 # From first touch 300 um deep at 3 mm/s, held for half a second, and back.
 RAMP = Ramp(depth_um=300, up_ms=100, hold_ms=500, down_ms=100)
@@ -92,16 +86,6 @@ class Evidence:
     ramp_stimulus: Stimulus
     sources: Mapping[str, str]
     trains: tuple[SpikeTrain, ...] = ()
-
-    def shortfalls(self) -> tuple[str, ...]:
-        """A sentence for everything that is known and that the model does not do."""
-        return (
-            *_timing_shortfalls(self.timing),
-            *_tuning_shortfalls(self.tuning),
-            *_man_shortfalls(self.man),
-            *_ramp_shortfalls(self.ramp),
-            *_distance_shortfalls(self.distance),
-        )
 
 
 def gather(
@@ -207,7 +191,8 @@ def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
     return DataFrame(rows, columns=list(TIMING_COLUMNS))
 
 
-def _records(table: "DataFrame") -> list[dict[Any, Any]]:
+def records(table: "DataFrame") -> list[dict[Any, Any]]:
+    """Rows of a table."""
     return table.to_dict("records")
 
 
@@ -230,7 +215,7 @@ def _beside(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "Data
     from pandas import DataFrame
 
     rows = []
-    for row in _records(recorded):
+    for row in records(recorded):
         frequency_hz = row["frequency_hz"]
         stimulus = vibration(frequency_hz, row["amplitude_um"], preindent_um)
         cells = spikes(row["afferent"], stimulus)
@@ -341,87 +326,3 @@ def _distance(table: "DataFrame") -> "DataFrame":
         for each in zip(np.split(units.z_mm, 2), np.split(least_um, 2), strict=True)
     )
     return table.assign(model_um=median, keenest_um=keen)
-
-
-def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
-    for row in _records(timing[~timing["strengths_near"]]):
-        mine, theirs = (
-            " and ".join(f"{row[f'{prefix}{name}']:.2f}" for name in _NUMBERS[1:])
-            for prefix in ("model_", "")
-        )
-        words = f"vector strength {mine} at the frequency and at twice it, recorded {theirs}"
-        if np.isnan(row["model_strength_f"]):
-            words = "no spikes where recorded afferents fire"
-        place = f"{row['frequency_hz']:g} Hz, {row['amplitude_um']:g} µm"
-        yield f"{row['afferent']}, timing at {place}: {words}."
-    off = timing[~timing["impulses_near"]]
-    for afferent in dict.fromkeys(off["afferent"]):
-        words = ", ".join(
-            f"{row['model_keenest_impulses']:.1f} instead of {row[_NUMBERS[0]]:.1f} at "
-            f"{row['amplitude_um']:g} µm"
-            for row in _records(off[off["afferent"] == afferent])
-        )
-        yield f"{afferent}, impulses a cycle of the keenest cell: {words}."
-
-
-def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:
-    known = tuning.dropna(subset="ratio")
-    known = known.assign(times=np.exp(np.abs(np.log(known["ratio"]))))
-    for afferent in dict.fromkeys(known["afferent"]):
-        rows = _records(known[known["afferent"] == afferent].sort_values("times"))
-        median, worst = float(np.median([row["times"] for row in rows])), rows[-1]
-        if median > MEDIAN_TIMES or worst["times"] > MOST_TIMES:
-            yield (
-                f"{afferent}, thresholds: off by {median:.1f} times in the median, most at "
-                f"{worst['frequency_hz']:g} Hz ({worst['criterion'].replace('_', ' ')}): "
-                f"{worst['model_um']:.3g} µm instead of {worst['amplitude_um']:.3g}."
-            )
-
-
-def _man_shortfalls(man: "DataFrame") -> Iterator[str]:
-    for afferent, mine in man.groupby("afferent", sort=False):
-        apart = (mine["model"] - mine["impulses_per_cycle"]).abs()
-        row = _records(mine)[int(apart.to_numpy().argmax())]
-        if apart.max() > IMPULSES_IN_MAN_APART:
-            yield (
-                f"{afferent}, impulses a cycle in man: farthest off with {row['model']:.1f} "
-                f"instead of {row['impulses_per_cycle']:.1f} at {row['frequency_hz']:g} Hz, "
-                f"{row['amplitude_um']:g} µm."
-            )
-
-
-def _distance_shortfalls(distance: "DataFrame") -> Iterator[str]:
-    ratio = (distance["model_um"] / distance["amplitude_um"]).dropna()
-    times = np.exp(np.abs(np.log(ratio.to_numpy())))
-    if times.size and np.median(times) > MEDIAN_TIMES:
-        yield (
-            f"RA, away from a probe on the whole fingertip (fitted_pad): amplitudes off by "
-            f"{np.median(times):.1f} times in the median, {times.max():.1f} at most."
-        )
-
-
-def _ramp_shortfalls(trains: Sequence[SpikeTrain]) -> Iterator[str]:
-    start_ms, top_ms, back_ms, end_ms = RAMP.corners_ms
-
-    def count(afferent: str, low_ms: float, high_ms: float) -> int:
-        mine = [train.times_ms for train in trains if train.afferent == afferent]
-        return sum(int(((one > low_ms) & (one <= high_ms)).sum()) for one in mine)
-
-    early = count("SA", top_ms, top_ms + 100.0)
-    late = count("SA", back_ms - 100.0, back_ms)
-    if not early > late > 0:
-        yield (
-            f"SA, ramp and hold: {early} spikes of all cells in the first 100 ms of the hold and "
-            f"{late} in the last; recorded ones slow down and fire on."
-        )
-    margin_ms = 25.0
-    for low_ms, high_ms, name in (
-        (start_ms, top_ms + margin_ms, "indentation"),
-        (back_ms, end_ms + margin_ms, "retraction"),
-    ):
-        silent = [one for one in ("RA", "PC") if not count(one, low_ms, high_ms)]
-        if silent:
-            yield f"{' and '.join(silent)}, ramp and hold: silent during {name}."
-    for one in ("RA", "PC"):
-        if count(one, top_ms + 2 * margin_ms, back_ms):
-            yield f"{one}, ramp and hold: fires while the probe stands."

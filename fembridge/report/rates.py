@@ -195,7 +195,7 @@ def agreement_table(rates: RateTable) -> "DataFrame":
     keys = ["reference", "source", "family", "set", "afferent"]
     table = DataFrame(rows, columns=[*keys, *NUMBERS]).set_index(keys, drop=False)
     known = (table.reference == OBSERVED) & (table["count"] > 0)
-    of_touchsim = table.rmse_ips.xs(TOUCHSIM, level="source") if len(table) else table.rmse_ips
+    of_touchsim = table.rmse_ips[table.source == TOUCHSIM].droplevel("source")
     index: Any = table.index
     unknown: Any = None
     theirs_ips = of_touchsim.reindex(index.droplevel("source")).to_numpy()

@@ -10,7 +10,7 @@ import platform
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,8 +29,8 @@ from fembridge.report.rates import (
     STIMULI,
     TOUCHSIM,
     Family,
-    row_of,
 )
+from fembridge.report.shortfalls import shortfalls
 from fembridge.report.template import ABSENT, number, rendered
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.report.validation_figures import (
@@ -57,8 +57,6 @@ if TYPE_CHECKING:
 
 PAGE = "index.html"
 RECORD = "validation.toml"
-# An RMSE above this share of the mean rate is a shortfall even where R² is high.
-RMSE_SHARE = 0.5
 
 _RATES_IN = 1.25
 _TIMING_HEADS = {
@@ -361,100 +359,6 @@ def _family(study: Validation, family: Family) -> dict[str, Any]:
         "sources": study.rates.known(family.stimuli),
         "agreement": frame.rename(index=titles, level=1),
     }
-
-
-def _judged(study: Validation, family: Family, afferent: str) -> "Series[Any]":
-    """Agreement of the judged model over a whole family with what that is compared with."""
-    key = (study.rates.reference(family.stimuli), study.judged.name, family.name, EVERY_SET)
-    return row_of(study.agreement, *key, afferent)
-
-
-def _worst_set(study: Validation, family: Family, afferent: str) -> str:
-    """Set with the largest mean error, how far and to which side: in words."""
-    reference = study.rates.reference(family.stimuli)
-    place = (reference, study.judged.name, family.name, afferent)
-    titles = {one.name: one.title for one in family.sets}
-    levels = ["reference", "source", "family", "afferent"]
-    biases_ips = study.agreement.xs(place, level=levels).bias_ips
-    biases_ips = biases_ips.reindex(list(titles)).dropna()
-    worst = str(biases_ips.abs().idxmax())
-    side = "high" if biases_ips[worst] > 0 else "low"
-    return f"{titles[worst]}, {abs(biases_ips[worst]):.1f} impulses/s too {side} on average"
-
-
-def shortfalls(study: Validation) -> tuple[str, ...]:
-    """A sentence for everything in which the model is not good enough, class by class.
-
-    Of a class whose rates are near enough in every family it is the family that is worst.
-    """
-    found = [*_held_out_shortfalls(study), *study.evidence.shortfalls()]
-    for afferent in reversed(AFFERENTS):
-        known = [family for family in FAMILIES if _judged(study, family, afferent)["count"]]
-        off = {family: _off(study, family, afferent) for family in known}
-        short = [family for family in known if off[family].short]
-        sentences = [_rate_sentence(study, family, afferent, off[family]) for family in short]
-        if known and not any(off[family].observed for family in short):
-            worst = max(known, key=lambda family: (off[family].observed, off[family].share))
-            if worst not in short:
-                sentences.append(
-                    _rate_sentence(study, worst, afferent, off[worst], "weakest under ")
-                )
-        found = sentences + found
-    return tuple(sorted(found, key=lambda sentence: AFFERENTS.index(sentence[:2])))
-
-
-class _Off(NamedTuple):
-    """RMSE as a `share` of the mean rate, whether that is `short` of what it should be."""
-
-    observed: bool
-    share: float
-    short: bool
-
-
-def _off(study: Validation, family: Family, afferent: str) -> _Off:
-    cell = _judged(study, family, afferent)
-    observed = cell.reference == OBSERVED
-    mean_ips = float(np.nanmean(study.rates.of(cell.reference, afferent, family.stimuli)))
-    if not mean_ips:
-        return _Off(observed, math.inf, bool(cell.rmse_ips > 0))
-    good = cell.meets_goal if observed else cell.r_squared > PAPER_R_SQUARED
-    share = float(cell.rmse_ips) / mean_ips
-    return _Off(observed, share, not (good and share <= RMSE_SHARE))
-
-
-def _rate_sentence(
-    study: Validation, family: Family, afferent: str, off: _Off, opening: str = ""
-) -> str:
-    """What is off, and where most."""
-    cell = _judged(study, family, afferent)
-    against = "" if off.observed else ", against TouchSim"
-    name = f"{afferent}, {opening}{family.title.lower()}{against}"
-    target_ips, predicted_ips = (
-        study.rates.of(source, afferent, family.stimuli) for source in (cell.reference, cell.source)
-    )
-    top_ips = np.nanmax(target_ips)
-    if top_ips > 0 and not np.nanmax(predicted_ips) > 0:
-        where = f"where {cell.reference} reaches {top_ips:.1f} impulses/s"
-        return f"{name}: silent throughout, {where}."
-    high = off.observed and cell.r_squared >= rates.GOAL_R_SQUARED
-    lost = high and not cell.meets_goal
-    worst = _worst_set(study, family, afferent).replace(", ", " ", 1)
-    return (
-        f"{name}: R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s"
-        f"{', not below TouchSim’s' if lost else ''} where the mean rate is "
-        f"{np.nanmean(target_ips):.1f}; at {worst}."
-    )
-
-
-def _held_out_shortfalls(study: Validation) -> Iterator[str]:
-    for afferent, rows in study.held_out.groupby("afferent", sort=False):
-        [total] = rows[rows.frequency_hz.isna()].to_dict("records")
-        goal_ips = rates.HELD_OUT_GOAL_IPS[str(afferent)]
-        if total["held_out_rmse_ips"] > goal_ips:
-            yield (
-                f"{afferent}, frequencies left out of the fit: RMSE "
-                f"{total['held_out_rmse_ips']:.1f} impulses/s, where {goal_ips:g} is the goal."
-            )
 
 
 def _amplitude_words(row: Any, amplitude_um: float) -> str:  # noqa: ANN401 - a row

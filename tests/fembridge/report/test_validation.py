@@ -30,6 +30,7 @@ from fembridge.report.rates import (
     row_of,
     threshold_table,
 )
+from fembridge.report.shortfalls import evidence_shortfalls, shortfalls
 from fembridge.report.validate import (
     cells_of,
     judged_models,
@@ -37,7 +38,7 @@ from fembridge.report.validate import (
     response_of,
     validate,
 )
-from fembridge.report.validation_page import page_text, shortfalls
+from fembridge.report.validation_page import page_text
 from fembridge.response.response_map import FOLDER
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain, write_rates
 from fembridge.touchsim import touchsim_rates
@@ -404,8 +405,10 @@ def test_what_is_known_of_man_and_of_distance_has_its_sentence_where_the_model_i
         columns=["afferent", "frequency_hz", "amplitude_um", "impulses_per_cycle", "model"],
     )
     far = pd.DataFrame({"amplitude_um": [10.0, 10.0, 10.0], "model_um": [20.0, 5.0, math.nan]})
-    off = replace(study.evidence, man=man, distance=far).shortfalls()
-    near = replace(study.evidence, man=man[2:], distance=far.assign(model_um=12.0)).shortfalls()
+    off, near = (
+        evidence_shortfalls(replace(study.evidence, man=table, distance=distance))
+        for table, distance in ((man, far), (man[2:], far.assign(model_um=12.0)))
+    )
     assert [one for one in off if one not in near] == [
         "SA, impulses a cycle in man: farthest off with 2.5 instead of 1.0 at 8 Hz, 200 µm.",
         "RA, away from a probe on the whole fingertip (fitted_pad): amplitudes off by 2.0 times in "
