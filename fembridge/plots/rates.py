@@ -102,7 +102,6 @@ def rates_figure(
     words = {OWN: name, OBSERVED: "observed", PUBLISHED: "published model"}
     words[TOUCHSIM] = "TouchSim (fitted to recordings of the same experiments)"
     sources = dict(zip(words, (rates, observed, published, touchsim), strict=True))
-    sources = {source: given for source, given in sources.items() if given}
     points = DataFrame(
         [
             (source, set_name(entry), entry.family, rate.afferent, entry.level_um, rate.rate_ips)
@@ -149,11 +148,15 @@ def rates_figure(
         middle = 0.5 * len(block) + 0.5 * (len(block) - 1) * _GAP_IN / wide_in
         below = {"ha": "center", "va": "top", "fontsize": TEXT_PT}
         note(figure.axes[-len(block)], LEVELS[family], (middle, 0.0), (0, -14), **below)
-    shown = {source: classes if source in (OWN, PUBLISHED) else classes[:1] for source in sources}
+    shown = {
+        source: classes if source in (OWN, PUBLISHED) else classes[:1]
+        for source in sources
+        if source in set(points["source"])
+    }
     legend_above(
         figure,
         [[_style(source, one) for one in each] for source, each in shown.items()],
-        [words[source] for source in sources],
+        [words[source] for source in shown],
         down_in=0.14,
         handlelength=2.8,
         columnspacing=1.6,

@@ -43,8 +43,8 @@ from fembridge.report.validation_figures import (
 )
 from fembridge.simulation import spikes_frame
 from fembridge.store import filling, sha256_of, write_text
-from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, Rate
-from fembridge.touchsim import TABLE
+from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
+from fembridge.touchsim import TABLE, touchsim_rates
 from fembridge.typing import Table
 from fembridge.version import __version__
 from neural import threshold
@@ -163,24 +163,15 @@ def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
     stimuli = [one for one in simulation.stimuli if one.id in RASTER_STIMULI]
     yield "skin_deflection", deflection_figure(study.deflections)
     yield "rasters", raster_figure(repeated_trains(simulation), stimuli, known.trains)
+    beside: dict[str, Any] = {
+        "observed": study.observed.rates() if study.observed else (),
+        "published": () if len(study.models) == 1 else study.simulations[PUBLISHED_NAME].mean_rates,
+        "touchsim": touchsim_rates(),
+    }
     for family in FAMILIES:
-        of_family = study.rates.frame[study.rates.frame.family == family.name]
-        rows = of_family[["source", "stimulus", "afferent", "rate_ips"]].groupby("source")
-        sources = {
-            str(source): [Rate(*row) for row in each.drop(columns="source").itertuples(index=False)]
-            for source, each in rows
-        }
-        yield (
-            f"rates_{family.name}",
-            rates_figure(
-                sources[judged],
-                observed=sources.get(OBSERVED, ()),
-                published=sources[PUBLISHED_NAME] if judged != PUBLISHED_NAME else (),
-                touchsim=sources[TOUCHSIM],
-                name="this model",
-                panel_in=_RATES_IN,
-            ),
-        )
+        mine = [rate for rate in simulation.mean_rates if rate.stimulus in family.stimuli]
+        figure = rates_figure(mine, **beside, name="this model", panel_in=_RATES_IN)
+        yield f"rates_{family.name}", figure
         reference = study.rates.reference(family.stimuli)
         yield (
             f"regression_{family.name}",

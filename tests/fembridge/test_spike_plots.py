@@ -93,15 +93,6 @@ def test_the_time_axis_covers_every_spike_unless_it_is_said():
     assert shown.get_xlim() == (0.0, 100.0)
 
 
-def test_what_is_outside_the_window_has_a_grey_ground():
-    [panel] = raster_figure([train()], span_ms=(0, 250), window_ms=(100.0, 200.0)).axes
-
-    assert [(p.get_x(), p.get_x() + p.get_width()) for p in panel.patches] == [
-        (0.0, 100.0),
-        (200.0, 250.0),
-    ]
-
-
 def test_a_waveform_stands_above_every_panel():
     wave = Stimulus("sine_20_250", np.sin(np.arange(100) / 9), 0.5, (5.0, 40.0))
 
