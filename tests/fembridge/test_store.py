@@ -250,6 +250,24 @@ def test_a_link_for_a_lock_file_is_refused_and_its_target_stays(tmp_path, monkey
     assert (tmp_path / "mine").read_text() == "mine"
 
 
+def test_a_lock_file_that_becomes_a_link_while_it_is_locked_is_not_followed(tmp_path, monkeypatch):
+    from filelock import FileLock
+
+    (tmp_path / "mine").write_text("mine")
+    acquire = FileLock.acquire
+
+    def swap(lock, **words):
+        found = acquire(lock, **words)
+        (tmp_path / ".lock").unlink()
+        (tmp_path / ".lock").symlink_to("mine")
+        return found
+
+    monkeypatch.setattr(FileLock, "acquire", swap)
+    with pytest.raises(OutputError), folder_lock(tmp_path, ".lock"):
+        pytest.fail("locked by a link")
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 def test_a_second_is_refused_and_learns_who_is_at_work(tmp_path):
     with folder_lock(tmp_path, ".lock"):
         for _ in range(2):  # one refused does not take the lock away
