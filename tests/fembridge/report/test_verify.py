@@ -157,7 +157,7 @@ def test_no_jobs_are_misuse(tmp_path):
 def test_the_two_cheapest_studies_keep_their_bounds_and_their_whole_runs(tmp_path, monkeypatch):
     """For real, in two processes; then a verify that was killed, one of its runs damaged."""
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    words = ("--quick", "--jobs", "2", "--only", "patch", "solver")
+    words = ("--quick", "--jobs", "2", "--only", "patch,solver")
     summary = command.run(arguments(tmp_path, *words))
     assert summary["exit_code"] == 0
     one, other = summary["studies"]
