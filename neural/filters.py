@@ -40,14 +40,14 @@ LAG_MS = 1.0
 # How the response of PC grows with them: a tenth for a thousandth.
 COMPRESSION = 1.0 / 3.0
 
-# Where `corpuscle` passes most: thresholds of Pacinian afferents are lowest between 200 and
-# 300 Hz (Freeman & Johnson 1982; Bolanowski & Zwislocki 1984, J. Neurophysiol. 51, 793).
+# Where `corpuscle` passes most. Recorded thresholds of Pacinian afferents fall up to 205 Hz,
+# the highest frequency of Freeman & Johnson (1982); the membrane, which sums each swing, is
+# keener at lower frequencies than what it is fed.
 CORPUSCLE_HZ = 300.0
 
-# How much the other side of what it passes counts, with the opposite sign, and how the answer
-# grows with it: of those tried these predict best a frequency that was left out (decision 0026).
-OTHER_SIDE = 0.5
-CORPUSCLE_POWER = 2.0 / 3.0
+# How the answer grows with what it passes: of those tried among the best on a frequency that
+# was left out (decision 0028).
+CORPUSCLE_POWER = 0.75
 
 # What is left of the step response of `corpuscle` where it is cut off.
 _CORPUSCLE_LEFT = 1.0e-14
@@ -166,11 +166,11 @@ def faded(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> F
 
 
 def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Stress through a Pacinian corpuscle, compressed, in Pa^(2/3).
+    """Stress through a Pacinian corpuscle, compressed, in Pa^p, p `CORPUSCLE_POWER`.
 
-    ``max(y, 0)^p − OTHER_SIDE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through
-    three high and three low passes of one pole, all at `CORPUSCLE_HZ`: ``(r / (1 + r²))³``
-    at r times that frequency. A constant stress leaves nothing, at any `dt_ms`.
+    ``sign(y) |y|^p``: y is σ through three high and three low passes of one pole, all at
+    `CORPUSCLE_HZ`: ``(r / (1 + r²))³`` at r times that frequency. A constant stress leaves
+    nothing, at any `dt_ms`.
 
     Notes
     -----
@@ -182,9 +182,7 @@ def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") 
     change = np.diff(stress, axis=0)
     for lag, share in enumerate(_corpuscle_response(dt_ms, len(stress) - 1)):
         passed[lag + 1 :] += share * change[: len(change) - lag]
-    size = np.abs(passed) ** CORPUSCLE_POWER
-    compressed: FloatArray = np.where(passed > 0, size, -OTHER_SIDE * size)
-    return compressed
+    return np.copysign(np.abs(passed) ** CORPUSCLE_POWER, passed)
 
 
 def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:

@@ -38,6 +38,10 @@ class Target(Protocol):
     def free(self) -> tuple[Free, ...]:
         """Parameters that the search adds for it."""
 
+    @property
+    def tolerated(self) -> float:
+        """Largest error that the rule ``tolerant`` lets pass."""
+
     def errors(self, problem: "FitProblem", values: FloatArray, single: bool) -> FloatArray:
         """Error of each candidate, ``(candidate,)``, 0 or more."""
 
@@ -239,6 +243,7 @@ class ThresholdTarget:
     windows_ms: tuple[tuple[float, float], ...]
     name: str = "thresholds"
     free: tuple[Free, ...] = ()
+    tolerated: float = math.log(3.0) ** 2  # a factor: finer steps in time find more
     _asked: dict[tuple[str, int], FitProblem] = field(default_factory=dict, repr=False)
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
@@ -292,6 +297,7 @@ class TimingTarget:
     distance: str = DISTANCES[0]
     name: str = "spikes"
     free: tuple[Free, ...] = (LATENCY,)
+    tolerated: float = math.inf
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
         """Distances a recorded spike, ``(candidate,)``."""
@@ -327,6 +333,7 @@ class PhaseTarget:
     strengths: FloatArray
     name: str = "timing"
     free: tuple[Free, ...] = ()
+    tolerated: float = 0.15**2  # then nearly all are within 0.25
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
         """Mean squared differences ``(candidate,)``."""

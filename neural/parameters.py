@@ -221,12 +221,13 @@ class SharpPcParameters(AfferentParameters):
 class CorpusclePcParameters(SharpPcParameters):
     """PC whose corpuscle passes what is near its best frequency, compressed.
 
-    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes.
+    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes. `jump_mv` lasts
+    until what it passes turns: a second spike of one swing takes a far stronger one.
     """
 
     drives: ClassVar[tuple[str, ...]] = ("corpuscle",)
 
-    refractory_ms: float = 2.0
+    jump_mv: float = 150.0
 
 
 Parameters: TypeAlias = Mapping[str, AfferentParameters]

@@ -254,6 +254,20 @@ def _balanced(problem: FitProblem, front: Front) -> tuple[int, str]:
     return _of_near(problem, front, BALANCED_SHARE)
 
 
+def _tolerant(problem: FitProblem, front: Front) -> tuple[int, str]:
+    limits = np.array([target.tolerated for target in problem.targets])
+    passing = np.flatnonzero(np.all(front.target_errors <= limits, axis=1))
+    if not problem.targets or not passing.size:
+        return _balanced(problem, front)
+    totals = total_rmse_ips(problem, front.errors_ips2[passing])
+    row = int(passing[np.argmin(totals)])
+    names = " and ".join(target.name for target in problem.targets)
+    return row, (
+        f"smallest RMSE of rates, {totals.min():.3g} ips, of the {passing.size} candidates with "
+        f"tolerable errors of {names}"
+    )
+
+
 def _of_near(problem: FitProblem, front: Front, share: float) -> tuple[int, str]:
     """Of candidates with near the smallest RMSE the one with the smallest other errors.
 
@@ -306,6 +320,11 @@ _RULES: Mapping[str, _Rule] = MappingProxyType(
         ),
         "balanced": _Rule(
             "the same with thresholds or spikes, of candidates within a quarter of it", _balanced
+        ),
+        "tolerant": _Rule(
+            "the smallest RMSE of those with no threshold off by more than 3 times and vector "
+            "strengths off by 0.15 at most (RMS); where there is none, as balanced",
+            _tolerant,
         ),
         "frequency_response": _Rule(
             "of candidates within a tenth of the smallest RMSE, the one whose mean "

@@ -116,13 +116,13 @@ def test_objectives_are_those_of_a_plain_loop(seed):
 @pytest.mark.parametrize("cells", [1, 3])
 def test_single_precision_differs_by_a_few_spikes_at_most(row, cells):
     problem = problem_of(row, cells=cells)
-    values = random_values(problem, 11, candidates=40)
+    values = random_values(problem, 11, candidates=120)  # `fading` fires seldom
 
     double = np.array(counts_of(problem, problem.rates_ips(values)))
     single = np.array(counts_of(problem, problem.rates_ips(values, single=True)))
 
-    assert double.sum() > 50
-    assert np.abs(single - double).sum() <= max(1, 0.005 * double.sum())
+    assert double.sum() > 200
+    assert np.abs(single - double).sum() <= 0.005 * double.sum()
     assert np.abs(single - double).max() <= 2
 
 

@@ -1,12 +1,14 @@
 """What a fit minimises beside rates: thresholds and spike times, worked by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from neural.encoder import encode_cells
 from neural.fit_problem import DISTANCES, FitProblem, PhaseTarget, ThresholdTarget, TimingTarget
 from neural.models import model_named
-from neural.search import choose, from_unit, search_front
+from neural.search import Front, choose, from_unit, search_front
 from neural.threshold import vector_strength
 
 DT_MS = 0.5
@@ -129,3 +131,25 @@ def test_vector_strengths_of_a_batch_are_those_of_its_trains():
                 for order in (1, 2)
             ]
             np.testing.assert_allclose(errors[row], np.mean(squares), rtol=1e-9)
+
+
+def test_the_tolerant_rule_takes_the_smallest_error_of_rates_that_keeps_thresholds():
+    problem = problem_of(threshold_target())
+    free = problem.free
+    times_off = np.log([[9.0], [2.9], [1.2]]) ** 2
+    made = Front(
+        free,
+        ("40 Hz",),
+        np.ones((3, len(free))),
+        np.array([[1.0], [4.0], [9.0]]),
+        3,
+        1,
+        finished=True,
+        target_errors=times_off,
+    )
+
+    assert choose(problem, made, "tolerant").row == 1
+    none_passes = replace(made, target_errors=times_off + 9.0)
+    assert (
+        choose(problem, none_passes, "tolerant").row == choose(problem, none_passes, "balanced").row
+    )
