@@ -197,6 +197,7 @@ class _Parser(argparse.ArgumentParser):
         """
         known = self._option_string_actions
         found: list[str] = []
+        ends: list[tuple[Words, str]] = []  # lists, and the word that is no item
         listed, own, at = range(0), 0, 0
         while at < len(words):
             word, at = words[at], at + 1
@@ -208,6 +209,8 @@ class _Parser(argparse.ArgumentParser):
                 end = at + 1
                 while end < len(words) and not _is_option(words[end]) and action.takes(words[end]):
                     end += 1
+                if end < len(words) and not _is_option(words[end]):
+                    ends.append((action, words[end]))
                 listed = range(len(found), len(found) + (0 if action.known else end - at))
                 found += [f"{word}={each}" for each in words[at:end]]
                 at = end
@@ -221,7 +224,14 @@ class _Parser(argparse.ArgumentParser):
                 while end < min(at + count, len(words)) and not _is_option(words[end]):
                     end += 1
                 found, at = [*found, *words[at:end]], end
-        wanted = sum(one.nargs in (None, "+") for one in self._get_positional_actions())
+        own_ones = self._get_positional_actions()
+        if ends and own > len(own_ones) and all(one.nargs in (None, "?") for one in own_ones):
+            action, word = ends[0]
+            try:
+                action.items(word)
+            except argparse.ArgumentError as error:
+                self.error(str(error))
+        wanted = sum(one.nargs in (None, "+") for one in own_ones)
         if 0 < (lacking := wanted - own) < len(listed):
             for row in listed[-lacking:]:
                 found[row] = found[row].partition("=")[2]

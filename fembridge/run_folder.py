@@ -140,10 +140,6 @@ class RunFolder:
         }
         return structure(table, Origin, lambda words: ResultError(f"inputs: {words}", path))
 
-    def node_of(self) -> dict[str, int]:
-        """Node of each afferent by its name."""
-        return {place.afferent: place.node for place in self.afferents}
-
     def write(self) -> None:
         """Write ``run.toml``."""
         import tomli_w

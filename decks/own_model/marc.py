@@ -207,6 +207,9 @@ def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, _Uses]:
         what = "drive a motion; name one" if name is None else f"are named {name!r}"
         raise found[1].line.refuse(f"{len(found)} tables {what}: {_names(found)}")
     (table,) = found
+    same = [each for each in deck.tables if each.number == table.number]
+    several = f"{len(same)} tables have number {table.number}: {_names(same)}"
+    same[-1].line.check(len(same) == 1, several)
     mine = tuple(use for use in uses if use.table == table.number)
     for use in mine:
         words = f"table {table.name!r} ({table.line.place}) also drives {use.what}, which is no"
@@ -267,12 +270,18 @@ def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
             raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
     moving = [case for case in named if case.stepping is not None and _acting(case, drives)]
     if len(moving) != 1:
-        problem = (
-            f"{len(moving)} load cases with increments in which {drives[0].what} "
-            f"({drives[0].line.place}) acts: {_listed_cases(moving)}; name one of "
-            f"{_listed_cases(cases) or 'none'}"
-        )
-        raise moving[1].line.refuse(problem) if moving else DeckError(problem)
+        able = [case for case in named if case.stepping is not None]
+        at, what = able, f"{drives[0].what} ({drives[0].line.place})"
+        problem = f"{what} does not act in {_listed_cases(able)}"
+        if moving:
+            at, problem = moving[1:], f"{len(moving)} load cases with increments in which {what}"
+            problem += f" acts; name one: {_listed_cases(moving)}"
+        elif not able:
+            at, problem = (
+                named,
+                f"no load case has increments; there: {_listed_cases(named) or 'none'}",
+            )
+        raise at[0].line.refuse(problem) if at else DeckError(problem)
     (case,) = moving
     start_s = 0.0
     before = cases[: case.number - 1]

@@ -74,7 +74,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"{args.output}: expected a name in .npz")
     finger = read_finger(args.finger)
     settings = SolverSettings(args.threads, args.jobs, args.time_limit_s)
-    spacing_mm = args.spacing_mm or (0.0625 if args.plane else 0.25)
+    spacing_mm = args.spacing_mm
+    if spacing_mm is None:
+        spacing_mm = 0.0625 if args.plane else 0.25
     mesh = PadMesh(
         spacing_mm, args.reach_mm, plane=args.plane, rows=PLANE_ROWS if args.plane else 1
     )

@@ -10,6 +10,7 @@ what comes out is mm, ms and Pa, for stresses and for energy densities (1 Pa is 
 """
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +28,10 @@ from fembridge.results.frd import (
     FrdIndex,
     attempts_of,
     block_table,
-    characters_of,
     element_rows,
     imaginary,
     materials_at,
     node_ids,
-    record_ids,
     values_at,
 )
 from fembridge.results.history import OF_STRESS, printed_digit_ms
@@ -96,17 +95,16 @@ class FrdSource(FieldSource[FrdBlock]):
         }
 
     def _span(self, block: FrdBlock) -> Span:
-        """A block of the whole mesh ascends, so its ends are enough; one of a set is read."""
+        """Of a block of the whole mesh the mesh's; one of a set is read."""
         nodes = self._index.nodes
         if block.records and not block.free and nodes and nodes.records == block.records:
-            first, last = (
-                int(record_ids(self.path, [block], characters_of(self._file, block, row, 1))[0])
-                for row in (0, block.records - 1)
-            )
-            if first <= last:
-                return block.records, first, last
-        ids = np.unique(node_ids(self._file, block))
-        return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
+            return self._mesh_span
+        return _span_of(node_ids(self._file, block))
+
+    @cached_property
+    def _mesh_span(self) -> Span:
+        nodes = self._index.nodes
+        return (0, None, None) if nodes is None else _span_of(node_ids(self._file, nodes))
 
     def outputs(self) -> list[dict[str, FrdBlock]]:
         """Blocks of each output that counts, in file order.
@@ -153,13 +151,16 @@ class FrdSource(FieldSource[FrdBlock]):
         return self._with_records(outputs)
 
     def _with_records(self, outputs: Outputs) -> list[dict[str, FrdBlock]]:
-        empty = {name: one for output in outputs for name, one in output.items() if not one.records}
-        if not empty:
-            return list(outputs)
         held = [{name: one for name, one in out.items() if one.records} for out in outputs]
-        for block in empty.values():
-            words = f"{block} has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a "
-            words += "plane model; use OUTPUT=2D"
+        empty: dict[str, FrdBlock] = {}
+        for name, one in ((name, one) for out in outputs for name, one in out.items()):
+            if not one.records:
+                empty.setdefault(name, one)  # the first
+        for name, block in empty.items():
+            # Where there is nothing else, all are named: what was asked for is among them.
+            words = str(block) if any(held) else str(block).replace(name, ", ".join(empty), 1)
+            words += " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane "
+            words += "model; use OUTPUT=2D"
             if not any(held):
                 raise ResultError(words, self.path)
             self.options.note(f"left out: {words}")
@@ -406,6 +407,11 @@ class FrdSource(FieldSource[FrdBlock]):
             if not has.all():
                 note(f"{name} has {has.sum()} of {size} nodes; the others are NaN")
         return scene
+
+
+def _span_of(numbers: IntArray) -> Span:
+    ids = np.unique(numbers)
+    return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
 
 
 def _fullest(outputs: Outputs, options: ReadOptions) -> Outputs:

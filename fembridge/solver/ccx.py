@@ -314,16 +314,12 @@ def _run(
 ) -> Outcome:
     """Run, judge, and put the files where they belong; the folder is locked for it."""
     work = run.folder / WORK_FOLDER
-    for name in (WORK_FOLDER, FAILED_FOLDER):
-        _remove(run.folder / name)
-    make_folder(work)
-    try:
-        shutil.copyfile(run.deck, work / f"{JOB}.inp")
-    except OSError as error:
-        raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
+    _begin(run, work)
     key = _cache_key(program, work / f"{JOB}.inp") if settings.cache else None
     if key is not None and (known := cache.take(key, work)) is not None:
-        return _solved_before(run, work, known)
+        if (before := _solved_before(run, work, known)) is not None:
+            return before
+        _begin(run, work)
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
@@ -372,16 +368,28 @@ def _cache_key(program: Path, deck: Path) -> str | None:
     return cache.key_of(made_from)
 
 
-def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome:
-    """The outcome of a run from the cache, whose files are in `work`."""
+def _begin(run: RunFolder, work: Path) -> None:
+    """Make `work` anew, with the deck in it."""
+    for folder in (work, run.folder / FAILED_FOLDER):
+        _remove(folder)
+    make_folder(work)
+    try:
+        shutil.copyfile(run.deck, work / f"{JOB}.inp")
+    except OSError as error:
+        raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
+
+
+def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome | None:
+    """The outcome of a run from the cache, whose files are in `work`; None: not of this deck."""
     if "cause" in known:
         failure = Failure(Cause[known["cause"]], known["found"])
         _keep_evidence(run, work, failure)
         return Outcome(run.folder, failure, cached=True, version=known["version"])
+    outcome = finished_outcome(replace(run, folder=work))
+    if outcome is None:
+        return None
     _publish(run, work)
-    outcome = finished_outcome(run)
-    assert outcome is not None  # by checksums, what was kept
-    return replace(outcome, cached=True)
+    return replace(outcome, folder=run.folder, cached=True)
 
 
 def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:

@@ -35,7 +35,7 @@ from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population, population_named
 from fembridge.touching.shape import Shape, shape_named
 from fembridge.touching.stress import driving_stress_pa
-from fembridge.touching.way import Way, read_pins, way_of
+from fembridge.touching.way import Pins, Way, read_pins, way_of
 from fembridge.typing import FloatArray, SingleArray, Table
 from neural.parameter_sets import ParameterSet, parameter_set_or_file
 from neural.parameters import Parameters
@@ -291,8 +291,10 @@ def touch_skin(
     ParameterError
         Parameters of another time step or another quantity.
     """
-    if shape is None or way.pins is not None:
-        solved = _pinned(pad, way)
+    if way.pins is not None:
+        solved = _pinned(pad, way, way.pins)
+    elif shape is None:
+        raise UsageError("nothing touches: neither a shape nor pins")
     elif way.slides:
         solved = _slid(pad, shape, way, friction)
     else:
@@ -361,11 +363,8 @@ class _Solved:
     drag: FloatArray | None = None
 
 
-def _pinned(pad: Pad, way: Way) -> _Solved:
+def _pinned(pad: Pad, way: Way, pins: Pins) -> _Solved:
     """Contact sample by sample of pins that move on their own."""
-    pins = way.pins
-    if pins is None:
-        raise UsageError("nothing touches: neither a shape nor pins")
     samples = np.arange(way.pressed.size, dtype=np.float64)
     nodes = skin_nodes(pad)
     overlap_um = np.full((samples.size, nodes.column.size), -np.inf)

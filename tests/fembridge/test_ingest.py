@@ -151,6 +151,7 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--field", "DISP", "--resample-ms", "1"], "--resample-ms and --modes are for"),
         ([DAT, "--resample-ms", "1"], "--resample-ms and --modes are for"),
         ([ASCII, "--node", "all", "--one-sided", "EALL"], "--one-sided takes numbers of nodes"),
+        (["--node", "1", "2", "3x", ASCII], "argument --node: invalid node value: '3x'"),
         ([ASCII, "--node", "five"], "argument --node: invalid node value: 'five'"),
         ([DAT, "--point", "7"], "argument --point: invalid point value: '7'"),
     ],

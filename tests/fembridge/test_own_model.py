@@ -47,7 +47,7 @@ def test_a_folder_holds_deck_waveform_and_what_was_changed(here, noise):
     run, remarks = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
     assert run == read_run_folder(here / "run")
     assert (run.solver, run.increments, run.start_ms) == ("calculix", 500, 0.0)
-    assert run.node_of() == NODES
+    assert {place.afferent: place.node for place in run.afferents} == NODES
     assert any("amplitude DEPTH" in remark for remark in remarks)
     assert run.inputs["base_deck"]["changes"] == list(remarks)
     times_ms, depth_um = read_waveform(here / "run")
@@ -131,7 +131,7 @@ def test_included_files_come_along(here, noise):
     base = read_base_deck(here / "mine.inp")
     run, _ = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
     assert (here / "run/mesh.inc").read_bytes() == (here / "mesh.inc").read_bytes()
-    assert run.node_of() == NODES
+    assert {place.afferent: place.node for place in run.afferents} == NODES
     (here / "mesh.inc").unlink()
     with pytest.raises(DeckError, match=r"mesh\.inc"):
         build_own_folder(here / "again", base, noise, Request())

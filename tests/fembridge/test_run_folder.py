@@ -46,7 +46,6 @@ def test_a_run_folder_comes_back_as_it_was_written(tmp_path):
     run.write()
 
     assert read_run_folder(tmp_path) == run
-    assert run.node_of() == {"SA": 25, "PC": 7}
     assert run.end_ms == 260.0
     assert run.deck == tmp_path / "job.inp"
     assert run.results == tmp_path / "job.frd"

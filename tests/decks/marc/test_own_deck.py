@@ -234,6 +234,7 @@ def test_two_tables_that_drive_motions_are_refused_unless_one_is_named(marc_text
     [
         ("wave", 2, "wave", "wave"),  # a duplicate name
         ("idle", 2, "idle", "idle"),  # drives nothing
+        ("other", 1, "wave", "other"),  # a duplicate number
     ],
 )
 def test_a_second_table_that_cannot_be_meant_is_refused(marc_text, name, number, asked, text):
@@ -282,6 +283,14 @@ def test_load_cases_that_could_be_several_or_are_not_there_are_refused(marc_text
     said = refused(data, "2 load cases")
     assert "1 rest" in said and "2 press" in said
     assert "1 rest" in refused(data, "'lift'", Request(step="lift"))
+
+
+def test_load_cases_without_increments_are_refused_with_their_line(marc_text):
+    deck = marc_text()
+    cases = list(deck.case())
+    data = deck.text(cases=cases[: cases.index("auto load")])
+    said = refused(data, r"no load case has increments; there: 1 press")
+    assert said.startswith(line_of(data, "loadcase"))
 
 
 def test_a_condition_that_does_not_act_is_refused(marc_text):

@@ -93,7 +93,7 @@ def scale(path, number, factor):
 def results_of(folder):
     """Stress and displacement of the SA node and the apex, and the deepest row."""
     run = read_run_folder(folder)
-    nodes = [run.node_of()["SA"]], [run.apex_node]
+    nodes = [place.node for place in run.afferents if place.afferent == "SA"], [run.apex_node]
     deepest = int(read_waveform(folder)[1].argmax()) - 1  # a file holds no rest state
     _, tensor_pa = read_values(run.results, nodes[0])
     _, moved_mm = read_values(run.results, nodes[1], quantity="displacement")

@@ -1,6 +1,7 @@
 """Tables and series of any program, whose columns the user names."""
 
 import itertools
+import zipfile
 
 import meshio
 import numpy as np
@@ -196,6 +197,30 @@ def test_what_a_table_lacks_is_named(tmp_path, text, names, words):
     path.write_text(text)
     with pytest.raises(FembridgeError, match=words):
         read(path, [1], columns=names)
+
+
+def test_an_hdf5_that_announces_gigabytes_is_refused(tmp_path, monkeypatch):
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    with meshio.xdmf.TimeSeriesWriter("them.xdmf") as out:
+        out.write_points_cells(np.zeros((1, 3)), [("vertex", np.array([[0]]))])
+        out.write_data(0.0, point_data={"S": np.zeros(1)})
+    with h5py.File("them.h5", "a") as held:
+        name = list(held)[-1]
+        del held[name]
+        held.create_dataset(name, shape=(10**11,), dtype="f8", chunks=True)
+    assert (tmp_path / "them.h5").stat().st_size < 20_000
+    with pytest.raises(ResultError, match="has 800000000000 bytes, at most 268435456 are read"):
+        read(tmp_path / "them.xdmf", [1], columns={"time": "t", "value": "S"})
+
+
+def test_an_npz_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out, out.open("S.npy", "w") as file:
+        for _ in range(300):
+            file.write(bytes(1 << 20))
+    with pytest.raises(ResultError, match="unpacks to more than"):
+        read(path, [1], columns={"time": "t", "value": "S"})
 
 
 @pytest.mark.parametrize("suffix", [".pvd", ".vtu", ".xdmf"])

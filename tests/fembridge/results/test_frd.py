@@ -345,6 +345,24 @@ DAMAGED = {
 }
 
 
+def test_empty_blocks_are_named_from_the_first_increment_on(block, write_frd):
+    blocks = [block(name, k, k * 1e-3, []) for k in (1, 2) for name in ("DISP", "STRESS")]
+    with pytest.raises(ResultError, match="DISP, STRESS of step 1, increment 1 has 0 records"):
+        read_values(write_frd(blocks), [1])
+    moved = [(1, [0.5] * 3)]
+    blocks[0::2] = [block("DISP", k, k * 1e-3, moved) for k in (1, 2)]
+    said = []
+    moved_at(write_frd(blocks), [1], ReadOptions(log=said.append))
+    assert "STRESS of step 1, increment 1 has 0 records" in said[0]
+
+
+def test_numbers_of_a_mesh_in_any_order_are_described(block, write_frd):
+    order = (2, 4, 1, 3)
+    path = write_frd([block("DISP", 1, 1e-3, [(k, [0.5] * 3) for k in order])], nodes=order)
+    (found,) = describe(path)["quantities"]
+    assert (found["nodes"], found["lowest_node"], found["highest_node"]) == (4, 1, 4)
+
+
 @pytest.mark.parametrize("name", DAMAGED)
 def test_a_damaged_sample_is_refused_in_the_right_words(samples, name):
     with pytest.raises(ResultError, match=DAMAGED[name][0]):

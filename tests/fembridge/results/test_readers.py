@@ -232,18 +232,22 @@ def test_a_deck_changed_after_the_run_is_named_with_what_to_do(folder):
         read(folder)
 
 
+def nodes_of(run):
+    return {place.afferent: place.node for place in run.afferents}
+
+
 @pytest.fixture
 def relaxing(tmp_path):
     """A recorded run that says that PC's node has three branches."""
     shutil.copytree(RECORDED, tmp_path / "run")
     run = read_run_folder(tmp_path / "run")
-    replace(run, branches={run.node_of()["PC"]: 3}).write()
+    replace(run, branches={nodes_of(run)["PC"]: 3}).write()
     return read_run_folder(tmp_path / "run")
 
 
 @pytest.mark.parametrize("by_number", [False, True])
 def test_stress_is_the_sum_where_there_are_branches_and_else_as_it_was(relaxing, by_number):
-    nodes = relaxing.node_of()
+    nodes = nodes_of(relaxing)
     chosen = list(nodes.values()) if by_number else None
     plain = {trace.node: trace.stress_pa for trace in read(RECORDED, chosen)}
     summed = {trace.node: trace.stress_pa for trace in read(relaxing.folder, chosen)}
@@ -280,13 +284,13 @@ def halved(tmp_path):
     """A recorded run that says that RA's node, where there is shear, is on the axis."""
     shutil.copytree(RECORDED, tmp_path / "run")
     run = read_run_folder(tmp_path / "run")
-    replace(run, on_axis=(run.node_of()["RA"],)).write()
+    replace(run, on_axis=(nodes_of(run)["RA"],)).write()
     return read_run_folder(tmp_path / "run")
 
 
 @pytest.mark.parametrize("by_number", [False, True])
 def test_traces_of_a_half_are_made_without_that_shear(halved, by_number):
-    node = halved.node_of()["RA"]
+    node = nodes_of(halved)["RA"]
     chosen = [node] if by_number else None
     found = {trace.node: trace for trace in read(halved.folder, chosen)}
     plain = {trace.node: trace for trace in read(RECORDED, chosen)}

@@ -63,6 +63,17 @@ def test_a_damaged_entry_is_solved_again(fake_ccx, make_run, folder):
     assert not outcome.cached
 
 
+def test_an_entry_whose_record_is_of_other_results_is_solved_again(fake_ccx, make_run):
+    solve(make_run(name="first"))
+    [entry] = cache.entries()
+    files = [path for path in entry.folder.iterdir() if path.name != cache.ENTRY_FILE]
+    record = entry.folder / "solver.toml"
+    record.write_text(record.read_text().replace('results_sha256 = "', 'results_sha256 = "0'))
+    cache.keep(entry.folder.name, entry.what, entry.record, files)
+    assert not solve(make_run(name="second")).cached
+    assert solve(make_run(name="third")).cached
+
+
 def test_what_the_solver_gave_up_is_remembered_with_its_cause(fake_ccx, make_run):
     first, second = (make_run("diverged", name=name) for name in ("first", "second"))
     failure = solve(first).failure
