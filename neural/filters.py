@@ -45,9 +45,10 @@ COMPRESSION = 1.0 / 3.0
 # keener at lower frequencies than what it is fed.
 CORPUSCLE_HZ = 300.0
 
-# How the answer grows with what it passes: of those tried among the best on a frequency that
-# was left out (decision 0028).
-CORPUSCLE_POWER = 0.75
+# How the answer grows with what it passes, and how much the other side of it counts: of those
+# tried the best on thresholds, and among the best on a frequency that was left out (decision 0028).
+CORPUSCLE_POWER = 2.0 / 3.0
+OTHER_SIDE = 0.8
 
 # What is left of the step response of `corpuscle` where it is cut off.
 _CORPUSCLE_LEFT = 1.0e-14
@@ -166,11 +167,11 @@ def faded(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> F
 
 
 def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Stress through a Pacinian corpuscle, compressed, in Pa^p, p `CORPUSCLE_POWER`.
+    """Stress through a Pacinian corpuscle, compressed, in Pa^(2/3).
 
-    ``sign(y) |y|^p``: y is σ through three high and three low passes of one pole, all at
-    `CORPUSCLE_HZ`: ``(r / (1 + r²))³`` at r times that frequency. A constant stress leaves
-    nothing, at any `dt_ms`.
+    ``max(y, 0)^p − OTHER_SIDE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through
+    three high and three low passes of one pole, all at `CORPUSCLE_HZ`: ``(r / (1 + r²))³``
+    at r times that frequency. A constant stress leaves nothing, at any `dt_ms`.
 
     Notes
     -----
@@ -182,7 +183,9 @@ def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") 
     change = np.diff(stress, axis=0)
     for lag, share in enumerate(_corpuscle_response(dt_ms, len(stress) - 1)):
         passed[lag + 1 :] += share * change[: len(change) - lag]
-    return np.copysign(np.abs(passed) ** CORPUSCLE_POWER, passed)
+    size = np.abs(passed) ** CORPUSCLE_POWER
+    compressed: FloatArray = np.where(passed > 0, size, -OTHER_SIDE * size)
+    return compressed
 
 
 def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:

@@ -405,11 +405,12 @@ _ROWS = (
         ),
         own_free=(replace(BETA, low=0.3),),
         tau=replace(TAU, high=100.0),
-        equation="I' = β sign(y) |y|^0.75, y = σ through three high and three low passes at "
-        "300 Hz, v ≥ rest, threshold + jump until the turn",
+        equation="I' = β (max(y, 0)^(2/3) - 0.8 max(-y, 0)^(2/3)), y = σ through three high "
+        "and three low passes at 300 Hz, v ≥ rest, threshold + jump until the turn",
         reason="PC cells are keenest between 200 and 300 Hz and duller above, where the "
         "third difference of sharp goes on rising to 500 Hz; a swing fires once over a wide "
-        "range of amplitudes, and no amplitude drives a cell below rest",
+        "range of amplitudes, what stays of faint ones adds up, and no amplitude drives a "
+        "cell below rest",
         clamped=True,
         until_turn=True,
         cells=MORE_CELLS,

@@ -227,7 +227,7 @@ class CorpusclePcParameters(SharpPcParameters):
 
     drives: ClassVar[tuple[str, ...]] = ("corpuscle",)
 
-    jump_mv: float = 150.0
+    jump_mv: float = 80.0
 
 
 Parameters: TypeAlias = Mapping[str, AfferentParameters]
