@@ -156,6 +156,8 @@ class Model:
     is lost as soon as the current drives the potential below rest. Filters of a `whole`
     model look back to the beginning of the trace. `any_step` equations
     have no time step in them: their parameters hold at any.
+    `equation` is kept beside fitted parameters, and those with another one are refused: when
+    a constant changes, so does its text.
     `quantity` is the stress that it reads: ``von_mises``, or ``energy``, the uniaxial
     stress of equal strain energy.
     """

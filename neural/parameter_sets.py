@@ -15,7 +15,8 @@ key of one, `preindent_um`, is as there. A section with another ``drive``, a nam
 has every class and every key, but for those that the paper has for all: one that was cut
 is refused. `preindent_um` is the depth of the probe before time 0 when the numbers were
 fitted. ``name``, and tables ``fit`` and ``study``, describe the origin: they are kept, and
-of the fit only the finger is read. All else is refused.
+of the fit only the finger and the equations are read: numbers that were fitted with another
+equation than this version's are refused. So is all else.
 """
 
 import math
@@ -28,8 +29,8 @@ from types import MappingProxyType
 from fembridge.errors import ParameterError, UsageError
 from fembridge.store import changed, near_hint, read_toml, structure
 from fembridge.typing import Table
-from neural.models import model_named
-from neural.parameters import AFFERENTS, PUBLISHED, Parameters
+from neural.models import model_named, model_of
+from neural.parameters import AFFERENTS, PUBLISHED, AfferentParameters, Parameters
 
 FITTED_FILE = Path(__file__).parent / "fitted.toml"
 # The same data and rule as `FITTED_FILE`, on the stress of the three-dimensional pad.
@@ -163,6 +164,7 @@ def parameter_set_of(table: Table, name: str, source: str) -> ParameterSet:
                 chosen[afferent] = structure(
                     section, kind, _incomplete if whole else ParameterError
                 )
+            _check_equation(table.get("fit"), chosen[afferent])
         place = ""
         if whole and (absent := [f"section {one}" for one in AFFERENTS if one not in table]):
             raise _incomplete(f"{' and '.join(absent)}: absent")
@@ -177,6 +179,17 @@ def parameter_set_of(table: Table, name: str, source: str) -> ParameterSet:
         finger = {key: str(value) for key, value in there.items() if value is not None}
     parameters = MappingProxyType(chosen)
     return ParameterSet(known.name, parameters, known.preindent_um, origin, finger)
+
+
+def _check_equation(fit: object, parameters: AfferentParameters) -> None:
+    """Refuse parameters whose `fit` was with another equation than their model now has."""
+    model = model_of(parameters)
+    row = fit.get(model.afferent) if isinstance(fit, dict) else None
+    if not isinstance(row, dict) or row.get("drive", parameters.drive) != parameters.drive:
+        return
+    if row.get("equation", model.equation) != model.equation:
+        words = f"fitted with another equation of {parameters.drive} than this version's"
+        raise ParameterError(f"{words}: fit it again")
 
 
 def _incomplete(problem: str) -> ParameterError:

@@ -3,7 +3,8 @@
 import math
 import re
 import tomllib
-from dataclasses import fields, replace
+from copy import deepcopy
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,10 +12,11 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ParameterError, UsageError
-from neural.models import DEFAULT_MODELS, MODELS, model_of
+from neural.models import DEFAULT_MODELS, MODELS, model_named, model_of
 from neural.parameter_sets import (
     DEFAULT_SET,
     FITTED_FILE,
+    PAD_FILE,
     parameter_set,
     parameter_set_of,
     parameter_set_or_file,
@@ -179,6 +181,23 @@ def test_a_whole_set_needs_no_base(file_of):
 def test_a_set_that_was_cut_is_never_completed_from_another(file_of, lines):
     with pytest.raises(ParameterError, match=r'own\.toml: .*base = "fitted"'):
         read_parameter_set(file_of("".join(WHOLE[:lines])))
+
+
+@pytest.mark.parametrize("path", [FITTED_FILE, PAD_FILE])
+def test_a_fit_with_another_equation_is_refused(file_of, path):
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    for afferent in AFFERENTS:
+        changed = deepcopy(table)
+        row = changed["fit"][afferent]
+        assert row["equation"] == model_named(row["drive"], afferent).equation
+        row["equation"] = "I' = σ"
+        with pytest.raises(ParameterError, match=rf"own\.toml: {afferent}: fitted with another eq"):
+            read_parameter_set(file_of(tomli_w.dumps(changed)))
+        other = asdict(PUBLISHED[afferent])  # another model's numbers: not of that fit
+        read_parameter_set(file_of(tomli_w.dumps({**changed, afferent: other})))
+        del row["equation"]
+        own = read_parameter_set(file_of(tomli_w.dumps(changed)))
+        assert own.parameters == read_parameter_set(path).parameters
 
 
 @pytest.mark.parametrize("name", ["published", "fitted", "fitted_pad"])
