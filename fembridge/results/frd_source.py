@@ -49,6 +49,8 @@ Outputs = Sequence[dict[str, FrdBlock]]
 # pages back and faulting them in again at each increment (benchmarks: half the time
 # of a float64 file, a quarter of a text one). Elsewhere it does nothing.
 _KEPT_BYTES = 1 << 23
+_NO_RECORDS = " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane model; "
+_NO_RECORDS += "use OUTPUT=2D"
 _SHAPES = {"qu4": "quad4", "qu8": "quad8", "he8": "hex8", "he20": "hex20"}
 
 
@@ -159,8 +161,7 @@ class FrdSource(FieldSource[FrdBlock]):
         for name, block in empty.items():
             # Where there is nothing else, all are named: what was asked for is among them.
             words = str(block) if any(held) else str(block).replace(name, ", ".join(empty), 1)
-            words += " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane "
-            words += "model; use OUTPUT=2D"
+            words += _NO_RECORDS
             if not any(held):
                 raise ResultError(words, self.path)
             self.options.note(f"left out: {words}")
@@ -211,6 +212,15 @@ class FrdSource(FieldSource[FrdBlock]):
             if (part := imaginary(real)) in held and name in (real, part):
                 words = f"{real} is the real part of amplitudes, {part} the imaginary"
                 self.options.note(words)
+        return name
+
+    def named(self, held: Sequence[str], quantity: str) -> str:
+        """The name among those `held`; of one without records why there are none."""
+        blocks = self._index.blocks
+        empty = {b.name: b for b in reversed(blocks) if not b.records and b.name not in held}
+        name = super().named([*held, *empty], quantity)
+        if name in empty:
+            raise ResultError(f"{empty[name]}{_NO_RECORDS}", self.path)
         return name
 
     def at_nodes(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:

@@ -260,6 +260,14 @@ def open_result(
     return Result(path, options, run, trouble)
 
 
+def opened(caller: str, path: Path | str | RunFolder, options: Mapping[str, Any]) -> Result:
+    """`open_result` for the function `caller`, which is named where an option is none."""
+    try:
+        return open_result(path, **options)
+    except TypeError as error:
+        raise TypeError(str(error).replace("open_result", caller)) from error
+
+
 def describe(path: Path | str) -> Table:
     """What a result file holds."""
     return open_result(path).describe()
@@ -407,7 +415,7 @@ def read_history(
     """
     if isinstance(nodes, str) and nodes != "all":
         raise UsageError(f"nodes {nodes!r}, expected numbers or 'all'")
-    found = open_result(path, **options).history(
+    found = opened("read_history", path, options).history(
         None if isinstance(nodes, str) else nodes,
         quantity=quantity,
         every=isinstance(nodes, str),
@@ -454,13 +462,13 @@ def read_fields(
     >>> field.time_ms, field.components, field.units
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
-    with ExitStack() as opened:
-        source = opened.enter_context(open_result(path, **options).source())
-        return _closing(source.fields(quantity), opened.pop_all())
+    with ExitStack() as stack:
+        source = stack.enter_context(opened("read_fields", path, options).source())
+        return _closing(source.fields(quantity), stack.pop_all())
 
 
-def _closing(fields: Iterator[Field], opened: ExitStack) -> Iterator[Field]:
-    with opened:
+def _closing(fields: Iterator[Field], stack: ExitStack) -> Iterator[Field]:
+    with stack:
         yield from fields
 
 

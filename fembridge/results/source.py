@@ -162,8 +162,12 @@ class FieldSource(Source, Generic[_Block]):
     def name_of(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held` that a history takes."""
         if quantity is not None:
-            return name_in(held, quantity, self.path)
+            return self.named(held, quantity)
         return next((one for one in NAMES["displacement"] if one in held), held[0])
+
+    def named(self, held: Sequence[str], quantity: str) -> str:
+        """The name among those `held` that `quantity` means."""
+        return name_in(held, quantity, self.path)
 
     def at_nodes(self, blocks: Sequence[_Block], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``."""
@@ -312,7 +316,7 @@ class FieldSource(Source, Generic[_Block]):
 
     def _blocks(self, quantity: str) -> list[_Block]:
         outputs = self.outputs()
-        name = name_in(names_in(outputs), quantity, self.path)
+        name = self.named(names_in(outputs), quantity)
         return [output[name] for output in self.having(outputs, (name,))]
 
     def _fields(self, blocks: Sequence[_Block]) -> Iterator[Field]:
@@ -334,7 +338,7 @@ class FieldSource(Source, Generic[_Block]):
         """Increments, or `modes`, one by one; the file is looked through at once."""
         outputs, names = self.outputs(), None
         if quantities is not None:
-            names = [name_in(names_in(outputs), one, self.path) for one in quantities]
+            names = [self.named(names_in(outputs), one) for one in quantities]
             outputs = self.having(outputs, names)
         axes = [next(iter(output.values())).axis for output in outputs]
         axis = one_axis(", ".join(names or ["any quantity"]), axes, modes, self.options)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene
-from fembridge.results.result import open_result
+from fembridge.results.result import opened
 from fembridge.results.stress import DERIVED
 from fembridge.store import filling
 from fembridge.typing import FloatArray
@@ -91,7 +91,7 @@ def write_vtu_series(
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
-    result = open_result(path, **options)
+    result = opened("write_vtu_series", path, options)
     with result.source() as source:
         path, folder = source.path, Path(folder)
         frames = source.frames(quantities, tuple(derived), modes)

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from fembridge import read_history, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, TraceError
 from fembridge.results import describe, frd, read, read_fields
 from fembridge.results.byte_file import ByteFile
@@ -354,6 +355,19 @@ def test_empty_blocks_are_named_from_the_first_increment_on(block, write_frd):
     said = []
     moved_at(write_frd(blocks), [1], ReadOptions(log=said.append))
     assert "STRESS of step 1, increment 1 has 0 records" in said[0]
+    with pytest.raises(ResultError, match="STRESS of step 1, increment 1 has 0 records"):
+        read_fields(write_frd(blocks), "stress")
+    with pytest.raises(ResultError, match="no FORC in it"):
+        read_fields(write_frd(blocks), "FORC")
+
+
+@pytest.mark.parametrize(
+    ("take", "more"),
+    [(read_fields, ()), (read_history, ()), (write_vtu_series, ("out",))],
+)
+def test_an_option_that_there_is_not_is_refused_by_the_name_that_was_called(samples, take, more):
+    with pytest.raises(TypeError, match=rf"^{take.__name__}\(\) got an unexpected .*'foo'"):
+        take(samples / "cpe4_ascii.frd", *more, foo=1)
 
 
 def test_numbers_of_a_mesh_in_any_order_are_described(block, write_frd):
