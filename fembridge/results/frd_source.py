@@ -100,13 +100,18 @@ class FrdSource(FieldSource[FrdBlock]):
         """Of a block of the whole mesh the mesh's; one of a set is read."""
         nodes = self._index.nodes
         if block.records and not block.free and nodes and nodes.records == block.records:
-            return self._mesh_span
-        return _span_of(node_ids(self._file, block))
+            return nodes.records, *self._mesh_ends
+        ids = np.unique(node_ids(self._file, block))
+        return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
 
     @cached_property
-    def _mesh_span(self) -> Span:
+    def _mesh_ends(self) -> tuple[int | None, int | None]:
+        """The lowest and the highest number of a node of the mesh, whatever its order."""
         nodes = self._index.nodes
-        return (0, None, None) if nodes is None else _span_of(node_ids(self._file, nodes))
+        if nodes is None or not nodes.records:
+            return None, None
+        ids = node_ids(self._file, nodes)
+        return int(ids.min()), int(ids.max())
 
     def outputs(self) -> list[dict[str, FrdBlock]]:
         """Blocks of each output that counts, in file order.
@@ -417,11 +422,6 @@ class FrdSource(FieldSource[FrdBlock]):
             if not has.all():
                 note(f"{name} has {has.sum()} of {size} nodes; the others are NaN")
         return scene
-
-
-def _span_of(numbers: IntArray) -> Span:
-    ids = np.unique(numbers)
-    return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
 
 
 def _fullest(outputs: Outputs, options: ReadOptions) -> Outputs:
