@@ -370,6 +370,8 @@ def _history(
     if not len(first.values):
         raise ResultError(f"{first}: no records", path)
     sections = list(_whole(sections, path, options))
+    if not sections:
+        raise ResultError(f"{quantity}: no section with all records of the first", path)
     times_ms = np.array([section.time_ms for section in sections])
     return times_ms, first.labels, np.stack([section.values for section in sections])
 

@@ -414,6 +414,8 @@ def read_values(
     """A quantity at `nodes`, in that order: times ``(T,)`` in ms, ``(T, node, component)``."""
     with open_source(path, options) as source:
         found = source.history(nodes, quantity)
+    if not found.over_time:
+        raise ResultError(f"{found.form}, expected rows over time", source.path)
     return found.at, found.values
 
 

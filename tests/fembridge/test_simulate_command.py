@@ -102,7 +102,10 @@ def test_the_rates_are_those_of_the_stored_map_worked_out_apart(here):
 
 
 def test_the_fitted_population_is_that_of_a_pre_indented_probe(here):
-    """As above, cell by cell: each is the median one under stress of another size."""
+    """As above, cell by cell: each is the median one under stress of another size.
+
+    Between the ends PC's cells may fire out of order under loud noise (decision 0028).
+    """
     main(["simulate", "--stimulus", "noise_25_250_20", "--no-plot"])
 
     response = read_map(FOLDER / "quick.toml")
@@ -118,7 +121,7 @@ def test_the_fitted_population_is_that_of_a_pre_indented_probe(here):
             [times_ms] = encode(stress_pa, 0.5, replace(population, cells=1))
             counts.append(inside(times_ms))
         assert rates[trace.afferent] == pytest.approx(np.mean(counts) / 0.245)
-        assert counts == sorted(counts, reverse=True)
+        assert (counts[0], counts[-1]) == (max(counts), min(counts))
     assert {train.repeat for train in trains if train.afferent == "PC"} == set(range(1, 11))
 
 

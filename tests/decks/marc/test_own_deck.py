@@ -288,7 +288,7 @@ def test_load_cases_that_could_be_several_or_are_not_there_are_refused(marc_text
 def test_load_cases_without_increments_are_refused_with_their_line(marc_text):
     deck = marc_text()
     cases = list(deck.case())
-    data = deck.text(cases=cases[: cases.index("auto load")])
+    data = deck.text(cases=[*cases[: cases.index("auto load")], "continue"])
     said = refused(data, r"no load case has increments; there: 1 press")
     assert said.startswith(line_of(data, "loadcase"))
 
