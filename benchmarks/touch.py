@@ -1,8 +1,8 @@
 """What a touch of a whole fingertip costs: beside TouchSim's jobs, and how it grows.
 
 ``python -m benchmarks.touch [REPEATS]``. Seconds are of the processor, the median of some
-repeats after one that imports. TouchSim (Saal et al. 2017) took 0.15 s for 958 afferents
-of an index fingertip under one pin for 250 ms and 2.0 s under a bar of 80 pins, one core.
+repeats after one that imports; of TouchSim (Saal et al. 2017) too where it can be imported
+(it has no licence, and is for comparing only). Ratios hold with one thread (OMP_NUM_THREADS=1).
 """
 
 import sys
@@ -80,6 +80,32 @@ def contact_table():
         print(f"{count:8d} of {near.sum():5d}   {1e3 * median(taken):8.1f}   {1e3 * first:12.0f}")
 
 
+def touchsim_table():
+    try:
+        import touchsim
+    except ImportError:
+        return
+    units = touchsim.affpop_hand(region="D2d", seed=1)
+    sine = touchsim.stim_sine(freq=20.0, amp=0.12949, len=0.25, pin_radius=0.5)
+    bar = touchsim.shape_bar(width=8.0, height=1.0, pins_per_mm=4)
+    bar = touchsim.generators.stim_indent_shape(
+        bar[np.linspace(0, len(bar) - 1, 80).astype(int)], sine, pin_radius=0.1
+    )
+    x, y = (each.ravel() for each in np.mgrid[-4:4:17j, -6:6:25j])
+    moved = y[:, None] + 40.0 * np.arange(0.0, 1.0, 0.001)
+    up = (np.mod(moved, 2.0) < 0.5) & (np.mod(x, 2.0) < 0.5)[:, None]
+    dots = touchsim.Stimulus(
+        trace=0.3 * up, location=np.stack([x, y], -1), fs=1000.0, pin_radius=0.2
+    )
+    print(f"\nTouchSim, {len(units)} afferents")
+    for name, stimulus in (
+        ("one pin, 250 ms", sine),
+        ("a bar of 80 pins, 250 ms", bar),
+        (f"dots 2 mm apart, scanned for 1 s, {x.size} pins", dots),
+    ):
+        print(f"{name:45}{seconds(lambda s=stimulus: units.response(s)):8.2f} s")
+
+
 def main():
     print(f"{len(UNITS_958)} afferents, seconds of processor")
     sine = Way.of_stimulus(wave("sine_20_129.49"))
@@ -94,6 +120,7 @@ def main():
         ("dots 2 mm apart, scanned for 1 s", touched(Shape.dots(2.0), scan)),
     ):
         print(f"{name:45}{seconds(job):8.2f} s")
+    touchsim_table()
     print("\nunits     s (one pin, 250 ms)")
     for density in (0.25, 1.0, 4.0, 16.0):
         units = Population.fingertip(density=density)
