@@ -188,6 +188,15 @@ def _row(kind: Callable[..., Any], columns: _Columns, line: str, path: Path, num
         raise ResultError(f"no row: {error}: {line[:80]!r}", path, number) from error
 
 
+def _rows(kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int) -> list[Any]:
+    """A `kind` of each ended, not blank line under the header."""
+    return [
+        _row(kind, columns, line, path, number)
+        for number, line, ended in text_lines(path)
+        if number > header_lines and ended and line.strip()
+    ]
+
+
 def read_sta(path: Path) -> list[StaRow]:
     """The attempts so far; an empty list before the first.
 
@@ -196,11 +205,7 @@ def read_sta(path: Path) -> list[StaRow]:
     ResultError
         There is no such file, or a whole line is no attempt.
     """
-    return [
-        _row(StaRow, _STA, line, path, number)
-        for number, line, ended in text_lines(path)
-        if number > 2 and ended and line.strip()
-    ]
+    return _rows(StaRow, _STA, path, 2)
 
 
 def read_cvg(path: Path) -> list[CvgRow]:
@@ -211,11 +216,7 @@ def read_cvg(path: Path) -> list[CvgRow]:
     ResultError
         There is no such file, or a whole line is no iteration.
     """
-    return [
-        _row(CvgRow, _CVG, line, path, number)
-        for number, line, ended in text_lines(path)
-        if number > 4 and ended and line.strip()
-    ]
+    return _rows(CvgRow, _CVG, path, 4)
 
 
 def read_sts(path: Path) -> Sts:
