@@ -28,6 +28,12 @@ def pytest_addoption(parser):
     parser.addoption("--slow", action="store_true", help="run the slow tests too, as CI=true does")
 
 
+def pytest_configure(config):
+    """A worker that is killed ends the run, red: with its one test left over, a new one waits."""
+    if getattr(config.option, "maxworkerrestart", "") is None:
+        config.option.maxworkerrestart = "0"
+
+
 def pytest_collection_modifyitems(config, items):
     skip_marked(items, "solver", "ccx is not on the PATH", unless=solver_is_here)
     skip_marked(

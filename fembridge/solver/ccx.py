@@ -269,6 +269,11 @@ def stop(process: subprocess.Popen[bytes], grace_s: float = GRACE_S) -> None:
         return
     still_running = os.WEXITED | os.WNOHANG | os.WNOWAIT
     try:
+        os.waitid(os.P_PID, process.pid, still_running)
+    except ChildProcessError:  # reaped by a wait that Ctrl-C broke off: its number is free
+        process.wait()
+        return
+    try:
         _signal_group(process.pid, signal.SIGTERM)
         until_s = time.monotonic() + grace_s
         while time.monotonic() < until_s:

@@ -57,6 +57,7 @@ def test_a_process_that_is_killed_is_replaced_and_its_task_begun_again():
 
 def test_a_task_that_kills_its_process_every_time_is_given_up_and_harms_nobody():
     with LocalExecutor(2) as executor:
+        assert executor.submit(os.getpgid, 0).result() != os.getpgid(0)
         bad = executor.submit(os.kill, 0, signal.SIGKILL)  # the group: the process alone
         good = [executor.submit(abs, -k) for k in range(5)]
         with pytest.raises(WorkerDiedError, match="exit code -9"):

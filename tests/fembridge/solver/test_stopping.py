@@ -121,6 +121,17 @@ def test_stop_ends_one_that_will_not_and_all_it_started(
     stop(process)  # once more is harmless
 
 
+def test_a_number_that_may_be_another_s_by_now_gets_no_signal(monkeypatch):
+    """Ctrl-C came after the system had reaped the solver, before Python noted it."""
+    process = subprocess.Popen([sys.executable, "-ISc", ""])
+    os.waitpid(process.pid, 0)
+    monkeypatch.setattr(os, "killpg", lambda *words: pytest.fail(f"signal to {words}"))
+
+    stop(process)
+
+    assert process.returncode is not None
+
+
 def test_handlers_that_someone_has_set_are_respected():
     def mine(number, frame):
         raise AssertionError
