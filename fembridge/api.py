@@ -20,7 +20,7 @@ from decks.presets import finger_id, finger_table, mesh_of, read_finger
 from decks.probe import Probe
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
-from fembridge.run_folder import RunFolder
+from fembridge.run_folder import RunFolder, kept_parameters
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
@@ -263,7 +263,7 @@ def build_deck(
             all_nodes=frames == 1,
         )
         changed = [
-            build_own_folder(Path(output) / one.id, base, one, request, chosen.to_table())
+            build_own_folder(Path(output) / one.id, base, one, request, kept_parameters(chosen))
             for one in stimuli
         ]
         for remark in changed[-1][1]:
@@ -295,7 +295,7 @@ def build_deck(
             one,
             solver=solver,
             options=options,
-            parameters=chosen.to_table(),
+            parameters=kept_parameters(chosen),
         )
         for one in stimuli
     ]

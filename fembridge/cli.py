@@ -149,9 +149,9 @@ def _in_options(error: Exception, parser: argparse.ArgumentParser) -> str:
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"
     words = str(error)
-    if isinstance(error, UsageError):
-        for word in _options_of(parser):
-            name = word.removeprefix("--").replace("-", "_")
+    for word in _options_of(parser):
+        name = word.removeprefix("--").replace("-", "_")
+        if isinstance(error, UsageError) or words.startswith(name):  # else the key of a file
             words = re.sub(rf"(?<![\w-]){name}(_s)?(?= (is|must be) )", word, words)
     return words
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from decks.dialects import dialect_of
 from decks.finger import AFFERENT_NAME
@@ -22,6 +22,9 @@ from fembridge.errors import ResultError, TableError
 from fembridge.store import read_toml, structure, write_text
 from fembridge.trace import Origin
 from fembridge.typing import FloatArray, Table
+
+if TYPE_CHECKING:
+    from neural.parameter_sets import ParameterSet
 
 FORMAT = 1
 RUN_FILE = "run.toml"
@@ -190,6 +193,20 @@ class _RunFile:
     branches: dict[str, int] = field(default_factory=dict)
     on_axis: tuple[int, ...] = ()
     length_unit: str = "mm"
+
+
+def kept_parameters(chosen: "ParameterSet") -> Table:
+    """`chosen` as a run keeps it; of a fit its equations, which a later version may not have."""
+    table, fit = chosen.to_table(), chosen.origin.get("fit")
+    if set(table) == {"name"} or not isinstance(fit, Mapping):
+        return table
+    rows = {name: row for name, row in fit.items() if isinstance(row, Mapping)}
+    equations = {
+        name: {key: row[key] for key in ("drive", "equation") if key in row}
+        for name, row in rows.items()
+        if "equation" in row
+    }
+    return {**table, "fit": {**table.get("fit", {}), **equations}}
 
 
 def read_run_folder(folder: Path) -> RunFolder:

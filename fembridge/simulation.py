@@ -22,6 +22,7 @@ from fembridge.build import stimulus_inputs
 from fembridge.errors import (
     FembridgeError,
     MissingError,
+    OutputError,
     ResponseError,
     ResultError,
     TraceError,
@@ -38,7 +39,7 @@ from fembridge.response.solve import (
     solve_transients,
     why_no_map,
 )
-from fembridge.run_folder import RUN_FILE, read_run_folder, read_waveform
+from fembridge.run_folder import RUN_FILE, kept_parameters, read_run_folder, read_waveform
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, remove_file, replacing, write_text
@@ -153,7 +154,8 @@ class Simulation:
         The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
         ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``, NaN behind the end of
         a shorter stimulus. All of them,
-        and with `plot` ``raster.png``, are replaced, or, after an `OutputError`, none.
+        and with `plot` ``raster.png``, are replaced, or, after an `OutputError`, none: a
+        ``finger.toml`` of the user's own is not.
         """
         import tomli_w
 
@@ -167,6 +169,8 @@ class Simulation:
         response = record.get("response")
         finger = response.get("finger") if isinstance(response, Mapping) else None
         old_finger = not isinstance(finger, Mapping) and has_finger(Path(folder))
+        if isinstance(finger, Mapping):
+            check_finger(Path(folder))
         with filling(Path(folder), last=RECORD_FILE) as draft:
             with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
                 np.savez(
@@ -190,6 +194,15 @@ class Simulation:
                 save_figure(self.plot(), draft / RASTER_FILE)
         if old_finger:
             remove_file(Path(folder) / FINGER_FILE)
+
+
+def check_finger(folder: Path) -> None:
+    """Refuse to write over a ``finger.toml`` that no simulation left in `folder`."""
+    path = folder / FINGER_FILE
+    if path.is_file() and not has_finger(folder):
+        raise OutputError(
+            "a finger of your own: the whole one goes here: another -o, or name", path
+        )
 
 
 def has_finger(folder: Path) -> bool:
@@ -229,6 +242,7 @@ def simulate(
     closure_percent: float | None = None
     response: ResponseMap | None = None
     origin: Table = {"source": "CalculiX"}
+    kept = kept_parameters(parameters)
     if stored or find_ccx() is None:
         if method == "transient":
             raise MissingError(
@@ -259,7 +273,7 @@ def simulate(
             settings,
             log,
             slips=closure_percent is not None,
-            parameters=parameters.to_table(),
+            parameters=kept,
         )
     else:
         method = "map"
@@ -275,6 +289,7 @@ def simulate(
         "closure_percent": closure_percent,
         "parameter_set": parameters.name,
         "parameters": parameters_to_table(parameters.parameters),
+        "fit": kept.get("fit"),
     }
     known = {key: value for key, value in record.items() if value is not None}
     return encode_all(stimuli, traces, parameters.parameters, known)
@@ -571,7 +586,7 @@ def _simulation(folder: Path) -> FolderStimuli:
     name = str(table.get("parameter_set", RECORD_FILE))
     chosen: Table = {"name": name}
     if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != fired:
-        chosen |= {"preindent_um": stimuli[0].preindent_um, **fired}
+        chosen |= {"preindent_um": stimuli[0].preindent_um, **fired, "fit": table.get("fit", {})}
     finger = folder / FINGER_FILE
     known_finger = finger_id(read_toml(finger, failed)) if finger.is_file() else {}
     return FolderStimuli(record, stimuli, traces, cells, chosen, known_finger)

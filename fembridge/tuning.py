@@ -65,6 +65,11 @@ def frequencies_of(words: str) -> list[float]:
         lowest_hz, highest_hz = float(low), float(high)
     except ValueError:
         raise UsageError(f"frequencies {words!r}, expected as 5:800 or 10,50,200") from None
+    if not LOWEST_HZ <= lowest_hz <= highest_hz <= HIGHEST_HZ:
+        raise UsageError(
+            f"frequencies {words!r}, expected a range inside {LOWEST_HZ:g}:{HIGHEST_HZ:g}, as far "
+            "as any class was recorded"
+        )
     found = [hz for hz in THIRD_OCTAVES_HZ if lowest_hz <= hz <= highest_hz]
     if not found:
         raise UsageError(f"frequencies {words!r}: no third octave from {low} to {high} Hz")

@@ -74,15 +74,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         RATES_FILE,
         SPIKES_FILE,
         TRACES_FILE,
-        has_finger,
+        check_finger,
     )
 
     require_libraries(args.export)
     output = Path(args.output)
     whole = output / FINGER_FILE
     own = Path(args.finger or "")
-    if whole.is_file() and own.is_file() and whole.samefile(own) and not has_finger(output):
+    if whole.is_file() and own.is_file() and whole.samefile(own):
         raise UsageError(f"{whole}: the whole finger would be written over it: another -o, or name")
+    check_finger(output)
     lines: list[str] = []
 
     def log(line: str) -> None:
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         words = {**words_of(args, simulate), "probe": probe_from(args)}
         simulation = simulate(**words, log=log, on_progress=bars)
     simulation.write(output, plot=not args.no_plot)
-    exported = export(Recording.of(simulation), output, args.export)
+    exported = export(Recording.of(simulation), output, args.export) if args.export else []
     if args.no_plot and (output / RASTER_FILE).is_file():
         (output / RASTER_FILE).unlink()  # of other spikes than those beside it
     if not args.json:

@@ -20,8 +20,7 @@ from decks.analysis import Model
 from decks.dialects import JOB
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
-from fembridge.results.printed import read_total_force
-from fembridge.results.source import read_values
+from fembridge.response.acceptance import read_pressed
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
 from fembridge.solver.ccx import LOG_FILE, finished_outcome, run_ccx
@@ -42,7 +41,6 @@ DEPTH_UM = 200.0
 STEPS, STEPS_QUICK = 10, 4
 
 _STEP_MS = 1000.0
-_PROBE_SET = "PROBE"
 _SPRINGS = re.compile(r"Number of contact spring elements=(\d+)")
 _DT_MS = 0.5
 _UM_PER_MM = 1000.0
@@ -202,15 +200,13 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
     """Result of an accepted run, with the state at rest in front."""
     run = read_run_folder(attempt.folder)
     nodes = [place.node for place in run.afferents]
-    _, tensor_pa = read_values(run.results, nodes)
-    _, moved_mm = read_values(run.results, [run.apex_node], quantity="displacement")
-    _, force_n = read_total_force(attempt.folder / f"{JOB}.dat", _PROBE_SET)
+    pressed = read_pressed(run, stimulus.times_ms, [*nodes, run.apex_node])
     return Indented(
         elements=len(model.mesh.quad),
         depth_um=stimulus.displacement_um,
-        stress_pa=_from_rest(von_mises_pa(tensor_pa)),
-        force_n_per_mm=_from_rest(-force_n[:, 1]),
-        apex_um=_from_rest(-_UM_PER_MM * moved_mm[:, 0, 1]),
+        stress_pa=von_mises_pa(pressed.tensor_pa[:, :-1]),
+        force_n_per_mm=pressed.force_n_per_mm,
+        apex_um=-_UM_PER_MM * pressed.moved_mm[:, -1, 1],
         touching=read_touching(attempt.folder / LOG_FILE),
         cost=attempt.cost,
     )
@@ -220,10 +216,6 @@ def read_touching(log: Path) -> int:
     """Last number of contact springs in CalculiX's log."""
     numbers = _SPRINGS.findall(log.read_text(encoding="utf-8", errors="replace"))
     return int(numbers[-1]) if numbers else 0
-
-
-def _from_rest(values: FloatArray) -> FloatArray:
-    return np.concatenate([np.zeros_like(values[:1]), values])
 
 
 def _children_s() -> float:

@@ -7,6 +7,7 @@ between the skin's nodes: the run ends well, the skin untouched.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,13 +16,13 @@ import numpy as np
 from decks.dialects import JOB
 from fembridge.errors import ResponseError, ResultError, StimulusError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.frd import FrdIndex, values_at
 from fembridge.results.printed import read_total_force
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import read_values
-from fembridge.results.stress import von_mises_pa
+from fembridge.results.stress import TENSOR, von_mises_pa
 from fembridge.run_folder import RunFolder, read_run_folder, read_waveform
 from fembridge.stimulus import Stimulus
-from fembridge.trace import MS_PER_S
+from fembridge.trace import MS_PER_S, PA_PER_MPA
 from fembridge.typing import FloatArray
 
 CLOSURE_PERCENT = 0.5
@@ -169,8 +170,7 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     Raises
     ------
     ResultError
-        The results are not there, not whole, or at other times than the waveform:
-        those of a run with a ramp to a pre-indentation, for example.
+        As of `read_pressed`.
     HysteresisError, ResponseError
         The contact model is not to be trusted: see `judge`.
     """
@@ -178,21 +178,16 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     if not run.afferents:
         raise ResultError("run.toml names no afferent, expected one or more", folder)
     nodes = [place.node for place in run.afferents]
-    options = ReadOptions(branches=run.branches, on_axis=run.on_axis)
-    stress_ms, tensor_pa = read_values(run.results, nodes, options)
-    moved_ms, moved_mm = read_values(run.results, [run.apex_node], quantity="displacement")
-    for found_ms in (stress_ms, moved_ms):
-        check_times(found_ms, times_ms[1:], run.results)
-    force_n_per_mm = force_on_probe(run, times_ms)
-    tensor_pa = _from_rest(tensor_pa)
+    pressed = read_pressed(run, times_ms, [*nodes, run.apex_node])
+    tensor_pa = pressed.tensor_pa[:, :-1]
     shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
     if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
         raise ResultError(
             f"out-of-plane shear of {shear_pa:.3g} Pa, expected none: plane strain", run.results
         )
     tensor_pa[..., IN_PLANE:] = 0.0  # rounding noise
-    apex_um = _from_rest(-_UM_PER_MM * moved_mm[:, 0, 1])
-    accepted = judge(depth_um, von_mises_pa(tensor_pa), force_n_per_mm, apex_um)
+    apex_um = -_UM_PER_MM * pressed.moved_mm[:, -1, 1]
+    accepted = judge(depth_um, von_mises_pa(tensor_pa), pressed.force_n_per_mm, apex_um)
     if accepted.hysteresis:
         raise HysteresisError(f"{folder}: {accepted.problem}", accepted.closure_percent)
     if accepted.problem is not None:
@@ -201,24 +196,56 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     return ResponseMap(
         depth_um=depth_um[loading],
         tensor_pa=tensor_pa[loading],
-        force_n_per_mm=force_n_per_mm[loading],
+        force_n_per_mm=pressed.force_n_per_mm[loading],
         places=run.afferents,
         closure_percent=round(accepted.closure_percent, 6),
         origin={"solver": run.solver, "deck_sha256": run.deck_sha256, **run.inputs},
     )
 
 
-def force_on_probe(run: RunFolder, times_ms: FloatArray) -> FloatArray:
-    """Force of the skin on the probe in N/mm at `times_ms` ``(T,)``, the rest state first."""
+class Pressed(NamedTuple):
+    """What the skin did on a probe's way ``(T, node, ...)``, ``(T,)``, the rest state first."""
+
+    tensor_pa: FloatArray
+    moved_mm: FloatArray
+    force_n_per_mm: FloatArray
+
+
+def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> Pressed:
+    """Stress and displacement at `nodes`, and the force of the skin on the probe.
+
+    `times_ms` ``(T,)`` are those of the waveform, the rest state first, which no solver writes.
+    The deck is ours, so there is no unit, material or relaxing skin to ask for, as
+    `fembridge.results.read` does.
+
+    Raises
+    ------
+    ResultError
+        The results are not there, not whole, or at other times than the waveform:
+        those of a run with a ramp to a pre-indentation, for example.
+    """
+    found = []
+    with ByteFile(run.results) as file:
+        index = FrdIndex(file)
+        if problem := index.problem():
+            raise ResultError(problem, run.results)
+        for name in ("STRESS", "DISP"):
+            blocks = index.named(name)
+            check_times(np.array([one.time_ms for one in blocks]), times_ms, run.results)
+            found.append(values_at(file, blocks, nodes))
+    tensor_mpa, moved_mm = found
+    on_axis = [node in run.on_axis for node in nodes]  # of a half: without shear
+    tensor_mpa[:, on_axis, TENSOR.index("xy")] = 0.0
     path = run.folder / f"{JOB}.dat"
     found_ms, force_n = read_total_force(path, _PROBE_SET)
-    check_times(found_ms, times_ms[1:], path)
+    check_times(found_ms, times_ms, path)
     # `RF` is the force that pushes the probe down; the section is 1 mm thick.
-    return _from_rest(-force_n[:, 1])
+    return Pressed(*map(_from_rest, (PA_PER_MPA * tensor_mpa, moved_mm, -force_n[:, 1])))
 
 
-def check_times(found_ms: FloatArray, expected_ms: FloatArray, path: Path) -> None:
-    """Refuse results at other times than their waveform."""
+def check_times(found_ms: FloatArray, times_ms: FloatArray, path: Path) -> None:
+    """Refuse results at other times than those of the waveform behind the rest state."""
+    expected_ms = times_ms[1:]
     if found_ms.size != expected_ms.size:
         raise ResultError(f"{found_ms.size} increments, expected {expected_ms.size}", path)
     off = np.abs(found_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]

@@ -25,8 +25,7 @@ from decks.probe import Probe
 from decks.refinement import refined
 from fembridge.build import build_analysis_folder, inputs_of
 from fembridge.errors import ResponseError, UsageError
-from fembridge.response.acceptance import check_times, force_on_probe, loading_um
-from fembridge.results.source import read_values
+from fembridge.response.acceptance import loading_um, read_pressed
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
@@ -230,10 +229,7 @@ def _measured(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflection:
     """Read the run, and accept it, or say why not."""
     surface = _surface_of(press.mesh)
     depth_mm = stimulus.displacement_um * _MM_PER_UM
-    nodes = (surface + 1).tolist()
-    found_ms, moved_mm = read_values(run.results, nodes, quantity="displacement")
-    check_times(found_ms, stimulus.times_ms[1:], run.results)
-    force_n_per_mm = force_on_probe(run, stimulus.times_ms)
+    _, moved_mm, force_n_per_mm = read_pressed(run, stimulus.times_ms, (surface + 1).tolist())
     x_mm, down_mm = press.mesh.node_mm[surface, 0], -moved_mm[-1, :, 1]
     apex_mm = float(down_mm[surface == run.apex_node - 1][0])
     distance_mm, deflection_mm, unlike_mm = both_sides(x_mm, down_mm)

@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+import tomli_w
 
 import fembridge as fb
 from fembridge.cli import main
+from fembridge.errors import ParameterError
 from fembridge.response.response_map import MAP_FILE, read_map
 from fembridge.run_folder import read_run_folder
 from fembridge.tables import read_rates, read_spikes, read_traces
 from neural import parameter_set
+from neural.parameter_sets import FITTED_FILE
 
 RECORDED = Path(__file__).parents[2] / "fixtures/transient_sine"
 
@@ -207,6 +210,24 @@ def test_a_set_fitted_on_a_finger_that_bears_a_preset_s_name_is_distinguished(he
     assert said == []
     fb.encode(traces, parameters="mine.toml", log=said.append)
     assert said == ["parameters mine were fitted on finger 'quick' (here: another of that name)"]
+
+
+def test_a_run_keeps_the_equations_that_its_set_was_fitted_with(here):
+    """So that a version with another one refuses the numbers, as of the set's own file."""
+    shipped = tomllib.loads(FITTED_FILE.read_text("utf-8"))
+    (here / "mine.toml").write_text(tomli_w.dumps({**shipped, "name": "mine"}), encoding="utf-8")
+    [run] = fb.build_deck("sine_20_250", parameters="mine.toml")
+    fb.simulate("sine_20_250", stored=True, parameters="mine.toml").write("out")
+    for path in (run.folder / "run.toml", here / "out/simulation.toml"):
+        text = path.read_text("utf-8")
+        equation = shipped["fit"]["SA"]["equation"]
+        assert equation in text
+        path.write_text(text.replace(equation, "I' = 0"), encoding="utf-8")
+    traces = fb.read(RECORDED)
+    traces.origin = read_run_folder(run.folder).origin()
+    for source in (traces, "out"):
+        with pytest.raises(ParameterError, match="SA: fitted with another equation"):
+            fb.encode(source)
 
 
 def test_the_summary_of_a_simulation_names_another_finger(capsys):

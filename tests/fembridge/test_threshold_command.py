@@ -83,7 +83,7 @@ def test_what_even_the_deepest_vibration_does_not_reach_is_no_number(response):
 def test_frequencies_are_third_octaves_or_a_list():
     assert frequencies_of("5:12.5") == [5.0, 6.3, 8.0, 10.0, 12.5]
     assert frequencies_of("10,37") == [10.0, 37.0]
-    for words in ("low", "5:x", "900:1000"):
+    for words in ("low", "5:x", "900:1000", "2:9000", "1:800", "330:390"):
         with pytest.raises(UsageError, match=words):
             frequencies_of(words)
 

@@ -66,7 +66,7 @@ def test_a_picture_of_ones_own_is_scanned(tmp_path, capsys):
         (("receptive-field", "--depth-um", "deep"), "deep"),
         (("receptive-field", "--pad", "plane"), "plane"),
         (("pad", "-o", "pad.txt"), ".npz"),
-        (("pad", "--spacing-mm", "0"), "spacing_mm must be 0.05 to 1"),
+        (("pad", "--spacing-mm", "0"), "--spacing-mm must be 0.05 to 1"),
     ],
 )
 def test_misuse_gets_one_line(tmp_path, monkeypatch, capsys, words, named):
