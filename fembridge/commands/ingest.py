@@ -262,11 +262,10 @@ Written = tuple[dict[str, Any], str, list[str]]
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
     """A quantity at chosen nodes, or traces at points, or of the afferents of ``run.toml``."""
     from fembridge.errors import UsageError
-    from fembridge.results.history import VON_MISES, of_traces
-    from fembridge.store import remove_file
-    from fembridge.tables import origin_file, write_table, write_traces
+    from fembridge.results.history import VON_MISES
+    from fembridge.tables import write_origin, write_table
 
-    quantity, traces = _one_quantity(args, result.path), None
+    quantity, origin = _one_quantity(args, result.path), None
     if args.point:
         from fembridge.results.printed import read_point_history
 
@@ -276,27 +275,28 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         every = args.node == [ALL]
         if ALL in (args.node or ()) and not every:
             raise UsageError(f"{result.path}: --node all or numbers, not both")
-        nodes: Sequence[int] | None = None if every else args.node
-        if result.run is None and not (args.node or args.sets or args.near):
-            nodes = result.named_nodes()
-        where: dict[str, Any] = {"sets": args.sets or (), "near_mm": args.near or ()}
-        where |= {"deck": args.deck, "resample_ms": args.resample_ms}
         plain = (quantity or VON_MISES).lower() == VON_MISES
-        if result.run is not None and plain and not (every or args.modes):
-            traces = result.traces(nodes, **where)
-            found = of_traces(traces)
-        else:
-            found = result.history(nodes, quantity=quantity, every=every, modes=args.modes, **where)
+        from_start = result.run is not None and plain and not (every or args.modes)
+        found = result.history(
+            None if every else args.node,
+            quantity=VON_MISES if from_start else quantity,
+            every=every,
+            modes=args.modes,
+            resample_ms=args.resample_ms,
+            sets=args.sets or (),
+            near_mm=args.near or (),
+            deck=args.deck,
+            from_start=from_start,
+        )
+        if from_start and result.run is not None:
+            origin = result.run.origin()
     table = found.columns()
     plain = found.over_time and found.quantity == VON_MISES
     kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
     kind = kind if found.over_time else f"modes_{kind}"
     output: Path = args.output or Path(f"{result.path.stem}_{kind}.csv")
-    if traces is not None:
-        write_traces(output, traces)
-    else:
-        write_table(output, list(table), found.rows())
-        remove_file(origin_file(output))  # of an earlier table
+    write_table(output, list(table), found.rows())
+    write_origin(output, origin)
     places = list(
         zip(found.afferents or [None] * len(found.nodes), found.nodes, found.peaks(), strict=True)
     )
@@ -392,14 +392,28 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
 
 
 def _sides(args: argparse.Namespace, result: "Result") -> Written:
-    """Stress at nodes as each layer there has it."""
-    from fembridge.results.one_sided import write_sides
+    """Stress at nodes as each layer there has it: a row a time and side."""
+    import numpy as np
 
-    with result.source() as source:
+    from fembridge.results.source import open_source
+    from fembridge.results.stress import TENSOR
+    from fembridge.tables import write_table
+
+    with open_source(result.path, result.options) as source:
         nodes = dict.fromkeys(args.node)
         found = [side for node in nodes for side in source.sides(node, args.one_sided)]
     output: Path = args.output or Path(f"{result.path.stem}_sides.csv")
-    write_sides(output, found)
+    stresses = ["von_mises_pa", *(f"{name}_pa" for name in TENSOR)]
+    samples = (
+        (time_ms, side.node, side.name, *stress_pa)
+        for side in found
+        for time_ms, stress_pa in zip(
+            side.times_ms.tolist(),
+            np.column_stack([side.von_mises_pa, side.tensor_pa]).tolist(),
+            strict=True,
+        )
+    )
+    write_table(output, ("time_ms", "node", "material", *stresses), samples)
     rows = [
         {
             "node": side.node,

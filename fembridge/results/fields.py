@@ -12,13 +12,35 @@ from fembridge.results import history
 from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.store import replacing
 from fembridge.tables import write_table
+from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray
 
-Key = tuple[int, int]  # step and increment
+Key = tuple[int, int]  # step and increment, or mode
 
 VERTEX = "vertex"  # kind of a cell that is a node alone
 TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # of our PVD; others' have s
 FIELD_SUFFIXES = (".npz", ".csv")
+
+
+class Block:
+    """A quantity at one output of a file.
+
+    `key` joins the blocks of an output. `axis` says what `value` is, as the file has it: the
+    time in s (`history.TIME`), or of a mode its frequency, ... `units` has one word a
+    component, as those of a `Field`.
+    """
+
+    name: str
+    key: Key
+    axis: str
+    value: float
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def at(self) -> float:
+        """Its time in ms, or the value of a mode."""
+        return self.value * MS_PER_S if self.axis == history.TIME else self.value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,7 @@ What is asked of a file is in `fembridge.results.frd_source`; numbers here are t
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,7 +36,7 @@ from fembridge.results.byte_file import (
     fixed_floats,
     fixed_integers,
 )
-from fembridge.results.fields import Key, rows_of
+from fembridge.results.fields import Block, Key, rows_of
 from fembridge.results.history import FREQUENCY, TIME
 from fembridge.results.status import StaRow, read_sta
 from fembridge.trace import MS_PER_S
@@ -85,17 +86,17 @@ _UNIT_OF_MAGNITUDE = {"PDISP": "mm", "PSTRESS": _PA}
 
 
 @dataclass(slots=True)
-class FrdBlock:
+class FrdBlock(Block):
     """One quantity at one increment, and where in the file its records are.
 
-    `value` is the number that the ``100CL`` line holds, of which `axis` says what it is: the
-    total time over all steps in s, or the frequency of a mode, or its buckling factor. `stored`
+    `value` is the number that the ``100CL`` line holds: the total time over all steps in s, or
+    the frequency of a mode, or its buckling factor. `stored`
     are the components (``ALL``, the length of a vector, is announced and not stored);
     `components` the same, those of `COMPONENTS` in that order, and `order` where each is stored.
     `free` marks text records of unequal length (exponents of three digits). `modal` marks a
     mode of a frequency or buckling analysis: its `increment` is the number of the mode.
 
-    `key` joins the blocks of one output. Records have `record_bytes` each and, unless
+    Records have `record_bytes` each and, unless
     they are `free`, reach to `end`; `spans` are the bytes of the values in each line of
     a text record.
     """
@@ -115,6 +116,7 @@ class FrdBlock:
     key: Key = field(init=False)
     axis: str = field(init=False)
     components: tuple[str, ...] = field(init=False)
+    units: tuple[str, ...] = field(init=False)
     order: list[int] = field(init=False)
     record_bytes: int = field(init=False)
     end: int = field(init=False)
@@ -129,6 +131,7 @@ class FrdBlock:
         usual = [one for one in COMPONENTS.get(self.name, ()) if one in self.stored]
         self.components = (*usual, *(one for one in self.stored if one not in usual))
         self.order = [self.stored.index(one) for one in self.components]
+        self.units = _units(self.name, self.components)
         self.record_bytes, self.spans = 0, []
         count = len(self.stored)
         if self.flag >= 2:
@@ -145,11 +148,6 @@ class FrdBlock:
     def time_ms(self) -> float:
         """`value` as a time."""
         return self.value * MS_PER_S
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """The unit of each component, once its values are scaled."""
-        return tuple(_unit(self.name, one) for one in self.components)
 
     def __str__(self) -> str:
         if not self.step:  # the node block
@@ -829,15 +827,15 @@ def imaginary(name: str) -> str:
     return f"{name[:7]}I"
 
 
-def _unit(name: str, component: str) -> str:
-    if component in _UNIT_OF_COMPONENT:
-        return _UNIT_OF_COMPONENT[component]
+@cache
+def _units(name: str, components: tuple[str, ...]) -> tuple[str, ...]:
+    """The unit of each component, once its values are scaled."""
     if name in _UNIT_OF_MAGNITUDE:
-        if component.startswith("MAG"):
-            return _UNIT_OF_MAGNITUDE[name]
-        return "deg" if component.startswith("PHA") else ""
+        units = {"MAG": _UNIT_OF_MAGNITUDE[name], "PHA": "deg"}
+        return tuple(units.get(one[:3], "") for one in components)
     plain = _UNIT_OF_QUANTITY.get(name.removesuffix("I"), "")
-    return _UNIT_OF_QUANTITY.get(name, plain)
+    usual = _UNIT_OF_QUANTITY.get(name, plain)
+    return tuple(_UNIT_OF_COMPONENT.get(one, usual) for one in components)
 
 
 def _counts(line: bytes, *places: tuple[int, int]) -> list[int]:

@@ -34,11 +34,11 @@ from fembridge.results.frd import (
     node_ids,
     values_at,
 )
-from fembridge.results.history import OF_STRESS, printed_digit_ms
-from fembridge.results.one_sided import OneSidedStress
+from fembridge.results.history import OF_STRESS, name_in, printed_digit_ms
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import result_file
 from fembridge.results.source import FieldSource, Span, check_finite, field_of
+from fembridge.results.stress import OneSidedStress
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -210,20 +210,22 @@ class FrdSource(FieldSource[FrdBlock]):
         """Stress, but for the real part of a complex one, else displacement, else the first."""
         stress = self._index.named(STRESS)[:1]
         tensor = stress and set(COMPONENTS[STRESS]) <= set(stress[0].components)
-        if quantity is None and tensor and STRESS in held and imaginary(STRESS) not in held:
+        if quantity in OF_STRESS or (
+            quantity is None and tensor and STRESS in held and imaginary(STRESS) not in held
+        ):
             quantity = STRESS
-        name = super().name_of(held, STRESS if quantity in OF_STRESS else quantity)
+        name = self.named(held, quantity)
         for real in held:
             if (part := imaginary(real)) in held and name in (real, part):
                 words = f"{real} is the real part of amplitudes, {part} the imaginary"
                 self.options.note(words)
         return name
 
-    def named(self, held: Sequence[str], quantity: str) -> str:
+    def named(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held`; of one without records why there are none."""
         blocks = self._index.blocks
         empty = {b.name: b for b in reversed(blocks) if not b.records and b.name not in held}
-        name = super().named([*held, *empty], quantity)
+        name = name_in(held if quantity is None else [*held, *empty], quantity, self.path)
         if name in empty:
             raise ResultError(f"{empty[name]}{_NO_RECORDS}", self.path)
         return name

@@ -62,7 +62,8 @@ class History:
     A row is an output, of the step and increment, or mode, in `keys` ``(T, 2)``. `at`
     ``(T,)`` is its time in ms, or what `axis` says of a mode. `units` has one word a
     component. `afferents` are the classes that sit at the nodes, where these are known;
-    `last_digit_ms` what the last digit of a time is, that the file has.
+    `last_digit_ms` what the last digit of a time is, that the file has; `step_ms` the step
+    from 0 on of a run from its stimulus on.
     """
 
     quantity: str
@@ -75,6 +76,7 @@ class History:
     axis: str = TIME
     afferents: tuple[str | None, ...] = ()
     last_digit_ms: Callable[[FloatArray], FloatArray] | None = None
+    step_ms: float | None = None
 
     @classmethod
     def of_stress(
@@ -95,6 +97,8 @@ class History:
     @property
     def dt_ms(self) -> float | None:
         """The step of an even time axis; None of any other."""
+        if self.step_ms is not None:
+            return self.step_ms
         if not self.over_time or self.at.size < 2:
             return None
         dt_ms, odd = mean_step(self.at)
@@ -226,9 +230,12 @@ class History:
         traces = []
         for row, node in enumerate(self.nodes):
             stress_pa = found.values[:, row, 0]  # noqa: PD011 - no frame
+            afferent = self.afferents[row] if self.afferents else None
+            if self.step_ms is not None:
+                traces.append(StressTrace(stress_pa, self.step_ms, node, afferent))
+                continue
             held = ~np.isnan(stress_pa)
             samples = np.stack([self.at[held], stress_pa[held]], -1)
-            afferent = self.afferents[row] if self.afferents else None
             traces.append(StressTrace.on_grid(node, samples, path, afferent))
         return traces
 
@@ -293,14 +300,18 @@ def printed_digit_ms(times_ms: FloatArray, digits: FloatArray | int) -> FloatArr
     return digit_ms
 
 
-def name_in(held: Sequence[str], wanted: str, path: Path) -> str:
+def name_in(held: Sequence[str], wanted: str | None, path: Path) -> str:
     """The name among those of a file for `wanted`, case-blind and as short as is clear.
+
+    None takes the displacement, without one the first.
 
     Raises
     ------
     ResultError
         The file has none, or `wanted` may be several.
     """
+    if wanted is None:
+        return next((one for one in NAMES["displacement"] if one in held), held[0])
     plain = {name: name.casefold() for name in held}
     for one in (*NAMES.get(wanted.casefold(), ()), wanted):
         if same := [name for name in held if plain[name] == one.casefold()]:
@@ -310,11 +321,6 @@ def name_in(held: Sequence[str], wanted: str, path: Path) -> str:
         return close[0]
     what = f"{wanted!r} may be {' or '.join(close)}" if close else f"no {wanted} in it"
     raise ResultError(f"{what}; it holds {', '.join(held) or 'nothing'}", path)
-
-
-def word_of(name: str) -> str:
-    """The word for a file's `name` of a quantity; the name itself where there is none."""
-    return next((word for word, names in NAMES.items() if name in names), name)
 
 
 def one_axis(name: str, axes: Sequence[str], modes: bool, options: ReadOptions) -> str:
@@ -348,9 +354,3 @@ def of_samples(samples: Sequence[tuple[int, FloatArray]]) -> History:
         rows = slice(None) if same_times else np.searchsorted(times_ms, one[:, 0])
         values[rows, column, 0] = one[:, 1]
     return History.of_stress(tuple(node for node, _ in samples), times_ms, values)
-
-
-def of_traces(traces: Sequence[StressTrace]) -> History:
-    """The history of `traces`."""
-    samples = [(one.node, np.stack([one.times_ms, one.stress_pa], -1)) for one in traces]
-    return replace(of_samples(samples), afferents=tuple(one.afferent for one in traces))

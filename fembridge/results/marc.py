@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import Field, Key, Scene, rows_of
+from fembridge.results.fields import Block, Field, Key, Scene, rows_of
 from fembridge.results.history import (
     FREQUENCY,
     OF_STRESS,
@@ -37,11 +37,10 @@ from fembridge.results.history import (
 )
 from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
-from fembridge.results.one_sided import OneSidedStress
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import FieldSource, at_of, check_finite, field_of, names_in
+from fembridge.results.source import FieldSource, check_finite, field_of, names_in
 from fembridge.results.status import read_sts
-from fembridge.results.stress import TENSOR, von_mises_pa
+from fembridge.results.stress import TENSOR, OneSidedStress, von_mises_pa
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -192,9 +191,9 @@ def _initials(name: str) -> str:
     return "".join(word[0] for word in words).upper() or "V"
 
 
-@dataclass(frozen=True, slots=True)
-class MarcBlock:
-    """A quantity in one increment, see `fembridge.results.source.Block`."""
+@dataclass(slots=True)
+class MarcBlock(Block):
+    """A quantity in one increment."""
 
     one: PostIncrement
     quantity: Quantity
@@ -360,7 +359,7 @@ class MarcSource(FieldSource[MarcBlock]):
             return name
         if not held:
             raise ResultError("no values in it", self.path)
-        return super().name_of(held, quantity)
+        return self.named(held, quantity)
 
     def at_nodes(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; those of points inside one layer."""
@@ -384,7 +383,7 @@ class MarcSource(FieldSource[MarcBlock]):
         if blocks[0].name == VON_MISES and (below := np.argwhere(np.array(found) < 0)).size:
             row, column, _ = below[0]
             note(
-                f"node {nodes[column]}: von Mises stress is below 0 at {at_of(blocks[row]):g} ms: "
+                f"node {nodes[column]}: von Mises stress is below 0 at {blocks[row].at:g} ms: "
                 "linear extrapolation of a steep field does that"
             )
         return np.array(found)
@@ -400,7 +399,7 @@ class MarcSource(FieldSource[MarcBlock]):
         found = np.array([self._carried(one, points) for one in blocks])
         for one, values in zip(blocks, found, strict=True):
             check_finite(one, points.nodes, values, self.path)
-        times_ms = np.array([at_of(one) for one in blocks])
+        times_ms = np.array([one.at for one in blocks])
         return tuple(
             OneSidedStress(node, layer, points.layers.names[layer], elements, times_ms, found[:, k])
             for k, (layer, elements) in enumerate(points.sides())

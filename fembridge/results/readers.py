@@ -7,15 +7,12 @@ it. Another package adds a row, a `Reader`, under the entry point group
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from decks.dialects import JOB
 from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
-from fembridge.errors import ResultError, UsageError
+from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile, suffix_of
-from fembridge.results.read_options import ReadOptions
 from fembridge.run_folder import RUN_FILE, read_run_folder
 
 ENTRY_POINTS = "fembridge.readers"
@@ -63,18 +60,6 @@ class Reader:
             return start.startswith(self.first_bytes)
         others = [other for other in READERS if other.first_bytes]
         return b"\0" not in start and not any(other.takes(start) for other in others)
-
-    def load(self, path: Path, options: ReadOptions) -> Any:  # noqa: ANN401 - a Source
-        """The source of this format for `path`."""
-        if not self.points and (options.extrapolate or options.von_mises):
-            raise UsageError(
-                f"{path}: {self.name} holds values at nodes; how they are extrapolated "
-                "there is asked of a Marc post file"
-            )
-        if options.columns and not self.named:
-            raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
-        module, _, name = self.target.partition(":")
-        return getattr(import_module(module), name)(path, options)
 
 
 # A binary post file of Marc begins with the length of its first record, 70 words of 4

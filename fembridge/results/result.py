@@ -11,16 +11,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fembridge.errors import FembridgeError, ResultError, TraceError, UsageError
 from fembridge.results.fields import Field
 from fembridge.results.history import STRESS, VON_MISES, History
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import result_file, units_of
-from fembridge.results.source import Source, open_source
+from fembridge.results.source import open_source
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.store import read_toml, sha256_of
 from fembridge.trace import STEP_TOLERANCE, Traces
-from fembridge.typing import Table
+from fembridge.typing import FloatArray, Table
 
 if TYPE_CHECKING:
     import pandas
@@ -39,66 +41,22 @@ class Result:
     run: RunFolder | None = None
     trouble: ResultError | None = None
 
-    def source(self, options: ReadOptions | None = None) -> Source:
-        """The open file; a context manager that closes it."""
-        return open_source(self.path, self.options if options is None else options)
-
     def describe(self) -> Table:
         """What the file holds."""
-        with self.source() as source:
+        with open_source(self.path, self.options) as source:
             return source.describe()
 
     def named_nodes(self) -> Sequence[int]:
         """Nodes that a file of curves names itself; none of other files."""
         if self.trouble is not None:
             raise self.trouble
-        with self.source(replace(self.options, log=None)) as source:
+        with open_source(self.path, replace(self.options, log=None)) as source:
             return source.named_nodes()
 
-    def traces(
-        self,
-        nodes: Sequence[int] | None = None,
-        *,
-        sets: Sequence[str] = (),
-        near_mm: Sequence[Sequence[float]] = (),
-        deck: Path | None = None,
-        resample_ms: float | None = None,
-    ) -> Traces:
-        """Stress traces at the chosen nodes, without a choice at the run's afferents.
-
-        Of a run time 0 is the start of its stimulus. With a ramp the sample there is an
-        increment of the file and what comes before is dropped. Without one the model is
-        stress-free at time 0 by definition, and that sample, exactly 0, is put in front.
-        """
-        path, run = self.path, self.run
-        places, options = self._places(nodes, sets, near_mm, deck)
-        held = self._history(places, options, VON_MISES, False)
-        if run is None:
-            return Traces(self._taken(held, VON_MISES, resample_ms, options).traces(path))
-        last_ms, slack_ms = float(held.at.max()), STEP_TOLERANCE * run.dt_ms
-        if abs(last_ms - run.end_ms) > 10 * slack_ms:
-            words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
-            if not options.partial:
-                raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
-            options.note(words)
-        since = held.from_start(run.start_ms, slack_ms)
-        if resample_ms is not None:
-            traces = self._taken(since, VON_MISES, resample_ms, options).traces(path)
-            traces = [replace(one, start_ms=one.start_ms - run.start_ms) for one in traces]
-            return Traces(traces, run.origin())
-        if since.at.size < 2 or abs(since.at.min() - run.start_ms) > slack_ms:
-            raise ResultError(
-                f"the stimulus begins at {run.start_ms:g} ms of solver time, the file holds "
-                f"{held.form}",
-                path,
-            )
-        traces = []
-        for one in since.unrounded().traces(path):
-            # A file's times may be rounded: to six digits, or to single precision.
-            off = abs(one.dt_ms / run.dt_ms - 1.0) * one.stress_pa.size
-            dt_ms = run.dt_ms if off <= STEP_TOLERANCE else one.dt_ms
-            traces.append(replace(one, start_ms=0.0, dt_ms=dt_ms))
-        return Traces(traces, run.origin())
+    def traces(self, nodes: Sequence[int] | None = None, **choice: Any) -> Traces:  # noqa: ANN401
+        """Stress traces at the chosen nodes, with the words of `history`."""
+        found = self.history(nodes, quantity=VON_MISES, from_start=True, **choice)
+        return Traces(found.traces(self.path), None if self.run is None else self.run.origin())
 
     def history(
         self,
@@ -111,31 +69,65 @@ class Result:
         sets: Sequence[str] = (),
         near_mm: Sequence[Sequence[float]] = (),
         deck: Path | None = None,
+        from_start: bool = False,
     ) -> History:
         """`quantity` at the chosen nodes, at `every` one, or at the run's afferents, as it is.
 
-        Beside a ``run.toml`` time 0 is the start of the stimulus; no rest sample is added.
+        Beside a ``run.toml`` time 0 is the start of the stimulus; `from_start` takes the rows
+        from there on, on the even grid that a trace needs.
         """
-        run = self.run
-        if every:
-            places, options = None, self._in_run()
-        else:
-            places, options = self._places(nodes, sets, near_mm, deck)
-        held = self._history(places, options, quantity, modes)
-        if run is not None and held.over_time:
-            held = replace(held, at=held.at - run.start_ms)
+        if self.trouble is not None:
+            raise self.trouble
+        places = None if every else self._places(nodes, sets, near_mm, deck)
+        options = self._in_run()
+        with open_source(self.path, options) as source:
+            wanted = None if places is None else [node for _, node in places]
+            held = source.history(wanted, quantity, modes)
+        if places is not None:
+            named = held.afferents or (None,) * len(places)
+            classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
+            held = replace(held, afferents=tuple(one or other for one, other in classes))
+        if self.run is not None and from_start:
+            held = self._from_start(held, self.run, resample_ms is None)
+        elif self.run is not None and held.over_time:
+            held = replace(held, at=held.at - self.run.start_ms)
         word = VON_MISES if held.quantity == STRESS else held.quantity
-        if quantity is not None:
-            word = quantity.lower()
-        return self._taken(held, word, resample_ms, options)
-
-    def _taken(
-        self, held: History, word: str, resample_ms: float | None, options: ReadOptions
-    ) -> History:
         try:
+            word = word if quantity is None else quantity.lower()
             return held.taken(word, resample_ms, options.log)
         except TraceError as error:
             raise ResultError(str(error), self.path) from error
+
+    def _from_start(self, held: History, run: RunFolder, even: bool) -> History:
+        """The rows from the start of the stimulus on, which is time 0; on an `even` grid.
+
+        With a ramp the sample there is an increment of the file. Without one the model is
+        stress-free at time 0 by definition, and that sample, exactly 0, is put in front.
+        """
+        path, options = self.path, self.options
+        if not held.over_time:
+            raise ResultError(f"{held.form}: no history over time, no trace to take", path)
+        last_ms, slack_ms = float(held.at.max()), STEP_TOLERANCE * run.dt_ms
+        if abs(last_ms - run.end_ms) > 10 * slack_ms:
+            words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
+            if not options.partial:
+                raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
+            options.note(words)
+        since = held.from_start(run.start_ms, slack_ms)
+        if not even:
+            return replace(since, at=since.at - run.start_ms)
+        if since.at.size < 2 or abs(since.at.min() - run.start_ms) > slack_ms:
+            raise ResultError(
+                f"the stimulus begins at {run.start_ms:g} ms of solver time, the file holds "
+                f"{held.form}",
+                path,
+            )
+        found_ms = since.unrounded().traces(path)[0].dt_ms
+        # A file's times may be rounded: to six digits, or to single precision.
+        off = abs(found_ms / run.dt_ms - 1.0) * since.at.size
+        step_ms = run.dt_ms if off <= STEP_TOLERANCE else found_ms
+        at_ms: FloatArray = np.arange(since.at.size, dtype=np.float64) * step_ms
+        return replace(since, at=at_ms, step_ms=step_ms)
 
     def largest_node(self) -> tuple[int, bool, History]:
         """The node where what is taken by default is largest at the end, and its history.
@@ -145,7 +137,7 @@ class Result:
         for across in (False, True):
             options = replace(self.options, across_materials=across)
             try:
-                with self.source(options) as source:
+                with open_source(self.path, options) as source:
                     last = source.history(None, last=True)
             except ResultError:
                 if across:
@@ -157,32 +149,16 @@ class Result:
             return node, across, replace(self, options=options).history([node])
         raise AssertionError
 
-    def _history(
-        self, places: "_Places | None", options: ReadOptions, quantity: str | None, modes: bool
-    ) -> History:
-        """What the reader gives, at `places`; None takes every node."""
-        if self.trouble is not None:
-            raise self.trouble
-        with self.source(options) as source:
-            nodes = None if places is None else [node for _, node in places]
-            held = source.history(nodes, quantity, modes)
-        if places is not None:
-            named = held.afferents or (None,) * len(places)
-            classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
-            held = replace(held, afferents=tuple(one or other for one, other in classes))
-        return held
-
     def _places(
         self,
         nodes: Sequence[int] | None,
         sets: Sequence[str],
         near_mm: Sequence[Sequence[float]],
         deck: Path | None,
-    ) -> tuple["_Places", ReadOptions]:
-        """Class and node of each chosen node, and the options that its run adds."""
+    ) -> list[tuple[str | None, int]]:
+        """Class and node of each chosen node."""
         path, run, options = self.path, self.run, self.options
-        if self.trouble is not None:
-            raise self.trouble
+        places: list[tuple[str | None, int]]
         if nodes is None and run is None and not (sets or len(near_mm)):
             nodes = self.named_nodes() or None
         if nodes is not None or sets or len(near_mm):
@@ -191,32 +167,27 @@ class Result:
 
                 nodes = choose_nodes(path, nodes or (), sets, near_mm, deck, options)
             chosen = dict.fromkeys(int(node) for node in nodes or ())
-            places: _Places = [(None, node) for node in chosen]
+            places = [(None, node) for node in chosen]
         elif run is not None:
             places = [(place.afferent, place.node) for place in run.afferents]
         else:
             raise ResultError("no run.toml beside it: name the nodes to read", path)
         if not places:
             raise ResultError("no nodes to read", path)
-        return places, self._in_run()
+        return places
 
     def _in_run(self) -> ReadOptions:
         """The options, and what the run adds to them."""
         run, options = self.run, self.options
         if run is None:
             return options
-        if options.stress_unit != run.stress_unit:
-            words = f"{self.path}: a run folder of fembridge is in {run.stress_unit}, always"
-            raise UsageError(words)
-        if options.length_unit != run.length_unit:
-            words = f"{self.path}: a run folder of fembridge is in {run.length_unit}, always"
-            raise UsageError(words)
+        given = (options.stress_unit, run.stress_unit), (options.length_unit, run.length_unit)
+        for asked, held in given:
+            if asked != held:
+                words = f"{self.path}: a run folder of fembridge is in {held}, always"
+                raise UsageError(words)
         _check_deck(run, self.path)
         return replace(options, branches=run.branches, on_axis=run.on_axis)
-
-
-_Places = list[tuple[str | None, int]]
-"""Class and number of nodes."""
 
 
 def open_result(
@@ -463,7 +434,8 @@ def read_fields(
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
     with ExitStack() as stack:
-        source = stack.enter_context(opened("read_fields", path, options).source())
+        found = opened("read_fields", path, options)
+        source = stack.enter_context(open_source(found.path, found.options))
         return _closing(source.fields(quantity), stack.pop_all())
 
 

@@ -8,16 +8,17 @@ histories, fields and pictures follow from that here.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
+from importlib import import_module
 from pathlib import Path
-from typing import Generic, NoReturn, Protocol, TypeVar
+from typing import Generic, NoReturn, TypeVar
 
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import (
+    Block,
     Field,
     Frame,
-    Key,
     Scene,
     arrays_of,
     derived_of,
@@ -32,13 +33,10 @@ from fembridge.results.history import (
     History,
     name_in,
     one_axis,
-    word_of,
 )
-from fembridge.results.one_sided import OneSidedStress
 from fembridge.results.read_options import NotFiniteError, ReadOptions
 from fembridge.results.readers import reader_of, result_file
-from fembridge.results.stress import DERIVED
-from fembridge.trace import MS_PER_S
+from fembridge.results.stress import DERIVED, OneSidedStress
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 Span = tuple[int, int | None, int | None]  # how many nodes, the lowest and the highest
@@ -115,34 +113,6 @@ class Source(AbstractContextManager["Source"]):
         raise UsageError(f"{self.path}: it gives histories at nodes, no whole fields")
 
 
-class Block(Protocol):
-    """A quantity at one output."""
-
-    @property
-    def name(self) -> str:
-        """Of the quantity."""
-
-    @property
-    def key(self) -> Key:
-        """Step and increment, or mode: what joins the blocks of an output."""
-
-    @property
-    def axis(self) -> str:
-        """What `value` is: `history.TIME`, or of a mode its frequency, ..."""
-
-    @property
-    def value(self) -> float:
-        """As the file has it: the time in s, or the frequency of a mode."""
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """Names of the numbers of a node."""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Of each component, as `History` has them."""
-
-
 _Block = TypeVar("_Block", bound=Block)
 
 
@@ -161,11 +131,9 @@ class FieldSource(Source, Generic[_Block]):
 
     def name_of(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held` that a history takes."""
-        if quantity is not None:
-            return self.named(held, quantity)
-        return next((one for one in NAMES["displacement"] if one in held), held[0])
+        raise NotImplementedError
 
-    def named(self, held: Sequence[str], quantity: str) -> str:
+    def named(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held` that `quantity` means."""
         return name_in(held, quantity, self.path)
 
@@ -257,11 +225,11 @@ class FieldSource(Source, Generic[_Block]):
         if not blocks:
             raise ResultError("no whole, converged increment is left", self.path)
         return History(
-            quantity=word_of(name),
+            quantity=next((word for word, names in NAMES.items() if name in names), name),
             components=first.components,
             units=first.units,
             nodes=tuple(numbers.tolist()),
-            at=np.array([at_of(one) for one in blocks]),
+            at=np.array([one.at for one in blocks]),
             values=values,
             keys=np.array([one.key for one in blocks], dtype=np.int64),
             axis=axis,
@@ -363,7 +331,7 @@ class FieldSource(Source, Generic[_Block]):
                 except NotFiniteError as error:  # of this block, not of the others
                     self.options.note(f"left out: {block}: {error.problem}")
             if fields:
-                at = at_of(next(iter(output.values())))
+                at = next(iter(output.values())).at
                 yield Frame(at, scene, _at_points(fields, rows, derived, scene), axis == TIME)
 
     def quantity_table(
@@ -377,8 +345,8 @@ class FieldSource(Source, Generic[_Block]):
             "name": name,
             "components": list(blocks[0].components),
             "increments": len(timed),
-            "first_ms": at_of(timed[0]) if timed else None,
-            "last_ms": at_of(timed[-1]) if timed else None,
+            "first_ms": timed[0].at if timed else None,
+            "last_ms": timed[-1].at if timed else None,
             "modes": len(others),
             "axis": others[0].axis if others else TIME,
             "first_value": others[0].value if others else None,
@@ -398,9 +366,20 @@ def open_source(path: Path | str, options: ReadOptions) -> Source:
     ------
     ResultError
         No such file, or no reader takes it.
+    UsageError
+        `options` are of another format.
     """
     path = result_file(path)
-    found: Source = reader_of(path).load(path, options)
+    reader = reader_of(path)
+    if not reader.points and (options.extrapolate or options.von_mises):
+        raise UsageError(
+            f"{path}: {reader.name} holds values at nodes; how they are extrapolated "
+            "there is asked of a Marc post file"
+        )
+    if options.columns and not reader.named:
+        raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
+    module, _, name = reader.target.partition(":")
+    found: Source = getattr(import_module(module), name)(path, options)
     return found
 
 
@@ -427,15 +406,10 @@ def read_field(
         return source.field(quantity, increment)
 
 
-def at_of(block: Block) -> float:
-    """The time of a block in ms, or what its axis says of a mode."""
-    return block.value * MS_PER_S if block.axis == TIME else block.value
-
-
 def field_of(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> Field:
     """The field of `block`; a value that is not finite is a `NotFiniteError`."""
     check_finite(block, nodes, values, path)
-    time_ms = at_of(block) if block.axis == TIME else float("nan")
+    time_ms = block.at if block.axis == TIME else float("nan")
     of = (block.name, *block.key, time_ms, block.components, block.units, nodes, values)
     return Field(*of, axis=block.axis, axis_value=block.value)
 
@@ -445,7 +419,7 @@ def check_finite(block: Block, nodes: IntArray, values: FloatArray, path: Path) 
     if np.isfinite(values).all():
         return
     row, column = np.argwhere(~np.isfinite(values))[0].tolist()
-    when = f"{at_of(block):g} ms" if block.axis == TIME else f"{block.axis} {block.value:g}"
+    when = f"{block.at:g} ms" if block.axis == TIME else f"{block.axis} {block.value:g}"
     words = f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
     raise NotFiniteError(f"{words}{values[row, column]}", path)
 

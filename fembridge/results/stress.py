@@ -11,6 +11,7 @@ below then is the ENER of the same file).
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -117,6 +118,27 @@ def strain_energy_density_pa(tensor_pa: FloatArray, strain: FloatArray) -> Float
     normal = product[..., :_NORMAL].sum(axis=-1)
     energy: FloatArray = 0.5 * normal + product[..., _NORMAL:].sum(axis=-1)
     return energy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OneSidedStress:
+    """Stress at `node` in one material: `tensor_pa` ``(T, 6)`` in Pa.
+
+    At `times_ms` ``(T,)``, in the order xx yy zz xy yz zx; it is the mean over the
+    `elements` of that material at the node.
+    """
+
+    node: int
+    material: int
+    name: str
+    elements: tuple[int, ...]
+    times_ms: FloatArray
+    tensor_pa: FloatArray
+
+    @property
+    def von_mises_pa(self) -> FloatArray:
+        """Von Mises stress on this side, ``(T,)`` in Pa."""
+        return von_mises_pa(self.tensor_pa)
 
 
 # By name: the quantities it takes, and what is computed of them.

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene
 from fembridge.results.result import opened
+from fembridge.results.source import open_source
 from fembridge.results.stress import DERIVED
 from fembridge.store import filling
 from fembridge.typing import FloatArray
@@ -92,7 +93,7 @@ def write_vtu_series(
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
     result = opened("write_vtu_series", path, options)
-    with result.source() as source:
+    with open_source(result.path, result.options) as source:
         path, folder = source.path, Path(folder)
         frames = source.frames(quantities, tuple(derived), modes)
         series = f"{path.stem}.pvd"
