@@ -76,7 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         who,
         touch,
         repeats=("N", "trials"),
-        noise_mv=("MV", "noise of the membrane, mV after 1 ms, by which trials differ"),
+        noise_mv=(
+            "MV",
+            "noise of the membrane, mV after 1 ms, by which trials differ; "
+            "recorded timing bounds it to 0.1 or so (docs/touch.md)",
+        ),
         seed=("N", "of the noise"),
     )
     add_output_option(parser, default="out")

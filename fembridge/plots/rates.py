@@ -1,7 +1,7 @@
 """Rates against amplitude: a block of panels a family, a row a class, a column a frequency."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from decks.stimuli import Entry, resolve, set_name, set_title
@@ -75,14 +75,14 @@ def rates_figure(
     published: Sequence[Rate] = (),
     touchsim: Sequence[Rate] = (),
     afferents: Sequence[str] | None = None,
-    name: str = "these rates",
+    names: Mapping[str, str] | None = None,
     panel_in: float = _PANEL_IN,
 ) -> "Figure":
     """Rate against amplitude: a block of panels a family of stimuli, in it a row a class.
 
-    Lines with dots are `rates`, called `name`, in the colour of their class; rings are
-    `observed`, thin lines `published`, dashes `touchsim`, all of the frequencies of `rates`
-    alone. Panels of a class and family share a scale.
+    Lines with dots are `rates` in the colour of their class; rings are `observed`, thin
+    lines `published`, dashes `touchsim`, all of the frequencies of `rates` alone. Panels of
+    a class and family share a scale. `names` are other words for `OWN` and `PUBLISHED`.
 
     Raises
     ------
@@ -99,8 +99,8 @@ def rates_figure(
         raise UsageError("no rate of a sinusoid, diharmonic or noise to draw")
     if len(sets) > MOST_SETS:
         raise UsageError(f"{len(sets)} frequencies, expected at most {MOST_SETS} in one picture")
-    words = {OWN: name, OBSERVED: "observed", PUBLISHED: "published model"}
-    words[TOUCHSIM] = "TouchSim (fitted to recordings of the same experiments)"
+    words = {OWN: "these rates", OBSERVED: "observed", PUBLISHED: "published model"}
+    words |= {TOUCHSIM: "TouchSim (fitted to recordings of the same experiments)", **(names or {})}
     sources = dict(zip(words, (rates, observed, published, touchsim), strict=True))
     points = DataFrame(
         [

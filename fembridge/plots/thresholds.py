@@ -24,6 +24,8 @@ _HEIGHT_IN = 2.5
 _WORDS = ("first impulse", "one impulse a cycle")
 _DASHES: tuple[dict[str, Any], ...] = ({}, {"dashes": (3, 2)})
 _MARK_PT = 4.0
+# A dullest cell without a threshold is beyond what was tried: the shade goes on to the top.
+_BEYOND_UM = 1.0e6
 
 
 @in_style
@@ -45,13 +47,16 @@ def thresholds_figure(found: "pandas.DataFrame", observed: "pandas.DataFrame") -
             mine = found[(found["afferent"] == name) & (found["criterion"] == criterion)]
             panel.plot(mine["frequency_hz"], mine["amplitude_um"], color=colour, **dashes)
             if criterion == CRITERIA[0]:
-                columns = (mine["frequency_hz"], mine["least_um"], mine["most_um"])
+                most_um = mine["most_um"].fillna(_BEYOND_UM)
+                columns = (mine["frequency_hz"], mine["least_um"], most_um)
                 panel.fill_between(*columns, color=FAINT, alpha=0.35, linewidth=0)
             seen = observed[(observed["afferent"] == name) & (observed["criterion"] == criterion)]
             mark = marks("o", colour, _MARK_PT, filled=criterion == CRITERIA[0])
             panel.plot(seen["frequency_hz"], seen["amplitude_um"], **mark)
         note(panel, name, (0.04, 0.05), (0, 0), **class_style(name))
         panel.set_xlabel("Frequency (Hz)")
+    highest_um = max(*found["amplitude_um"].dropna(), *observed["amplitude_um"], 1.0)
+    panels[0].set_ylim(top=2.0 * highest_um)
     panels[0].set_ylabel("Threshold amplitude (µm)")
     ink = AFFERENT_COLOURS[classes[0]]
     samples = [{"color": ink, **dashes} for dashes in _DASHES]

@@ -3,7 +3,7 @@
 Each table is made of a table of published facts, `fembridge.evidence`, or of a user's in
 its place, and of a model under the same stimuli by the response map. The parameters of
 the whole fingertip are held to timing and thresholds too; the distance from a probe is
-its own.
+theirs alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +31,8 @@ from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS, SpikeTrain
 from fembridge.tuning import against_evidence, thresholds, vibration
 from fembridge.typing import FloatArray
+from neural import ParameterSet
 from neural.encoder import encode_cells
-from neural.parameter_sets import parameter_set
 from neural.parameters import Parameters
 from neural.threshold import vector_strength
 
@@ -55,31 +55,41 @@ _PIN_UM = np.geomspace(15.0, 900.0, 24)
 _NUMBERS = TIMING_COLUMNS[3:]
 _PHASE_BINS, _PHASE_PANELS = 10, 2
 
+# Parameters, and the response that they answer on.
+Answering: TypeAlias = tuple[ResponseMap, ParameterSet]
+
 # Spikes of each cell of a class under a stimulus.
 Spikes: TypeAlias = Callable[[str, Stimulus], list[FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """Tables of one model beside recorded afferents.
+class Beside:
+    """Timing and thresholds of parameters on a response, beside recorded ones.
 
     `timing` has a row a class and vibration: what was recorded, the model's impulses a
     cycle and vector strengths over all cells, the impulses of the keenest cell, and
-    whether that is near enough. `phases` are shares of the spikes by phase of the cycle,
-    `tuning` recorded thresholds with the model's, `curves` the model's, and those that begin
-    with ``fingertip`` are of its parameters on the pad. `man` are impulses a
-    cycle in man, `distance` amplitudes of RA away from a probe, `ramp` spikes under
+    whether that is near enough. `tuning` are recorded thresholds with the model's, `curves`
+    the model's.
+    """
+
+    timing: "DataFrame"
+    tuning: "DataFrame"
+    curves: "DataFrame"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """The judged model, and the parameters of the whole `fingertip`, beside recorded afferents.
+
+    `phases` are shares of the spikes by phase of the cycle, `man` are impulses a cycle in
+    man, `distance` amplitudes of RA away from a probe, `ramp` spikes under
     `ramp_stimulus`. `sources` say of each set, by name, what it holds and where it is from,
     `trains` are a user's recorded spikes.
     """
 
-    timing: "DataFrame"
+    judged: Beside
+    fingertip: Beside
     phases: "DataFrame"
-    tuning: "DataFrame"
-    curves: "DataFrame"
-    fingertip_timing: "DataFrame"
-    fingertip_tuning: "DataFrame"
-    fingertip_curves: "DataFrame"
     man: "DataFrame"
     distance: "DataFrame"
     ramp: tuple[SpikeTrain, ...]
@@ -89,9 +99,8 @@ class Evidence:
 
 
 def gather(
-    response: ResponseMap,
-    parameters: Parameters,
-    preindent_um: float,
+    judged: Answering,
+    fingertip: Answering,
     own: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
 ) -> Evidence:
@@ -100,36 +109,26 @@ def gather(
     `own` tables stand in the place of the published ones of their names, and recorded
     `trains` in that of the published timing.
     """
-    from fembridge.touching.pad import pad_named
-    from fembridge.touching.response import pad_response
-
     own = own or {}
-    spikes = _answering(response, parameters)
+    response, model = judged
+    preindent_um, spikes = model.preindent_um, _spikes(judged)
     known = {
         name: own.get(name) or Facts(evidence(name), citation(name))
         for name in (THRESHOLDS, TIMING, PHASES, MAN, DISTANCE)
     }
-    asked = known[THRESHOLDS].table
-    curves = _curves(response, parameters, preindent_um, asked)
-    pad, fingertip = pad_response(pad_named("reference")), parameter_set("fitted_pad")
-    of_fingertip = pad, fingertip.parameters, fingertip.preindent_um
-    fingertip_curves = _curves(*of_fingertip, asked)
     recorded = timing_of(trains) if trains else published_timing()
     phases = phases_of(trains) if trains else known[PHASES].table.assign(frequency_hz=20.0)
     ramp = make_stimulus(RAMP)
     sources = {name: facts.source for name, facts in known.items()}
     if trains:
         sources |= dict.fromkeys((TIMING, PHASES), "Recorded: the spikes that were given.")
+    asked = known[THRESHOLDS].table
     return Evidence(
-        timing=_timing(recorded, preindent_um, spikes),
+        judged=_beside_recorded(judged, recorded, asked),
+        fingertip=_beside_recorded(fingertip, recorded, asked),
         phases=_phases(phases, preindent_um, spikes),
-        tuning=against_evidence(curves, asked),
-        curves=curves,
-        fingertip_timing=_timing(recorded, fingertip.preindent_um, _answering(*of_fingertip[:2])),
-        fingertip_tuning=against_evidence(fingertip_curves, asked),
-        fingertip_curves=fingertip_curves,
         man=_man(known[MAN].table, response.deepest_um, preindent_um, spikes),
-        distance=_distance(known[DISTANCE].table),
+        distance=_distance(known[DISTANCE].table, fingertip[1].parameters),
         ramp=tuple(
             SpikeTrain(ramp.id, name, times_ms, repeat)
             for name in AFFERENTS
@@ -141,35 +140,35 @@ def gather(
     )
 
 
-def _answering(response: ResponseMap, parameters: Parameters) -> Spikes:
+def _spikes(answering: Answering) -> Spikes:
+    response, model = answering
     columns = {str(place.afferent): k for k, place in enumerate(response.places)}
 
     def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
-        trace = response.traces(stimulus, parameters)[columns[afferent]]
-        [cells] = encode_cells(trace.stress_pa, stimulus.dt_ms, parameters[afferent])
+        trace = response.traces(stimulus, model.parameters)[columns[afferent]]
+        [cells] = encode_cells(trace.stress_pa, stimulus.dt_ms, model.parameters[afferent])
         return cells
 
     return spikes
 
 
-def _curves(
-    response: ResponseMap, parameters: Parameters, preindent_um: float, asked: "DataFrame"
-) -> "DataFrame":
-    """Thresholds of all classes, also at the frequencies that are `asked` for."""
+def _beside_recorded(answering: Answering, recorded: "DataFrame", asked: "DataFrame") -> Beside:
+    """Timing under `recorded` vibrations; thresholds, also at the frequencies `asked` for."""
     from pandas import concat
 
-    return concat(
+    response, model = answering
+    hz_of = {name: asked.frequency_hz[asked.afferent == name].tolist() for name in AFFERENTS}
+    curves = concat(
         [
             thresholds(
-                response,
-                parameters[name],
-                sorted({*CURVE_HZ, *asked[asked["afferent"] == name]["frequency_hz"].tolist()}),
-                preindent_um,
+                response, model.parameters[name], sorted({*CURVE_HZ, *hz}), model.preindent_um
             )
-            for name in AFFERENTS
+            for name, hz in hz_of.items()
         ],
         ignore_index=True,
     )
+    timing = _timing(recorded, model.preindent_um, _spikes(answering))
+    return Beside(timing, against_evidence(curves, asked), curves)
 
 
 def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
@@ -286,11 +285,10 @@ def _man(table: "DataFrame", deepest_um: float, preindent_um: float, spikes: Spi
     return table.assign(model=found["model_impulses_per_cycle"])
 
 
-def _distance(table: "DataFrame") -> "DataFrame":
+def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     """Amplitude for one impulse a cycle at a distance from a pin on the whole fingertip.
 
-    `model_um` is of the median unit of the parameters that hold there, ``fitted_pad``,
-    whichever model is judged, `keenest_um` of the keenest of its cells; NaN where the
+    `model_um` is of the median unit, `keenest_um` of the keenest cell of RA; NaN where the
     largest amplitude is not enough.
     """
     from scipy.stats import norm
@@ -301,7 +299,7 @@ def _distance(table: "DataFrame") -> "DataFrame":
     from fembridge.touching.touch import touch_skin
     from fembridge.touching.way import Way
 
-    pad, parameters = pad_named("reference"), parameter_set("fitted_pad").parameters
+    pad = pad_named("reference")
     # A line of median units and one of keenest ones.
     units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA", "RA"))
     keenest = norm.ppf(0.5 / parameters["RA"].cells)

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 OBSERVED = "observed"
 TOUCHSIM = "TouchSim"
+# The parameters of the whole fingertip under a pin on the pad, beside whatever is judged.
+FINGERTIP = "fingertip"
 EVERY_SET = "all"
 STIMULI = tuple(entry.id for entry in CATALOGUE)
 
@@ -131,6 +133,11 @@ class RateTable:
         """Sources that have a rate under at least one of `stimuli`."""
         there = set(self.frame.source[self.frame.stimulus.isin(stimuli)])
         return tuple(source for source in self.sources if source in there)
+
+    def compared(self, reference: str) -> tuple[str, ...]:
+        """Models of the same response, and TouchSim, but for the `reference` itself."""
+        apart = (OBSERVED, FINGERTIP, reference)
+        return tuple(source for source in self.sources if source not in apart)
 
     def reference(self, stimuli: Sequence[str] = STIMULI) -> str:
         """What models are compared with: observed rates, or else TouchSim's."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from fembridge.evidence import TIMING_COLUMNS
 from fembridge.report import rates
-from fembridge.report.evidence import RAMP, Evidence, records
-from fembridge.report.rates import EVERY_SET, FAMILIES, OBSERVED, Family, row_of
+from fembridge.report.evidence import RAMP, records
+from fembridge.report.rates import EVERY_SET, FAMILIES, FINGERTIP, OBSERVED, Family, row_of
 from fembridge.report.template import number
 from fembridge.report.validate import Validation
 from fembridge.tables import AFFERENTS, SpikeTrain
@@ -32,32 +32,37 @@ def shortfalls(study: Validation) -> tuple[str, ...]:
 
     Of a class whose rates are near enough in every family it is the family that is worst.
     """
-    found = [
-        *(sentence for afferent in AFFERENTS for sentence in _of_rates(study, afferent)),
+    return _class_by_class(
+        *(sentence for one in AFFERENTS for sentence in _of_rates(study, study.judged.name, one)),
         *_held_out_shortfalls(study),
-        *evidence_shortfalls(study.evidence),
-    ]
-    return tuple(sorted(found, key=lambda sentence: AFFERENTS.index(sentence[:2])))
-
-
-def evidence_shortfalls(known: Evidence) -> tuple[str, ...]:
-    """The same of what is known of recorded afferents."""
-    return (
-        *_timing_shortfalls(known.timing),
-        *_tuning_shortfalls(known.tuning),
-        *_man_shortfalls(known.man),
-        *_ramp_shortfalls(known.ramp),
-        *_distance_shortfalls(known.distance),
+        *_timing_shortfalls(study.evidence.judged.timing),
+        *_tuning_shortfalls(study.evidence.judged.tuning),
+        *_man_shortfalls(study.evidence.man),
+        *_ramp_shortfalls(study.evidence.ramp),
     )
 
 
-def _of_rates(study: Validation, afferent: str) -> Iterator[str]:
+def fingertip_shortfalls(study: Validation) -> tuple[str, ...]:
+    """The same of the parameters of the whole fingertip."""
+    return _class_by_class(
+        *(sentence for one in AFFERENTS for sentence in _of_rates(study, FINGERTIP, one)),
+        *_timing_shortfalls(study.evidence.fingertip.timing),
+        *_tuning_shortfalls(study.evidence.fingertip.tuning),
+        *_distance_shortfalls(study.evidence.distance),
+    )
+
+
+def _class_by_class(*sentences: str) -> tuple[str, ...]:
+    return tuple(sorted(sentences, key=lambda sentence: AFFERENTS.index(sentence[:2])))
+
+
+def _of_rates(study: Validation, source: str, afferent: str) -> Iterator[str]:
     """Families of which the rates are not near enough, or that are the worst of a good class."""
     fine = {}
     observed_is_short = False
     for family in FAMILIES:
         reference = study.rates.reference(family.stimuli)
-        key = (reference, study.judged.name, family.name, EVERY_SET, afferent)
+        key = (reference, source, family.name, EVERY_SET, afferent)
         cell = row_of(study.agreement, *key)
         if not cell["count"]:
             continue
@@ -72,7 +77,7 @@ def _of_rates(study: Validation, afferent: str) -> Iterator[str]:
         words = (
             f"{family.title.lower()}{'' if observed else ', against TouchSim'}: R² "
             f"{number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s{lost} where "
-            f"the mean rate is {mean_ips:.1f}; at {_worst_set(study, family, afferent)}."
+            f"the mean rate is {mean_ips:.1f}; at {_worst_set(study, source, family, afferent)}."
         )
         top_ips = float(np.nanmax(target_ips))
         if top_ips > 0 and not np.nanmax(study.rates.of(cell.source, afferent, family.stimuli)) > 0:
@@ -87,9 +92,9 @@ def _of_rates(study: Validation, afferent: str) -> Iterator[str]:
         yield f"{afferent}, weakest under {worst}"
 
 
-def _worst_set(study: Validation, family: Family, afferent: str) -> str:
+def _worst_set(study: Validation, source: str, family: Family, afferent: str) -> str:
     """Set with the largest mean error, how far and to which side: in words."""
-    place = (study.rates.reference(family.stimuli), study.judged.name, family.name, afferent)
+    place = (study.rates.reference(family.stimuli), source, family.name, afferent)
     levels = ["reference", "source", "family", "afferent"]
     titles = {one.name: one.title for one in family.sets}
     biases_ips = study.agreement.xs(place, level=levels).bias_ips.reindex(list(titles)).dropna()
@@ -161,7 +166,7 @@ def _distance_shortfalls(distance: "DataFrame") -> Iterator[str]:
     times = np.exp(np.abs(np.log(ratio.to_numpy())))
     if times.size and np.median(times) > MEDIAN_TIMES:
         yield (
-            f"RA, away from a probe on the whole fingertip (fitted_pad): amplitudes off by "
+            f"RA, away from a probe: amplitudes off by "
             f"{np.median(times):.1f} times in the median, {times.max():.1f} at most."
         )
 

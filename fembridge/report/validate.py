@@ -17,6 +17,7 @@ from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.observed import ObservedRates
 from fembridge.report.evidence import Evidence, gather
 from fembridge.report.rates import (
+    FINGERTIP,
     OBSERVED,
     STIMULI,
     TOUCHSIM,
@@ -49,7 +50,7 @@ ELEMENT = "CPE4"
 STORED = ("quick", "paper")
 # Farthest from the pre-indentation that a stimulus of the paper goes; measured, with noises.
 _STROKE_UM = 300.0
-PUBLISHED_NAME = "published"
+PUBLISHED_NAME, FINGERTIP_SET = "published", "fitted_pad"
 # Fig. 3 (a): 35, 130 and 250 um at 20 Hz; Appendix A has 34.74 and 129.49.
 RASTER_STIMULI = ("sine_20_34.74", "sine_20_129.49", "sine_20_250")
 REPEATS = 5
@@ -81,7 +82,8 @@ class JudgedModel(ParameterSet):
 class Validation:
     """What was computed, and of what.
 
-    `models` and `simulations` go together: the model that is judged comes first.
+    `models` and `simulations` go together: the model that is judged comes first, the
+    parameters of the whole fingertip, `FINGERTIP`, which answer on the stored pad, last.
     `observed` is None where no table was given; `left_out` are stimuli of that
     table that the paper has not. `agreement`, `held_out`, `thresholds` and `locking` are
     tables of `fembridge.report.rates`, `evidence` is the judged model beside recorded afferents.
@@ -142,8 +144,13 @@ def validate(
     ResponseError
         A model's probe goes deeper than the response.
     """
+    from fembridge.touching.pad import pad_named
+    from fembridge.touching.response import pad_response
+
     left_out = _left_out(observed, log)
+    pad, fingertip = pad_response(pad_named("reference")), fingertip_model()
     simulations = {model.name: _simulated(model, response) for model in models}
+    simulations[FINGERTIP] = _simulated(fingertip, pad)
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: one.mean_rates for name, one in simulations.items()}
     sources[TOUCHSIM] = touchsim_rates()
@@ -154,7 +161,7 @@ def validate(
         log(unlike)
     return Validation(
         response=response,
-        models=tuple(models),
+        models=(*models, fingertip),
         simulations=simulations,
         observed=observed,
         left_out=left_out,
@@ -165,7 +172,7 @@ def validate(
         locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
         deflections=deflections,
         convergence=convergence(deflections) if len(deflections) > 1 else (),
-        evidence=gather(response, judged.parameters, judged.preindent_um, facts, trains),
+        evidence=gather((response, judged), (pad, fingertip), facts, trains),
     )
 
 
@@ -232,12 +239,19 @@ def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
     if word == PUBLISHED_NAME:
         return (published,)
     judged = _model(word)
-    if judged.name in (OBSERVED, TOUCHSIM, PUBLISHED_NAME):
+    if judged.name in (OBSERVED, TOUCHSIM, PUBLISHED_NAME, FINGERTIP):
         raise UsageError(
             f"{word}: a model called {judged.name!r} would be beside another of "
             "that name; give it another (the file's name, or its key 'name')"
         )
     return (judged, published)
+
+
+def fingertip_model() -> JudgedModel:
+    """The shipped parameters of the whole fingertip."""
+    found = _model(FINGERTIP_SET)
+    source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {found.source}"
+    return replace(found, name=FINGERTIP, source=source)
 
 
 def _model(word: str) -> JudgedModel:

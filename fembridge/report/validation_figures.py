@@ -31,7 +31,15 @@ from fembridge.plots.style import (
     note,
 )
 from fembridge.report.evidence import Evidence
-from fembridge.report.rates import EVERY_SET, OBSERVED, TOUCHSIM, Family, RateTable, row_of
+from fembridge.report.rates import (
+    EVERY_SET,
+    FINGERTIP,
+    OBSERVED,
+    TOUCHSIM,
+    Family,
+    RateTable,
+    row_of,
+)
 from fembridge.report.validate import PUBLISHED_NAME
 from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS, SpikeTrain
@@ -56,6 +64,7 @@ _EVIDENCE_IN, _EVIDENCE_MARGINS_IN = 2.1, (0.6, 0.12, 0.42, 0.4, 0.22, 0.0)
 def source_title(source: str, judged: str) -> str:
     """Words for a source in figures and tables."""
     titles = {judged: "This model", OBSERVED: "Observed", PUBLISHED_NAME: "Published model"}
+    titles[FINGERTIP] = "Whole fingertip"
     return titles.get(source, source)
 
 
@@ -81,7 +90,7 @@ def regression_figure(
     """
     from matplotlib.ticker import MaxNLocator
 
-    sources = [name for name in rates.sources if name not in (reference, OBSERVED)]
+    sources = rates.compared(reference)
     height_in = 0.78 + 0.44 + len(sources) * 1.5 + (len(sources) - 1) * 0.36
     margins_in = (0.95, 0.12, 0.78, 0.44, 0.42, 0.36)
     figure, panels = new_figure(
@@ -254,7 +263,7 @@ def distance_figure(found: Evidence) -> "Figure":
     legend_above(
         figure,
         [dots(INK, 3.5), {"color": colour}, keenest],
-        ["recorded", "fitted_pad, median cell", "its keenest cell"],
+        ["recorded", "median cell", "keenest cell"],
         down_in=0.15,
     )
     return figure

@@ -8,6 +8,7 @@ import importlib.metadata
 import math
 import platform
 from collections.abc import Iterator
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +17,15 @@ import numpy as np
 
 from fembridge.evidence import RAMP, evidence
 from fembridge.plots.deflection import deflection_figure
-from fembridge.plots.rates import rates_figure
+from fembridge.plots.rates import OWN, PUBLISHED, rates_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
 from fembridge.plots.thresholds import thresholds_figure
 from fembridge.report import rates, validate
+from fembridge.report.evidence import Beside
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
+    FINGERTIP,
     OBSERVED,
     PAPER_R_SQUARED,
     SINES,
@@ -30,7 +33,7 @@ from fembridge.report.rates import (
     TOUCHSIM,
     Family,
 )
-from fembridge.report.shortfalls import shortfalls
+from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.template import ABSENT, number, rendered
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.report.validation_figures import (
@@ -59,6 +62,7 @@ PAGE = "index.html"
 RECORD = "validation.toml"
 
 _RATES_IN = 1.25
+_ANSWERING = ("judged", "fingertip")
 _TIMING_HEADS = {
     "impulses_per_cycle": "impulses a cycle",
     "model_keenest_impulses": "keenest cell",
@@ -146,39 +150,45 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         cited=study.evidence.sources,
         unlike=study.judged.unlike(study.response),
         held_out=_held_out_frame(study),
-        timing=_timing_frame(study.evidence.timing),
-        fingertip_timing=_timing_frame(study.evidence.fingertip_timing),
+        fingertip_shortfalls=fingertip_shortfalls(study),
+        fingertip_agreement=_fingertip_frame(study),
+        timing={name: _timing_frame(getattr(study.evidence, name).timing) for name in _ANSWERING},
         timing_near=[
-            int(study.evidence.timing[name].sum()) for name in ("strengths_near", "impulses_near")
+            int(study.evidence.judged.timing[name].sum())
+            for name in ("strengths_near", "impulses_near")
         ],
-        tuning=_tuning_frame(study.evidence.tuning),
-        fingertip_tuning=_tuning_frame(study.evidence.fingertip_tuning),
+        tuning={name: _tuning_frame(getattr(study.evidence, name).tuning) for name in _ANSWERING},
         ramp_facts=_ramp_facts(),
     )
 
 
 def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
     judged, known = study.judged.name, study.evidence
-    simulation = study.simulations[judged]
-    stimuli = [one for one in simulation.stimuli if one.id in RASTER_STIMULI]
+    mine = study.simulations[judged]
+    stimuli = [one for one in mine.stimuli if one.id in RASTER_STIMULI]
     yield "skin_deflection", deflection_figure(study.deflections)
-    yield "rasters", raster_figure(repeated_trains(simulation), stimuli, known.trains)
-    beside: dict[str, Any] = {
-        "observed": study.observed.rates() if study.observed else (),
-        "published": () if len(study.models) == 1 else study.simulations[PUBLISHED_NAME].mean_rates,
-        "touchsim": touchsim_rates(),
-    }
+    yield "rasters", raster_figure(repeated_trains(mine), stimuli, known.trains)
+    draw_rates = partial(
+        rates_figure,
+        observed=study.observed.rates() if study.observed else (),
+        touchsim=touchsim_rates(),
+    )
+    published = study.simulations[PUBLISHED_NAME].mean_rates if judged != PUBLISHED_NAME else ()
     for family in FAMILIES:
-        mine = [rate for rate in simulation.mean_rates if rate.stimulus in family.stimuli]
-        figure = rates_figure(mine, **beside, name="this model", panel_in=_RATES_IN)
+        of_family = [rate for rate in mine.mean_rates if rate.stimulus in family.stimuli]
+        names = {OWN: "this model"}
+        figure = draw_rates(of_family, published=published, names=names, panel_in=_RATES_IN)
         yield f"rates_{family.name}", figure
         reference = study.rates.reference(family.stimuli)
         yield (
             f"regression_{family.name}",
             regression_figure(study.rates, study.agreement, family, reference, judged),
         )
-    yield "tuning", thresholds_figure(known.curves, known.tuning)
-    yield "fingertip_tuning", thresholds_figure(known.fingertip_curves, known.fingertip_tuning)
+    names = {OWN: "whole fingertip", PUBLISHED: "this model, on the section"}
+    of_fingertip = study.simulations[FINGERTIP].mean_rates
+    yield "fingertip_rates", draw_rates(of_fingertip, published=mine.mean_rates, names=names)
+    yield "tuning", thresholds_figure(known.judged.curves, known.judged.tuning)
+    yield "fingertip_tuning", thresholds_figure(known.fingertip.curves, known.fingertip.tuning)
     yield "phases", phase_figure(known)
     yield "man", man_figure(known)
     yield "distance", distance_figure(known)
@@ -250,18 +260,19 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         "locking": study.locking,
         "deflection": concat(profiles)[["mesh", "elements", "distance_mm", "deflection_mm"]],
         "deflection_convergence": DataFrame(converged, columns=columns),
-        "timing": study.evidence.timing,
         "phases": study.evidence.phases,
-        "tuning": study.evidence.tuning,
-        "tuning_curves": study.evidence.curves,
-        "fingertip_timing": study.evidence.fingertip_timing,
-        "fingertip_tuning": study.evidence.fingertip_tuning,
-        "fingertip_tuning_curves": study.evidence.fingertip_curves,
+        **_tables_beside("", study.evidence.judged),
+        **_tables_beside("fingertip_", study.evidence.fingertip),
         **({} if study.held_out.empty else {"held_out": study.held_out}),
         "distance": study.evidence.distance,
         "impulses_in_man": study.evidence.man,
         "ramp_and_hold": spikes_frame(study.evidence.ramp),
     }
+
+
+def _tables_beside(prefix: str, found: Beside) -> dict[str, "DataFrame"]:
+    names = {"timing": found.timing, "tuning": found.tuning, "tuning_curves": found.curves}
+    return {f"{prefix}{name}": table for name, table in names.items()}
 
 
 def _table_html(frame: "DataFrame", look: str = "") -> "Markup":
@@ -311,7 +322,7 @@ def _titles(study: Validation) -> dict[str, str]:
 
 def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
     """All families against `reference`; where rates were observed, which goals are met."""
-    sources = [source for source in study.rates.sources if source not in (OBSERVED, reference)]
+    sources = study.rates.compared(reference)
     if reference not in study.rates.sources:
         reference = TOUCHSIM
     words = _in_words(study.agreement).loc[reference].xs(EVERY_SET, level="set")
@@ -329,6 +340,28 @@ def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
     return frame.rename(index=names, level=0)
 
 
+def _fingertip_frame(study: Validation) -> "DataFrame":
+    """The whole fingertip and, on the section, the judged model, each family by its reference."""
+    from pandas import concat
+
+    words = _in_words(study.agreement).xs(EVERY_SET, level="set")
+    references = {one.name: study.rates.reference(one.stimuli) for one in FAMILIES}
+    mine = concat([words.xs((its, name), level=("reference", "family"), drop_level=False)
+                   for name, its in references.items()]).droplevel("reference")  # fmt: skip
+    rows = list(product(references, AFFERENTS))
+    sources = (FINGERTIP, study.judged.name, TOUCHSIM)
+    frame = (
+        _laid_out(mine, "source", rows, list(product(sources, _HEADS))).astype(object).fillna("")
+    )
+    names = {one.name: one.title for one in FAMILIES}
+    against = {
+        name: "" if its == OBSERVED else " (against TouchSim)" for name, its in references.items()
+    }
+    titles = {name: title + against[name] for name, title in names.items()}
+    heads = _titles(study) | {study.judged.name: "This model, on the section"}
+    return frame.rename(columns=heads, level=0).rename(index=titles, level=0)
+
+
 def _mark(met: bool | None) -> str:
     from markupsafe import Markup
 
@@ -339,7 +372,7 @@ def _mark(met: bool | None) -> str:
 def _family(study: Validation, family: Family) -> dict[str, Any]:
     """One family of stimuli, what it is compared with, and how that went."""
     reference = study.rates.reference(family.stimuli)
-    sources = [source for source in study.rates.sources if source not in (OBSERVED, reference)]
+    sources = study.rates.compared(reference)
     words = _in_words(study.agreement).loc[reference].xs(family.name, level="family")
     titles = {one.name: one.title for one in family.sets} | {EVERY_SET: "all"}
     rows, columns = list(product(sources, titles)), list(product(AFFERENTS, _HEADS))
@@ -347,7 +380,7 @@ def _family(study: Validation, family: Family) -> dict[str, Any]:
     return {
         "of": family,
         "observed": reference == OBSERVED,
-        "sources": study.rates.known(family.stimuli),
+        "sources": [one for one in study.rates.known(family.stimuli) if one != FINGERTIP],
         "agreement": frame.rename(index=titles, level=1),
     }
 

@@ -67,6 +67,7 @@ def undrawn(monkeypatch):
         "skin_deflection",
         "rasters",
         "tuning",
+        "fingertip_rates",
         "fingertip_tuning",
         "phases",
         "man",

@@ -42,9 +42,10 @@ def test_json_is_all_that_stdout_holds(here, capsys):
 
     summary = json.loads(capsys.readouterr().out)
     assert summary["page"] == "out/index.html"
-    assert summary["models"] == ["published"]
+    assert summary["models"] == ["published", "fingertip"]
     assert summary["reference"] == "TouchSim"
-    assert len(summary["agreement"]) == 3 * 3
+    assert {row["source"] for row in summary["agreement"]} == {"published", "fingertip"}
+    assert len(summary["agreement"]) == 2 * 3 * 3
     assert {row["meets_paper"] for row in summary["agreement"]} == {None}
     assert set(summary["files"]) == {path.name for path in (here / "out").iterdir()}
 

@@ -14,8 +14,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 import fembridge
 from decks.stimuli import CATALOGUE
 from fembridge.errors import MissingError, UsageError
+from fembridge.evidence import THRESHOLDS, Facts
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
+from fembridge.report import evidence
 from fembridge.report.evidence import gather, phases_of
 from fembridge.report.rates import (
     EVERY_SET,
@@ -30,7 +32,7 @@ from fembridge.report.rates import (
     row_of,
     threshold_table,
 )
-from fembridge.report.shortfalls import evidence_shortfalls, shortfalls
+from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import (
     cells_of,
     judged_models,
@@ -381,7 +383,7 @@ def test_a_finger_of_one_s_own_takes_a_solver_or_its_response(tmp_path, monkeypa
         response_of(str(finger), None, judged_models("published"))
 
 
-def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study):
+def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study, monkeypatch):
     """Two trains of 20 Hz: 2 ms and 27 ms into each cycle; the phases of the strongest two."""
     times_ms = np.array([102.0, 127.0, 152.0])
     trains = [
@@ -394,8 +396,12 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study):
     strongest = phases[phases.amplitude_um == 250.0]
     assert strongest.phase_ms.tolist() == [5.0 * k for k in range(10)]
     assert strongest.spikes.tolist() == [4, 0, 0, 0, 0, 2, 0, 0, 0, 0]
-    found = gather(stored_source("quick").response, study.judged.parameters, 0.0, trains=trains)
-    assert set(found.timing.afferent) == set(found.phases.afferent) == {"RA"}
+    monkeypatch.setattr(evidence, "_distance", lambda *_: None)
+    monkeypatch.setattr(evidence, "CURVE_HZ", (20.0,))
+    few = Facts(fembridge.evidence.evidence(THRESHOLDS)[:1], "")
+    answering = stored_source("quick").response, study.judged
+    found = gather(answering, answering, {THRESHOLDS: few}, trains)
+    assert set(found.judged.timing.afferent) == set(found.phases.afferent) == {"RA"}
     assert "given" in found.sources["timing_20hz"]
 
 
@@ -406,11 +412,13 @@ def test_what_is_known_of_man_and_of_distance_has_its_sentence_where_the_model_i
     )
     far = pd.DataFrame({"amplitude_um": [10.0, 10.0, 10.0], "model_um": [20.0, 5.0, math.nan]})
     off, near = (
-        evidence_shortfalls(replace(study.evidence, man=table, distance=distance))
+        replace(study, evidence=replace(study.evidence, man=table, distance=distance))
         for table, distance in ((man, far), (man[2:], far.assign(model_um=12.0)))
     )
-    assert [one for one in off if one not in near] == [
-        "SA, impulses a cycle in man: farthest off with 2.5 instead of 1.0 at 8 Hz, 200 µm.",
-        "RA, away from a probe on the whole fingertip (fitted_pad): amplitudes off by 2.0 times in "
-        "the median, 2.0 at most.",
+    assert [one for one in shortfalls(off) if one not in shortfalls(near)] == [
+        "SA, impulses a cycle in man: farthest off with 2.5 instead of 1.0 at 8 Hz, 200 µm."
+    ]
+    lost = [one for one in fingertip_shortfalls(off) if one not in fingertip_shortfalls(near)]
+    assert lost == [
+        "RA, away from a probe: amplitudes off by 2.0 times in the median, 2.0 at most."
     ]

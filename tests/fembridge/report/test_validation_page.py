@@ -2,11 +2,13 @@
 
 import csv
 import hashlib
+import math
 import re
 import shlex
 import tomllib
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import product
 
 import pytest
 from numpy.testing import assert_allclose
@@ -85,7 +87,7 @@ def test_a_report_is_a_page_with_numbers_figures_and_a_record(report):
         *(f"rates_{family.name}.svg" for family in FAMILIES),
         *(f"regression_{family.name}.svg" for family in FAMILIES),
         *(f"{name}.svg" for name in ("tuning", "phases", "man", "distance", "ramp")),
-        *("fingertip_tuning.svg", "fingertip_timing.csv"),
+        *("fingertip_rates.svg", "fingertip_tuning.svg", "fingertip_timing.csv"),
         *("fingertip_tuning.csv", "fingertip_tuning_curves.csv"),
         *("timing.csv", "phases.csv", "tuning.csv", "tuning_curves.csv"),
         *("impulses_in_man.csv", "ramp_and_hold.csv", "distance.csv"),
@@ -119,7 +121,7 @@ def test_every_figure_and_table_has_a_command_and_a_file(read, report):
 
 def test_figures_have_the_page_s_colours_no_size_and_each_its_own_ids(read):
     drawings = re.findall(r"<svg.*?</svg>", read.text, re.DOTALL)
-    assert len(drawings) == 14
+    assert len(drawings) == 15
     for drawing in drawings:
         head = drawing.partition(">")[0]
         assert "viewBox" in head and " width" not in head and " height" not in head
@@ -191,6 +193,28 @@ def test_the_summary_shows_what_the_table_beside_it_holds(read, report):
     assert compared == 3 * (3 + 1)
 
 
+def test_the_whole_fingertip_stands_beside_the_section_family_by_family(read, report):
+    """Of each family the root mean square from observed rates, or TouchSim's without any."""
+    rates = {}
+    for row in rows_of(report / "rates.csv"):
+        of_family = rates.setdefault((row["source"], row["family"], row["afferent"]), {})
+        of_family[row["stimulus"]] = float(row["rate_ips"])
+    rows = read.tables["fingertip_agreement"][2:]
+    assert len(rows) == len(FAMILIES) * len(AFFERENTS)
+    for (family, afferent), cells in zip(product(FAMILIES, AFFERENTS), rows, strict=True):
+        known = {source for source, name, _ in rates if name == family.name}
+        reference = "observed" if "observed" in known else "TouchSim"
+        target = rates.get((reference, family.name, afferent), {})
+        for source, words in zip(("fingertip", "own"), (cells[-12:-8], cells[-8:-4]), strict=True):
+            found = rates[source, family.name, afferent]
+            off_ips = [found[stimulus] - rate for stimulus, rate in target.items()]
+            if not off_ips:
+                assert words[0] == "none"
+                continue
+            rmse_ips = math.sqrt(sum(off**2 for off in off_ips) / len(off_ips))
+            assert abs(float(words[2]) - rmse_ips) <= 0.0501
+
+
 def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(read):
     judged = {("Sinusoids", afferent) for afferent in AFFERENTS} | {("Diharmonics", "SA")}
     for place, cells in summary_rows(read).items():
@@ -246,7 +270,8 @@ def test_five_repeats_of_a_model_without_noise_are_five_equal_rows(report, study
         for name, simulation in study.simulations.items()
         for train in simulation.trains
     }
-    for name, repeats in spikes.items():
+    for name in (one for one in spikes if one[0] != "fingertip"):  # of ten cells
+        repeats = spikes[name]
         assert sorted(repeats) == [1, 2, 3, 4, 5]
         for times_ms in repeats.values():
             assert_allclose(times_ms, trains[name])
