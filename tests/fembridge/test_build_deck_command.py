@@ -271,6 +271,7 @@ def test_abaqus_is_asked_for_the_whole_field_beside_the_afferents(here):
     assert "*OUTPUT, FIELD, FREQUENCY=1\n*NODE OUTPUT, NSET=OUTPUT_NODES\n" in deck
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_traces_are_the_same_and_every_frame_shows_the_finger(here, capsys):
     stress = {}

@@ -28,6 +28,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_four_verbs_without_options_are_one(here):
     """From Python and by commands; the transient of the chain against the map of simulate.

@@ -189,6 +189,7 @@ def test_a_deck_of_prepomax_goes_through_to_spikes(here, capsys):
 AUTOMATIC = ("--afferent", f"SA={UNDER}", "--frames", "1", "--increments", "automatic")
 
 
+@pytest.mark.slow
 def test_an_axisymmetric_model_keeps_its_pre_indentation(here):
     assert spikes_of(here, axisymmetric(), *AUTOMATIC) == {"SA"}
     assert_allclose(depth_um(PROBE, 1e3), 300.0 + WAVE_UM[1:], atol=1e-6)
@@ -196,6 +197,7 @@ def test_an_axisymmetric_model_keeps_its_pre_indentation(here):
     assert_allclose(trace.stress_pa[0], trace.stress_pa[40], rtol=0.02)  # a cycle later
 
 
+@pytest.mark.slow
 def test_what_fixed_increments_do_not_solve_automatic_ones_do(here, capsys):
     build(here, axisymmetric(), "--afferent", f"SA={UNDER}")
     assert main(["run", RUN, "--no-cache"]) == 1
@@ -206,6 +208,7 @@ def test_what_fixed_increments_do_not_solve_automatic_ones_do(here, capsys):
     assert_allclose(times_ms[-120:], 1000.5 + TIMES_MS[:-1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_ramp_to_a_pre_indentation_begins_where_the_probe_stands(here):
     spikes_of(here, axisymmetric(), *AUTOMATIC, "--preindent-um", "50")
     _, moved = moved_at(here / RUN / "job.frd", [PROBE])
@@ -214,6 +217,7 @@ def test_a_ramp_to_a_pre_indentation_begins_where_the_probe_stands(here):
     assert_allclose(depth_um(PROBE, 1e3), 350.0 + WAVE_UM[1:], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_line_that_ccx_cannot_read_is_said_and_the_run_taken(here, capsys):
     lines = [*axisymmetric()]
     lines.insert(lines.index("*STEP, NLGEOM") + 1, "press it in")

@@ -62,6 +62,7 @@ def test_no_number_is_given_twice(parse_deck, short):
     assert len(nodes) == len(set(nodes))
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_the_spring_changes_the_iterations_and_not_the_stress(tmp_path):
     """Ten increments of a sine, in and back, both ways; within 0.05 % of the peak."""

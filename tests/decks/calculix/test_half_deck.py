@@ -87,14 +87,9 @@ def test_decks_of_other_solvers_are_of_the_whole(short):
     assert marc == same
 
 
+@pytest.mark.slow
 @pytest.mark.solver
-@pytest.mark.parametrize(
-    ("word", "held_um"),
-    [
-        ("sine_100_85.98", 0.0),
-        pytest.param("sine_100_54.98", 75.0, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("word", "held_um"), [("sine_100_85.98", 0.0), ("sine_100_54.98", 75.0)])
 def test_half_of_a_section_has_the_stress_of_the_whole(word, held_um, tmp_path):
     """Ten increments of a sine, in and back; within 0.02 % of the peak, forces as well."""
     [entry] = resolve([word])

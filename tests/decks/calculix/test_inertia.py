@@ -56,6 +56,7 @@ def test_a_run_folder_tells_samples_and_not_increments(tmp_path, held):
     assert "drive" not in run.inputs
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_skin_that_weighs_next_to_nothing_answers_as_without_inertia(tmp_path):
     """On the way in: unloading, so light a skin flutters."""

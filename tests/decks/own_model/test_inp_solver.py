@@ -40,6 +40,7 @@ def solve(folder, deck):
     return folder / "job.frd"
 
 
+@pytest.mark.slow
 def test_our_own_deck_with_another_waveform_is_the_deck_of_that_waveform(tmp_path):
     model = Model(QUICK, mesh_of(QUICK))
     wanted = Stimulus("wanted", np.array([0.0, 15.0, -2.0, 40.0, 80.5]), 0.5, (0.0, 2.0))

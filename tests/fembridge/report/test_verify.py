@@ -178,6 +178,15 @@ def test_the_two_cheapest_studies_keep_their_bounds_and_their_whole_runs(tmp_pat
     found = verify(tmp_path, ["patch"], quick=True)["patch"]
     assert all(check.passed for check in found.checks)
     assert [p for p, ns in before.items() if p.stat().st_mtime_ns != ns] == [damaged]
+    strains = set(found.tables["patch"]["strain"])
+    assert {"small, Hooke", "large, linear law", "large, neo-Hookean"} <= strains
+
+
+@pytest.mark.slow
+@pytest.mark.solver
+def test_a_cylinder_on_a_block_has_the_contact_and_the_stress_of_hertz(tmp_path):
+    found = verify(tmp_path, ["hertz"], quick=True)["hertz"]
+    assert [check.passed for check in found.checks] == [True] * 4
 
 
 def pressed(stress_pa, force_n_per_mm):

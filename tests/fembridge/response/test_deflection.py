@@ -321,6 +321,7 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     assert_allclose(again.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(
     call, tmp_path, capsys

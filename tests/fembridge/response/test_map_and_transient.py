@@ -59,7 +59,7 @@ def test_the_recorded_transient_makes_every_class_fire():
 @pytest.mark.slow
 @pytest.mark.solver
 def test_map_and_transient_agree_on_noise_solved_here(tmp_path):
-    """The first 20 ms of a noise; of a sine every run of the tests shows it (``test_chain``)."""
+    """The first 20 ms of a noise; of a sine ``test_chain`` shows it."""
     whole = make_stimulus(*resolve("noise_25_250_20"), preindent_um=60.0)
     stimulus = dataclasses.replace(
         whole, displacement_um=whole.displacement_um[:41], window_ms=(0.0, 20.0)

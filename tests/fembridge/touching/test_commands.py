@@ -101,6 +101,7 @@ def test_a_grating_is_scanned_across_the_ridged_section(tmp_path, capsys):
     assert all(each["firing"] for each in classes.values())
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx")
 @pytest.mark.parametrize(
