@@ -6,11 +6,14 @@ probe stand upright and the same columns cross all three layers; the subcutaneou
 and the bone are filled freely. No physical groups are used (pygmsh mixes up the cells of
 lines and surfaces once there are both): each surface is asked for its elements.
 
-gmsh's own files of options are not read and its handler of Ctrl-C is not put in
-place: the mesh depends on the finger alone, and the caller keeps its signals.
+gmsh's own files of options are not read, its handler of Ctrl-C is not put in place, and
+signals that its libraries set to the system's default are put back: the mesh depends on
+the finger alone, and the caller keeps its signals.
 """
 
+import ctypes
 import math
+import signal
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -368,7 +371,8 @@ def _gmsh_session() -> Iterator[tuple[Any, Any]]:
         raise MissingError(f"{error}; pip install pygmsh") from error
     if gmsh.isInitialized():
         raise FingerError("gmsh is already at work here: call gmsh.finalize() first")
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    with _signals_kept():
+        gmsh.initialize([], readConfigFiles=False, interruptible=False)
     try:
         for option, value in _OPTIONS.items():
             gmsh.option.setNumber(option, value)
@@ -383,3 +387,21 @@ def _gmsh_session() -> Iterator[tuple[Any, Any]]:
     finally:
         gmsh.model.mesh.removeSizeCallback()
         gmsh.finalize()
+
+
+@contextmanager
+def _signals_kept() -> Iterator[None]:
+    """Handlers of all signals, put back as the system has them.
+
+    What gmsh loads sets eleven to the default, unseen by Python: SIGPIPE, so that a write to a
+    worker that died would end us without a word; SIGTERM and SIGHUP, so that we would not unwind.
+    """
+    sigaction = ctypes.CDLL(None).sigaction
+    kept = {number: ctypes.create_string_buffer(256) for number in signal.valid_signals()}
+    for number, action in kept.items():
+        sigaction(number, None, action)
+    try:
+        yield
+    finally:
+        for number, action in kept.items():
+            sigaction(number, action, None)

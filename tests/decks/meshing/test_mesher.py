@@ -2,6 +2,7 @@
 
 import builtins
 import signal
+import subprocess
 import sys
 import threading
 from dataclasses import replace
@@ -125,6 +126,29 @@ def test_ctrl_c_stays_with_whoever_had_it_and_a_thread_may_mesh():
     assert signal.getsignal(signal.SIGINT) is before
     assert_array_equal(meshes[0].node_mm, mesh_finger(QUICK).node_mm)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+SIGNALS = """
+import os, signal
+from decks.mesher import mesh_finger
+from decks.presets import QUICK
+signal.signal(signal.SIGTERM, lambda *_: print("SIGTERM", flush=True))
+mesh_finger(QUICK)
+os.kill(os.getpid(), signal.SIGTERM)
+reader, writer = os.pipe()
+os.close(reader)
+try:
+    os.write(writer, b"to nobody")
+except BrokenPipeError:
+    print("SIGPIPE")
+"""
+
+
+@needs_gmsh
+def test_handlers_of_signals_stay_as_they_were():
+    """In a process of its own: gmsh changes them when it first begins."""
+    ran = subprocess.run([sys.executable, "-c", SIGNALS], capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout.split()) == (0, ["SIGTERM", "SIGPIPE"])
 
 
 # ---- Without gmsh
