@@ -11,7 +11,7 @@ import numpy as np
 
 from decks.analysis import Contact
 from decks.green import Prism, prism_lines
-from decks.keyword_deck import CONTACT_TYPES, real
+from decks.keyword_deck import real
 from fembridge.typing import FloatArray
 
 PROBE_SET = "PROBE"
@@ -63,7 +63,8 @@ def _lines(
         yield "*FRICTION"
         stick = contact.stick_share * contact.stiffness_mpa_per_mm
         yield f"{real(contact.friction)}, {real(stick)}"
-    yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={CONTACT_TYPES[contact.formulation]}"
+    formulation = contact.formulation.upper().replace("-", " ")
+    yield f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={formulation}"
     yield "SKIN_SURFACE, PROBE_SURFACE"
     for depth_mm in depths_mm:
         yield f"*STEP, INC=1000{', NLGEOM' if large_strain else ''}"

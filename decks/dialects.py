@@ -6,12 +6,15 @@ files of a run folder; it is imported when a deck of it is written.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from fembridge.errors import DeckError, UsageError
 
 if TYPE_CHECKING:
+    from jinja2 import Environment, Template
+
     from decks.analysis import Analysis
 
 JOB = "job"
@@ -162,3 +165,22 @@ def dialect_named(name: str) -> Dialect:
     if name not in DIALECTS:
         raise DeckError(f"no deck dialect {name!r}, expected {', '.join(DIALECTS)}")
     return DIALECTS[name]
+
+
+def template(name: str) -> "Template":
+    """The template `name` of this folder; a word that it is not given is an error."""
+    return _environment().get_template(name)
+
+
+@cache
+def _environment() -> "Environment":
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("decks", "."),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )

@@ -11,20 +11,16 @@ n behind the last of them.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from decks.analysis import Analysis, ElementSet
-from decks.dialects import DIALECTS, JOB, REWRITTEN, DeckOptions
+from decks.dialects import DIALECTS, JOB, REWRITTEN, DeckOptions, template
 from decks.marc.contents import NODES, POINTS, POST_KINDS, TIME
 from decks.marc.grammar import format_real, integers_line, reals_line
 from fembridge.errors import DeckError
 from fembridge.typing import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 DECK = DIALECTS["marc"].deck
 PROCEDURE = f"{JOB}.proc"
@@ -91,9 +87,12 @@ def marc_deck(model: Analysis, *, probe: str = "rigid", results: str = "both") -
     places = [*_node_lines(model.node_mm, 1)]
     if meshed:
         places += _node_lines(probe_mm, model.first_probe_node)
-    template = _environment().get_template(f"{DECK}.j2")
-    return template.render(
+    return template(f"marc/{DECK}.j2").render(
         model=model,
+        comment=_comment,
+        members=_members,
+        ints=lambda *numbers: integers_line(numbers),
+        reals=lambda *numbers: reals_line(numbers),
         title=TITLE,
         results=results,
         # Whether 2 stands for both is inferred from Mentat's three choices.
@@ -119,8 +118,8 @@ def marc_deck(model: Analysis, *, probe: str = "rigid", results: str = "both") -
 def mentat_procedure(*, results: str = "both", friction: bool = True) -> str:
     """The procedure for a deck that was written with these `results` and this `friction`."""
     names = {"deck": DECK, "rewritten": f"{JOB}{REWRITTEN}.dat", "title": TITLE}
-    template = _environment().get_template(f"{PROCEDURE}.j2")
-    return template.render(results=results, friction=friction, **names)
+    procedure = template(f"marc/{PROCEDURE}.j2")
+    return procedure.render(results=results, friction=friction, **names)
 
 
 def time_table(name: str, time_s: FloatArray, value: FloatArray) -> Iterator[str]:
@@ -131,28 +130,6 @@ def time_table(name: str, time_s: FloatArray, value: FloatArray) -> Iterator[str
     yield integers_line([TIME, len(time_s), extrapolate, *unused * 3, *[0] * 4])
     for sample in zip(time_s.tolist(), value.tolist(), strict=True):
         yield reals_line(sample)
-
-
-@cache
-def _environment() -> "Environment":
-    """What reads the templates of this folder; a name that they are not given is an error."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("decks.marc", "."),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    environment.globals |= {
-        "comment": _comment,
-        "members": _members,
-        "ints": lambda *numbers: integers_line(numbers),
-        "reals": lambda *numbers: reals_line(numbers),
-    }
-    return environment
 
 
 def _part(section: ElementSet, kind: int, body: int, mesh_nodes: int) -> dict[str, Any]:

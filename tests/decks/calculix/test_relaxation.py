@@ -14,8 +14,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.analysis import ElementSet, Model
-from decks.calculix import branch_lines, branches, calculix_deck, lasting
-from decks.keyword_deck import material, real
+from decks.calculix import branches, calculix_deck, lasting
+from decks.dialects import template
+from decks.keyword_deck import LINES, real
 from decks.material import Material, PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
@@ -133,11 +134,12 @@ def test_ccx_relaxes_a_sheared_square_as_the_convolution_says(tmp_path, card):
     found = branches([layer], 2, DT_S)
     rows = [(0.0, 0.0), *zip(DT_S * np.arange(1, 121), shear, strict=True)]
     table = "\n".join(f"{at_s:.7f}, {real(float(way))}" for at_s, way in rows)
+    materials = template("materials.inp.j2").make_module(LINES)
     lines = [
         "*NODE, NSET=ALL\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0",
         "*ELEMENT, TYPE=CPE4, ELSET=DERMIS\n1, 1, 2, 3, 4",
-        *material(lasting(layer), inertia=has_mass),
-        *branch_lines(found, "CPE4", inertia=has_mass),
+        materials.material(lasting(layer), 1.0, has_mass),
+        materials.branch_materials(found, "CPE4", 1.0, has_mass),
         f"*AMPLITUDE, NAME=WAY\n{table}",
         f"*STEP, INC=1000\n{card}",
         f"{DT_S}, {120 * DT_S}",
