@@ -176,9 +176,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if (suffix in PRINTS and suffix != ".dat") or kind == "plot":
         unit = ""
     else:
-        from fembridge.results.columns import stress_units_in
+        taken, open_to = result.options.stress_unit, True
+        if result.options.columns:
+            from fembridge.results.columns import stress_units_in
 
-        taken, open_to = stress_units_in(result.options.columns, result.options.stress_unit)
+            taken, open_to = stress_units_in(result.options.columns, taken)
         summary["stress_unit"], unit = taken, f"; stress in the file taken as {taken}"
         if open_to and args.stress_unit is None and (kind != "traces" or result.run is None):
             unit += " (--stress-unit says otherwise)"

@@ -218,7 +218,8 @@ class FrdIndex:
         for one in self.damage:
             if one.block is None:
                 one.problem += f" (byte {one.offset} of {file.size})"
-        complex_ones = {block.key for name in self.names for block in self.named(imaginary(name))}
+        parts = {imaginary(block.name) for block in self.blocks}
+        complex_ones = {block.key for block in self.blocks if block.name in parts}
         for block in self.blocks if complex_ones else ():
             if block.axis == TIME and block.key in complex_ones:
                 block.axis = FREQUENCY
@@ -305,7 +306,13 @@ class FrdIndex:
                 step, increment = int(iterations[1]), int(iterations[2])
             else:
                 step, increment = _counts(line, (48, 60), (36, 48))
-                self._follow(line[10:36].strip(), step, increment)
+                number, before = line[10:36].strip(), self._count
+                self._count = int(number) if number.isdigit() else None
+                words = "blocks are missing, duplicate or not in order: number "
+                known = before is not None and self._count not in (None, before + 1)
+                if known and not any(remark.startswith(words) for remark in self.remarks):
+                    words += f"{self._count}, of step {step}, increment {increment}, "
+                    self.remarks.append(f"{words}comes after {before}")
             self._key = step, increment
             if line[24:27] == b"STP" and not self.remarks:
                 self.remarks.append(
@@ -317,16 +324,6 @@ class FrdIndex:
         elif line.startswith(b"    1UMAT") and line[9:14].strip().isdigit():
             self.materials.setdefault(int(line[9:14]), line[14:].decode("latin-1").strip())
         return after
-
-    def _follow(self, number: bytes, step: int, increment: int) -> None:
-        """Remark, once, that a block does not have the `number` after the last one's."""
-        before, self._count = self._count, int(number) if number.isdigit() else None
-        if None in (before, self._count) or self._count == before + 1:  # type: ignore[operator]
-            return
-        words = "blocks are missing, duplicate or not in order: number "
-        if not any(remark.startswith(words) for remark in self.remarks):
-            words += f"{self._count}, of step {step}, increment {increment}, comes after {before}"
-            self.remarks.append(words)
 
     def _mesh(self, line: bytes, at: int, after: int) -> int:
         """Note the node or element block of a line and find its end."""
@@ -365,9 +362,13 @@ class FrdIndex:
                 return end
         else:
             try:
-                end = packed_end(file, after, announced)
-                while announced and not self._boundary(end):  # one more layer of composites
-                    end, present = packed_end(file, end, announced), present + announced
+                end, present = after, 0
+                while True:
+                    ends = (behind for _, behind in packed_elements(file, end, announced))
+                    end = max([end, *ends])
+                    present += announced
+                    if not announced or self._boundary(end):
+                        break  # else one more layer of composites
             except ResultError as error:
                 words = f"{block}: its count does not lead to its end"
                 raise FrdDamageError(words if present > announced else error.problem, at) from error
@@ -703,11 +704,6 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
                 at, done = at + same * width, done + same
                 yield ElementRows(kind, rows[:, 0], rows[:, 3], rows[:, 4:]), at
             look *= 4
-
-
-def packed_end(file: ByteFile, offset: int, records: int) -> int:
-    """The offset behind packed elements."""
-    return max([offset, *(end for _, end in packed_elements(file, offset, records))])
 
 
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:

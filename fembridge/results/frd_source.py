@@ -232,23 +232,21 @@ class FrdSource(FieldSource[FrdBlock]):
 
     def at_nodes(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
-        block, options = blocks[0], self.options
         values = values_at(self._file, blocks, nodes)
-        if block.name == STRESS:
-            met = self._met(nodes)
-            for node, branches in zip(nodes, self._branches(nodes).tolist(), strict=True):
-                if len(met[node]) > branches and not options.across_materials:
-                    names = self._index.materials
-                    layers = (names.get(one, f"material {one}") for one in met[node])
-                    raise ResultError(
-                        f"node {node} is between {' and '.join(layers)}: its stress is a mean "
-                        "over both and belongs to neither; take a node inside one layer, or ask "
-                        "for it with --across-materials (across_materials=True)",
-                        self.path,
-                    )
-            self._of_model(values, nodes, block)
+        if blocks[0].name == STRESS:
+            inside = self._inside(blocks[0], nodes, values)
+            if not inside.all():
+                node, names = nodes[int(np.argmin(inside))], self._index.materials
+                met = materials_at(self._index, [node])[:, 1].tolist()
+                layers = " and ".join(names.get(one, f"material {one}") for one in met)
+                raise ResultError(
+                    f"node {node} is between {layers}: its stress is a mean "
+                    "over both and belongs to neither; take a node inside one layer, or ask "
+                    "for it with --across-materials (across_materials=True)",
+                    self.path,
+                )
         with np.errstate(over="ignore"):
-            values *= [options.scale(unit) for unit in block.units]
+            values *= [self.options.scale(unit) for unit in blocks[0].units]
         return values
 
     def everywhere(self, blocks: Sequence[FrdBlock]) -> tuple[IntArray, FloatArray]:
@@ -256,39 +254,36 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes, values = super().everywhere(blocks)
         if blocks[0].name != STRESS:
             return nodes, values
-        self._of_model(values, nodes.tolist(), blocks[0])
-        if self.options.across_materials:
-            return nodes, values
-        met = self._met(nodes.tolist())
-        counts = np.array([len(met[node]) for node in nodes.tolist()])
-        inside = counts <= self._branches(nodes.tolist())
+        inside = self._inside(blocks[0], nodes.tolist(), values)
         if not inside.any():
             raise ResultError("no node with stress lies inside one material", self.path)
-        if not inside.all():
-            self.options.note(
-                f"left out: {(~inside).sum()} of {inside.size} nodes, between materials, where "
-                "stress is a mean over them; --across-materials (across_materials=True) takes it"
-            )
+        if inside.all():
+            return nodes, values
+        self.options.note(
+            f"left out: {(~inside).sum()} of {inside.size} nodes, between materials, where "
+            "stress is a mean over them; --across-materials (across_materials=True) takes it"
+        )
         return nodes[inside], values[:, inside]
 
-    def _met(self, nodes: Sequence[int]) -> dict[int, list[int]]:
-        """The materials of the elements at each node."""
-        met: dict[int, list[int]] = {node: [] for node in nodes}
-        if not self.options.across_materials:
-            for node, number in materials_at(self._index, nodes).tolist():
-                met[node].append(number)
-        return met
+    def _inside(self, block: FrdBlock, nodes: Sequence[int], values: FloatArray) -> BoolArray:
+        """Which of `nodes` are inside one material, or are taken so.
 
-    def _branches(self, nodes: Sequence[int]) -> FloatArray:
-        return np.array([self.options.branches.get(node, 1) for node in nodes], dtype=np.float64)
-
-    def _of_model(self, values: FloatArray, nodes: Sequence[int], block: FrdBlock) -> None:
-        """The sum over branches of relaxing skin, not their mean; no shear on a half's axis."""
-        if self.options.branches:
-            values *= self._branches(nodes)[:, None]
-        if self.options.on_axis:
-            on_axis = [node in self.options.on_axis for node in nodes]
+        Of the stress there, `values`, is made what the model says: the sum over branches of
+        relaxing skin, not their mean; no shear on the axis of a half.
+        """
+        options = self.options
+        branches = np.array([options.branches.get(node, 1) for node in nodes], dtype=np.float64)
+        if options.branches:
+            values *= branches[:, None]
+        if options.on_axis:
+            on_axis = [node in options.on_axis for node in nodes]
             values[:, on_axis, block.components.index("SXY")] = 0.0
+        if options.across_materials:
+            return np.ones(len(nodes), dtype=np.bool_)
+        held, met = np.unique(materials_at(self._index, nodes)[:, 0], return_counts=True)
+        rows = rows_of(np.array(nodes, dtype=np.int64), held)
+        inside: BoolArray = np.append(met, 0)[rows] <= branches  # the last of no element
+        return inside
 
     def whole(self, block: FrdBlock, known: IntArray | None = None) -> Field:
         """All of `block`; nodes that are `known` are kept once."""

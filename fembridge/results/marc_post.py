@@ -26,13 +26,13 @@ verification integers are Marc's. Reals of eight bytes and big-endian files are 
 not seen.
 """
 
+import math
 import re
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -400,20 +400,19 @@ class PostFile:
 class _Numbers:
     """Where a table is: `rows` of `stride` bytes from byte `start`.
 
-    The numbers of a row, of type `dtype` (``S13`` is text), fill its `runs`; `fixed`
-    (byte, text) is in every row. A record of many numbers as text is `wrapped`: its table
-    of so many columns fills lines, the rows here, of which the last has `last_bytes`.
+    The numbers of a row, of type `dtype` (``S13`` is text), are its bytes `cells`; `fixed`
+    (byte, text) is in every row. A record of many numbers has the `shape` of a table; as text
+    it fills lines, which are the rows here, of which the last has `last_bytes`.
     """
 
     start: int
     rows: int
     stride: int
-    runs: tuple[slice, ...]
+    cells: slice | NDArray[np.intp]
     dtype: "np.dtype[Any]"
     integer: bool = False
     fixed: Fixed = ()
-    wrapped: int = 0
-    table_rows: int = 0
+    shape: tuple[int, int] | None = None
     last_bytes: int = 0
 
     def values(self, file: ByteFile, rows: IntArray | None = None, offset: int = 0) -> NDArray[Any]:
@@ -424,16 +423,11 @@ class _Numbers:
         ResultError
             A number cannot be read, or the file has not so many bytes.
         """
-        count = self.table_rows if self.wrapped else self.rows
-        wanted = np.arange(count) if rows is None else np.asarray(rows, dtype=np.int64)
         try:
-            if not self.wrapped:
-                return self._converted(self._fields(file, wanted, offset))
-            place = wanted[:, None] * self.wrapped + np.arange(self.wrapped)
-            line, column = place // _FIELDS_A_LINE, place % _FIELDS_A_LINE
-            lines, back = np.unique(line, return_inverse=True)
-            fields = self._fields(file, lines, offset)
-            return self._converted(fields[back.reshape(place.shape), column])
+            fields = self._fields(file, np.arange(self.rows) if rows is None else rows, offset)
+            if self.shape is not None:
+                fields = fields.ravel()[: math.prod(self.shape)].reshape(self.shape)
+            return self._converted(fields)
         except ValueError as error:
             first = self.start + offset
             words = f"bytes {first} to {first + self.rows * self.stride} cannot be read: {error}"
@@ -474,8 +468,7 @@ class _Numbers:
             odd = (found != np.frombuffer(expected, dtype=np.uint8)).any(axis=1)
             if odd.any():
                 raise ValueError(f"{found[odd][0].tobytes()!r} where {expected!r} is expected")
-        fields: NDArray[Any] = np.concatenate([raw[:, run] for run in self.runs], axis=1)
-        return fields.view(self.dtype)
+        return np.ascontiguousarray(raw[:, self.cells]).view(self.dtype)
 
     def _converted(self, fields: NDArray[Any]) -> NDArray[Any]:
         kind = np.int64 if self.integer else np.float64
@@ -541,19 +534,15 @@ class _Place:
 class _BinaryRecords(_Place):
     kind = "t16"
 
-    def __init__(self, file: ByteFile, byte_order: str) -> None:
+    def __init__(self, file: ByteFile, byte_order: Literal["little", "big"]) -> None:
         super().__init__(file)
         self.byte_order = byte_order
         self._order = ">" if byte_order == "big" else "<"
         self._integer = np.dtype(f"{self._order}i{_WORD}")
-        self._length = struct.Struct(f"{self._order}i")
 
     def word(self) -> str:
         """The word that is here; "" if none is, or the file ends."""
-        head = self.file.peek(self.at, _MARKER)
-        if len(head) < _MARKER:
-            return ""
-        length = self._length.unpack(head)[0]
+        length = int.from_bytes(self.file.peek(self.at, _MARKER), self.byte_order)
         if length not in (_WORD, _WORD * len(END), _WORD * _TITLE_WORDS):
             return ""
         raw = self.file.peek(self.at + _MARKER, length)
@@ -592,32 +581,24 @@ class _BinaryRecords(_Place):
         if rows == 0 or integers + reals == 0:
             return None, None
         start, payload = self.at, self._record()
-        before, stride = integers * _WORD, payload + 2 * _MARKER
-        width = self._width(payload - before, reals)
+        cut, stride = _MARKER + integers * _WORD, payload + 2 * _MARKER
         words = f"{integers} integers and {reals} reals are expected"
-        self.check(width > 0, f"a record of {payload} bytes where {words}")
-        marker = self._length.pack(payload)
+        kind = self._reals(payload, integers * _WORD, reals, words)
+        marker = payload.to_bytes(_MARKER, self.byte_order)
         fixed = ((0, marker), (stride - _MARKER, marker))
         self.check_rows(start, rows, stride, fixed)
-        self.at = start + rows * stride
-        self.free.append((start + _MARKER, self.at - _MARKER))
-        cut = _MARKER + before
-        first = (slice(_MARKER, cut),)
-        found = _Numbers(start, rows, stride, first, self._integer, integer=True, fixed=fixed)
-        last = (slice(cut, stride - _MARKER),)
-        real = replace(found, runs=last, dtype=self._real(width), integer=False)
+        self._skip(rows * stride - 2 * _MARKER)
+        found = _Numbers(start, rows, stride, slice(_MARKER, cut), self._integer, True, fixed)
+        real = replace(found, cells=slice(cut, stride - _MARKER), dtype=kind, integer=False)
         return (found if integers else None), (real if reals else None)
 
     def flow(self, rows: int, columns: int) -> _Numbers:
         """Skip one record of `rows` times `columns` reals."""
-        start, length = self.at, self._record()
-        width = self._width(length, rows * columns)
+        start, length = self.at + _MARKER, self._record()
         words = f"{rows} times {columns} reals are expected"
-        self.check(width > 0, f"a record of {length} bytes where {words}")
-        self.at += length + 2 * _MARKER
-        self.free.append((start + _MARKER, self.at - _MARKER))
-        stride = columns * width
-        return _Numbers(start + _MARKER, rows, stride, (slice(0, stride),), self._real(width))
+        kind = self._reals(length, 0, rows * columns, words)
+        self._skip(length)
+        return _Numbers(start, 1, length, slice(None), kind, shape=(rows, columns))
 
     def skip_empty(self) -> None:
         """Skip a record of nothing, if one is here."""
@@ -628,43 +609,43 @@ class _BinaryRecords(_Place):
         """Go to the ``=end=`` of the block that we are in."""
         while (word := self.word()) != END:
             self.check(not word, f"{word!r} before the block's =end=")
-            start = self.at
-            self.at += self._record() + 2 * _MARKER
-            self.free.append((start + _MARKER, self.at - _MARKER))
+            self._skip(self._record())
 
     def _record(self) -> int:
         """Bytes of the record here, without its lengths."""
-        length = self._marker(self.at)
-        end, size = self.at + _MARKER + length, self.file.size
+        size = self.file.size
+        self.check(self.at + _MARKER <= size, "cut", size)
+        head = self.file.take(self.at, _MARKER)
+        length = int.from_bytes(head, self.byte_order, signed=True)
         words = f"a record of length {length}: one of more than 2^31 bytes, in pieces, is not read"
         self.check(length >= 0, words)
+        end = self.at + _MARKER + length
         words = f"cut: a record of {length} bytes begins here and the file ends at byte {size}"
         self.check(end + _MARKER <= size, words)
-        after = self._marker(end)
+        tail = self.file.take(end, _MARKER)
+        after = int.from_bytes(tail, self.byte_order, signed=True)
         self.check(after == length, f"a record of {length} bytes that ends in {after}")
         return length
 
-    def _marker(self, at: int) -> int:
-        raw = self.file.peek(at, _MARKER)
-        self.check(len(raw) == _MARKER, "cut", self.file.size)
-        return int(self._length.unpack(raw)[0])
+    def _skip(self, length: int) -> None:
+        """Go behind what is here, `length` bytes between the first and the last marker."""
+        self.free.append((self.at + _MARKER, self.at + _MARKER + length))
+        self.at += length + 2 * _MARKER
 
     def _payload(self) -> bytes:
-        length = self._record()
+        start, length = self.at + _MARKER, self._record()
         self.check(length <= _LONGEST_TEXT, f"a record of {length} bytes among short ones")
-        raw = self.file.take(self.at + _MARKER, length)
         self.at += length + 2 * _MARKER
-        return raw
+        return self.file.take(start, length)
 
     def _decoded(self, raw: bytes) -> str:
         return raw[::_WORD].decode("latin-1").strip(" \0")
 
-    def _width(self, length: int, reals: int) -> int:
-        """Bytes of each of so many reals, 0 where `length` bytes do not hold them."""
-        width = length // reals if reals else _WORD
-        return width if length == reals * width and width in (4, 8) else 0
-
-    def _real(self, width: int) -> "np.dtype[Any]":
+    def _reals(self, length: int, before: int, reals: int, words: str) -> "np.dtype[Any]":
+        """The type of so many reals that fill a record of `length` bytes but for those `before`."""
+        width = (length - before) // reals if reals else _WORD
+        good = length == before + reals * width and width in (4, 8)
+        self.check(good, f"a record of {length} bytes where {words}")
         self.real_bytes = max(self.real_bytes, width)
         return np.dtype(f"{self._order}f{width}")
 
@@ -718,13 +699,16 @@ class _TextRecords(_Place):
         self.check_rows(start, rows, stride, fixed)
         self.at = start + rows * stride
         self.free.append((start, self.at - 1))
-        runs = []
-        for begin, first in zip([0, *ends], range(0, fields, _FIELDS_A_LINE), strict=False):
-            for column in range(min(_FIELDS_A_LINE, fields - first)):
-                at = begin + column * _FIELD
-                runs.append(slice(at, at + _FIELD))
-        found = _Numbers(start, rows, stride, tuple(runs[:integers]), _TEXT, True, fixed)
-        real = replace(found, runs=tuple(runs[integers:]), integer=False)
+        lines = zip([0, *ends], range(0, fields, _FIELDS_A_LINE), strict=False)
+        cells = np.concatenate(
+            [
+                np.arange(begin, begin + _FIELD * min(_FIELDS_A_LINE, fields - first))
+                for begin, first in lines
+            ]
+        )
+        before = integers * _FIELD
+        found = _Numbers(start, rows, stride, cells[:before], _TEXT, True, fixed)
+        real = replace(found, cells=cells[before:], integer=False)
         return (found if integers else None), (real if reals else None)
 
     def flow(self, rows: int, columns: int) -> _Numbers:
@@ -732,7 +716,7 @@ class _TextRecords(_Place):
         self._check_fields(count)
         if count == 0:
             self.skip_empty()
-            return _Numbers(start, rows, 0, (slice(0, 0),), _TEXT)
+            return _Numbers(start, 1, 0, slice(None), _TEXT, shape=(rows, columns))
         full, rest = divmod(count, _FIELDS_A_LINE)
         a_line = min(count, _FIELDS_A_LINE)
         stride = self._one_record(a_line)[0] - start
@@ -745,13 +729,8 @@ class _TextRecords(_Place):
         lines = full + (rest > 0)
         self.free.append((start, self.at - 1))
         last_bytes = self.at - start - (lines - 1) * stride
-        runs = (slice(0, a_line * _FIELD),)
-        return _Numbers(
-            *(start, lines, stride, runs, _TEXT, False, fixed),
-            wrapped=columns,
-            table_rows=rows,
-            last_bytes=last_bytes,
-        )
+        found = _Numbers(start, lines, stride, slice(0, a_line * _FIELD), _TEXT, fixed=fixed)
+        return replace(found, shape=(rows, columns), last_bytes=last_bytes)
 
     def skip_empty(self) -> None:
         while (found := self.file.line(self.at)) is not None and not found[0].strip():
@@ -804,8 +783,10 @@ def _records_of(file: ByteFile) -> _Records:
         raise ResultError("empty, expected a post file of Marc", file.path)
     if head.lstrip().startswith(BEGIN.encode()):
         return _TextRecords(file)
-    orders = {length.to_bytes(_MARKER, "little"): "little", length.to_bytes(_MARKER, "big"): "big"}
-    if (order := orders.get(head[:_MARKER])) is not None:
+    orders: tuple[Literal["little", "big"], ...] = ("little", "big")
+    for order in orders:
+        if int.from_bytes(head[:_MARKER], order) != length:
+            continue
         text = head[_MARKER::_WORD]
         if text.startswith(BEGIN.encode()):
             return _BinaryRecords(file, order)

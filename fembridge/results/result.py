@@ -6,7 +6,7 @@ result file has no sample of the start itself.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -177,7 +177,7 @@ class Result:
         return places
 
     def _in_run(self) -> ReadOptions:
-        """The options, and what the run adds to them."""
+        """The options, and what the run adds to them; results of another deck are refused."""
         run, options = self.run, self.options
         if run is None:
             return options
@@ -186,7 +186,18 @@ class Result:
             if asked != held:
                 words = f"{self.path}: a run folder of fembridge is in {held}, always"
                 raise UsageError(words)
-        _check_deck(run, self.path)
+        # `fembridge run` keeps the solved deck's SHA-256 in ``solver.toml``; results that
+        # someone's own ccx left have none, and are taken as they are.
+        solved = now = ""
+        with suppress(FembridgeError, OSError, KeyError):  # also: no TOML
+            solved = read_toml(run.folder / SOLVER_FILE, FembridgeError)["deck_sha256"]
+            now = sha256_of(run.deck)
+        if now and solved != now and self.path.resolve() == run.results.resolve():
+            raise ResultError(
+                f"results of another deck than the {run.deck.name} beside them; solve it: "
+                f"fembridge run {run.folder}",
+                self.path,
+            )
         return replace(options, branches=run.branches, on_axis=run.on_axis)
 
 
@@ -442,22 +453,3 @@ def read_fields(
 def _closing(fields: Iterator[Field], stack: ExitStack) -> Iterator[Field]:
     with stack:
         yield from fields
-
-
-def _check_deck(run: RunFolder, path: Path) -> None:
-    """Refuse results of another deck than the one that is beside them now.
-
-    `fembridge run` keeps the solved deck's SHA-256 in ``solver.toml``; results
-    that someone's own ccx left have none, and are taken as they are.
-    """
-    try:
-        record = read_toml(run.folder / SOLVER_FILE, FembridgeError)
-        solved, now = record["deck_sha256"], sha256_of(run.deck)
-    except (FembridgeError, OSError, KeyError):  # also: no TOML
-        return
-    if path.resolve() == run.results.resolve() and solved != now:
-        raise ResultError(
-            f"results of another deck than the {run.deck.name} beside them; solve it: "
-            f"fembridge run {run.folder}",
-            path,
-        )
