@@ -195,14 +195,6 @@ def test_a_word_that_stands_for_nothing_is_2_whatever_the_option(
     assert [path.name for path in tmp_path.iterdir()] == ["observed.csv"]
 
 
-@pytest.mark.parametrize("verb_name", ["stimuli", "doctor"])
-def test_help_of_a_verb_has_its_description_and_an_example(capsys, verb_name):
-    assert cli.main([verb_name, "--help"]) == 0
-    out = capsys.readouterr().out
-    assert f"example: fembridge {verb_name}" in out
-    assert "--json" in out
-
-
 @pytest.mark.parametrize("json_wanted", [[], ["--json"]])
 @pytest.mark.parametrize(
     ("error", "code"),

@@ -66,13 +66,6 @@ def test_a_response_shows_stress_in_kpa_pc_apart_and_force_in_mn():
 
 
 @pytest.mark.parametrize(
-    ("afferents", "panels"), [(("PC",), 2), (("SA", "RA"), 2), (("RA", "PC"), 3)]
-)
-def test_a_response_has_no_panel_for_an_afferent_that_it_has_not(afferents, panels):
-    assert len(response_figure(response_of(*afferents)).axes) == panels
-
-
-@pytest.mark.parametrize(
     ("percent", "shown"),
     [(0.0312, "within 0.031 %"), (1e-6, "within 0.01 %"), (math.nan, "not compared")],
 )
@@ -129,11 +122,6 @@ def test_time_that_is_not_counted_has_a_ground():
     (panel,) = waveform_figure([stimulus]).axes
     spans = [(patch.get_x(), patch.get_width()) for patch in panel.patches]
     assert spans == [(0.0, 100.0), (200.0, 50.0)]
-
-
-def test_no_stimulus_is_refused():
-    with pytest.raises(UsageError, match="no stimulus"):
-        waveform_figure([])
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.finger import LAYERS, AfferentSite
+from decks.finger import AfferentSite
 from decks.material import Material
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import OutputError, UsageError
+from fembridge.errors import OutputError
 from fembridge.plots.mesh import (
     afferent_nodes,
     boundaries,
@@ -23,31 +23,8 @@ from fembridge.plots.mesh import (
     mesh_figure,
     probe_outline,
 )
-from fembridge.plots.style import LAYER_COLOURS, save_figure, spread
+from fembridge.plots.style import save_figure, spread
 from fembridge.plots.waveform import waveform_figure
-
-# Machado, Oliveira & Fernandes 2009, IEEE TVCG 15:1291: linear RGB as it is seen
-# without one class of cones.
-SEEN = {
-    "all cones": np.eye(3),
-    "protanopia": [
-        [0.152286, 1.052583, -0.204868],
-        [0.114503, 0.786281, 0.099216],
-        [-0.003882, -0.048116, 1.051998],
-    ],
-    "deuteranopia": [
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
-    ],
-    "tritanopia": [
-        [1.255528, -0.076749, -0.178779],
-        [-0.078411, 0.930809, 0.147602],
-        [0.004733, 0.691367, 0.303900],
-    ],
-}
-SRGB_TO_XYZ = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-WHITE = np.sum(SRGB_TO_XYZ, axis=1)
 
 CROWDED = replace(
     QUICK,
@@ -64,23 +41,6 @@ FAR = replace(
         "PC": AfferentSite("subcutaneous_tissue", 1.0, 4.0),
     },
 )
-
-
-def lab(colour, seen):
-    srgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    share = SRGB_TO_XYZ @ np.clip(seen @ linear, 0, 1) / WHITE
-    x, y, z = np.where(share > 216 / 24389, np.cbrt(share), 841 / 108 * share + 4 / 29)
-    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
-
-
-@pytest.mark.parametrize("eyes", SEEN)
-def test_any_two_layers_are_distinguished_by_all_eyes(eyes):
-    """A difference of 2.3 in CIE Lab is just seen; 15 is seen at a glance."""
-    seen = np.array(SEEN[eyes])
-    places = np.array([lab(LAYER_COLOURS[layer], seen) for layer in LAYERS])
-    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
-    assert (apart[~np.eye(len(LAYERS), dtype=bool)] > 15).all()
 
 
 def test_a_boundary_is_an_edge_between_layers_or_with_one_element():
@@ -143,20 +103,6 @@ def test_no_words_overlap_and_none_leave_the_page(finger, probe, check_words):
     assert all(section.viewLim.contains(*corner) for corner in pad.viewLim.corners())
 
 
-def test_the_section_holds_every_element_in_its_layers_fill_as_pixels():
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import to_rgba
-
-    mesh = mesh_of(QUICK)
-    section, pad = mesh_figure(QUICK, mesh, Probe()).axes
-    (elements,) = section.findobj(PolyCollection)
-    fills = [to_rgba(LAYER_COLOURS[LAYERS[layer]]) for layer in mesh.layer]
-    assert_allclose(elements.get_facecolor(), fills)
-    assert elements.get_rasterized()
-    (close,) = pad.findobj(PolyCollection)
-    assert 0 < len(close.get_paths()) < len(mesh.quad)
-
-
 def test_materials_are_named_with_the_numbers_they_have(words_of):
     dermis = Material(young_mpa=0.085, poisson=0.495)
     finger = replace(QUICK, materials={**QUICK.materials, "dermis": dermis})
@@ -208,11 +154,3 @@ def test_a_disk_that_fills_up_leaves_the_old_picture_and_nothing_else(tmp_path, 
         save_figure(figure, path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("name", ["picture.xyz", "picture", "picture.pgf"])
-def test_a_suffix_that_is_no_picture_is_misuse_and_writes_nothing(tmp_path, name):
-    figure = waveform_figure([make_stimulus(*resolve("sine_20_250"))])
-    with pytest.raises(UsageError, match=r"expected one of .*pdf, png"):
-        save_figure(figure, tmp_path / name)
-    assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,5 @@
 """Rates against amplitude, by frequency, beside those observed and TouchSim's."""
 
-import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -59,10 +58,3 @@ def test_stimuli_without_an_amplitude_are_said_and_not_drawn():
     assert (len(entries), strange) == (4, ["my own"])
     with pytest.raises(UsageError, match="no rate"):
         rates_figure([Rate("my own", "SA", 1.0)])
-
-
-def test_a_lone_amplitude_has_numbers_on_both_sides():
-    [panel] = rates_figure(OWN[2:3]).axes
-
-    low_um, high_um = panel.get_xlim()
-    assert_allclose(np.log10([low_um, high_um]), [1, 2], atol=1e-9)

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from fembridge.cli import main
-from fembridge.errors import UsageError
 from fembridge.plots.sensitivity import effects_figure, regressions_figure
 from fembridge.sensitivity import (
     OUTPUT,
@@ -154,18 +153,6 @@ def test_the_picture_has_a_line_from_low_to_high_in_each_row(single):
     assert sa.get_ylim() == (2.5, -0.5)
 
 
-def test_only_a_base_is_called_so(single):
-    def legend(effects):
-        [names] = effects_figure(effects).legends
-        return [text.get_text() for text in names.get_texts()]
-
-    alone = fingers([{**BASE, NAMES[1]: value} for value in (0.05, 0.04, 0.06)])
-    alone = SweptFingers(alone.parameters[[NAMES[1]]], alone.answers)
-
-    assert legend(single_effects(single))[2].startswith("base")
-    assert legend(single_effects(alone)) == ["parameter low", "parameter high"]
-
-
 def test_the_picture_of_ranks_has_dots_within_their_intervals(cube):
     sa, pc = regressions_figure(rank_regressions(cube, resamples=50), 20).axes
 
@@ -176,16 +163,6 @@ def test_the_picture_of_ranks_has_dots_within_their_intervals(cube):
         assert low - 1e-9 <= dot <= high + 1e-9
     assert "rate: no variation" in pc.texts[0].get_text()
     assert "R² 1.00" in sa.texts[0].get_text()
-
-
-def test_too_many_parameters_for_a_picture_are_refused():
-    names = tuple(f"skin.part_{k}" for k in range(61))
-    values = pd.DataFrame(np.vstack([np.zeros(61), np.eye(61)]), columns=names)
-    answers = pd.DataFrame(
-        np.ones((62, 1)), columns=pd.MultiIndex.from_tuples(OUTPUTS[:1], names=OUTPUT)
-    )
-    with pytest.raises(UsageError, match="61 parameters"):
-        effects_figure(single_effects(SweptFingers(values, answers)))
 
 
 def test_tables_for_people_sort_each_class_and_tell_units(single, cube):

@@ -143,14 +143,6 @@ def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
     assert sorted(tmp_path.iterdir()) == [first, second]
 
 
-def test_a_png_has_200_dots_an_inch(tmp_path):
-    save_figure(raster_figure([train()]), tmp_path / "raster.png")
-
-    header = (tmp_path / "raster.png").read_bytes()[:24]
-    assert header.startswith(b"\x89PNG")
-    assert int.from_bytes(header[16:20], "big") == 1440  # 7.2 in
-
-
 def test_nothing_to_draw_is_refused():
     with pytest.raises(UsageError, match="no stimulus or no class to draw"):
         raster_figure([])
@@ -259,15 +251,6 @@ def test_shares_are_of_all_intervals_also_of_those_beyond_the_axis():
 
     assert [text.get_text() for text in panel.texts] == ["row height: 75 % of intervals", "n = 4"]
     assert panel.get_xlim()[1] < 75
-
-
-def test_silence_is_drawn_where_it_is_named():
-    for figure in (
-        psth_figure([], stimuli=["a"], afferents=["SA"]),
-        isi_figure([], stimuli=["a"], afferents=["SA"]),
-    ):
-        [panel] = figure.axes
-        assert heights(panel) == [0.0]
 
 
 @pytest.mark.parametrize("bin_ms", [0.0, -1.0, float("nan"), float("inf"), 1e-9])

@@ -7,10 +7,8 @@ import os
 import stat
 import subprocess
 import sys
-import threading
 import tracemalloc
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -292,25 +290,6 @@ def test_the_lock_of_a_process_ends_when_it_is_killed(tmp_path):
         pass
 
 
-def test_never_two_have_a_lock_however_many_try(tmp_path):
-    inside, most = [], []
-
-    def attempt():
-        for _ in range(25):
-            with suppress(LockedError), folder_lock(tmp_path, ".lock", wait=False):
-                inside.append(1)
-                most.append(len(inside))
-                inside.pop()
-
-    threads = [threading.Thread(target=attempt) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-    assert max(most) == 1
-
-
 def test_a_file_system_without_locks_says_so_and_goes_on(tmp_path, monkeypatch):
     def no_lock(*_, **__):
         raise OSError(errno.ENOLCK, "No locks available")
@@ -458,18 +437,6 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
         tracemalloc.stop()
     if bomb in ("dotted", "quoted", "head", "inline"):
         assert f"{path}:2: " in str(refused.value)
-
-
-@pytest.mark.slow
-def test_the_largest_toml_that_is_read_takes_little_memory(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_bytes(b"".join(b"k%d.a.b.c.d.e.f.g = 1\n" % k for k in range(10_000)))
-    tracemalloc.start()
-    try:
-        assert len(read_toml(path, FembridgeError)) == 10_000
-        assert tracemalloc.get_traced_memory()[1] < 120e6
-    finally:
-        tracemalloc.stop()
 
 
 def test_dots_in_words_and_numbers_are_no_deep_key(tmp_path):

@@ -1,17 +1,11 @@
 """TouchSim's stored rates: whole, in the right windows, and as good as was measured."""
 
-from pathlib import Path
-
 import pytest
 
-import fembridge
 from decks.stimuli import CATALOGUE
 from fembridge.errors import UsageError
 from fembridge.tables import AFFERENTS
 from fembridge.touchsim import MODELS, touchsim_rates
-
-SHARED = Path(fembridge.__file__).parents[2] / "shared" / "data"
-OBSERVED_SINES = SHARED / "observed_sine_rates.csv"
 
 ALL_KINDS = [
     pytest.param(depth_um, whole_second, id=f"{depth_um:g} um, {name}")

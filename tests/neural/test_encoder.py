@@ -168,10 +168,6 @@ def parameters_of(row, **changes) -> AfferentParameters:
     return row.parameters(**{**named, "drive": row.name, **changes})
 
 
-def spikes_of(cells):
-    return [times_ms.tolist() for times_ms in cells]
-
-
 @ALL
 @pytest.mark.parametrize("cells", [2, 3, 5])
 def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):

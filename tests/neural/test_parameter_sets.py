@@ -36,19 +36,6 @@ ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for
 RISING_RA = {"drive": "rising", "tau_ms": 300.0, "step_pa": 7000.0}
 
 
-def test_published_is_table_2_and_section_2_2():
-    sa, ra, pc = PUBLISHED["SA"], PUBLISHED["RA"], PUBLISHED["PC"]
-
-    assert (sa.tau_ms, ra.tau_ms, pc.tau_ms) == (32.14, 456.70, 639.85)
-    assert (sa.a1_pa, sa.a2_pa_per_ms) == (1926.32, 9850.98)
-    assert (ra.a3_pa_per_ms, pc.a4_pa_per_ms2) == (17191.87, 16.34)
-    assert [p.alpha_mv_per_ms for p in (sa, ra, pc)] == [1.79, 10.23, 4.14]
-    assert [p.gap_mv for p in (sa, ra, pc)] == [15.0, 10.0, 10.0]
-    assert [p.refractory_ms for p in (sa, ra, pc)] == [1.0, 0.5, 0.5]
-    assert {p.rest_mv for p in (sa, ra, pc)} == {-65.0}
-    assert {p.dt_ms for p in (sa, ra, pc)} == {0.5}
-
-
 def odd_parameters(row):
     """Parameters of a row in which every number differs from its default."""
     numbers = {

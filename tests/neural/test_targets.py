@@ -14,7 +14,6 @@ from neural.threshold import vector_strength
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(201)
 WAVE = 1.5 + np.sin(2e-3 * np.pi * 40.0 * TIMES_MS)
-STEPS_PA = np.array([8000.0, 2000.0])
 
 
 def problem_of(*targets, cells=1):

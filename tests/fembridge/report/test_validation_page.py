@@ -119,19 +119,6 @@ def test_every_figure_and_table_has_a_command_and_a_file(read, report):
     assert linked == {path.name for path in report.iterdir()} - {PAGE}
 
 
-def test_figures_have_the_page_s_colours_no_size_and_each_its_own_ids(read):
-    drawings = re.findall(r"<svg.*?</svg>", read.text, re.DOTALL)
-    assert len(drawings) == 15
-    for drawing in drawings:
-        head = drawing.partition(">")[0]
-        assert "viewBox" in head and " width" not in head and " height" not in head
-        assert "var(--ink)" in drawing
-        assert not re.search("#1a1a1a|#ffffff|#009e73", drawing, re.IGNORECASE)
-        used = re.findall(r'(?:xlink:href="#|url\(#)([^")]+)', drawing)
-        assert used
-        assert set(used) <= set(re.findall(r'\bid="([^"]+)"', drawing))
-
-
 def test_names_of_a_user_do_not_become_markup(study, undrawn, tmp_path):
     judged = replace(study.judged, name="own", source="file <b>&amp;.toml")
     text = page_text(replace(study, models=(judged, *study.models[1:])), "a < b & c", tmp_path)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -128,11 +127,6 @@ def test_a_probe_that_the_skin_did_not_follow_is_refused(folder):
     scale(folder / "job.frd", moved_mm[deepest, 0, 1], 0.4)
     with pytest.raises(ResponseError, match="the probe did not push: at 400 um the"):
         recorded_response(folder)
-
-
-def rewrite_run(folder, **changes):
-    table = tomllib.loads((folder / "run.toml").read_text(encoding="utf-8"))
-    (folder / "run.toml").write_text(tomli_w.dumps(table | changes), encoding="utf-8")
 
 
 def test_a_waveform_of_other_times_is_refused(folder):

@@ -22,8 +22,6 @@ from fembridge.stimulus import Stimulus
 from neural import PUBLISHED
 from neural.models import model_named
 
-depths_below_300 = st.lists(st.floats(0.0, 300.0), min_size=2, max_size=40)
-
 
 def stimulus_of(depth_um):
     depth_um = np.asarray(depth_um, dtype=np.float64)

@@ -15,7 +15,6 @@ from fembridge.results.stress import von_mises_pa
 
 TENSOR = (0.003, -0.001, 0.002, 0.0005, -0.0002, 0.0001)
 UNEVEN_S = (0.1, 0.2, 0.35, 0.7, 1.0)
-DEBIAN = Path("/usr/share/doc/calculix-ccx-test/examples/test")
 
 
 def stresses(block, times_s, step=1):

@@ -3,7 +3,6 @@
 import csv
 import os
 import re
-from functools import partial
 
 import numpy as np
 import pytest
@@ -21,11 +20,7 @@ from fembridge.results.printed import (
     write_print_table,
 )
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import read_values
 from fembridge.results.stress import von_mises_pa
-
-moved_at = partial(read_values, quantity="displacement")
-
 
 CUT_STEP = 1 if os.environ.get("CI") == "true" else 5
 STRESSES = " stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and time  0.5000000E-03"

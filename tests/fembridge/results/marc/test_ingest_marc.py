@@ -12,7 +12,6 @@ import stress_models as models
 from fembridge.cli import main
 
 SAMPLES = Path(__file__).parents[4] / "fixtures" / "marc_samples"
-PLASTIC = str(SAMPLES / "nour_plastic.t16")
 
 
 def stress(x, y, layer, time_s):
