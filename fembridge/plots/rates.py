@@ -157,7 +157,6 @@ def rates_figure(
         figure,
         [[_style(source, one) for one in each] for source, each in shown.items()],
         [words[source] for source in shown],
-        down_in=0.14,
         handlelength=2.8,
         columnspacing=1.6,
     )

@@ -4,6 +4,7 @@ All are one grid, a panel a class, in it a row a stimulus: row k is at the heigh
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,7 @@ MOST_BINS = 5000
 
 # Inches; a row's full height, of `_TALL_ROWS` and fewer, and the least of many.
 _RASTER_IN, _HISTOGRAM_IN, _TALL_ROWS = (0.26, 0.104), (0.42, 0.13), 10
+_LANE_IN = 0.1  # of a unit or repeat
 _WAVEFORM_IN, _AROUND_IN, _LEGEND_IN, _NOTE_IN, _LEAST_IN = 0.5, 0.62, 0.22, 0.14, 0.42
 # A longer name of a stimulus is cut; up to this height of a row its name is small.
 _NAME_IN, _SMALL_ROW_IN = 1.6, 0.13
@@ -93,7 +95,9 @@ def raster_figure(
         ends_ms.append(waveform.times_ms[[0, -1]])
     every_ms = np.concatenate(ends_ms if span_ms is None else [span_ms])
     x = ("Time (ms)", float(every_ms.min()), float(every_ms.max()))
-    figure, panels = _grid(rows, classes, _RASTER_IN, x, window_ms=window_ms, waveform=waveform)
+    lanes = max(Counter((t.stimulus, t.afferent) for t in trains).values(), default=1)
+    row_in = max(_RASTER_IN[0], _LANE_IN * min(lanes, _TALL_ROWS)), _RASTER_IN[1]
+    figure, panels = _grid(rows, classes, row_in, x, window_ms=window_ms, waveform=waveform)
     line_pt = _DENSE_LINE_PT if len(rows) > _TALL_ROWS else LINE_PT
     for afferent, panel in zip(classes, panels, strict=True):
         _draw_spikes(panel, [one for one in trains if one.afferent == afferent], rows, line_pt)

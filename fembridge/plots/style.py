@@ -178,7 +178,6 @@ def new_figure(
     columns: int = 1,
     *,
     width_in: float = PAGE_WIDTH_IN,
-    margins_in: tuple[float, float, float, float, float, float] | None = None,
     heights: Sequence[float] | None = None,
     widths: Sequence[float] | None = None,
     sharex: Share = False,
@@ -186,24 +185,21 @@ def new_figure(
 ) -> tuple["Figure", Any]:
     """Figure and its panels ``(rows, columns)``, their axes plain.
 
-    `margins_in` are left, right, top, bottom, then between columns and between rows, all in
-    inches; None finds them, which takes seconds where panels are many. `heights` and `widths`
-    are the shares of rows and columns.
+    Margins are found, which takes seconds where panels are many: see `grid_figure`. `heights`
+    and `widths` are the shares of rows and columns.
     """
     import_matplotlib()
     from matplotlib.figure import Figure
 
-    grid: dict[str, Any] = {"height_ratios": heights, "width_ratios": widths}
-    figure = Figure(figsize=(width_in, height_in), layout=None if margins_in else "constrained")
-    if margins_in:
-        left, right, top, bottom, between_columns, between_rows = margins_in
-        panel_in = (width_in - left - right - (columns - 1) * between_columns) / columns
-        tall_in = (height_in - top - bottom - (rows - 1) * between_rows) / rows
-        grid |= {"left": left / width_in, "right": 1 - right / width_in}
-        grid |= {"top": 1 - top / height_in, "bottom": bottom / height_in}
-        grid |= {"wspace": between_columns / panel_in, "hspace": between_rows / tall_in}
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
     panels = figure.subplots(
-        rows, columns, squeeze=False, sharex=sharex, sharey=sharey, gridspec_kw=grid
+        rows,
+        columns,
+        squeeze=False,
+        sharex=sharex,
+        sharey=sharey,
+        height_ratios=heights,
+        width_ratios=widths,
     )
     for panel in panels.flat:
         make_plain(panel)
@@ -292,12 +288,9 @@ def legend_above(
     figure: "Figure",
     samples: Iterable[Any],
     names: Iterable[str],
-    *,
-    down_in: float,
-    pad: float = 0.0,
-    **spacing: float,
+    **spacing: Any,  # noqa: ANN401 - as Matplotlib takes it
 ) -> None:
-    """One row of names for all panels, `down_in` below the figure's upper edge.
+    """One row of names above all panels.
 
     A sample is the style of a line; a list of them is shown side by side: a class each.
     """
@@ -308,14 +301,15 @@ def legend_above(
         tuple(Line2D([], [], **one) for one in (each if isinstance(each, list) else [each]))
         for each in samples
     ]
+    place: dict[str, Any] = {"loc": "outside upper center"}
+    if figure.get_layout_engine() is None:
+        place = {"loc": "upper center", "borderaxespad": 0.2}
     figure.legend(
         handles,
         list(names),
-        loc="center",
-        bbox_to_anchor=(0.5, 1 - down_in / figure.get_figheight()),
         ncols=len(handles),
-        handler_map={tuple: HandlerTuple(ndivide=None, pad=pad)},
-        **spacing,
+        handler_map={tuple: HandlerTuple(ndivide=None, pad=0.0)},
+        **{**place, **spacing},
     )
 
 

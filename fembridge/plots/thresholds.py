@@ -35,10 +35,7 @@ def thresholds_figure(found: "pandas.DataFrame", observed: "pandas.DataFrame") -
     The shade is from the keenest to the dullest cell, for the first impulse.
     """
     classes = list(dict.fromkeys(found["afferent"]))
-    margins_in = (0.55, 0.2, 0.3, 0.4, 0.15, 0.0)
-    figure, [panels] = new_figure(
-        _HEIGHT_IN, columns=len(classes), margins_in=margins_in, sharey=True
-    )
+    figure, [panels] = new_figure(_HEIGHT_IN, columns=len(classes), sharey=True)
     for panel, name in zip(panels, classes, strict=True):
         colour = AFFERENT_COLOURS[name]
         log_axis(panel, 0.8 * LOWEST_HZ, 1.25 * HIGHEST_HZ)
@@ -62,5 +59,5 @@ def thresholds_figure(found: "pandas.DataFrame", observed: "pandas.DataFrame") -
     samples = [{"color": ink, **dashes} for dashes in _DASHES]
     samples += [marks("o", ink, _MARK_PT, filled=filled) for filled in (True, False)]
     names = [*(f"model, {word}" for word in _WORDS), *(f"observed, {word}" for word in _WORDS)]
-    legend_above(figure, samples, names, down_in=0.12)
+    legend_above(figure, samples, names)
     return figure

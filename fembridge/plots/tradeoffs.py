@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 _LINES_IN, _PAIR_IN, _RATES_IN, _ROW_IN = 2.5, 1.7, 1.15, 1.55
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.95, 0.15, 0.72, 0.46
 _GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
-_LEGEND_DOWN_IN = 0.16
 # A group is at least this wide; of more than these, names are written aslant.
 _GROUP_IN, _MOST_LEVEL_NAMES = 0.42, 6
 _MOST_OPAQUE, _LEAST_OPAQUE = 0.45, 0.10
@@ -79,7 +78,6 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
         figure,
         [{"color": FAINT, "linewidth": 2 * LINE_PT}, _CHOSEN, _PUBLISHED, OBSERVED_DOTS],
         ["candidates of the front", "chosen", "Table 2 of the paper", "observed rates"],
-        down_in=_LEGEND_DOWN_IN,
         handlelength=2.6,
         fontsize=TEXT_PT,
     )

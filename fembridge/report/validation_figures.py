@@ -6,11 +6,12 @@ colour of the class, the judged one filled.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.stimuli import number_text, resolve
+from fembridge.plots.spikes import raster_figure
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -19,7 +20,6 @@ from fembridge.plots.style import (
     INK,
     LINE_PT,
     MARKERS,
-    PAGE_WIDTH_IN,
     TEXT_PT,
     class_style,
     dots,
@@ -50,15 +50,12 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _ROOM = 1.06
-_LEGEND: dict[str, Any] = {"down_in": 0.12, "columnspacing": 1.3, "handletextpad": 0.5}
 # Regression.
 _MARK_PT = 3.8
 _REGRESSION: dict[str, Any] = {"linewidth": 1.5 * LINE_PT, "dashes": (3.5, 1.6), "zorder": 2}
 _EQUAL: dict[str, Any] = {"color": FAINT, "linewidth": 1.6 * HAIR_PT}
-# Raster: a train in its row, and a row for each cell where there are many.
-_TRAIN_HEIGHT, _FEW_ROWS_IN, _ROW_IN = 0.74, 0.62, 0.07
 # Beside recorded afferents; the tuning curves are `fembridge.plots.thresholds`.
-_EVIDENCE_IN, _EVIDENCE_MARGINS_IN = 2.1, (0.6, 0.12, 0.42, 0.4, 0.22, 0.0)
+_EVIDENCE_IN = 2.1
 
 
 def source_title(source: str, judged: str) -> str:
@@ -72,14 +69,6 @@ def _colour(source: str, afferent: str) -> str:
     return {OBSERVED: INK, TOUCHSIM: GREY}.get(source) or class_style(afferent)["color"]
 
 
-def _name_figure(figure: "Figure", panels: Any, x: str, y: str = "") -> None:  # noqa: ANN401 - array
-    """Name the axes once for all panels, close to the figure's edges."""
-    middle = (panels[0, 0].get_position().x0 + panels[0, -1].get_position().x1) / 2
-    low = 0.05 / figure.get_figheight()
-    figure.supxlabel(x, x=middle, y=low, va="bottom", fontsize=TEXT_PT)
-    figure.supylabel(y, x=0.03 / PAGE_WIDTH_IN, fontsize=TEXT_PT)
-
-
 @in_style
 def regression_figure(
     rates: RateTable, agreement: "DataFrame", family: Family, reference: str, judged: str
@@ -91,11 +80,8 @@ def regression_figure(
     from matplotlib.ticker import MaxNLocator
 
     sources = rates.compared(reference)
-    height_in = 0.78 + 0.44 + len(sources) * 1.5 + (len(sources) - 1) * 0.36
-    margins_in = (0.95, 0.12, 0.78, 0.44, 0.42, 0.36)
-    figure, panels = new_figure(
-        height_in, len(sources), len(AFFERENTS), margins_in=margins_in, sharex="col", sharey="col"
-    )
+    height_in = 0.8 + len(sources) * 1.85
+    figure, panels = new_figure(height_in, len(sources), len(AFFERENTS), sharex="col", sharey="col")
     for column, afferent in zip(panels.T, AFFERENTS, strict=True):
         for panel, source in zip(column, sources, strict=True):
             cell = row_of(agreement, reference, source, family.name, EVERY_SET, afferent)
@@ -110,10 +96,11 @@ def regression_figure(
     for panel, source in zip(panels[:, 0], sources, strict=True):
         panel.set_ylabel(source_title(source, judged), fontsize=TEXT_PT)
     across = "Observed rate" if reference == OBSERVED else "TouchSim’s rate"
-    _name_figure(figure, panels, f"{across} (impulses/s)", "Predicted rate (impulses/s)")
+    figure.supxlabel(f"{across} (impulses/s)", fontsize=TEXT_PT)
+    figure.supylabel("Predicted rate (impulses/s)", fontsize=TEXT_PT)
     samples = [marks(marker, INK, _MARK_PT) for marker in MARKERS[: len(family.sets)]]
     names = [*(one.title for one in family.sets), "regression", "equal rates"]
-    legend_above(figure, [*samples, _REGRESSION, _EQUAL], names, handlelength=1.8, **_LEGEND)
+    legend_above(figure, [*samples, _REGRESSION, _EQUAL], names, handlelength=1.8)
     return figure
 
 
@@ -135,64 +122,19 @@ def _draw_points(panel: "Axes", rates: RateTable, family: Family, cell: Any) -> 
     panel.set_title(words, loc="left", pad=5)
 
 
-@in_style
-def raster_figure(
+def rasters_figure(
     trains: Sequence[SpikeTrain],
-    stimuli: Sequence[Stimulus],
+    strongest: Stimulus,
     recorded: Sequence[SpikeTrain] = (),
 ) -> "Figure":
-    """Spikes as in Fig. 3 (a): a column a stimulus under its waveform, a row a class.
-
-    Repeats, or cells, lie under one another; `recorded` trains of the same stimuli are black,
-    above the model's.
-    """
-    lanes = max(train.repeat for train in trains)
-    class_in = max(_FEW_ROWS_IN, _ROW_IN * lanes)
-    figure, panels = new_figure(
-        1.75 + 3 * class_in,
-        1 + len(AFFERENTS),
-        len(stimuli),
-        margins_in=(0.78, 0.14, 0.3, 0.44, 0.178, 0.099),
-        heights=(0.72, class_in, class_in, class_in),
-        sharex=True,
-        sharey="row",
-    )
-    depth_um = np.array([stimulus.displacement_um for stimulus in stimuli])
-    room_um = 0.08 * (depth_um.max() - depth_um.min())
-    for (top, *rows), stimulus in zip(panels.T, stimuli, strict=True):
-        top.axhline(0.0, color=FAINT, linewidth=HAIR_PT, zorder=1)
-        top.plot(stimulus.times_ms, stimulus.displacement_um)
-        top.set_xlim(stimulus.times_ms[0], stimulus.times_ms[-1])
-        top.set_ylim(depth_um.min() - room_um, depth_um.max() + room_um)
-        [entry] = resolve(stimulus.id)
-        if entry.family == "sine":
-            frequency, amplitude = map(number_text, entry.numbers().values())
-            top.set_title(f"{frequency} Hz, {amplitude} µm", fontsize=TEXT_PT, pad=4)
-        for panel, afferent in zip(rows, AFFERENTS, strict=True):
-            mine, theirs = (
-                [t for t in source if (t.stimulus, t.afferent) == (stimulus.id, afferent)]
-                for source in (trains, recorded)
-            )
-            drawn = [(train.repeat, class_style(afferent)["color"], train) for train in mine]
-            drawn += [(-row, INK, train) for row, train in enumerate(theirs)]
-            for row, colour, train in drawn:
-                ends = row - _TRAIN_HEIGHT / 2, row + _TRAIN_HEIGHT / 2
-                style = {"linewidths": 1.2 * LINE_PT, "clip_on": False}
-                panel.vlines(train.times_ms, *ends, colors=colour, **style)
-            if not any(train.times_ms.size for train in (*mine, *theirs)):
-                note(panel, "no spikes", (0.5, 0.5), (0, 0), ha="center", va="center")
-            panel.set_yticks(sorted({1, lanes}))
-            panel.tick_params(axis="y", length=0.0)
-            panel.set_ylim(lanes + 0.6, 0.4 - len(theirs))
-        for panel in (top, *rows[:-1]):
-            panel.spines["bottom"].set_visible(False)
-            panel.tick_params(axis="x", bottom=False, labelbottom=False)
-        rows[-1].set_xlabel("Time (ms)", fontsize=TEXT_PT)
-    panels[0, 0].set_ylabel("Depth (µm)")
-    place: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad": 16}
-    for panel, afferent in zip(panels[1:, 0], AFFERENTS, strict=True):
-        panel.set_ylabel(afferent, **place, **class_style(afferent, TEXT_PT + 2))
-    return figure
+    """Spikes of Fig. 3 (a), `recorded` trains of the same stimuli in rows of their own."""
+    rows = list(dict.fromkeys(train.stimulus for train in trains))
+    theirs = [
+        replace(t, stimulus=f"{t.stimulus}, {OBSERVED}") for t in recorded if t.stimulus in rows
+    ]
+    there = [name for row in rows for name in (row, f"{row}, {OBSERVED}")
+             if name == row or name in {train.stimulus for train in theirs}]  # fmt: skip
+    return raster_figure([*trains, *theirs], stimuli=there, waveform=strongest)
 
 
 @in_style
@@ -200,9 +142,7 @@ def phase_figure(found: Evidence) -> "Figure":
     """Shares of the spikes by phase of the cycle: recorded as steps, the model's filled."""
     keys = ["afferent", "frequency_hz", "amplitude_um"]
     cells: list[tuple[Any, Any]] = [*found.phases.groupby(keys, sort=False)]
-    figure, [panels] = new_figure(
-        _EVIDENCE_IN, columns=len(cells), margins_in=_EVIDENCE_MARGINS_IN, sharey=True
-    )
+    figure, [panels] = new_figure(_EVIDENCE_IN, columns=len(cells), sharey=True)
     for panel, ((name, frequency_hz, amplitude_um), rows) in zip(panels, cells, strict=True):
         edges_ms = [*rows["phase_ms"], 1000.0 / frequency_hz]
         panel.stairs(rows["model"], edges_ms, fill=True, color=AFFERENT_COLOURS[name], alpha=0.75)
@@ -216,16 +156,14 @@ def phase_figure(found: Evidence) -> "Figure":
         {"color": INK},
         [{"color": AFFERENT_COLOURS[one], "linewidth": 4} for one in AFFERENTS],
     ]
-    legend_above(figure, samples, ["recorded", "this model"], down_in=0.15)
+    legend_above(figure, samples, ["recorded", "this model"])
     return figure
 
 
 @in_style
 def man_figure(found: Evidence) -> "Figure":
     """Impulses a cycle against amplitude: medians of human units as dots, the model as lines."""
-    figure, [panels] = new_figure(
-        _EVIDENCE_IN, columns=len(AFFERENTS), margins_in=_EVIDENCE_MARGINS_IN, sharey=True
-    )
+    figure, [panels] = new_figure(_EVIDENCE_IN, columns=len(AFFERENTS), sharey=True)
     fills = {8.0: 1.0, 32.0: 0.6, 128.0: 0.3}
     for panel, name in zip(panels, AFFERENTS, strict=True):
         colour = AFFERENT_COLOURS[name]
@@ -242,14 +180,14 @@ def man_figure(found: Evidence) -> "Figure":
     samples = [{"color": INK, "alpha": alpha} for alpha in fills.values()]
     samples.append(dots(INK, 3.5))
     names = [*(f"model, {hz:g} Hz" for hz in fills), "medians in man"]
-    legend_above(figure, samples, names, down_in=0.15)
+    legend_above(figure, samples, names)
     return figure
 
 
 @in_style
 def distance_figure(found: Evidence) -> "Figure":
     """Amplitude for one impulse a cycle against distance: recorded as dots, RA's as lines."""
-    figure, [[panel]] = new_figure(_EVIDENCE_IN, margins_in=(0.6, 3.2, 0.42, 0.4, 0.0, 0.0))
+    figure, [[panel]] = new_figure(_EVIDENCE_IN)
     colour, table = AFFERENT_COLOURS["RA"], found.distance
     keenest: dict[str, Any] = {"color": colour, "dashes": (3, 2)}
     panel.plot(table["distance_mm"], table["model_um"], color=colour)
@@ -264,6 +202,5 @@ def distance_figure(found: Evidence) -> "Figure":
         figure,
         [dots(INK, 3.5), {"color": colour}, keenest],
         ["recorded", "median cell", "keenest cell"],
-        down_in=0.15,
     )
     return figure

@@ -18,6 +18,7 @@ import numpy as np
 from fembridge.evidence import RAMP, evidence
 from fembridge.plots.deflection import deflection_figure
 from fembridge.plots.rates import OWN, PUBLISHED, rates_figure
+from fembridge.plots.spikes import raster_figure
 from fembridge.plots.style import AFFERENT_COLOURS, FAINT, INK, SHADE, WHITE, save_figure
 from fembridge.plots.thresholds import thresholds_figure
 from fembridge.report import rates, validate
@@ -40,7 +41,7 @@ from fembridge.report.validation_figures import (
     distance_figure,
     man_figure,
     phase_figure,
-    raster_figure,
+    rasters_figure,
     regression_figure,
     source_title,
 )
@@ -165,9 +166,9 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
 def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
     judged, known = study.judged.name, study.evidence
     mine = study.simulations[judged]
-    stimuli = [one for one in mine.stimuli if one.id in RASTER_STIMULI]
     yield "skin_deflection", deflection_figure(study.deflections)
-    yield "rasters", raster_figure(repeated_trains(mine), stimuli, known.trains)
+    strongest = next(one for one in mine.stimuli if one.id == RASTER_STIMULI[-1])
+    yield "rasters", rasters_figure(repeated_trains(mine), strongest, known.trains)
     draw_rates = partial(
         rates_figure,
         observed=study.observed.rates() if study.observed else (),
@@ -192,7 +193,7 @@ def _figures(study: Validation) -> Iterator[tuple[str, "Figure"]]:
     yield "phases", phase_figure(known)
     yield "man", man_figure(known)
     yield "distance", distance_figure(known)
-    yield "ramp", raster_figure(known.ramp, [known.ramp_stimulus])
+    yield "ramp", raster_figure(known.ramp, waveform=known.ramp_stimulus)
 
 
 def _inline_svg(figure: "Figure", path: Path) -> "Markup":
