@@ -37,7 +37,6 @@ from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.results.status import fortran
 from fembridge.results.stress import von_mises_pa
-from fembridge.run_folder import RUN_FILE, read_run_folder
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray
 
@@ -89,10 +88,8 @@ class AbaqusSource(Source):
         self.refuse_but_stress(quantity, modes)
         if nodes is None:
             raise UsageError(f"{self.path}: it gives stress at nodes that are named")
-        path, options, own = self.path, self.options, {}
-        if (path.parent / RUN_FILE).exists():
-            run = read_run_folder(path.parent)
-            own = {one.node: f"AROUND_{one.afferent}".upper() for one in run.afferents}
+        path, options = self.path, self.options
+        own = {node: f"AROUND_{name}".upper() for node, name in options.classes.items()}
         wanted = (MISES_AT_NODES, STRESSES_AT_NODES)
         sections = list(abaqus_sections(path, lambda quantity, _: quantity in wanted, options))
         if not sections:

@@ -12,7 +12,7 @@ import math
 import os
 import stat
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from difflib import get_close_matches
 from fractions import Fraction
@@ -131,21 +131,13 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             "something is still writing it"
         )
 
-    def find(self, markers: Sequence[bytes], offset: int) -> tuple[int, bytes] | None:
-        """The first place from `offset` with one of `markers`, and which."""
-        overlap = max(map(len, markers)) - 1
+    def find(self, marker: bytes, offset: int) -> int | None:
+        """The first place from `offset` with `marker`."""
         length = WINDOW_BYTES  # the place is often near
         while offset < self.size:
-            chunk = self.peek(offset, length + overlap)
-            best: tuple[int, bytes] | None = None
-            for marker in markers:
-                if chunk.find(marker[:1].strip(b" ") or marker[-1:]) < 0:
-                    continue  # a single byte is sought ten times as fast
-                at = chunk.find(marker, 0, None if best is None else best[0] + len(marker))
-                if at >= 0 and (best is None or at < best[0]):
-                    best = at, marker
-            if best is not None:
-                return offset + best[0], best[1]
+            at = self.peek(offset, length + len(marker) - 1).find(marker)
+            if at >= 0:
+                return offset + at
             offset += length
             length = min(4 * length, CHUNK_BYTES)
         return None

@@ -350,11 +350,11 @@ class FrdIndex:
     def _elements(self, announced: int, flag: int, at: int, after: int) -> int:
         file, block, present = self.file, "element block", announced
         if flag < 2:
-            closed = file.find((b"\n -3",), after - 1)
-            last = None if closed is None else file.line(closed[0] + 1)
+            closed = file.find(b"\n -3", after - 1)
+            last = None if closed is None else file.line(closed + 1)
             if closed is None or last is None:
                 raise FrdDamageError(f"{block}: cut: its end line -3 is missing", at)
-            present, end = file.count(b"\n -1", after - 1, closed[0]), last[1]
+            present, end = file.count(b"\n -1", after - 1, closed), last[1]
             layers = present // announced if announced > 0 else 0
             if announced not in (-1, present) and present != layers * announced:
                 words = f"{block}: {announced} records announced, {present} present"
@@ -450,9 +450,9 @@ class FrdIndex:
         closing = b"\n -3\r\n" if block.line_end == 2 else b"\n -3\n"
         if block.records >= 0 and self.file.peek(block.end - 1, len(closing)) == closing:
             return block, block.end - 1 + len(closing), ""
-        found = self.file.find((b"\n -3",), block.offset - 1)
-        last = None if found is None else self.file.line(found[0] + 1)
-        at = self.size if found is None else found[0]
+        found = self.file.find(b"\n -3", block.offset - 1)
+        last = None if found is None else self.file.line(found + 1)
+        at = self.size if found is None else found
         begun = self.file.count(b"\n -1", block.offset - 1, at)
         if last is None:
             raise self._cut(block, begun)
@@ -594,8 +594,8 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     many for the field, so that nothing is where it should be. A field then is what has
     the form of a number; there is a blank or a sign in front of it, or nothing.
     """
-    found = file.find((b"\n -3",), block.offset - 1)
-    text = file.take(block.offset, (file.size if found is None else found[0] + 1) - block.offset)
+    found = file.find(b"\n -3", block.offset - 1)
+    text = file.take(block.offset, (file.size if found is None else found + 1) - block.offset)
     # Two digits may be followed by the next number, which begins with a digit: 3.067.
     number_field = (
         rb"(?: *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"

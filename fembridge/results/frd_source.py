@@ -58,26 +58,18 @@ class FrdSource(FieldSource[FrdBlock]):
     """An open ``.frd``."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
         self._file = ByteFile(path)
+        super().__init__(path, options, self._file)
         try:
             self._index = FrdIndex(self._file)
         except BaseException:
             self._file.__exit__(None, None, None)
             raise
 
-    def __exit__(self, *error: object) -> None:
-        self._file.__exit__(*error)
-
-    @property
-    def change(self) -> str | None:
-        """How the file has changed since it was opened."""
-        return self._file.change
-
     def describe(self) -> Table:
         """Mesh, quantities, increments, what is wrong."""
         index = self._index
-        words = (self.change, index.problem())
+        words = (self._file.change, index.problem())
         storage = ("ASCII", "ASCII", "float32", "float64")
         quantities = []
         for name in index.names:
@@ -131,7 +123,7 @@ class FrdSource(FieldSource[FrdBlock]):
         for remark in index.remarks:
             options.note(remark)
         if problem is not None:
-            words = "; ".join(filter(None, (self.change, *index.remarks, problem)))
+            words = "; ".join(filter(None, (self._file.change, *index.remarks, problem)))
             if not (options.partial and index.blocks):
                 hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
                 raise ResultError(words + hint, self.path)

@@ -230,21 +230,13 @@ class MarcSource(FieldSource[MarcBlock]):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
         self._post = PostFile(path)
+        super().__init__(path, options, self._post)
         self._said: set[str] = set()
-
-    def __exit__(self, *error: object) -> None:
-        self._post.__exit__(*error)
-
-    @property
-    def change(self) -> str | None:
-        """How the file has changed since it was opened."""
-        return self._post.change
 
     @cached_property
     def _points(self) -> MeshPoints:
-        return MeshPoints(self._post.mesh, self.path, self.options.method)
+        return MeshPoints(self._post.mesh, self.path, self.options.method, self._post.points)
 
     def describe(self) -> Table:
         """Header, mesh, sets, quantities, what is wrong; as of a ``.frd``."""
@@ -407,12 +399,13 @@ class MarcSource(FieldSource[MarcBlock]):
 
     def _around(self, nodes: Sequence[int]) -> MeshPoints:
         """Points at `nodes`, each of which has some."""
-        points = MeshPoints(self._post.mesh, self.path, self.options.method, nodes)
-        points.plan(self._post.points)
+        post = self._post
+        points = MeshPoints(post.mesh, self.path, self.options.method, post.points, nodes)
+        points.plan  # noqa: B018 - what cannot be carried is refused first
         for node in nodes:
             if not points.names_at(node):
                 raise points.no_elements(node)
-        for remark in points.remarks(self._post.points):
+        for remark in points.remarks():
             self.options.note(remark)
         return points
 

@@ -12,6 +12,7 @@ files have none of them: there the deck beside the file says it, else its elemen
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -107,8 +108,8 @@ class MeshPoints:
 
     `rows` ``(P,)`` are the points' nodes in the mesh, `nodes` their numbers, `met` how many
     layers meet there; they come by layer, then by row. `element_rows` ``(K,)`` are the elements
-    at them, whose values `averaged` takes; `bearing` ``(N,)`` the nodes that are corners of
-    elements with values.
+    at them, whose values at `stored` points each `averaged` takes; `bearing` ``(N,)`` the nodes
+    that are corners of elements with values.
 
     Raises
     ------
@@ -117,9 +118,14 @@ class MeshPoints:
     """
 
     def __init__(
-        self, mesh: PostMesh, path: Path, method: str, wanted: Sequence[int] | None = None
+        self,
+        mesh: PostMesh,
+        path: Path,
+        method: str,
+        stored: int,
+        wanted: Sequence[int] | None = None,
     ) -> None:
-        self.mesh, self.path, self._method = mesh, path, method
+        self.mesh, self.path, self._method, self._stored = mesh, path, method, stored
         self.layers = layers_of(mesh, path)
         self._size = mesh.node_ids.size
         self._order = np.argsort(mesh.node_ids, kind="stable")
@@ -132,7 +138,6 @@ class MeshPoints:
             types[~np.isin(types, list(ELEMENT_TYPES))]
         ).tolist()
         self._groups = list(self._grouped())
-        self._plan: _Plan | None = None
         keys = [self._keys_of(one) for one in self._groups]
         if wanted is not None:
             keys = [
@@ -215,9 +220,8 @@ class MeshPoints:
         """Mean at the points, ``(P, C)``, of values ``(K, point, C)`` carried there.
 
         A point that no node looks at may hold anything, NaN too.
-
         """
-        plan = self.plan(values.shape[1])
+        plan = self.plan
         carried = [
             np.einsum("np,kpc->knc", weights, values[place][:, used])[here]
             for place, weights, used, here in plan.groups
@@ -229,23 +233,19 @@ class MeshPoints:
         mean: FloatArray = total / plan.elements[:, None]
         return mean
 
-    def plan(self, stored: int) -> "_Plan":
-        """How values get here of so many points an element.
+    @cached_property
+    def plan(self) -> "_Plan":
+        """How values get here.
 
         Raises
         ------
         ResultError
             The points of an element type are not known.
         """
-        if self._plan is None:
-            self._plan = self._planned(stored)
-        return self._plan
-
-    def _planned(self, stored: int) -> "_Plan":
         groups, at, share = [], [np.empty(0, np.int64)], [np.empty(0)]
         for one in self._groups:
             try:
-                weights = node_weights(one.number, one.held, stored, self._method)
+                weights = node_weights(one.number, one.held, self._stored, self._method)
             except ValueError as error:
                 element = self.mesh.element_ids[one.rows[0]]
                 raise ResultError(f"element {element}: {error}", self.path) from error
@@ -268,11 +268,11 @@ class MeshPoints:
     def one_a_node(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
         """Rows of the nodes, and the mean over all elements there, of values at the points."""
         rows, place, layers = np.unique(self.rows, return_inverse=True, return_counts=True)
-        if layers.size == place.size or self._plan is None:
+        if layers.size == place.size:
             return rows, at_points[np.argsort(self.rows)]
         total = np.zeros((rows.size, at_points.shape[1]))
-        np.add.at(total, place, at_points * self._plan.elements[:, None])
-        found = total / np.bincount(place, self._plan.elements, rows.size)[:, None]
+        np.add.at(total, place, at_points * self.plan.elements[:, None])
+        found = total / np.bincount(place, self.plan.elements, rows.size)[:, None]
         single = layers[place] == 1
         found[place[single]] = at_points[single]
         return rows, found
@@ -298,8 +298,9 @@ class MeshPoints:
             words = f"it has {known.min()} to {known.max()}, near it {', '.join(map(str, near))}"
         return ResultError(f"no node {node} in the mesh: {words}", self.path)
 
-    def remarks(self, stored: int) -> Iterator[str]:
-        """What was inferred about the elements, of which the file has so many points each."""
+    def remarks(self) -> Iterator[str]:
+        """What was inferred about the elements and their points."""
+        stored = self._stored
         for number in np.unique(self.mesh.element_types[self.element_rows]).tolist():
             about = ELEMENT_TYPES.get(number)
             if about is None:

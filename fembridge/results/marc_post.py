@@ -738,14 +738,14 @@ class _TextRecords(_Place):
 
     def skip_block(self) -> None:
         start = self.at
-        if self.word() == END:
-            return
-        found = self.file.find((b"\n" + END.encode(), b"\n" + BEGIN.encode()), self.at)
-        if found is None:
-            raise PostDamageError("cut: no =end= follows", self.file.size)
-        self.at = found[0] + 1
-        self.check(self.word() == END, f"{self.word()!r} before the block's =end=")
-        self.free.append((start, self.at - 1))
+        while not (word := self.word()):
+            found = self.file.find(b"\n=", self.at)
+            if found is None:
+                raise PostDamageError("cut: no =end= follows", self.file.size)
+            self.at = found + 1
+        self.check(word == END, f"{word!r} before the block's =end=")
+        if self.at > start:
+            self.free.append((start, self.at - 1))
 
     def _line(self) -> bytes:
         found = self.file.line(self.at)

@@ -40,6 +40,8 @@ class ReadOptions:
     `on_axis` are nodes on the axis of a half of a section. There is no shear in it:
     what a ``.frd`` holds is the mean over one half, and the other has the other sign.
 
+    `classes` are those of the nodes at which the run's afferents sit.
+
     `columns` are names in a table or series by what they are, see
     `fembridge.results.columns`.
     """
@@ -52,6 +54,7 @@ class ReadOptions:
     von_mises: str | None = None
     branches: Mapping[int, int] = field(default_factory=dict)
     on_axis: Collection[int] = ()
+    classes: Mapping[int, str] = field(default_factory=dict)
     length_unit: str = "mm"
     columns: Mapping[str, str] = field(default_factory=dict)
 

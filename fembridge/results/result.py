@@ -198,7 +198,8 @@ class Result:
                 f"fembridge run {run.folder}",
                 self.path,
             )
-        return replace(options, branches=run.branches, on_axis=run.on_axis)
+        classes = {one.node: one.afferent for one in run.afferents}
+        return replace(options, branches=run.branches, on_axis=run.on_axis, classes=classes)
 
 
 def open_result(

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Generic, NoReturn, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 import numpy as np
 
@@ -48,14 +48,15 @@ _DEFAULTS = ReadOptions()
 class Source(AbstractContextManager["Source"]):
     """A file that is read with `options`; a context manager that closes it.
 
-    What a format does not have is refused here.
+    `held` is what is open, with its `change`. What a format does not have is refused here.
     """
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.path, self.options = path, options
+    def __init__(self, path: Path, options: ReadOptions, held: Any = None) -> None:  # noqa: ANN401
+        self.path, self.options, self._held = path, options, held
 
     def __exit__(self, *error: object) -> None:
-        pass
+        if self._held is not None:
+            self._held.__exit__(*error)
 
     def describe(self) -> Table:
         """What the file holds."""
@@ -160,14 +161,9 @@ class FieldSource(Source, Generic[_Block]):
         """What the last digit of each time is, as the file has it, ``(T,)``."""
         raise NotImplementedError
 
-    @property
-    def change(self) -> str | None:
-        """How the file has changed since it was opened; None if it has not."""
-        raise NotImplementedError
-
     def check_unchanged(self) -> None:
         """Refuse, or with `partial` note, a file that was written to while it was read."""
-        change = self.change
+        change = self._held.change
         if change is not None and not self.options.partial:
             raise ResultError(f"{change}; read it again when the run has ended", self.path)
         if change is not None:
