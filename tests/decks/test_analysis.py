@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
 
 from decks.analysis import SAME_MM, Contact, Model
 from decks.finger import AfferentSite
@@ -75,37 +74,7 @@ def test_a_contact_that_no_solver_takes_is_a_deck_error(wrong):
 # ---- What is put together
 
 
-def test_the_skin_that_may_touch_is_one_stretch_on_both_sides_of_the_probe(analysis):
-    mesh = analysis.mesh
-    element, face = analysis.contact_edge.T
-    ends = np.stack([mesh.quad[element, face], mesh.quad[element, (face + 1) % 4]], axis=-1)
-    assert (mesh.layer[element] == 0).all()
-    counts = np.bincount(ends.ravel())
-    assert sorted(counts[counts > 0])[:3] == [1, 1, 2]  # two ends, else joined
-    x_mm = mesh.node_mm[ends, 0]
-    assert_allclose([x_mm.min(), x_mm.max()], [-2.0, 2.0], atol=0.15)
-    assert mesh.node_mm[ends, 1].min() > -0.5
-
-
 # ---- Numbers, from 1
-
-
-def test_the_probe_follows_the_finger_without_a_gap(model):
-    assert model.first_probe_node == len(model.node_mm) + 1
-    first, count = len(SKIN.quad) + 1, len(model.probe_mesh.quad)
-    numbers = np.arange(first, first + count)
-    nodes = model.first_probe_node + np.arange(len(model.probe_mesh.node_mm))
-    if model.is_half:
-        right = model.probe_mesh.node_mm[:, 0] >= 0
-        numbers, nodes = numbers[count // 2 :], nodes[right]
-    assert model.probe.number.tolist() == numbers.tolist()
-    assert np.unique(model.probe.node).tolist() == nodes.tolist()
-
-
-def test_only_soft_layers_take_another_law(short):
-    model = Model(QUICK, SKIN, support="prescribed", law="neo-hookean").analysis(short)
-    assert {layer.name for layer in model.layers if layer.law == "linear"} == {"bone", "nail"}
-    assert model.probe.law == "linear"
 
 
 # ---- The half
@@ -124,17 +93,6 @@ def test_a_half_has_the_numbers_of_the_whole_and_none_from_the_left(both):
     faces = {tuple(face) for face in whole.contact_face.tolist() if face[0] in elements}
     assert {tuple(face) for face in half.contact_face.tolist()} == faces
     assert 2 * len(faces) == len(whole.contact_face)
-
-
-def test_the_axis_of_a_half_is_at_x_0_and_a_whole_has_none(both):
-    whole, half = both
-    there = [n for n, (x, _) in enumerate(whole.node_mm, start=1) if x == 0]
-    assert half.axis.tolist() == there
-    assert len(there) > 10
-    assert whole.axis.size == 0
-    assert (whole.thickness_mm, half.thickness_mm) == (1.0, 2.0)
-    assert half.watched_on_axis == (half.afferent["SA"], half.afferent["PC"], half.apex)
-    assert half.whole().watched_on_axis == ()
 
 
 @pytest.mark.parametrize(
@@ -173,33 +131,6 @@ def test_a_mesh_with_one_element_of_another_layer_is_no_mirror_image(short):
     layer = SKIN.layer.copy()
     layer[int(np.argmax(SKIN.in_layer("dermis")))] += 1
     assert not replace(half_of(short), mesh=Mesh(SKIN.node_mm, SKIN.quad, layer)).is_half
-
-
-@pytest.mark.parametrize(("first", "same"), [(0, False), (1, True)])
-def test_nodes_that_are_images_but_joined_otherwise_are_none(first, same, short):
-    """Two hexagons with a node inside, which three quads fill in either of two ways."""
-    angle = np.radians(30 + 60 * np.arange(6))
-    x_mm, y_mm = np.append(np.cos(angle), 0.0), np.append(np.sin(angle), 0.0)
-    right_mm = np.stack([x_mm + np.cos(np.pi / 6), y_mm], -1)
-    right_mm[2:4, 0] = 0.0  # two corners lie on the axis
-    image = np.array([7, 8, 2, 3, 9, 10, 11])
-    node_mm = np.concatenate([right_mm, right_mm[[0, 1, 4, 5, 6]] * [-1.0, 1.0]])
-
-    def joined(start):
-        around = np.arange(start, start + 6, 2)
-        return [[6, k % 6, (k + 1) % 6, (k + 2) % 6] for k in around]
-
-    left = [image[quad][::-1] for quad in joined(first)]
-    mesh = Mesh(node_mm, np.array([*joined(1), *left]), np.zeros(6))
-    analysis = replace(
-        half_of(short),
-        mesh=mesh,
-        fixed_row=image[[3]],
-        afferent_row={},
-        apex_row=2,
-        contact_edge=np.zeros((0, 2), dtype=int),
-    )
-    assert analysis.is_half == same
 
 
 def grid(x_mm):

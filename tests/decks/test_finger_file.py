@@ -76,15 +76,6 @@ def test_ten_lines_make_another_finger(tmp_path):
     assert all(getattr(finger, part) == getattr(QUICK, part) for part in untouched)
 
 
-def test_the_example_in_the_description_is_a_finger(tmp_path):
-    import textwrap
-
-    import decks.presets as module
-
-    example = textwrap.dedent(module.__doc__.split("::", 1)[1])
-    assert read_finger(write(tmp_path, example)).afferents["SA"].depth_mm == 0.70
-
-
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_found_by_its_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

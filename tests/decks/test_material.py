@@ -3,7 +3,7 @@
 import pytest
 
 from decks.material import TABLE_1, Material, PronyTerm
-from decks.presets import PRESETS, finger_from, finger_table
+from decks.presets import finger_from
 from fembridge.errors import FingerError
 
 
@@ -46,18 +46,3 @@ def test_a_finger_file_has_terms_and_a_density():
 def test_terms_in_a_file_that_mean_nothing_are_refused(prony, words):
     with pytest.raises(FingerError, match=words):
         finger_from({"materials": {"dermis": {"prony": prony}}}, "f")
-
-
-def test_a_finger_that_does_not_relax_is_said_as_it_always_was():
-    """Stored responses and addresses of sweeps hold such tables."""
-    for finger in PRESETS.values():
-        for layer in finger_table(finger)["materials"].values():
-            assert set(layer) == {"young_mpa", "poisson"}
-
-
-def test_what_a_finger_relaxes_by_is_said_as_toml_has_it():
-    dermis = {"prony": [{"g": 0.3, "tau_s": 0.02}], "density_kg_m3": 1200.0}
-    finger = finger_from({"materials": {"dermis": dermis}}, "f")
-    shown = finger_table(finger)["materials"]["dermis"]
-    assert shown == {"young_mpa": 0.05, "poisson": 0.48, **dermis}
-    assert finger_from({"materials": {"dermis": shown}}, "f") == finger

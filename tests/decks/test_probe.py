@@ -67,27 +67,10 @@ def test_a_flat_punch_is_flat_between_its_fillets():
     assert_allclose(away_mm, 0.1, atol=1e-9)
 
 
-def test_a_lower_side_goes_from_left_to_right_and_nowhere_below_zero(probe):
-    points = probe.lower_side()
-    assert points[:, 1].min() == 0.0
-    assert (np.diff(points[:, 0]) >= 0).all()
-    assert np.linalg.norm(np.diff(points, axis=0), axis=1).min() > 1e-5
-
-
 def test_every_quad_of_a_probe_runs_counter_clockwise_and_is_sound(probe):
     mesh, _ = mesh_probe(probe, SKIN)
     assert scaled_jacobian(mesh.node_mm, mesh.quad).min() > 0.1
     assert_array_equal(np.unique(mesh.quad), np.arange(len(mesh.node_mm)))
-
-
-def test_the_first_face_of_each_quad_is_the_lower_side(probe):
-    mesh, _ = mesh_probe(probe, SKIN)
-    assert_array_equal(mesh.quad[:, 0], mesh.lower_node[:-1])
-    assert_array_equal(mesh.quad[:, 1], mesh.lower_node[1:])
-    lower = mesh.node_mm[mesh.lower_node]
-    shape = lower - lower[lower[:, 1].argmin()]
-    own = probe.lower_side() - probe.lower_side()[lower[:, 1].argmin()]
-    assert_allclose(shape, own, atol=2e-9)
 
 
 @given(st.floats(-5.0, 5.0), st.floats(0.02, 3.0), st.sampled_from(SHAPES))
@@ -145,11 +128,3 @@ def test_under_a_flat_punch_aside_it_is_not_the_punchs_corner():
     skin = mesh_of(finger_from({"materials": {}}, "quick"))
     row = mesh_probe(Probe("flat", 2.0, 0.2, x_mm=3.0), skin)[1]
     assert 2.0 <= skin.node_mm[row, 0] < 2.6
-
-
-def test_a_probe_with_no_node_under_it_names_the_nearest():
-    between = SKIN.node_mm[np.unique(SKIN.outline()[0])]
-    between = np.sort(between[(between[:, 1] > -2) & (between[:, 0] > 3.5), 0])[:2]
-    probe = Probe(diameter_mm=0.02, x_mm=float(0.6 * between[0] + 0.4 * between[1]))
-    row = mesh_probe(probe, SKIN)[1]
-    assert SKIN.node_mm[row, 0] == between[0]

@@ -51,15 +51,6 @@ def test_a_curve_at_one_depth_is_that_far_from_the_outline(depth_mm):
     assert_allclose(away_mm, depth_mm, atol=4e-4)  # half of the sampling's step
 
 
-@settings(max_examples=25)
-@given(st.floats(95, 170))
-def test_the_nail_begins_at_its_angle(start_deg):
-    section = section_of(replace(QUICK, nail=Nail(start_deg=start_deg)))
-    at = np.array([section.nail_arc_mm])
-    ((x, y),) = section.curve(lambda arc: np.zeros_like(arc), at)
-    assert_allclose(np.degrees(np.arctan2(x, y + 6.5)), start_deg, atol=0.01)
-
-
 def test_the_epidermis_is_deepest_under_ridges_and_papillae_stand_beside_them():
     at = np.array([0.0, 0.125, 0.25, 0.375, 0.5])
     assert_allclose(SECTION.epidermis(at), [0.70, 0.60, 0.70, 0.60, 0.70], rtol=1e-12)

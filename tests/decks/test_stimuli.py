@@ -61,14 +61,6 @@ def test_a_word_names_all_ids_that_begin_with_it(word, count):
         assert named == [i for i in ids_of("all") if f"{i}_".startswith(f"{word}_")]
 
 
-def test_words_keep_their_order_and_each_stimulus_comes_once():
-    assert ids_of(["noise_5_25_50, sine_20_250", "sine_20_250.00"]) == [
-        "noise_5_25_50",
-        "sine_20_250",
-    ]
-    assert ids_of(["sine_20_250", "sine_20"])[:2] == ["sine_20_250", "sine_20_6.71"]
-
-
 @pytest.mark.parametrize(
     ("spelled", "canonical"),
     [
@@ -134,15 +126,6 @@ def test_what_is_no_stimulus_is_refused_in_one_line_as_misuse(word, shown):
     assert shown in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert refusal.value.exit_code == 2
-
-
-def test_windows_are_those_of_the_paper():
-    windows = {entry.id: entry.window_ms for entry in CATALOGUE}
-    assert windows["sine_20_250"] == (5, 250)
-    assert {windows[i] for i in windows if i.startswith(("diharm", "noise"))} == {(5, 250)}
-    assert {windows[i] for i in windows if i.startswith(("sine_50", "sine_100", "sine_300"))} == {
-        (100, 200)
-    }
 
 
 def test_each_noise_has_a_seed_of_its_own_that_its_id_gives():

@@ -100,27 +100,6 @@ def test_a_clock_that_starts_elsewhere_moves_the_spikes_with_it(name):
     np.testing.assert_array_equal(at_minus_40, at_zero - 40.0)
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
-def test_traces_encoded_together_fire_as_they_do_alone(name):
-    together = np.column_stack([half_sine_pa(hz) for hz in (20, 50, 100, 300)])
-
-    runs = encode(together, DT_MS, PUBLISHED[name])
-
-    assert len(runs) == 4
-    for column, times_ms in zip(together.T, runs, strict=True):
-        [alone] = encode(column, DT_MS, PUBLISHED[name])
-        np.testing.assert_array_equal(times_ms, alone)
-
-
-def test_a_spike_stands_on_a_sample_of_the_trace_but_not_on_the_first():
-    """A current that fires every row: α' dt above the gap, no pause, σ held."""
-    eager = replace(PUBLISHED["SA"], alpha_mv_per_ms=1e4, refractory_ms=0.0)
-
-    [times_ms] = encode(np.full(20, 1e4), DT_MS, eager)
-
-    np.testing.assert_array_equal(times_ms, DT_MS * np.arange(1, 20))
-
-
 def test_a_step_that_the_parameters_were_not_fitted_at_is_refused():
     with pytest.raises(ParameterError, match=r"1 ms.*0\.5 ms"):
         encode(np.zeros(50), 1.0, PUBLISHED["RA"])
@@ -133,19 +112,6 @@ def test_a_step_printed_with_six_digits_is_the_step():
     [printed] = encode(half_sine_pa(50), 0.500001, PUBLISHED["PC"])
 
     np.testing.assert_array_equal(printed, exact)
-
-
-def test_own_parameters_may_have_a_step_of_their_own():
-    finer = replace(PUBLISHED["SA"], dt_ms=0.25)
-
-    [times_ms] = encode(np.full(1001, 1926.32), 0.25, finer)
-
-    assert times_ms[0] == pytest.approx(23.5, abs=0.5)
-
-
-def test_samples_that_are_no_stress_history_are_refused():
-    with pytest.raises(TraceError, match="nan at sample 0"):
-        encode([np.nan, 0.0], DT_MS, PUBLISHED["SA"])
 
 
 def test_importing_neural_loads_numpy_and_nothing_heavier():

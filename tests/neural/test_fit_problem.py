@@ -78,18 +78,6 @@ def test_a_candidate_fires_what_its_parameters_encode(row, cells):
     assert lively >= 2
 
 
-@ALL
-def test_the_ends_of_what_is_searched_are_parameters(row):
-    problem = problem_of(row, cells=3)
-    ends = [[getattr(one, end) for one in problem.free] for end in ("low", "high")]
-
-    rates_ips = problem.rates_ips(np.array(ends))
-
-    for values, found in zip(ends, rates_ips, strict=True):
-        expected = encoded_rates(problem, values)
-        assert counts_of(problem, found) == counts_of(problem, expected)
-
-
 @settings(max_examples=15)
 @given(seed=seeds)
 def test_objectives_are_those_of_a_plain_loop(seed):

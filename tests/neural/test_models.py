@@ -88,20 +88,6 @@ def test_a_fall_empties_but_leaves_no_debt():
     assert spike_samples(stress, RA) == [4 + 3 + 20 + 5]
 
 
-@pytest.mark.parametrize("level_pa", [0.0, 1e5])
-def test_a_rise_counts_from_whatever_is_held(level_pa):
-    rise = stress_of([256.0] * 40) + level_pa
-
-    assert spike_samples(rise, RA) == [21, 38]
-
-
-def test_sa_counts_the_same_rises_until_stress_is_held():
-    """15 mV a step of 4096 Pa: 0.9375 mV a row, passed by row 17 as with RA."""
-    sa = RisingSaParameters(tau_ms=LEAKLESS_MS, step_pa=4096.0, held_pa=1e6, refractory_ms=0.0)
-
-    assert spike_samples(stress_of([256.0] * 40), sa) == [21, 38]
-
-
 def test_held_stress_fires_sa_with_the_period_of_the_recurrence():
     """At twice `held_pa` Iτ is twice the gap: ln(1/2) / ln(1 − 0.5/20) = 27.4 rows.
 

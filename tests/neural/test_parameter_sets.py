@@ -95,13 +95,6 @@ def test_a_section_says_by_its_drive_which_parameters_it_holds(row):
     assert {name: getattr(own, name) for name in needed} == needed
 
 
-@pytest.mark.parametrize("name", ["published", "energy", "adaptive", "one_sided"])
-def test_models_of_the_published_parameters_keep_what_a_section_leaves_out(name):
-    own = parameters_from_table({"RA": {"drive": name, "tau_ms": 99.0}})
-
-    assert own["RA"] == replace(PUBLISHED["RA"], drive=name, tau_ms=99.0)
-
-
 def test_other_models_keep_the_defaults_of_their_class():
     own = parameters_from_table({"RA": RISING_RA, "SA": {}})
 
@@ -135,14 +128,6 @@ def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
         "study": {"RA": {"rank": 1}},
     }
     assert dict(own.parameters) == dict(parameters_from_table({"RA": RISING_RA}))
-
-
-def test_a_set_without_a_name_has_that_of_its_file(file_of):
-    own = read_parameter_set(file_of("base = 'published'", "keen cells.toml"))
-
-    assert (own.name, own.preindent_um, dict(own.origin)) == ("keen cells", 0.0, {})
-    assert dict(own.parameters) == dict(PUBLISHED)
-    assert tuple(own.parameters) == AFFERENTS
 
 
 def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
@@ -205,14 +190,6 @@ def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
     assert back.parameters["SA"].tau_ms == 50.0
 
 
-def test_published_is_table_2_without_a_preindentation():
-    own = parameter_set("published")
-
-    assert own.parameters is PUBLISHED
-    assert (own.name, own.preindent_um) == ("published", 0.0)
-    assert own.origin["fit"] == {"source": "Ishizuka et al., Table 2"}
-
-
 def test_fitted_is_its_file_and_has_the_default_models():
     own = parameter_set("fitted")
     read = read_parameter_set(FITTED_FILE)
@@ -252,15 +229,6 @@ def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch,
         own = parameter_set_or_file(word)
         assert own.name == "own"
         assert dict(own.parameters) == dict(PUBLISHED)
-
-
-def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
-    (tmp_path / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-
-    assert parameter_set_or_file("published").parameters is PUBLISHED
-    own = parameter_set_or_file("./published")
-    assert own.parameters["SA"].tau_ms == 1.0
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The search, which candidate is taken, and predictions of groups that were left out."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -83,15 +81,6 @@ def assert_undominated(found):
 @pytest.mark.parametrize("cells", [1, 3])
 def test_no_row_of_a_front_is_worse_than_another(cells):
     assert_undominated(search_front(problem_of(cells=cells), seed=5, **SMALL))
-
-
-def test_a_front_is_sorted_by_the_error_of_all_stimuli(front):
-    """Every group has two stimuli, so the total is the mean of both objectives."""
-    totals = total_rmse_ips(PROBLEM, front.errors_ips2)
-
-    np.testing.assert_allclose(totals, np.sqrt(front.errors_ips2.mean(axis=1)), rtol=1e-13)
-    assert all(a <= b for a, b in pairwise(totals.tolist()))
-    assert totals[0] < totals[-1]
 
 
 def test_a_total_weighs_groups_by_their_stimuli():
@@ -180,20 +169,6 @@ def test_the_unit_square_spans_what_is_searched():
     np.testing.assert_allclose(
         values, [[1.0, 0.0], [100.0, 1.0], [10.0, 0.5], [1e4, 2.0]], rtol=1e-12
     )
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"evaluations": 23}, "23 evaluations in populations of 24, expected 4"),
-        ({"evaluations": 0}, "0 evaluations in populations of 24"),
-        ({"population": 3}, "in populations of 3, expected 4 or more"),
-        ({"population": 200}, "120 evaluations in populations of 200"),
-    ],
-)
-def test_a_search_that_cannot_be_is_refused(change, words):
-    with pytest.raises(ParameterError, match=words):
-        search_front(PROBLEM, **{**SMALL, **change})
 
 
 # Rises of steps of 1000 Pa, each in two rows, before the window ends at 100 ms.

@@ -54,38 +54,6 @@ def test_no_name_of_a_finger_or_stimulus_can_become_a_card(name, short, parse_de
 # ---- Mesh
 
 
-def test_nodes_of_the_finger_and_then_of_the_probe_come_back(built):
-    analysis, _, deck = built
-    nodes = deck.nodes()
-    finger_mm = analysis.mesh.node_mm
-    if analysis.element == "CPE8R":
-        finger_mm, _ = analysis.mesh.with_midsides()
-    written = np.concatenate([finger_mm, analysis.probe_mesh.node_mm])
-    assert list(nodes) == list(range(1, len(written) + 1))
-    read = np.array(list(nodes.values()))
-    assert_allclose(read[:, :2], written, rtol=0, atol=0.51e-9)
-    assert (read[:, 2] == 0).all()
-    assert [card[1]["NSET"] for card in deck.all("NODE")] == ["FINGER", "PROBE"]
-
-
-def test_elements_come_back_layer_by_layer(built):
-    analysis, _, deck = built
-    elements = deck.elements()
-    corners = analysis.mesh.quad
-    if analysis.element == "CPE8R":
-        _, corners = analysis.mesh.with_midsides()
-    for row, nodes in enumerate(corners):
-        assert elements[row + 1] == tuple(nodes + 1)
-    sets = [card[1] for card in deck.all("ELEMENT")]
-    assert [one["ELSET"] for one in sets] == [*map(str.upper, LAYERS), "PROBE_BODY"]
-    assert [one["TYPE"] for one in sets] == [analysis.element] * 6 + ["CPE4"]
-    for index, layer in enumerate(LAYERS):
-        _, _, rows = deck.one("ELEMENT", ELSET=layer.upper())
-        numbers = [int(row[0]) - 1 for row in rows]
-        assert numbers == np.flatnonzero(analysis.mesh.layer == index).tolist()
-    assert list(elements) == sorted(elements)
-
-
 # ---- Names
 
 

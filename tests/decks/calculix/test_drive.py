@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 
 from decks.analysis import Model
 from decks.calculix import calculix_deck
-from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
@@ -49,17 +48,6 @@ def test_all_nodes_of_the_probe_go_down_with_the_node_on_the_spring(parse_deck, 
     assert on_spring == rigid
     assert {rigid, driver}.isdisjoint(probe)
     assert not tied(deck, 1)
-
-
-def test_no_number_is_given_twice(parse_deck, short):
-    relaxing = replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
-    finger = replace(QUICK, materials={**QUICK.materials, "dermis": relaxing})
-    analysis = Model(finger, SKIN, section="whole").analysis(short.sliding(10.0))
-    deck = parse_deck(calculix_deck(analysis))
-    numbers = [int(row[0]) for card in deck.all("ELEMENT") for row in card[2]]
-    assert len(numbers) == len(set(numbers))
-    nodes = [int(row[0]) for card in deck.all("NODE") for row in card[2]]
-    assert len(nodes) == len(set(nodes))
 
 
 @pytest.mark.slow

@@ -52,33 +52,6 @@ def both(request, parse_deck, short):
     ]
 
 
-def test_the_skin_on_the_axis_has_a_contact_pair_of_its_own_half_as_stiff(both):
-    whole, half = both
-    nodes = half.nodes()
-    on_axis = half.set_of("AXIS_CONTACT")
-    beside = half.set_of("SKIN_CONTACT")
-    assert on_axis
-    assert all(nodes[number][0] == 0 for number in on_axis)
-    assert all(nodes[number][0] > 0 for number in beside)
-    together = {*on_axis, *beside}
-    assert together == {n for n in whole.set_of("SKIN_CONTACT") if n in nodes}
-    pairs = half.all("CONTACT PAIR")
-    assert [(card[1]["INTERACTION"], card[2]) for card in pairs] == [
-        ("TOUCH", [["SKIN_SURFACE", "PROBE_SURFACE"]]),
-        ("TOUCH_ON_AXIS", [["AXIS_SURFACE", "PROBE_SURFACE"]]),
-    ]
-    assert half.one("SURFACE", NAME="AXIS_SURFACE")[2] == [["AXIS_CONTACT"]]
-    names = [card[1]["NAME"] for card in half.all("SURFACE INTERACTION")]
-    assert names == ["TOUCH", "TOUCH_ON_AXIS"]
-    full, halved = ([float(word) for word in card[2][0]] for card in half.all("SURFACE BEHAVIOR"))
-    assert full == [float(w) for w in whole.one("SURFACE BEHAVIOR")[2][0]]
-    assert halved == [0.5 * value for value in full]
-    frictions = [[float(w) for w in card[2][0]] for card in half.all("FRICTION")]
-    if frictions:
-        (mu, stick), (same_mu, half_stick) = frictions
-        assert (same_mu, half_stick) == (mu, 0.5 * stick)
-
-
 def test_decks_of_other_solvers_are_of_the_whole(short):
     analysis = half_of(short, element="CPE4H")
     whole = replace(analysis, section="whole")

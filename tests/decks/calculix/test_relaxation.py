@@ -93,31 +93,6 @@ def test_volume_does_not_relax_and_mass_is_kept():
     assert_allclose(density, RELAXING.density_kg_m3, rtol=5e-3)
 
 
-def test_branches_are_numbered_after_all_others_on_the_same_nodes(parse_deck, short):
-    finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
-    model = Model(finger, SKIN, support="prescribed").analysis(short)
-    first = int(model.probe.number.max()) + 1
-    found = [section for section, _ in branches(model.layers, first, model.motion.dt_s)]
-    numbers = np.concatenate([one.number for one in found])
-    assert numbers.tolist() == list(range(first, first + len(numbers)))
-    by_name = {layer.name: layer for layer in model.layers}
-    names = [one.name for one in found]
-    assert names == ["dermis_prony_1", "dermis_prony_2", "subcutaneous_tissue_prony_1"]
-    for one in found:
-        layer = by_name[one.name.rsplit("_prony_")[0]]
-        assert np.array_equal(one.node, layer.node)
-    deck = parse_deck(calculix_deck(model))
-    assert len(deck.all("CREEP")) == 3
-    assert not deck.all("VISCOELASTIC")
-
-
-def test_a_node_counts_the_branches_of_its_layer(short):
-    finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
-    analysis = Model(finger, SKIN, support="prescribed").analysis(short)
-    assert analysis.branches == {analysis.afferent["PC"]: 2}
-    assert Model(QUICK, SKIN, support="prescribed").analysis(short).branches == {}
-
-
 def test_a_term_faster_than_a_sample_is_refused(short):
     finger = finger_with(dermis=(PronyTerm(0.4, 0.0002),))
     with pytest.raises(DeckError, match=r"dermis: tau_s is 0.0002, expected the time"):

@@ -115,12 +115,6 @@ def make_model():
 
 
 @pytest.fixture(scope="session")
-def read_deck():
-    """Give the plain reader."""
-    return Deck
-
-
-@pytest.fixture(scope="session")
 def sample():
     """Give a real deck by its name."""
 

@@ -62,14 +62,6 @@ def test_a_deck_of_mixed_elements_has_a_pressure_node_each():
     assert PFL.coordinates.of(2591) is None
 
 
-def test_its_sets_have_their_members():
-    sets = PFL.sets()
-    assert_array_equal(sets["apply1_nodes"].member, [1])
-    edges = sets["apply3_edges"]
-    assert (edges.kind, edges.member.shape) == ("edgemt", (42, 2))
-    assert_array_equal(edges.member[[0, -1]], [[1, 0], [43, 0]])
-
-
 def test_a_condition_is_values_tables_directions_and_a_set():
     found = {each.name: each for each in PFL.conditions()}
     first, load = found["apply1"], found["apply3"]
@@ -94,18 +86,6 @@ def test_tables_are_points_of_a_variable():
     assert_array_equal(force.points, [[0, 0], [1, 1]])
     assert (stress.number, stress.variable) == (2, 15)
     assert_array_equal(stress.points, [[0, 6.5e4], [0.5, 1.565e6]])
-
-
-def test_a_material_is_eight_numbers():
-    (steel,) = PLASTIC.materials()
-    assert (steel.name, steel.values[:2]) == ("steel", (3.0e7, 0.3))
-    assert steel.values[4] == 1.0
-
-
-def test_output_is_element_codes_and_nodal_codes():
-    found = PFL.post()
-    assert (found.codes, found.nodal) == ((681,), (1,))
-    assert PLASTIC.post().codes == (431,)
 
 
 # ---- Descriptions
@@ -219,15 +199,6 @@ def test_a_formula_and_a_table_of_two_variables_have_no_points():
     first, second = model(*formula, *plane).tables
     assert (first.number, first.points) == (1, None)
     assert (second.number, second.points) == (2, None)
-
-
-def test_a_deck_without_an_option_has_nothing_of_it():
-    deck = model("no print")
-    assert deck.post() is None
-    assert deck.bodies() == deck.conditions() == deck.materials() == deck.load_cases() == []
-    assert (deck.tables, deck.elements, deck.sets()) == ((), (), {})
-    assert deck.coordinates.line is None
-    assert np.size(deck.coordinates.number) == 0
 
 
 @pytest.mark.parametrize(

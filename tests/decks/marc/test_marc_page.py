@@ -29,16 +29,6 @@ def test_every_fembridge_command_is_understood(command):
     parser.parse_args(words)
 
 
-def test_options_named_in_the_text_belong_to_build_deck():
-    module = import_module("fembridge.commands.build_deck")
-    parser = argparse.ArgumentParser()
-    module.add_arguments(parser)
-    known = set(parser.format_help().split())
-    named = set(re.findall(r"`(--[a-z-]+)", PAGE))
-    assert {"--finger", "--element", "--probe-body"} <= named
-    assert named - {"--help"} <= {word.strip("[],") for word in known}
-
-
 def test_what_the_page_says_of_the_deck_is_in_it(make_model):
     files = marc_files(make_model(), DeckOptions())
     assert set(files) == {"job.dat", "job.proc"}

@@ -121,13 +121,6 @@ def test_a_first_look_separates_decks_from_other_files(tmp_path, name, text, is_
     assert not is_marc_deck(tmp_path / "absent.dat")
 
 
-def test_an_option_that_nobody_knows_keeps_its_lines():
-    data = with_model("post", f"{0:10d}", "brand new", "  1.0", "name of it", "no print")
-    deck = read_marc_deck(data)
-    (new,) = deck.find("brand new")
-    assert [line.text for line in new.lines] == ["brand new", "  1.0", "name of it"]
-
-
 @pytest.mark.parametrize("name", ["control", "post", "table", "contact", "end option"])
 def test_a_condition_may_be_called_like_a_keyword(name):
     lines = [
@@ -140,19 +133,6 @@ def test_a_condition_may_be_called_like_a_keyword(name):
     assert deck.conditions()[-1].where == name
     (_, mine) = deck.find("loadcase", Section.MODEL)
     assert [line.text for line in mine.data] == [f"{1:10d}", name]
-
-
-def test_a_load_case_ends_with_continue():
-    history = SMALL[SMALL.index(b"title", CASE) :]
-    deck = read_marc_deck(SMALL + history)
-    assert [case.number for case in deck.load_cases()] == [1, 2]
-
-
-def test_an_included_file_is_noted_and_not_missed():
-    data = with_model("include more.inc").replace(b"end option", b"", 1)
-    deck = read_marc_deck(data)
-    assert [(each.name, each.followed) for each in deck.includes] == [("more.inc", False)]
-    assert "more.inc" in deck.remarks[0]
 
 
 def test_an_included_file_is_read_where_it_can_be():

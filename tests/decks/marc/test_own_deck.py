@@ -145,13 +145,6 @@ def test_a_deck_without_a_post_option_gets_one(marc_text):
     assert wanted.codes == (17, 311)
 
 
-def test_the_place_of_an_afferent_is_in_mm(marc_text):
-    data = marc_text().text()
-    request = Request(afferents={"SA": 6, "PC": 2}, length_unit="m")
-    places = rebase_marc(data, MOTION, request).place_mm
-    assert places == {"SA": (2000.0, -1000.0), "PC": (1000.0, 0.0)}
-
-
 @given(data=st.data())
 def test_a_mutated_deck_is_refused_or_taken(marc_text, data):
     text = bytearray(marc_text(**data.draw(decks)).text())
@@ -206,12 +199,6 @@ def refused(data, found, request=None, resolver=None):
 def line_of(data, text, which=0):
     found = [n for n, line in enumerate(data.decode().splitlines(), 1) if text in line]
     return f"line {found[which]}"
-
-
-def test_a_table_that_is_not_there_is_named_with_those_that_are(marc_text):
-    data = marc_text().text()
-    said = refused(data, "'other'", Request(amplitude="other"))
-    assert f"wave ({line_of(data, 'table  ', 1)})" in said
 
 
 def test_two_tables_that_drive_motions_are_refused_unless_one_is_named(marc_text):
@@ -291,13 +278,6 @@ def test_load_cases_without_increments_are_refused_with_their_line(marc_text):
     data = deck.text(cases=[*cases[: cases.index("auto load")], "continue"])
     said = refused(data, r"no load case has increments; there: 1 press")
     assert said.startswith(line_of(data, "loadcase"))
-
-
-def test_a_condition_that_does_not_act_is_refused(marc_text):
-    deck = marc_text(drive="disp")
-    cases = [line for line in deck.case() if line != "indent"]
-    cases[1] = deck.ints(1)
-    assert "'indent'" in refused(deck.text(cases=cases), "1 press")
 
 
 def test_other_ways_of_stepping_are_refused_with_their_line(marc_text):

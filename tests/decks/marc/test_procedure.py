@@ -4,9 +4,7 @@ import re
 
 import pytest
 
-from decks.analysis import Contact
-from decks.dialects import DeckOptions
-from decks.marc.write import marc_deck, marc_files, mentat_procedure
+from decks.marc.write import mentat_procedure
 
 # Of public procedures and scripts; what may follow them is in the second column.
 KNOWN = {
@@ -37,17 +35,3 @@ def test_every_command_is_one_of_public_procedures_and_says_where_it_was_seen(re
     assert re.findall(r"post:(\w+)", text) == post
     assert text.isascii()
     assert all(line.isprintable() and len(line) <= 88 for line in text.splitlines())
-
-
-def test_the_job_is_named_as_the_deck_is_titled_and_its_first_load_case(make_model):
-    lines = marc_deck(make_model()).splitlines()
-    (command,) = [line for line in spoken(mentat_procedure()) if line.startswith("*edit_job")]
-    job = command.split()[1]
-    assert lines[0] == f"title               {job}"
-    (first, *_) = [line for line in lines if line.startswith("loadcase")]
-    assert first == f"loadcase            {job}"
-
-
-def test_without_friction_none_is_set(make_model):
-    files = marc_files(make_model(contact=Contact(friction=0.0)), DeckOptions())
-    assert "coulomb" not in "".join(files.values()).lower()

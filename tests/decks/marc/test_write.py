@@ -4,9 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import Contact
 from decks.dialects import DIALECTS
 from decks.marc.write import marc_deck
 from decks.stimuli import resolve
@@ -110,34 +108,7 @@ def test_a_neo_hookean_skin_is_refused(make_model):
 # ---- Motion
 
 
-def table_of(deck):
-    head, variable, *rows = deck.one("table", "waveform").rows
-    assert deck.integers(head) == [1, 1, 0, 0, 2]
-    assert deck.integers(variable) == [1, len(rows), 2, *[0, 0, 2] * 3, 0, 0, 0, 0]
-    return np.array([deck.reals(row) for row in rows]).T
-
-
-def test_a_pre_indentation_is_ramped_in_before_the_stimulus(make_model, read_deck):
-    deck = read_deck(marc_deck(make_model(stimulus=PRESSED)))
-    _, depth_mm = table_of(deck)
-    assert depth_mm[0] == 0.0
-    assert_allclose(np.diff(depth_mm[:21]), 0.025, rtol=1e-9)
-    assert_allclose(depth_mm[20:] * 1e3, PRESSED.displacement_um, atol=1e-12)
-    assert "$....up to 0.01 s: the ramp to the pre-indentation" in deck.text
-    assert deck.integers(deck.one("auto load").rows[0]) == [520, 0, 0, 0, 0]
-    assert [deck.reals(row) for row in deck.one("time step").rows] == [[0.0005]]
-
-
 # ---- Output
-
-
-@pytest.mark.parametrize(("results", "number"), [("binary", 0), ("text", 1), ("both", 2)])
-def test_stress_and_von_mises_are_posted_every_increment(make_model, read_deck, results, number):
-    deck = read_deck(marc_deck(make_model(), results=results))
-    head, stress, mises, *nodal = deck.one("post").rows
-    assert [deck.integers(row) for row in (stress, mises)] == [[311, 0], [17, 0]]
-    assert nodal == [f"{'nodal':<20}{code:10d}" for code in (1, 5, 35, 38)]
-    assert deck.integers(head) == [2, 16, 17, number, 0, 19, 20, 0, 1, 0, 0, 0, 4, 0, 0, 0]
 
 
 # ---- Contact
@@ -172,26 +143,6 @@ def bodies_of(deck):
     return {rows[start][80:]: rows[start:end] for start, end in zip(starts, ends, strict=True)}
 
 
-def test_the_rigid_probe_is_the_lower_side_in_straight_pieces(make_model, read_deck):
-    model = make_model()
-    deck = read_deck(marc_deck(model))
-    curves = bodies_of(deck)["probe"][7:]
-    side = []
-    for k in range(0, len(curves), 9):
-        assert deck.integers(curves[k]) == [9, 2, 2, 1]
-        side.append([deck.reals(curves[k + 1]), deck.reals(curves[k + 2])])
-        weights_and_knots = [deck.reals(row) for row in curves[k + 3 : k + 9]]
-        assert weights_and_knots == [[1.0], [1.0], [0.0], [0.0], [1.0], [1.0]]
-    side = np.array(side)
-    assert_array_equal(side[1:, 0], side[:-1, 1])  # each goes on where one ended
-    assert_allclose(
-        side[:, 0], model.probe_mesh.node_mm[model.probe_mesh.lower_node][:-1], rtol=1e-15
-    )
-    assert_allclose(
-        side[-1, 1], model.probe_mesh.node_mm[model.probe_mesh.lower_node][-1], rtol=1e-15
-    )
-
-
 def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right(built):
     model, probe, deck = built
     if probe == "meshed":
@@ -210,16 +161,3 @@ def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right
         assert left(inside) > 0
         under = skin[(skin[:, 0] >= start[0]) & (skin[:, 0] <= end[0])]
         assert (left(under) <= 1e-9).all()
-
-
-@pytest.mark.parametrize("probe", ["rigid", "meshed"])
-def test_friction_is_bilinear_coulombs_by_the_interaction(make_model, read_deck, probe):
-    for friction, first in ((0.4, [6, 1]), (0.0, [0, 0])):
-        model = make_model(contact=Contact(friction=friction))
-        deck = read_deck(marc_deck(model, probe=probe))
-        assert deck.integers(deck.one("contact").rows[0])[3:5] == first
-        touch = deck.one("con intera").rows
-        assert touch[0] == "         1         0touch"
-        second = [1, 1, 0, 0] if probe == "meshed" else [2, 0, 0, 0]
-        assert [deck.integers(row) for row in touch[1:3]] == [[1, 1, 0, 0], second]
-        assert deck.reals(touch[5])[:4] == [0.0, 0.0, friction, 0.0]

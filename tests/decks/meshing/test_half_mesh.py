@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
 
 from decks.finger import AfferentSite
 from decks.mesher import HalfMesh, graded
@@ -28,22 +27,6 @@ def half(x_mm=0.0):
     return HalfMesh(nodes, quad, np.array([1, 1, 2, 2]))
 
 
-def test_a_near_node_moves_onto_the_site_alone():
-    before = half()
-    after = before.snapped([AfferentSite("epidermis", 0.12, 0.52)])
-    moved = np.flatnonzero((after.node_mm != before.node_mm).any(axis=1))
-    assert moved.tolist() == [1]
-    assert after.node_mm[1].tolist() == [0.12, -0.52]
-    assert before.node_mm[1].tolist() == [0.1, -0.5]
-
-
-def test_a_node_with_a_longer_way_takes_its_neighbours_along():
-    before = half()
-    after = before.snapped([AfferentSite("epidermis", 0.05, 0.5)])
-    assert after.node_mm[1].tolist() == [0.05, -0.5]
-    assert_allclose(after.node_mm[2], [0.2 - 0.05 * (1 - 1 / 3), -0.5])
-
-
 @given(st.floats(0.0, 0.25), st.floats(0.45, 0.65))
 def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
     after = half().snapped([AfferentSite("epidermis", x_mm, depth_mm)]).node_mm
@@ -60,19 +43,3 @@ def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
 )
 def test_nothing_moves_where_elements_would_not_bear_it(site):
     assert half().snapped([site]).node_mm.tolist() == half().node_mm.tolist()
-
-
-def test_of_two_afferents_side_by_side_none_draws_the_other_away():
-    sites = [
-        AfferentSite("epidermis", 0.08, 0.5),
-        AfferentSite("epidermis", 0.14, 0.5),
-        AfferentSite("epidermis", -0.08, 0.5),  # mirror image of the first
-    ]
-    after = half().snapped(sites).node_mm
-    assert after[:3].tolist() == [[0.0, -0.5], [0.08, -0.5], [0.14, -0.5]]
-
-
-def test_a_site_on_the_left_is_met_by_the_mirror_image():
-    mesh = half().snapped([AfferentSite("epidermis", -0.12, 0.5)]).mirrored()
-    assert [-0.12, -0.5] in mesh.node_mm.tolist()
-    assert [0.12, -0.5] in mesh.node_mm.tolist()

@@ -60,16 +60,6 @@ def test_the_coarse_mesh_has_3100_elements_and_the_fine_one_as_many_as_the_paper
     assert abs(len(MESHES["paper"].quad) - 17815) < 0.01 * 17815
 
 
-def test_elements_of_the_fine_mesh_are_as_wide_as_the_papers():
-    """Section 2.1: from about 0.02 to 0.45 mm a side."""
-    mesh = MESHES["paper"]
-    nodes, _, _ = mesh.edges()
-    sides_mm = np.linalg.norm(np.subtract(*mesh.node_mm[nodes.T]), axis=1)
-    fine, coarse = np.percentile(sides_mm, [1, 99])
-    assert 0.015 < fine < 0.025
-    assert 0.25 < coarse < sides_mm.max() < 0.5
-
-
 def chord_loss_mm2(finger):
     """Chords of length c cut the integral of curvature c^2/12 off: pi c^2/6 in all."""
     return np.pi * finger.resolution.far_mm**2 / 6
@@ -96,15 +86,6 @@ def test_a_mesh_is_its_own_mirror_image_to_the_last_bit(mesh):
     sides = {frozenset(quad): layer for quad, layer in zip(quads, mesh.layer, strict=True)}
     other = {frozenset(partner[quad]): layer for quad, layer in zip(quads, mesh.layer, strict=True)}
     assert sides == other
-
-
-def test_afferents_sit_exactly_at_their_sites_and_inside_one_layer(name, mesh):
-    for site in PRESETS[name].afferents.values():
-        row = mesh.node_at(site)
-        assert tuple(mesh.node_mm[row]) == (site.x_mm, -site.depth_mm)
-        around = (mesh.quad == row).any(axis=1)
-        assert around.sum() >= 3
-        assert (mesh.layer[around] == LAYERS.index(site.layer)).all()
 
 
 def test_no_node_within_reach_of_a_site_is_an_error(mesh):

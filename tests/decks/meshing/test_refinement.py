@@ -36,18 +36,6 @@ def layer_areas(mesh):
     return [mesh.area_mm2()[mesh.layer == k].sum() for k in range(len(LAYERS))]
 
 
-def test_around_a_node_four_become_nine_each_and_their_eight_neighbours_four():
-    """Of 6 x 6 around the middle node; the four at the corners of the block stay."""
-    fine = refined(grid(6, 6), (3.0, 3.0), 0.1)
-    assert len(fine.quad) == 4 * 9 + 8 * 4 + (36 - 4 - 8)
-
-
-def test_an_edge_of_the_fine_part_has_two_nodes_at_its_thirds():
-    fine = refined(grid(6, 6), (3.0, 3.0), 0.1)
-    on_row = fine.node_mm[fine.node_mm[:, 1] == 3.0, 0]
-    assert_allclose(np.sort(on_row), [0, 1, *(2 + np.arange(7) / 3), 5, 6], atol=1e-9)
-
-
 @given(
     place=st.tuples(st.floats(0, 8), st.floats(0, 3)),
     radius=st.floats(0.75, 9),

@@ -79,14 +79,6 @@ def test_requests_go_and_printed_tables_contact_and_comments_stay():
     assert steps_of(MODEL, requests) == HEAD + stay + everywhere
 
 
-def test_sets_that_are_there_already_are_used():
-    there = "*NSET, NSET=Afferent_SA\n 3\n*NSET, NSET=AFFERENT_RA, GENERATE\n5, 5\n"
-    rest = "*NSET, NSET=FEMBRIDGE_OUTPUT\n3, 5,\n"
-    table = MODEL.index("*AMPLITUDE")
-    model = MODEL[:table] + there + MODEL[table:]
-    assert steps_of(model, "", afferents=WITH_SETS) == rest + HEAD + BINARY
-
-
 def test_the_last_increment_of_the_step_before_is_written_too():
     """It is the state at the waveform's start, which ccx writes in no other way."""
     settle = "*STEP\n*STATIC\n0.1, 1.\n"
@@ -103,13 +95,6 @@ def test_expanded_results_of_the_first_step_are_made_flat_there():
     text = steps_of(MODEL + before + "*END STEP\n", "", afferents=WITH_SETS)
     at_end = BINARY.replace("FREQUENCY=1", "FREQUENCY=100000, OUTPUT=2D")
     assert text == SETS + before + at_end + HEAD + BINARY
-
-
-def test_flat_results_are_asked_for_where_another_card_asks_for_expanded_ones():
-    requests = "*NODE FILE, OUTPUT=3D\nU\n*CONTACT FILE, OUTPUT = 3d\nCDIS\n"
-    text = steps_of(MODEL, requests, afferents=WITH_SETS)
-    assert text.count("FREQUENCY=1, OUTPUT=2D, DOUBLE\n") == 2
-    assert "OUTPUT=2D" not in steps_of(MODEL, requests)
 
 
 # ---- Included files

@@ -51,14 +51,6 @@ def test_magnitude_times_amplitude_times_unit_is_the_depth(magnitude, unit):
     )
 
 
-def test_step_time_starts_with_the_step_whatever_was_before():
-    rebased = rebase(deck_of(first=FIRST))
-    assert rebased.before_s == 3.5
-    time_s, value = table_of(rebased)
-    assert time_s.tolist() == MOTION.time_s.tolist()
-    assert value.tolist() == MOTION.depth_mm.tolist()
-
-
 def test_total_time_starts_where_the_steps_before_end_and_is_zero_until_then():
     total = "*AMPLITUDE, TIME=TOTAL TIME, NAME=A"
     time_s, value = table_of(rebase(deck_of(total)))
@@ -211,12 +203,6 @@ def test_a_ramp_becomes_the_waveform_by_an_amplitude_of_its_own(move):
     assert_allclose(2e-4 * value, MOTION.depth_mm, rtol=1e-12, atol=1e-15)
     assert rebase(text, move=move).deck == rebased.deck
     assert rebase(text).deck == rebased.deck
-
-
-def test_a_block_of_the_probe_alone_keeps_its_lines_and_gets_the_option():
-    alone = RAMP.replace("PROBE, 1, 1, 0\n", "")
-    text = rebase(alone).deck.decode()
-    assert f"** Name: Press\n*Boundary, {MOVED.removeprefix('*BOUNDARY, ')}" in text
 
 
 @pytest.mark.parametrize(("move", "sign"), [("PROBE,-1", -1), ("PROBE,+2", 1), ("PROBE,-2", 0)])
