@@ -22,7 +22,7 @@ import tempfile
 import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -48,10 +48,10 @@ MakeError: TypeAlias = Callable[[str], FembridgeError]
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`; on success it takes that name.
+    """A temporary path of the same name; on success what it holds takes the place of `path`.
 
-    Where `path` is a link, what it points to is replaced. The temporary path keeps
-    the suffix, for writers that go by it.
+    Where `path` is a link, what it points to is replaced. A file of a draft of `filling`
+    takes its place with the others.
 
     Raises
     ------
@@ -59,27 +59,20 @@ def replacing(path: Path) -> Iterator[Path]:
         The folder cannot be made or written, the disk is full, or `path` is a
         folder, a device or a pipe. What stood under `path` before is untouched.
     """
-    make_folder(path.parent)
-    target = Path(os.path.realpath(path)) if path.is_symlink() else path
-    _check_replaceable(target, path)
-
-    def make() -> Path:
-        draft = target.with_name(f"{_DRAFT}{os.urandom(4).hex()}{target.suffix}")
-        draft.open("xb").close()  # with the permissions that any new file gets
-        return draft
-
-    with _drafted(make, target.parent, path) as draft:
+    if path.parent.name.startswith(_DRAFT):
         try:
-            yield draft
-            with draft.open("rb") as file:
-                os.fsync(file.fileno())
-            draft.replace(target)
+            yield path
         except OSError as error:
             raise OutputError(f"cannot write: {error.strerror or error}", path) from error
+        return
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    make_folder(path.parent)
+    _check_replaceable(target, path)
+    with _filled(target.parent, target.name, path) as draft:
+        yield draft / target.name
 
 
-@contextmanager
-def filling(folder: Path, last: str) -> Iterator[Path]:
+def filling(folder: Path, last: str) -> AbstractContextManager[Path]:
     """A draft folder; on success its files take their places in `folder`.
 
     Parameters
@@ -100,22 +93,7 @@ def filling(folder: Path, last: str) -> Iterator[Path]:
         `folder` cannot be made or written, or a folder stands where a file is
         wanted. What stood in `folder` before is untouched.
     """
-    make_folder(folder)
-
-    def make() -> Path:
-        return Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder))
-
-    with _drafted(make, folder, folder) as draft:
-        try:
-            yield draft
-            _move_up(draft, folder, last)
-        except OutputError as error:
-            if not error.path.is_relative_to(draft):
-                raise
-            place = folder / error.path.relative_to(draft)
-            raise OutputError(error.problem, place) from error
-        except OSError as error:
-            raise OutputError(f"cannot write: {error.strerror or error}", folder) from error
+    return _filled(folder, last, folder)
 
 
 def check_output(folder: Path, *names: str) -> None:
@@ -132,27 +110,31 @@ def check_output(folder: Path, *names: str) -> None:
 
 
 @contextmanager
-def _drafted(make: Callable[[], Path], folder: Path, path: Path) -> Iterator[Path]:
-    """The file or folder that `make` makes in `folder`, removed at the end.
-
-    It is locked, and what earlier ones left there is removed. `path` is named where it
-    cannot be made.
-    """
+def _filled(folder: Path, last: str, path: Path) -> Iterator[Path]:
+    """`filling`, where errors name `path`; the draft is locked, and earlier ones are removed."""
+    make_folder(folder)
     try:
         _remove_left_over(folder)
-        draft, handle = _made_and_locked(make)
+        draft, handle = _made_and_locked(folder)
     except OSError as error:
         raise OutputError(f"cannot write here: {error.strerror}", path) from error
     try:
         yield draft
+        _move_up(draft, folder, last)
+    except OutputError as error:
+        if not error.path.is_relative_to(draft):
+            raise
+        raise OutputError(error.problem, folder / error.path.relative_to(draft)) from error
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror or error}", path) from error
     finally:
         _remove_draft(draft)
         os.close(handle)
 
 
-def _made_and_locked(make: Callable[[], Path]) -> tuple[Path, int]:
+def _made_and_locked(folder: Path) -> tuple[Path, int]:
     while True:
-        draft = make()
+        draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder))
         with suppress(FileNotFoundError):  # another took it for left over: it had no lock yet
             handle = os.open(draft, os.O_RDONLY)
             with suppress(OSError):  # a file system without locks: it stays, if we are killed
@@ -221,10 +203,13 @@ def _move_up(draft: Path, folder: Path, last: str) -> None:
     names = sorted((file.name for file in draft.iterdir()), key=lambda n: (n == last, n))
     for name in names:
         _check_replaceable(folder / name, folder / name)
+        with (draft / name).open("rb") as file:
+            os.fsync(file.fileno())
     with _alone_in(folder):
         if all(_same(draft / name, folder / name) for name in names):
             return
-        (folder / last).unlink(missing_ok=True)
+        if len(names) > 1:
+            (folder / last).unlink(missing_ok=True)
         for name in names:
             (draft / name).replace(folder / name)
 

@@ -209,11 +209,11 @@ def test_a_draft_that_is_taken_for_left_over_before_it_is_locked_is_made_again(
 ):
     made, opened = [], os.open
 
-    def remove_first(path, *flags):
+    def remove_first(path, *flags, **words):
         if "draft" in str(path) and not made:
             made.append(path)
-            path.unlink()
-        return opened(path, *flags)
+            path.rmdir()
+        return opened(path, *flags, **words)
 
     monkeypatch.setattr(os, "open", remove_first)
     write_text(tmp_path / "a.csv", "new")
