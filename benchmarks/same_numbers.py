@@ -3,10 +3,11 @@
     python -m benchmarks.same_numbers record PROGRAM FOLDER DATA...
     python -m benchmarks.same_numbers compare FOLDER_A FOLDER_B
 
-`record` runs PROGRAM (the path of a ``fembridge``) on every result file and deck below the
-folders DATA, builds decks for every solver, encodes, fits and simulates from the stored
-response, one folder a case. `compare` holds two such recordings against each other: exit
-codes, CSV and decks byte by byte, arrays and JSON value by value. Wording is not compared.
+`record` has PROGRAM (the path of a ``fembridge``) work on every result file and deck below
+the folders DATA, builds decks for every solver, encodes, fits and simulates from the stored
+response, one folder a case, all in one process. `compare` holds two such recordings against
+each other: exit codes, CSV and decks byte by byte, arrays and JSON value by value. Wording is
+not compared.
 """
 
 import json
@@ -14,7 +15,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,11 @@ tau_s = 0.05
 FIT = "--evaluations 400 --population 40 --seed 3 --finger quick"
 
 
-def cases(data: list[Path], scratch: Path, program: str) -> Iterator[tuple[str, list[str]]]:
+Case = tuple[str, list[str]]
+"""Name and words of a command."""
+
+
+def cases(data: list[Path], scratch: Path) -> Iterator[Case]:
     """Name and words of each command; ``{relaxing}`` and others are files in `scratch`."""
     (scratch / "relaxing.toml").write_text(RELAXING)
     for name, words in DECKS.items():
@@ -74,11 +79,11 @@ def cases(data: list[Path], scratch: Path, program: str) -> Iterator[tuple[str, 
         for path in sorted(folder.rglob("*")):
             if path.suffix.lower() in (*RESULTS, *PRINTS, ".inp"):
                 label = "_".join(path.relative_to(folder.parent).parts)
-                yield from file_cases(label, path, program)
+                yield from file_cases(label, path, scratch.parent)
 
 
-def file_cases(label: str, path: Path, program: str) -> Iterator[tuple[str, list[str]]]:
-    """What is asked of one file."""
+def file_cases(label: str, path: Path, folder: Path) -> Iterator[Case]:
+    """What is asked of one file: after its list, which is then in `folder`, what that names."""
     file = str(path)
     if path.suffix.lower() == ".inp" or path.suffix.lower() == ".dat":
         own = ["--base-deck", file, "--afferent", "SA=1", "-o", "runs"]
@@ -88,8 +93,10 @@ def file_cases(label: str, path: Path, program: str) -> Iterator[tuple[str, list
     yield f"{label}/list", ["ingest", file, "--list", "--json"]
     yield f"{label}/plain", ["ingest", file, "--json", "-o", "out.csv"]
     yield f"{label}/partial", ["ingest", file, "--partial", "--json", "-o", "out.csv"]
-    listed = subprocess.run([program, "ingest", file, "--list", "--json"], capture_output=True)
-    held = json.loads(listed.stdout) if listed.returncode == 0 else {}
+    listed = folder / label / "list"
+    held = (
+        json.loads((listed / "stdout").read_text()) if (listed / "exit").read_text() == "0" else {}
+    )
     quantities = [each for each in held.get("quantities", []) if each.get("nodes")]
     if not quantities and path.suffix.lower() not in RESULTS:
         return
@@ -115,36 +122,68 @@ def file_cases(label: str, path: Path, program: str) -> Iterator[tuple[str, list
     yield f"{label}/vtu", ["ingest", file, *words]
 
 
+SERVE = """
+import contextlib, json, os, sys, traceback
+from fembridge.cli import main
+for line in sys.stdin:
+    place, words = json.loads(line)
+    os.chdir(place)
+    with (
+        open("stdout", "w") as out, contextlib.redirect_stdout(out),
+        open("stderr", "w") as err, contextlib.redirect_stderr(err),
+    ):
+        try:
+            code = main(words)
+        except BaseException:
+            traceback.print_exc()
+            code = "died"
+    open("exit", "w").write(str(code))
+    print(file=sys.__stdout__, flush=True)
+"""
+"""What the process does: one command after the other, each in its folder."""
+
+
 def record(program: str, folder: Path, data: list[Path]) -> None:
     """Run every case, each in a folder of its own below `folder`."""
     folder.mkdir(parents=True)
-    scratch = folder.resolve() / "scratch"
+    folder = folder.resolve()
+    scratch = folder / "scratch"
     scratch.mkdir()
+    # The interpreter beside the program: its environment, wherever this is run.
+    process = subprocess.Popen(
+        [Path(program).absolute().with_name("python"), "-P", "-c", SERVE],
+        cwd=scratch,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdin is not None and process.stdout is not None
+        count = 0
+        for name, words in chain(cases(data, scratch), chain_cases(data, folder)):
+            place = folder / name
+            place.mkdir(parents=True)
+            print(json.dumps([str(place), words]), file=process.stdin, flush=True)
+            if not process.stdout.readline():
+                sys.exit(f"{name}: the process ended")
+            count += 1
+        process.stdin.close()
+    print(f"{count} cases in {folder}")
 
-    def run(case: tuple[str, list[str]]) -> None:
-        name, words = case
-        place = folder / name
-        place.mkdir(parents=True)
-        done = subprocess.run([program, *words], cwd=place, capture_output=True, timeout=900)
-        (place / "exit").write_text(str(done.returncode))
-        (place / "stdout").write_bytes(done.stdout)
-        (place / "stderr").write_bytes(done.stderr)
 
-    with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(run, cases(data, scratch, program)))
-    traces = scratch / "traces.csv"
+def chain_cases(data: list[Path], folder: Path) -> Iterator[Case]:
+    """From a result over a table to rates, and from rates to parameters."""
     frd = next(
         each / "transient_sine/job.frd" for each in data if (each / "transient_sine").is_dir()
     )
-    subprocess.run([program, "ingest", frd, "-o", traces], check=True, capture_output=True)
-    rates = folder / "stored/out/rates.csv"
+    yield "traces", ["ingest", str(frd), "-o", "traces.csv"]
+    traces, rates = folder / "traces/traces.csv", folder / "stored/out/rates.csv"
     for name in ("published", "fitted"):
         words = ["encode", str(traces), "--parameters", name, "--no-raster", "-o", "out"]
-        run((f"encode_{name}", words))
+        yield f"encode_{name}", words
     for afferent in ("SA", "RA", "PC"):
-        words = ["fit", "--observed", str(rates.resolve()), "--afferent", afferent, "-o", "out"]
-        run((f"fit_{afferent}", [*words, *FIT.split()]))
-    print(f"{len(found) + 5} cases in {folder}")
+        words = ["fit", "--observed", str(rates), "--afferent", afferent, "-o", "out"]
+        yield f"fit_{afferent}", [*words, *FIT.split()]
 
 
 def compare(old: Path, new: Path) -> int:
