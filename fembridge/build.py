@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
-from decks.analysis import Analysis, Model
+from decks.analysis import Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.motion import motion_of
 from decks.presets import finger_table
@@ -17,7 +18,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.stimulus_file import write_csv
 from fembridge.store import MAX_DECK_BYTES, filling, read_bytes, replacing
 from fembridge.trace import MS_PER_S
-from fembridge.typing import Table
+from fembridge.typing import IntArray, Table
 
 if TYPE_CHECKING:
     from decks.own_model import Request
@@ -34,13 +35,16 @@ def build_run_folder(
     solver: str = "calculix",
     options: DeckOptions = DeckOptions(),  # noqa: B008 - frozen
     parameters: Table | None = None,
+    watched: IntArray | None = None,
+    made_from: Mapping[str, Any] = MappingProxyType({}),
 ) -> RunFolder:
     """Write deck, waveform and ``run.toml`` into `folder`.
 
     `solver` names one of `decks.dialects.DIALECTS`, `parameters` is the set by which its
-    stress is to be encoded, as `neural.ParameterSet.to_table` has it. ``run.toml`` takes its place
-    last: a folder that has one is whole. Where the same files are already,
-    nothing is touched.
+    stress is to be encoded, as `neural.ParameterSet.to_table` has it. Nodes of rows
+    `watched` are written too. ``run.toml`` says what the run is made from, first of it
+    `made_from`, and takes its place last: a folder that has one is whole. Where the same
+    files are already, nothing is touched.
 
     Raises
     ------
@@ -50,33 +54,25 @@ def build_run_folder(
         The model or the stimulus cannot be put into a deck.
     """
     dialect = dialect_named(solver)
-    analysis = model.analysis(stimulus)
-    inputs = inputs_of(model, stimulus)
-    inputs["contact"] = {name: getattr(model.contact, name) for name in dialect.contact}
+    analysis = model.analysis(stimulus, watched=watched)
+    inputs: Table = {
+        **made_from,
+        "element": model.element,
+        "stimulus": stimulus_inputs(stimulus),
+        "probe": asdict(model.probe),
+        "contact": {name: getattr(model.contact, name) for name in dialect.contact},
+        "finger": finger_table(model.finger),
+    }
+    if model.inertia:
+        inputs["inertia"] = True
+    if model.law != "linear":
+        inputs["law"] = model.law
     if analysis.support != "prescribed" and dialect.springs:
         inputs["drive"] = analysis.support
         why = analysis.why_whole
         inputs["section"] = f"whole: {why}" if why else "half"
     if parameters:
         inputs["parameters"] = parameters
-    return build_analysis_folder(folder, analysis, stimulus, inputs, solver=solver, options=options)
-
-
-def build_analysis_folder(
-    folder: Path,
-    analysis: Analysis,
-    stimulus: Stimulus,
-    inputs: Table,
-    *,
-    solver: str = "calculix",
-    options: DeckOptions = DeckOptions(),  # noqa: B008 - frozen
-) -> RunFolder:
-    """As `build_run_folder`, for an analysis that was put together already.
-
-    `inputs` is in ``run.toml`` what it was made from; `stimulus` is what it
-    prescribes. Errors are the same.
-    """
-    dialect = dialect_named(solver)
     files = {name: text.encode() for name, text in dialect.write(analysis, options).items()}
     motion = analysis.motion
     last = motion.phases[-1]
@@ -88,7 +84,7 @@ def build_analysis_folder(
     places = []
     for name, node in analysis.afferent.items():
         x_mm, y_mm = analysis.node_mm[node - 1].tolist()
-        layer = analysis.finger.afferents[name].layer
+        layer = model.finger.afferents[name].layer
         places.append(AfferentNode(name, node, layer, x_mm, y_mm, depth_mm=-y_mm))
     run = RunFolder(
         folder=folder,
@@ -107,19 +103,6 @@ def build_analysis_folder(
     )
     _write(run, stimulus, files)
     return run
-
-
-def inputs_of(model: Model, stimulus: Stimulus) -> Table:
-    """What a run is made from: element, stimulus, probe, contact, finger."""
-    return {
-        "element": model.element,
-        "stimulus": stimulus_inputs(stimulus),
-        "probe": asdict(model.probe),
-        "contact": asdict(model.contact),
-        "finger": finger_table(model.finger),
-        **({"inertia": True} if model.inertia else {}),
-        **({"law": model.law} if model.law != "linear" else {}),
-    }
 
 
 def stimulus_inputs(stimulus: Stimulus) -> Table:

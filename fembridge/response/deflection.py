@@ -23,7 +23,7 @@ from decks.mesh import Mesh
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
 from decks.refinement import refined
-from fembridge.build import build_analysis_folder, inputs_of
+from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError, UsageError
 from fembridge.response.acceptance import loading_um, read_pressed
 from fembridge.run_folder import RunFolder
@@ -178,14 +178,13 @@ def build_press(folder: Path, press: Model, stimulus: Stimulus) -> RunFolder:
     mesh = press.mesh
     arrays = (mesh.node_mm, mesh.quad, mesh.layer)
     parts = [np.ascontiguousarray(a).astype(f"<{a.dtype.kind}8") for a in arrays]
-    inputs: Table = {
+    made_from = {
         "law": press.law,
         "elements": len(mesh.quad),
         "mesh_sha256": hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest(),
-        **inputs_of(press, stimulus),
     }
-    analysis = press.analysis(stimulus, watched=_surface_of(mesh))
-    return build_analysis_folder(folder, analysis, stimulus, inputs)
+    watched = _surface_of(mesh)
+    return build_run_folder(folder, press, stimulus, watched=watched, made_from=made_from)
 
 
 def solve_deflection(
