@@ -20,14 +20,12 @@ is ever changed. What cannot be read is a DeckError that names the file and the 
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from string import ascii_lowercase, ascii_uppercase
 
+from decks.included import MOST_FILES, Resolver
 from fembridge.errors import DeckError
-
-Resolver = Callable[[str], bytes | None]
-"""Bytes of a file by the name under which the deck includes it; None: it is absent."""
 
 # A keyword: a star that no second star follows, after blanks if need be.
 _KEYWORD_LINE = re.compile(rb"^[ \t]*\*(?![ \t]*\*)", re.MULTILINE)
@@ -41,7 +39,6 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ED][+-]?\d+)?", re.IGNORECASE)
 # Keywords whose data may be in a file that INPUT= names.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET")
 _DEEPEST = 9  # ccx 2.20 includes no deeper
-_MOST_FILES = 1000  # one file may be included by many lines
 _MOST_DIGITS = 10
 
 
@@ -285,8 +282,8 @@ class _Reader:
             self.blocks[-1].pieces.append(piece)
 
     def _open(self, name: str, where: str, wanted: bool) -> Text | None:
-        if len(self.inclusions) >= _MOST_FILES:
-            raise DeckError(f"{where}: more than {_MOST_FILES} files are included")
+        if len(self.inclusions) >= MOST_FILES:
+            raise DeckError(f"{where}: more than {MOST_FILES} files are included")
         data = self._resolver(name) if wanted and self._resolver is not None else None
         self.inclusions.append(Inclusion(name, where, data is not None or not wanted))
         return None if data is None else Text(data, name)

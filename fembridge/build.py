@@ -166,7 +166,7 @@ def build_own_folder(
     OutputError
         The folder cannot be made or written.
     """
-    from decks.marc.contents import beside
+    from decks.included import beside
     from decks.own_model.inp import rebase_inp
     from decks.own_model.marc import rebase_marc
 

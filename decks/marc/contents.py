@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from decks.included import Resolver, beside
 from decks.marc.grammar import (
     CONDITIONS,
     Include,
@@ -22,7 +23,6 @@ from decks.marc.grammar import (
     Line,
     Member,
     Option,
-    Resolver,
     Section,
     blocks,
     cut,
@@ -370,18 +370,6 @@ def read_marc_deck(
         f"`sizing` has {said} elements, but the deck holds {found} ({places})",
     )
     return deck
-
-
-def beside(path: Path) -> Resolver:
-    """What reads included files: by their names, from the folder of `path`."""
-
-    def resolve(name: str) -> bytes | None:
-        try:
-            return read_bytes(path.parent / name, MAX_DECK_BYTES, DeckError)
-        except (DeckError, ValueError):
-            return None
-
-    return resolve
 
 
 def describe_marc_deck(path: Path) -> Table:

@@ -17,6 +17,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from decks.included import MOST_FILES, Resolver
 from fembridge.errors import DeckError
 
 # ---- Numbers: fixed columns, extended columns, or between commas
@@ -568,12 +569,9 @@ _RULES: dict[str, Callable[[Sequence[Line], Line], bool]] = {
 
 # ---- The deck cut into options
 
-Resolver = Callable[[str], bytes | None]
-"""Gives the bytes of an included file by its name in the deck; None where it has none."""
-
 _INCLUDE = re.compile(r"include(?:\s*,\s*|\s+)(?P<name>\S.*)", re.IGNORECASE)
 _CASE_STARTS = re.compile(r"\$\.*start of loadcase\b", re.IGNORECASE)  # Mentat's comment
-_DEEPEST, _MOST_FILES = 16, 1000  # files included by one another, and in all
+_DEEPEST = 16  # files included by one another
 _LOOK = 4096  # bytes in which a deck's first keyword stands
 _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 
@@ -670,8 +668,8 @@ class _Reader:
 
     def _include(self, line: Line, written: str, opened: Sequence[str]) -> None:
         name = written.strip().strip(",").strip().strip("\"'")
-        if len(self.includes) >= _MOST_FILES:
-            raise line.refuse(f"more than {_MOST_FILES} files are included")
+        if len(self.includes) >= MOST_FILES:
+            raise line.refuse(f"more than {MOST_FILES} files are included")
         inner = None if self.resolver is None else self.resolver(name)
         self.includes.append(Include(name, line, inner is not None))
         if inner is None:

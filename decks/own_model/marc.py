@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from decks.included import Resolver
 from decks.marc.contents import (
     ADAPTIVE,
     FIXED,
@@ -35,7 +36,6 @@ from decks.marc.contents import (
 from decks.marc.grammar import (
     Layout,
     Line,
-    Resolver,
     Section,
     format_free,
     format_real,

@@ -99,12 +99,17 @@ def read_node_sets(deck: Path) -> dict[str, list[range]]:
     ResultError
         There is no such deck, or a set in it cannot be read.
     """
+    from decks.included import beside
     from decks.inp import node_sets, read_inp
 
     try:
-        return node_sets(read_inp(_bytes(deck), resolver=lambda name: _bytes(deck.parent / name)))
+        held = read_inp(_bytes(deck), resolver=beside(deck))
+        sets = node_sets(held)
     except DeckError as error:
         raise ResultError(str(error), deck) from error
+    if held.unread:
+        raise ResultError(f"its sets are not known{held.unread}", deck)
+    return sets
 
 
 def _files_with_sets(result: Path) -> Iterator[Path]:
@@ -132,10 +137,11 @@ def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
         return {one.name.strip(): [one.members.tolist()] for one in sets if one.kind == "node"}
     if file.suffix.lower() != ".dat":
         return read_node_sets(file)
+    from decks.included import beside
     from decks.marc.contents import read_marc_deck
 
     try:
-        held = read_marc_deck(_bytes(file), file).sets().values()
+        held = read_marc_deck(_bytes(file), file, beside(file)).sets().values()
     except DeckError as error:
         raise ResultError(f"sets cannot be read: {error}", file) from error
     nodal = [one for one in held if one.kind.startswith("node")]
