@@ -70,34 +70,6 @@ def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, caps
         assert shown_of["rate_ips"] == shown_of["spikes"] / 0.25
 
 
-def test_own_parameters_change_their_class_alone(here):
-    (here / "own.toml").write_text(
-        "base = 'published'\n[SA]\nalpha_mv_per_ms = 3.58\n", encoding="utf-8"
-    )
-    words = ["encode", "sine_50_250.csv", "--no-raster"]
-
-    main([*words, "-o", "published", *OURS])
-    main([*words, "-o", "own", "--parameters", "own.toml"])
-
-    published, own = (
-        {one.afferent: one.rate_ips for one in read_rates(here / name / "rates.csv")}
-        for name in ("published", "own")
-    )
-    assert own["SA"] > published["SA"]
-    assert (own["RA"], own["PC"]) == (published["RA"], published["PC"])
-
-
-def test_the_derivative_is_passed_on(here):
-    main(["encode", "sine_50_250.csv", *OURS, "--derivative", "forward", "--no-raster"])
-
-    trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
-    [_, _, pc] = traces()
-    [forward] = encode(pc.stress_pa, 0.5, PUBLISHED["PC"], derivative="forward")
-    [backward] = encode(pc.stress_pa, 0.5, PUBLISHED["PC"])
-    np.testing.assert_array_equal(trains["PC"].times_ms, forward)
-    assert forward.tolist() != backward.tolist()
-
-
 def test_a_silent_afferent_has_a_rate_of_zero_and_a_panel(here, capsys):
     still = [StressTrace(np.zeros(501), 0.5, 7, "RA")]
     write_traces(here / "still.csv", still)
@@ -107,15 +79,6 @@ def test_a_silent_afferent_has_a_rate_of_zero_and_a_panel(here, capsys):
     assert read_spikes(here / "encoded/spikes.csv") == []
     assert [one.rate_ips for one in read_rates(here / "encoded/rates.csv")] == [0.0]
     assert (here / "encoded/raster.png").exists()
-
-
-def test_a_trace_without_a_class_is_taken_for_those_that_are_named(here):
-    write_traces(here / "node.csv", traces([None]))
-
-    assert main(["encode", "node.csv", "--no-raster", "--afferent", "PC", "SA"]) == 0
-
-    rates = read_rates(here / "encoded/rates.csv")
-    assert [one.afferent for one in rates] == ["PC", "SA"]
 
 
 def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
@@ -131,53 +94,11 @@ def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
     np.testing.assert_array_equal(train.times_ms, 0.5 + times_ms)
 
 
-def test_help_shows_an_example_that_runs(here, capsys):
-    with_help = main(["encode", "--help"])
-
-    assert with_help == 0
-    shown = capsys.readouterr().out
-    assert "example: fembridge encode traces.csv -o encoded --window-ms 5:250" in shown
-    (here / "sine_50_250.csv").rename("traces.csv")
-    example = shown.split("example: fembridge ")[1].split()
-    assert main(example) == 0
-
-
-def test_a_population_is_written_cell_by_cell(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    times_ms = np.arange(501) * 0.5
-    stress_pa = 40e3 + 40e3 * np.sin(2e-3 * np.pi * 50 * times_ms)
-    write_traces(tmp_path / "traces.csv", [StressTrace(stress_pa, 0.5, 1, "RA")])
-
-    words = ["traces.csv", "--parameters", "fitted", "--window-ms", "5:250"]
-    assert main(["encode", *words, "--json"]) == 0
-
-    shown = json.loads(capsys.readouterr().out)
-    trains = read_spikes(tmp_path / "encoded/spikes.csv")
-    assert [train.repeat for train in trains] == list(range(1, 11))
-    inside = sum(((t.times_ms > 5.0) & (t.times_ms <= 250.0)).sum() for t in trains)
-    assert shown["rates"][0]["cells"] == 10
-    assert shown["rates"][0]["rate_ips"] == pytest.approx(inside / 10 / 0.245)
-    assert inside > 50
-
-
 def test_traces_that_start_unloaded_are_named_where_the_fit_had_a_pre_indentation(here, capsys):
     assert main(["encode", "sine_50_250.csv", "--no-raster"]) == 0
     [line] = [one for one in capsys.readouterr().err.splitlines() if "fitted" in one]
     assert "finger 'quick' (here: not known)" in line
     assert "75 um deep before time 0 (here: 0 um)" in line
-
-
-def test_files_are_replaced_all_or_none(here, capsys):
-    assert main(["encode", "sine_50_250.csv", "--afferent", "SA"]) == 0
-    (here / "encoded" / "raster.png").unlink()
-    (here / "encoded" / "raster.png").mkdir()
-    before = [(here / "encoded" / name).read_bytes() for name in ("spikes.csv", "rates.csv")]
-
-    assert main(["encode", "sine_50_250.csv", "--stimulus", "other"]) == 1
-
-    assert "raster.png: a folder stands" in capsys.readouterr().err
-    after = [(here / "encoded" / name).read_bytes() for name in ("spikes.csv", "rates.csv")]
-    assert after == before
 
 
 @pytest.mark.parametrize(

@@ -67,15 +67,6 @@ def test_a_run_folder_gives_its_afferents_from_rest(here, run_folder, capsys):
     assert "SA node 25: peak 19600.4 Pa" in out
 
 
-def test_nodes_of_a_foreign_file_have_no_afferent_and_say_their_unit(here, capsys):
-    words = ["ingest", str(SAMPLES / "cpe4_ascii.frd"), "--node", "25", "11"]
-    assert main([*words, "-o", "out/plain.csv"]) == 0
-    rows = rows_of(here / "out" / "plain.csv")
-    assert {(row["afferent"], row["node"]) for row in rows} == {("", "25"), ("", "11")}
-    assert float(rows[0]["time_ms"]) == 0.5
-    assert "taken as MPa (--stress-unit says otherwise)" in capsys.readouterr().out
-
-
 def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys):
     assert main(["ingest", ASCII]) == 0
     logged = capsys.readouterr()
@@ -116,11 +107,6 @@ def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
     assert "set probes of cpe4_ascii.inp: 3 nodes, 11, 18, 25" in logged.err
     assert "near 1.5, 0.3: node 11 at 1.5, 0.25, 0.05 mm away" in logged.err
     assert FOREIGN_UNIT in logged.out
-
-
-def test_a_negative_place_is_written_behind_an_equals_sign():
-    assert main(["ingest", ASCII, "--near=-9,-0.5", "-o", "t.csv"]) == 0
-    assert nodes_of("t.csv") == ["1"]
 
 
 def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
@@ -171,27 +157,12 @@ def test_a_field_of_one_increment_says_its_time_and_unit(capsys):
     assert "STRESS of 47 nodes, step 1, increment 2, 1 ms; " + FOREIGN_UNIT in out
 
 
-def test_prints_become_a_table_and_say_their_unit(capsys):
-    assert main(["ingest", DAT, "--quantity", "stresses"]) == 0
-    rows = rows_of("cpe4_ascii_dat.csv")
-    assert {row["unit"] for row in rows} == {"Pa"}
-    assert FOREIGN_UNIT in capsys.readouterr().out
-
-
 def test_traces_at_integration_points_can_be_encoded():
     assert main(["ingest", DAT, "--point", "1:1", "13:4", "-o", "t.csv"]) == 0
     assert nodes_of("t.csv") == ["101", "1304"]
     from fembridge.tables import read_traces
 
     assert [trace.node for trace in read_traces(Path("t.csv"))] == [101, 1304]
-
-
-@pytest.mark.parametrize(("suffix", "rows"), [("sta", 4), ("cvg", 20)])
-def test_progress_becomes_a_table(suffix, rows, capsys):
-    path = SAMPLES / f"cpe4_ascii.{suffix}"
-    assert main(["ingest", str(path), "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["rows"] == rows == len(rows_of(summary["output"]))
 
 
 @pytest.mark.parametrize(
@@ -352,15 +323,6 @@ def test_a_damaged_file_shows_the_command_that_takes_what_is_whole(here, capsys)
     command = logged.splitlines()[-1].split()
     assert "--partial" in command
     assert main(command[1:]) == 0
-
-
-def test_von_mises_by_name_is_the_default_in_a_run_folder_too(here, run_folder):
-    tables = []
-    for more in ([], ["--quantity", "von-mises"]):
-        assert main(["ingest", str(run_folder), "-o", "traces.csv", *more]) == 0
-        assert Path("traces.csv").read_text().splitlines()[1].startswith("0.0,SA,25,0.0")
-        tables.append(Path("traces.csv").read_bytes())
-    assert tables[0] == tables[1]
 
 
 def test_a_run_folder_is_resampled_from_its_rest_and_moves_in_its_own_time(here, run_folder):

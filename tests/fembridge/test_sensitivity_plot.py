@@ -8,13 +8,10 @@ import pandas as pd
 import pytest
 
 from fembridge.cli import main
-from fembridge.plots.sensitivity import effects_figure, regressions_figure
+from fembridge.plots.sensitivity import effects_figure
 from fembridge.sensitivity import (
     OUTPUT,
     SweptFingers,
-    effects_markdown,
-    rank_regressions,
-    regressions_markdown,
     single_effects,
 )
 from fembridge.sweeps.fingers import Range, one_at_a_time
@@ -151,30 +148,3 @@ def test_the_picture_has_a_line_from_low_to_high_in_each_row(single):
     np.testing.assert_allclose(pc.lines[0].get_xdata(), [50, 50])
     assert sa_stress.get_xlabel() == "Mean peak stress (kPa)"
     assert sa.get_ylim() == (2.5, -0.5)
-
-
-def test_the_picture_of_ranks_has_dots_within_their_intervals(cube):
-    sa, pc = regressions_figure(rank_regressions(cube, resamples=50), 20).axes
-
-    assert sa.get_yticklabels()[0].get_text() == "dermis modulus"
-    spans = [line.get_xdata() for line in sa.lines if line.get_marker() == "None"]
-    dots = [line.get_xdata() for line in sa.lines if line.get_marker() != "None"]
-    for (low, high), [dot] in zip(spans[:6], dots, strict=True):
-        assert low - 1e-9 <= dot <= high + 1e-9
-    assert "rate: no variation" in pc.texts[0].get_text()
-    assert "R² 1.00" in sa.texts[0].get_text()
-
-
-def test_tables_for_people_sort_each_class_and_tell_units(single, cube):
-    text = effects_markdown(single_effects(single))
-    lines = text.splitlines()
-
-    assert lines[0] == "**SA**"
-    head = "| parameter | from, to | all (16.0) | 20 Hz (32.0) | peak stress (1.00 kPa) |"
-    assert lines[2] == head
-    assert lines[4].startswith("| dermis modulus | 0.04, 0.06 MPa | +8.0 (+50 %) |")
-    assert lines[6] == ("| friction | 0.32, 0.48 | 0.0 (0 %) | 0.0 (0 %) | 0.00 (0 %) |")
-    ranks = regressions_markdown(cube, rank_regressions(cube, resamples=50))
-    assert "| dermis modulus | **+0.9" in ranks
-    assert "| R² (adjusted) | no variation | no variation |" in ranks
-    assert "| 50.0 to 50.0 | 50.0 to 50.0 | 0.50" in ranks

@@ -148,19 +148,6 @@ def test_a_file_has_the_permissions_of_any_new_one(tmp_path, umask, mask, expect
     assert permissions(tmp_path / "full" / "b.csv") == expected
 
 
-def test_a_folder_in_the_way_of_one_file_leaves_all(tmp_path):
-    write_text(tmp_path / "a.csv", "old")
-    (tmp_path / "b.csv").mkdir()
-
-    with pytest.raises(OutputError) as caught, filling(tmp_path, last="c") as draft:
-        for name in ("a.csv", "b.csv", "c"):
-            write_text(draft / name, "new")
-
-    assert str(caught.value).startswith(f"{tmp_path / 'b.csv'}: a folder stands")
-    assert (tmp_path / "a.csv").read_text() == "old"
-    assert names_in(tmp_path) == ["a.csv", "b.csv"]
-
-
 def test_the_last_file_is_never_beside_files_of_two_kinds(tmp_path, monkeypatch):
     """Stopped between two renames: the old last one is gone, the new one not there."""
     for name in ("a", "b", "last"):
@@ -437,9 +424,3 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
         tracemalloc.stop()
     if bomb in ("dotted", "quoted", "head", "inline"):
         assert f"{path}:2: " in str(refused.value)
-
-
-def test_dots_in_words_and_numbers_are_no_deep_key(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text('a.b.c.d.e.f.g.h = "x.1.2.3 a/b.c/d"\nn = [1.5, 2.5]\n')
-    assert read_toml(path, FembridgeError)["n"] == [1.5, 2.5]

@@ -1,12 +1,10 @@
 """``fembridge validate``: words and exit codes; the report itself is tested beside."""
 
-import argparse
 import json
 
 import pytest
 
 from fembridge.cli import main
-from fembridge.commands import validate as command
 from fembridge.report import validation_page
 
 
@@ -63,23 +61,3 @@ def test_what_is_not_there_is_one_line_and_no_report(here, capsys, words, code, 
     assert main(["validate", "--parameters", "published", *words]) == code
     assert shown in capsys.readouterr().err
     assert list(here.iterdir()) == []
-
-
-def test_the_line_on_the_page_is_the_one_that_was_given():
-    def line(words):
-        parser = argparse.ArgumentParser()
-        command.add_arguments(parser)
-        return command.command_line(parser.parse_args(words))
-
-    assert line([]) == "fembridge validate -o report"
-    shown = line(["-o", "my report", "--observed", "r.csv", "--finger", "paper"])
-    assert shown == ("fembridge validate -o 'my report' --observed r.csv --finger paper")
-    assert line(["--parameters", "own.toml"]).endswith("--parameters own.toml")
-
-
-def test_the_default_model_is_the_one_that_simulate_takes():
-    from neural.parameter_sets import DEFAULT_SET
-
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    assert parser.parse_args([]).parameters == DEFAULT_SET

@@ -126,12 +126,6 @@ def test_doubled_rates_are_on_a_line_and_worse_than_those_a_tenth_too_high(cells
     assert (cell.meets_paper, cell.meets_goal) == (True, False)
 
 
-def test_a_silent_model_meets_nothing(cells):
-    cell = of_sines(cells, "silent")
-    assert math.isnan(cell.r_squared)
-    assert (cell.meets_paper, cell.meets_goal) == (False, False)
-
-
 def test_agreement_with_touchsim_or_without_a_common_stimulus_is_no_goal(cells):
     for cell in (
         of_sines(cells, "equal", TOUCHSIM),
@@ -229,12 +223,6 @@ def with_rates(study, name, afferent, rate_ips):
     return replace(study, rates=rates, agreement=agreement_table(rates))
 
 
-def test_a_silent_class_is_called_silent(study):
-    silent = with_rates(study, "own", "SA", 0.0)
-    [sentence] = [one for one in shortfalls(silent) if one.startswith("SA, sinusoids")]
-    assert "silent throughout" in sentence
-
-
 @pytest.mark.usefixtures("known_evidence")
 def test_rates_that_are_all_zero_are_a_shortfall_only_of_a_model_that_fires(tmp_path):
     noises = FAMILIES[2].stimuli
@@ -260,13 +248,6 @@ def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     )
     assert study.left_out == ("sine_40_100",)
     assert ["sine_40_100" in line for line in log] == [True]
-
-
-def test_observed_rates_of_none_of_the_paper_s_stimuli_are_refused(tmp_path):
-    write_rates(tmp_path / "rates.csv", [Rate("sine_40_100", "SA", 20.0)])
-    observed = read_observed(tmp_path / "rates.csv")
-    with pytest.raises(UsageError, match="sine_40_100"):
-        validate(stored_source("quick").response, judged_models("published"), observed)
 
 
 def test_rows_of_a_large_population_are_from_the_keenest_to_the_dullest(study):
@@ -332,28 +313,6 @@ def test_rates_of_a_frequency_that_was_left_out_are_judged_by_frequency_and_toge
     assert_allclose(found.held_out_bias_ips, [4.0, -5.0, -0.5])
     assert_allclose(found.fitted_rmse_ips, 3.0)
     assert_allclose(found.touchsim_rmse_ips, 0.0, atol=1e-12)
-
-
-def test_without_observed_rates_the_error_is_the_one_that_the_fit_found():
-    table = rate_table({"own": TRUE, TOUCHSIM: TRUE})
-    [row] = held_out_table(held(SINES.stimuli[:1], [1]), table, "own").itertuples()
-    assert (row.afferent, row[3]) == ("RA", 1)
-    assert row.held_out_rmse_ips == 9.0
-    assert math.isnan(row.fitted_rmse_ips)
-
-
-def test_a_page_shows_frequencies_that_were_left_out_and_says_where_the_goal_is_missed(
-    study, undrawn, tmp_path
-):
-    kept = held(SINES.stimuli, [20] * 37)["RA"]
-    judged = replace(study.judged, origin={"fit": {"RA": {"held_out": kept}}})
-    table = held_out_table(judged.held_out(), study.rates, "own")
-    changed = replace(study, models=(judged, *study.models[1:]), held_out=table)
-    text = page_text(changed, "fembridge validate", tmp_path)
-    assert 'id="held_out"' in text
-    assert "Not known of this model" not in text
-    assert [one for one in shortfalls(changed) if "RA, frequencies left out" in one]
-    assert "Not known of this model" in page_text(study, "fembridge validate", tmp_path)
 
 
 def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(

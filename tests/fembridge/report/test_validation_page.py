@@ -13,10 +13,8 @@ from itertools import product
 import pytest
 from numpy.testing import assert_allclose
 
-from fembridge.errors import OutputError
-from fembridge.report import validation_page
 from fembridge.report.rates import EVERY_SET, FAMILIES
-from fembridge.report.validation_page import PAGE, page_text, write_report
+from fembridge.report.validation_page import PAGE, page_text
 from fembridge.tables import AFFERENTS
 from fembridge.touchsim import touchsim_rates
 
@@ -233,16 +231,6 @@ def test_the_record_names_the_inputs_and_seals_the_files(report, study):
     assert set(record["files"]) == beside
     for name, digest in record["files"].items():
         assert hashlib.sha256((report / name).read_bytes()).hexdigest() == digest
-
-
-def test_a_page_that_cannot_be_written_leaves_what_was_there(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(validation_page, "page_text", lambda *arguments: "")
-    (tmp_path / PAGE).mkdir()
-    (tmp_path / "rates.csv").write_text("old", encoding="utf-8")
-    with pytest.raises(OutputError, match=PAGE):
-        write_report(tmp_path, study, "fembridge validate")
-    assert (tmp_path / "rates.csv").read_text(encoding="utf-8") == "old"
-    assert {path.name for path in tmp_path.iterdir()} == {PAGE, "rates.csv"}
 
 
 def test_five_repeats_of_a_model_without_noise_are_five_equal_rows(report, study):

@@ -20,7 +20,7 @@ from fembridge.report import contact, laws, patch
 from fembridge.report import verify as module
 from fembridge.report.map_and_transient import Compared, finding_of
 from fembridge.report.plane import PlaneProblem, neo_hookean
-from fembridge.report.runs import Cost, Indented, Runs, read_touching
+from fembridge.report.runs import Cost, Indented, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding
 from fembridge.report.verify import STUDIES, studies_named, summary_of, verify, write_report
 from fembridge.trace import StressTrace
@@ -126,14 +126,6 @@ def test_the_page_and_its_files_hold_the_checks_and_the_numbers(small_finding, t
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_a_study_that_was_skipped_says_why_and_has_no_numbers(tmp_path):
-    skipped = Finding(skipped="no such program")
-    page = module.page_text({"solver": skipped}, VERSIONS, quick=True)
-    assert "Skipped: no such program." in page
-    assert "| no such program | | | skipped |" in page
-    assert "verification_solver" not in page
-
-
 def arguments(folder, *words):
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
@@ -146,11 +138,6 @@ def test_a_check_that_fails_makes_the_exit_code_1(made, tmp_path, capsys):
     assert summary["exit_code"] == 1
     assert "ratio: 2 , expected at least 3" in capsys.readouterr().out
     assert (tmp_path / "verification.md").is_file()
-
-
-def test_no_jobs_are_misuse(tmp_path):
-    with pytest.raises(UsageError, match="0"):
-        command.run(arguments(tmp_path, "--jobs", "0"))
 
 
 @pytest.mark.solver
@@ -231,17 +218,6 @@ def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_
     assert "SA from 300 µm on; RA from 150 µm on; PC from 100 µm on." in " ".join(page.split())
 
 
-def test_the_last_number_of_springs_in_a_log_counts(tmp_path):
-    log = tmp_path / "solver.log"
-    log.write_text(
-        " Number of contact spring elements=1\n\n iteration 2\n\n"
-        " Number of contact spring elements=3\n done\n"
-    )
-    assert read_touching(log) == 3
-    log.write_text("a log without contact\n")
-    assert read_touching(log) == 0
-
-
 def problem(**changes):
     return PlaneProblem(
         **{
@@ -314,16 +290,3 @@ def test_the_worst_errors_and_every_different_spike_count(compared):
     assert [check.passed for check in finding.checks[:3]] == [False, True, False]
     page = module.page_text({"map": finding}, VERSIONS, quick=False)
     assert "the first 1.5 ms on `quick`" in page
-
-
-def test_82_transients_take_500_increments_each_and_the_time_of_those_solved(compared):
-    """0.5 s an increment against 20 s; of two fingers the one that gains least counts."""
-    *_, increments, cpu = finding_of([compared], MAPS).checks
-    assert_allclose(increments.found, 82 * 500 / 39)
-    assert_allclose(cpu.found, 82 * 500 * 0.5 / 20.0)
-    row = {**compared.row, "finger": "`paper`"}
-    paper = replace(compared, row=row, cost=Cost(3, 6, 2.0, 0.3))
-    maps = {**MAPS, "paper": (Cost(41, 80, 25.0, 49.0), 1.0)}
-    *_, increments, cpu = finding_of([compared, paper], maps).checks
-    assert_allclose(increments.found, 82 * 500 / 41)
-    assert_allclose(cpu.found, 82 * 500 * 0.1 / 50.0)

@@ -5,7 +5,6 @@ import zipfile
 
 import meshio
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -97,30 +96,6 @@ def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_p
         assert trace.dt_ms == 1.0
     with pytest.raises(UsageError, match="in 'min', expected s, ms or us"):
         read_traces(path, columns={"time": "t [min]", **names}, gain_pa=1.0)
-
-
-def test_a_table_is_parsed_once_and_again_when_it_was_written_anew(tmp_path, monkeypatch):
-    parsed, parse = [], pd.read_csv
-    monkeypatch.setattr(pd, "read_csv", lambda *a, **k: parsed.append(1) or parse(*a, **k))
-    path = tmp_path / "them.csv"
-    for stress in ("1.0625", "22.0625"):
-        path.write_text(f"t_s,S_pa\n0,{stress}\n1,2\n")
-        words = ["--columns", "time=t_s,value=S_pa", "-o", str(tmp_path / "out.csv")]
-        assert main(["ingest", str(path), *words]) == 0
-        (trace,) = read(path, columns={"time": "t_s", "value": "S_pa"})
-        assert trace.stress_pa[0] == float(stress)
-    assert len(parsed) == 2
-
-
-def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_path):
-    path = tmp_path / "them.csv"
-    path.write_text("t_s,node,afferent,S_pa\n0,9,RA,1\n1,9,RA,2\n0,7,SA,3\n1,7,SA,4\n")
-    names = {"time": "t_s", "value": "S_pa"}
-    whose = [
-        {(one.node, one.afferent, *one.stress_pa) for one in reader(path, columns=names)}
-        for reader in (read, read_traces)
-    ]
-    assert whose[0] == whose[1] == {(9, "RA", 1, 2), (7, "SA", 3, 4)}
 
 
 @pytest.mark.parametrize("form", ["value", "tensor", "components"])

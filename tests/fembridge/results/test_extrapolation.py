@@ -127,18 +127,6 @@ def test_translate_takes_the_nearest_points_and_average_all(number):
         assert mean[node] == pytest.approx(sum(values) / len(values), rel=1e-12)
 
 
-def test_a_pressure_node_gets_nothing():
-    assert node_weights(80, 5, 4, "linear").shape == (4, 4)
-    assert node_weights(118, 5, 1, "linear").tolist() == [[1.0]] * 4
-
-
-def test_in_a_mixed_mesh_an_element_takes_its_own_points_alone():
-    mixed = node_weights(11, 4, 9, "linear")
-    assert_allclose(mixed[:, :4], weights_of(11, "linear"))
-    assert not mixed[:, 4:].any()
-    assert node_weights(6, 3, 4, "translate").tolist() == [[1, 0, 0, 0]] * 3
-
-
 @pytest.mark.parametrize(
     ("asked", "found"),
     [

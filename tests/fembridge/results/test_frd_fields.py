@@ -17,7 +17,6 @@ from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import write_field
 from fembridge.results.frd import KIND_OF_TYPE, NODES_OF_TYPE
 from fembridge.results.frd_source import read_mesh
-from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import read_field
 
 TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
@@ -135,15 +134,6 @@ def test_a_field_is_read_only_and_finds_its_nodes(samples):
         field.at([12])
     with pytest.raises(UsageError):
         field.component("SXZ")
-
-
-@pytest.mark.parametrize("flag", [0, 1, 2, 3])
-def test_a_block_larger_than_a_chunk_is_read_whole(write_frd, block, flag, monkeypatch):
-    monkeypatch.setattr("fembridge.results.frd._TEXT_BYTES", 500)
-    records = [(node, [node * x for x in range(6)]) for node in range(1, 90)]
-    path = write_frd([block("STRESS", 1, 1e-3, records, flag)])
-    (field,) = read_fields(path, stress_unit="Pa")
-    assert field.values.tolist() == [list(row) for _, row in records]
 
 
 @pytest.mark.parametrize("flag", [1, 2])
@@ -314,20 +304,6 @@ def test_a_damaged_record_is_named(write_frd, block, old, new, words):
         list(read_fields(path, partial=True))
 
 
-def test_a_file_that_grows_is_read_as_far_as_it_was_with_partial(write_frd, block):
-    rows = [(node, range(6)) for node in range(1, 9)]
-    path = write_frd([block("STRESS", k, k * 1e-3, rows) for k in (1, 2)])
-    said = []
-    strict, lenient = (read_fields(path), read_fields(path, partial=True, log=said.append))
-    next(strict), next(lenient)
-    with path.open("ab") as file:
-        file.write(b"more")
-    assert len(list(lenient)) == 1
-    assert "grew" in said[0]
-    with pytest.raises(ResultError):
-        list(strict)
-
-
 @pytest.mark.parametrize(
     ("increment", "step", "number", "time_ms"),
     [("last", 2, 2, 3.0), ("1:2", 1, 2, 1.0), ("2:1", 2, 1, 2.5), ("4", 1, 4, 2.0)],
@@ -351,14 +327,6 @@ def test_an_increment_that_is_absent_is_named_beside_those_there(samples):
         read_field(samples / "cpe4_ascii.frd", "DISP", "9")
 
 
-def test_a_cut_file_gives_the_last_whole_field_when_partial(samples):
-    path = samples / "kill_ascii.frd"
-    with pytest.raises(ResultError, match="after 157 of 252 records"):
-        read_field(path, "DISP")
-    field = read_field(path, "DISP", "last", ReadOptions(partial=True))
-    assert (field.increment, field.nodes.size) == (1, 252)
-
-
 def test_a_csv_has_a_row_a_node_and_units_in_its_names(samples, tmp_path):
     field = read_field(samples / "cpe4_ascii.frd", "STRESS")
     write_field(tmp_path / "f.csv", field)
@@ -368,17 +336,6 @@ def test_a_csv_has_a_row_a_node_and_units_in_its_names(samples, tmp_path):
     table = np.array(rows[1:], dtype=float)
     assert np.array_equal(table[:, 0], field.nodes)
     assert np.array_equal(table[:, 1:], field.values)
-
-
-def test_an_npz_holds_all_of_the_field(samples, tmp_path):
-    field = read_field(samples / "cpe4_ascii.frd", "DISP", "2")
-    write_field(tmp_path / "f.npz", field)
-    with np.load(tmp_path / "f.npz") as held:
-        assert held["components"].tolist() == ["D1", "D2", "D3"]
-        assert held["units"].tolist() == ["mm"] * 3
-        assert (held["step"], held["increment"], held["time_ms"]) == (1, 2, 1.0)
-        assert np.array_equal(held["values"], field.values)
-        assert np.array_equal(held["nodes"], field.nodes)
 
 
 SHELL = """*NODE

@@ -240,17 +240,6 @@ def test_a_blank_line_and_a_block_that_is_closed_and_empty_do_no_harm(write_frd,
     assert any("announces 4 records and has none" in line for line in said)
 
 
-def test_a_row_keeps_its_step_and_increment_from_the_start_on(write_frd, block):
-    held = open_result(write_frd(stresses(block, UNEVEN_S))).history([1])
-    later = held.from_start(200.0, 1.0)
-    assert_array_equal(later.keys, held.keys[1:])
-    assert later.at.tolist() == held.at.tolist()[1:]
-    rest = held.from_start(0.0, 1.0)
-    assert_array_equal(rest.keys, [[0, 0], *held.keys])
-    assert rest.at.tolist() == [0.0, *held.at.tolist()]
-    assert_array_equal(rest.columns()["von_mises_pa"], [0.0, *held.columns()["von_mises_pa"]])
-
-
 def test_chosen_nodes_are_those_of_all(samples):
     path = samples / "cpe4_bin_f32.frd"
     for quantity in ("stress", "displacement", "reaction-force", "strain", "CONTACT"):

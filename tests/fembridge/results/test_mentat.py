@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-import fembridge
 from fembridge.errors import ResultError
 from fembridge.results import describe
 from fembridge.results.mentat import (
@@ -74,16 +73,6 @@ def test_a_copied_table_has_a_trace_for_each_node_that_its_labels_name(text):
     assert (first.start_ms, first.dt_ms) == (0.0, 0.5)
     assert_allclose(first.stress_pa, [0.0, 0.0125e6, 0.025e6], rtol=1e-15)
     assert_allclose(second.stress_pa, [0.0, 0.5e6, 0.25e6], rtol=1e-15)
-
-
-def test_a_history_plot_of_uneven_increments_is_rows_until_it_is_resampled(text):
-    path = text(COPIED.replace("0.001", "0.0015"))
-    found = fembridge.read_history(path, [7])
-    assert_allclose(found["time_ms"], [0.0, 0.5, 1.5])
-    with pytest.raises(ResultError, match="resample-ms"):
-        read(path, [7])
-    (trace,) = fembridge.read(path, [7], resample_ms=0.5)
-    assert_allclose(trace.stress_pa[[0, 1, 3]], found["von_mises_pa"])
 
 
 def test_two_columns_under_nine_lines_need_a_node_and_tell_what_they_are_taken_for(text):

@@ -235,12 +235,6 @@ def test_a_line_that_is_no_record_is_refused_by_number(dat, line):
         sections_of(dat(f"\n {KINDS[0][0]}\n\n{line}\n"))
 
 
-def test_traces_at_points_carry_element_and_point_in_their_number(samples):
-    found = read_point_history(samples / "cpe4_ascii.dat", [(13, 4)])
-    assert found.nodes == (1304,)
-    assert (found.at[0], found.dt_ms, found.at.size) == (0.5, 0.5, 4)
-
-
 @pytest.mark.parametrize(
     ("place", "words"),
     [
@@ -321,15 +315,6 @@ def test_one_quantity_can_be_taken_and_an_absent_one_is_named(samples, tmp_path)
     with pytest.raises(ResultError):
         write_table(samples / "cpe4_ascii.dat", output, "temperatures")
     assert len(rows_of(output)) == 12  # what stood there stays
-
-
-def test_a_deck_of_another_unit_has_its_stress_in_pa_and_the_rest_as_it_is(samples, tmp_path):
-    output = tmp_path / "t.csv"
-    write_table(samples / "cpe4_ascii.dat", output, stress_unit="kPa")
-    rows = rows_of(output)
-    stress = next(row for row in rows if row["quantity"] == "stresses")
-    assert float(stress["value"]) == pytest.approx(1.515402)
-    assert {r["unit"] for r in rows if r["quantity"] == "displacements"} == {"deck"}
 
 
 @pytest.mark.parametrize("odd", ["NaN", "Infinity", "-Infinity"])

@@ -219,11 +219,6 @@ def test_a_whole_run_is_whole_whatever_the_step_that_it_is_resampled_with(folder
     assert 60.0 - resample_ms < sa.times_ms[-1] <= 60.0 + 1e-9
 
 
-def test_a_cut_run_that_is_resampled_is_refused_by_its_own_end(make_run):
-    with pytest.raises(ResultError, match="results end at 2 ms, the deck runs to 3 ms"):
-        read(make_run(increments=4, planned=6), resample_ms=0.3)
-
-
 def test_a_deck_changed_after_the_run_is_named_with_what_to_do(folder):
     with (folder / "job.inp").open("a") as deck:
         deck.write("** another thought\n")

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.fields import TIMES_IN_MS, tensor_of
+from fembridge.results.fields import tensor_of
 from fembridge.results.frd_source import read_mesh
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
@@ -116,12 +116,6 @@ def test_a_node_without_a_value_is_nan_and_said_once(write_frd, block, tmp_path)
     assert said == ["DISP has 2 of 4 nodes; the others are NaN"]
 
 
-def test_blocks_without_records_leave_nothing_to_write(samples, tmp_path):
-    with pytest.raises(ResultError, match="has 0 records: with OUTPUT=3D"):
-        write_vtu_series(samples / "cpe8r_3d_nset_zero.frd", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("kind", sorted(FRD_EDGES))
 @pytest.mark.parametrize("mesh_flag", [1, 2])
 def test_mid_side_nodes_lie_where_vtk_looks_for_them(write_frd, block, tmp_path, kind, mesh_flag):
@@ -156,32 +150,6 @@ def test_only_what_was_asked_for_is_written(samples, tmp_path):
     with pytest.raises(UsageError, match="no quantity 'tresca'"):
         write_vtu_series(path, tmp_path / "other", derived=["tresca"])
     assert not (tmp_path / "other").exists()
-
-
-def test_a_run_that_ended_badly_is_written_as_far_as_it_is_whole(samples, tmp_path):
-    path, said = samples / "cpe4_diverged.frd", []
-    with pytest.raises(ResultError, match="no end line 9999"):
-        write_vtu_series(path, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    series = write_vtu_series(path, tmp_path / "out", partial=True, log=said.append)
-    assert [time_ms for time_ms, _ in written(series)] == [0.5]
-    assert any("not converged" in words for words in said)
-
-
-def test_damage_on_the_way_leaves_what_was_there_before(write_frd, block, tmp_path):
-    rows = [(node, [1.0] * 6) for node in (1, 2, 3, 4)]
-    blocks = [block("STRESS", k, k * 1e-3, rows) for k in (1, 2)]
-    path = write_frd(blocks)
-    series = write_vtu_series(path, tmp_path)
-    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
-    at = path.read_bytes().rindex(b"1.00000E+00")
-    content = bytearray(path.read_bytes())
-    content[at : at + 4] = b"1.zz"
-    path.write_bytes(content)
-    with pytest.raises(ResultError, match="is no number"):
-        write_vtu_series(path, tmp_path)
-    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
-    assert series.name in before
 
 
 def test_a_value_that_is_not_finite_leaves_its_block_out_and_the_others_are_written(
@@ -260,17 +228,6 @@ def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
     assert [at for at, _ in modes] == [float(first)]
     with pytest.raises(UsageError, match="no modes"):
         write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "none", modes=True)
-
-
-def test_a_series_of_modes_is_not_marked_as_times(samples, tmp_path):
-    path = tmp_path / "modes.frd"
-    path.write_bytes(as_modes(samples / "cpe4_ascii.frd"))
-    for modes in (False, True):
-        series = write_vtu_series(path, tmp_path / f"{modes}", modes=modes)
-        assert next(at for at, _ in written(series)) == 5e-4
-        assert TIMES_IN_MS not in series.read_text()
-    series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "times")
-    assert TIMES_IN_MS in series.read_text()
 
 
 def test_a_wedge_stands_in_the_file_as_vtk_has_it(write_frd, block, tmp_path):

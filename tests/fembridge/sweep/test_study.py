@@ -244,22 +244,6 @@ def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(t
     assert all(each.finger.afferents == QUICK.afferents for each in fixed)
 
 
-def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
-    study = study_with(
-        tmp_path,
-        design="one-at-a-time",
-        ranges={"skin.epidermis_mm": "5 %", "afferents.SA.depth_mm": [0.5, 0.6]},
-    )
-
-    assert [each.finger.afferents["SA"].depth_mm for each in study.variants] == [
-        0.5875,
-        0.5875,
-        0.5875,
-        0.5,
-        0.6,
-    ]
-
-
 @pytest.mark.parametrize(
     ("finger", "found"),
     [
@@ -299,19 +283,6 @@ def test_what_cannot_be_designed_is_one_line(tmp_path, finger, found):
     with pytest.raises(UsageError, match=found) as caught:
         study_with(tmp_path, **finger)
     assert "\n" not in str(caught.value)
-
-
-def test_friction_cannot_be_asked_of_fingers_and_of_contacts(tmp_path):
-    table = {
-        "stimuli": ["sine_20_250"],
-        "fingers": [{"design": "one-at-a-time", "ranges": {"contact.friction": "9 %"}}],
-        "contacts": [{"friction": 0.3}],
-    }
-    with pytest.raises(UsageError, match="friction"):
-        study_from(table, tmp_path)
-    table["contacts"], table["stored"] = [{}], True
-    with pytest.raises(UsageError, match="contacts"):
-        study_from(table, tmp_path)
 
 
 def drawn_shares(parameters, samples, seed):
@@ -401,12 +372,6 @@ def test_in_any_skin_they_keep_their_distance(corneum, epidermis, dermis, ridge,
         again = anchor_of(moved, name)
         assert again.upper == anchor.upper
         assert again.distance_mm == pytest.approx(anchor.distance_mm, abs=2e-6)
-
-
-def test_a_place_beyond_the_layer_is_refused_with_the_layers_depths():
-    thin = replace(QUICK, skin=Skin(0.3, 0.2, 1.1))
-    with pytest.raises(FingerError, match=r"SA .* is not inside the epidermis, 0\.3 to 0\.55 mm"):
-        anchored(thin, {"SA": Anchor(upper=False, distance_mm=0.3)})
 
 
 def test_a_site_that_is_not_in_its_layer_has_no_boundary_to_keep_to():

@@ -68,12 +68,6 @@ def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
                 assert float(row["peak_stress_pa"]) == trace.stress_pa.max()
 
 
-def test_deep_stimuli_take_the_deep_response_that_is_stored(here, tmp_path):
-    sweep = run_sweep(study("sine_20_250", preindents_um=(300.0,)), tmp_path)
-    assert not sweep.causes
-    assert sweep.table["peak_stress_pa"].min() > 0
-
-
 def test_what_is_finished_is_read_and_not_done_again(here, tmp_path):
     made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
     first = run_sweep(made, tmp_path)
@@ -195,20 +189,6 @@ def test_without_a_solver_the_whole_sweep_is_refused_at_once(
     assert "no ccx on the PATH" in line
     assert "stored = true" in line
     assert list((tmp_path / "out").iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("words", "shown"),
-    [
-        (["--jobs", "0"], "jobs is 0"),
-        (["--threads", "0"], "threads is 0"),
-        (["--scheduler", "tcp://localhost:1"], "scheduler is for the executor dask"),
-    ],
-)
-def test_misuse_ends_with_2(here, command, study_file, tmp_path, capsys, words, shown):
-    path = study_file('stimuli = ["sine_20_250"]\nstored = true\n')
-    assert command(path, "-o", tmp_path / "out", *words) == 2
-    assert shown in capsys.readouterr().err
 
 
 def short(entry, preindent_um=0.0, seed=None):

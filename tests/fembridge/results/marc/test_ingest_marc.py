@@ -121,19 +121,3 @@ def test_a_deck_is_distinguished_from_prints(here, capsys):
         "  post: codes 681; nodal codes 1; every 1",
     ):
         assert words in out
-
-
-def test_a_status_file_becomes_a_table(capsys):
-    assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "-o", "s.csv"]) == 0
-    assert len(rows_of("s.csv")) == 24
-    assert main(["ingest", str(SAMPLES / "nour_plastic.sts"), "--list"]) == 0
-    assert "rows: 24" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("words", [["--list"], ["--node", "1"], []])
-def test_an_hdf5_file_is_named_and_what_is_read_instead(words, here, capsys):
-    (here / "job.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
-    assert main(["ingest", "job.h5", *words]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "HDF5" in line
-    assert ".t16" in line

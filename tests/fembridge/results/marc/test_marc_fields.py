@@ -2,7 +2,6 @@
 
 import contextlib
 import warnings
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import meshio
@@ -14,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge import read, read_fields, write_vtu_series
+from fembridge import read, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
 from fembridge.results.fields import column_names
@@ -60,17 +59,6 @@ def test_a_stress_field_has_the_nodes_inside_layers_and_says_what_it_left(path, 
         x, y = plane.nodes[node]
         exact = 1e6 * np.array(linear_stress(x, y, int(x > 2), 0.001))
         assert_allclose(values, exact, rtol=0, atol=1e3)
-
-
-def test_fields_one_by_one_are_those_of_each_increment(path):
-    said = []
-    fields = list(read_fields(path, "stress", log=said.append))
-    assert [one.increment for one in fields] == [0, 1, 2]
-    assert len([words for words in said if words.startswith("left out")]) == 1
-    for one in fields:
-        assert_array_equal(one.values, read_field(path, "Stress", str(one.increment)).values)
-    with pytest.raises(ResultError, match="no heat in it"):
-        read_fields(path, "heat")
 
 
 def test_a_nodal_field_has_all_nodes_but_those_of_pressure(path, plane):
@@ -131,34 +119,6 @@ def test_paraview_gets_each_layer_s_own_values_at_a_boundary(path, plane, tmp_pa
             assert data["von_mises_pa"][point] == pytest.approx(mises, rel=1e-4)
             assert data["Displacement_mm"][point].tolist() == [pytest.approx(0.002), -node]
             assert data["materials"][point] == 1 + (x == 2.0)
-
-
-def test_paraview_gets_times_or_frequencies(tmp_path):
-    plane = models.Plane(11, *models.grid(2, 2))
-    timed = plane.increments(lambda x, y, layer, t: (t, 0, 0, 0, 0, 0), (0.0, 0.001, 0.002))
-    increments = [*timed[:2], replace(timed[2], hz=40.0)]
-    path, said = tmp_path / "both.t16", list[str]()
-    path.write_bytes(writer.post_bytes(writer.Storage(), plane.model(), increments))
-    series = write_vtu_series(path, tmp_path / "times", log=said.append)
-    assert [at for at, _ in entries(series)] == pytest.approx([0.0, 1.0])
-    assert any("left out: 1 outputs" in line and "--modes" in line for line in said)
-    series = write_vtu_series(path, tmp_path / "modes", modes=True)
-    assert [at for at, _ in entries(series)] == [40.0]
-
-
-def test_paraview_gets_what_was_asked_for_alone(path, tmp_path):
-    series = write_vtu_series(path, tmp_path / "a", quantities=["disp"])
-    mesh = meshio.read(entries(series)[0][1])
-    assert set(mesh.point_data) == {"node", "materials", "Displacement_mm"}
-    derived = ("principal", "max_shear")
-    series = write_vtu_series(path, tmp_path / "b", derived=derived)
-    assert {f"{name}_pa" for name in derived} <= set(meshio.read(entries(series)[0][1]).point_data)
-    said = []
-    write_vtu_series(path, tmp_path / "d", derived=["strain_energy_density"], log=said.append)
-    assert "no strain_energy_density: it takes STRESS and TOSTRAIN at the same nodes" in said
-    with pytest.raises(ResultError, match="no heat in it"):
-        write_vtu_series(path, tmp_path / "c", quantities=["heat"])
-    assert not (tmp_path / "c").exists()
 
 
 def test_unknown_elements_are_left_out_of_pictures_and_that_is_said(write_post, tmp_path):

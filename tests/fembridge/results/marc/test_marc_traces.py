@@ -450,20 +450,6 @@ def test_increments_without_element_values_are_left_out_and_told(write, incremen
         read(write(bare), [1])
 
 
-def test_uneven_times_are_refused(write, increments):
-    late = replace(increments[3], time_s=0.0035)
-    with pytest.raises(ResultError, match="node 1: uneven time step, "):
-        read(write((*increments[:3], late)), [1])
-    times_ms, _ = read_values(write((*increments[:3], late)), [1])
-    assert_allclose(times_ms, [0, 1, 2, 3.5], rtol=1e-6)
-    path = write((*increments[:3], late))
-    table = read_history(path, [1], log=None)
-    assert_allclose(table["time_ms"], [0, 1, 2, 3.5], rtol=1e-6)
-    (even,) = read(path, [1], resample_ms=0.5)
-    assert_allclose(even.times_ms, np.arange(8) / 2, rtol=1e-6)
-    assert_allclose(even.stress_pa[[0, 2, 4, 7]], table["von_mises_pa"], rtol=1e-6)
-
-
 def test_a_post_file_gives_any_quantity_at_nodes_and_without_stress_displacement():
     path = Path(__file__).parents[4] / "fixtures" / "marc_samples" / "nour_plastic.t16"
     found = read_history(path, [5, 18])
@@ -476,23 +462,6 @@ def test_a_post_file_gives_any_quantity_at_nodes_and_without_stress_displacement
     assert every["node"].nunique() == 85
     with pytest.raises(ResultError, match="no stress tensor"):
         read_history(path, [5], quantity="von-mises")
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_stress_that_is_not_finite_is_refused_or_its_increment_dropped(value, write, increments):
-    bad = np.array(increments[2].element)
-    bad[0, 0, 1] = value
-    changed = (*increments[:2], replace(increments[2], element=bad))
-    path = write((*changed, increments[3]))
-    with pytest.raises(ResultError, match=r"node 1 at 2 ms: Stress SXX is (nan|inf)"):
-        read(path, [1])
-    (trace,) = read(path, [9])
-    assert trace.stress_pa.size == 4
-    said = []
-    options = ReadOptions(partial=True, log=said.append)
-    times_ms, _ = read_values(path, [1], options)
-    assert_allclose(times_ms, [0, 1, 3], rtol=1e-6)
-    assert any("dropped step 0, increment 2: node 1" in words for words in said)
 
 
 def test_points_that_no_element_has_may_hold_anything(write_post):
@@ -521,21 +490,6 @@ def test_an_unknown_element_type_is_refused_and_averaged_on_request(write_post):
         read_values(path, [1])
     options = ReadOptions(extrapolate="average")
     assert_allclose(read_values(path, [1], options)[1], 3e6)
-
-
-@pytest.mark.parametrize("kind", ["t16", "t19"])
-@pytest.mark.parametrize("dt_s", [0.0005, 1 / 3000])
-def test_even_times_are_even_again_without_their_rounding(kind, dt_s, write, plane):
-    """500 increments that end at a time of few digits after the step's."""
-    times_s = [k * dt_s for k in range(1, 501)]
-    increments = [
-        writer.Increment(number=k + 1, time_s=t, element=np.ones((4, 4, 7)) * (1 + k % 7))
-        for k, t in enumerate(times_s)
-    ]
-    storage = writer.Storage(binary=kind == "t16")
-    (trace,) = read(write(increments, storage), [1])
-    assert trace.dt_ms == pytest.approx(1e3 * dt_s, rel=1e-5)
-    assert trace.stress_pa.size == 500
 
 
 def test_a_job_that_gave_up_is_distinguished_from_its_status_file(
