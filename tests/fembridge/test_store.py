@@ -424,3 +424,9 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
         tracemalloc.stop()
     if bomb in ("dotted", "quoted", "head", "inline"):
         assert f"{path}:2: " in str(refused.value)
+
+
+def test_dots_in_words_and_numbers_are_no_deep_key(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text('a.b.c.d.e.f.g.h = "x.1.2.3 a/b.c/d"\nn = [1.5, 2.5]\n')
+    assert read_toml(path, FembridgeError)["n"] == [1.5, 2.5]

@@ -345,3 +345,15 @@ def test_predictions_are_those_of_searches_done_apart(rule):
 def test_a_single_group_leaves_nothing_to_fit_on():
     with pytest.raises(ParameterError, match="only the group all, expected two or more"):
         trial_of(grouped_problem(groups=("all",) * 5))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"evaluations": 23}, "23 evaluations in populations of 24, expected 4"),
+        ({"population": 3}, "in populations of 3, expected 4 or more"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(change, words):
+    with pytest.raises(ParameterError, match=words):
+        search_front(PROBLEM, **{**SMALL, **change})

@@ -130,3 +130,10 @@ def test_ccx_relaxes_a_sheared_square_as_the_convolution_says(tmp_path, card):
     summed_pa = sum(read_point_stress(tmp_path / "job.dat", name)[2][:, :, 3] for name in sets)
     exact_pa = 1e6 * relaxed_stress(shear, RELAXING.shear_mpa, TERMS, DT_S)
     assert_allclose(summed_pa, np.broadcast_to(exact_pa[:, None], summed_pa.shape), atol=1e-5)
+
+
+def test_a_node_counts_the_branches_of_its_layer(short):
+    finger = finger_with(dermis=TERMS, subcutaneous_tissue=TERMS[:1])
+    analysis = Model(finger, SKIN, support="prescribed").analysis(short)
+    assert analysis.branches == {analysis.afferent["PC"]: 2}
+    assert Model(QUICK, SKIN, support="prescribed").analysis(short).branches == {}
