@@ -18,8 +18,9 @@ from pathlib import Path
 from decks.finger import Finger, Resolution
 from decks.presets import QUICK, model_of
 from fembridge.report.runs import Runs, indent
-from fembridge.sensitivity import parameter_words, signed
+from fembridge.sensitivity import parameter_words
 from fembridge.sweeps import Variant, read_study
+from fembridge.words import number
 
 
 def finer(resolution: Resolution) -> Resolution:
@@ -63,7 +64,7 @@ def table(study: Path, folder: Path) -> list[str]:
                 heads = [*heads, f"{mesh} mesh, {pressed.elements} elements"]
             else:
                 percent = 100 * (pressed.last_pa / first.last_pa - 1)
-                shown = [f"{signed(float(each), 1)} %" for each in percent]
+                shown = [f"{number(float(each), '+.1f')} %" for each in percent]
             columns[variant.called] += shown
     order = [k + m * len(afferents) for k in range(len(afferents)) for m in range(2)]
     lines = [

@@ -8,7 +8,7 @@ parameter and output.
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,6 +19,7 @@ from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError, UsageError
 from fembridge.tables import TextTable, read_table
 from fembridge.typing import BoolArray, FloatArray
+from fembridge.words import ABSENT, markdown, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -360,96 +361,87 @@ def csv_text(table: "pd.DataFrame") -> str:
 def effects_markdown(effects: "pd.DataFrame") -> str:
     """A table a class: from low to high, change of rates and of stress; ``~``: it comes back."""
 
-    def change(each: Mapping[str, Any]) -> str:
-        quantity, percent = each["quantity"], each["change_percent"]
-        words = signed(shown(quantity, each["change"]), _digits(_whole(each), quantity))
-        share = "" if math.isnan(percent) else f" ({signed(percent, 0)} %)"
+    def change(each: _Row) -> str:
+        quantity = each["quantity"]
+        whole = each["at_low"] if math.isnan(each["at_base"]) else each["at_base"]
+        words = number(shown(quantity, each["change"]), f"+.{_digits(whole, quantity)}f")
+        percent = number(each["change_percent"], "+.0f")
+        share = "" if percent == ABSENT else f" ({percent} %)"
         return f"{words}{share}{'' if each['monotone'] else ' ~'}"
 
-    lines: list[str] = []
-    for afferent, outputs, rows in _for_people(effects):
-        heads = [
-            words
-            if math.isnan(e["at_base"])
-            else f"{words} ({_number(e['at_base'], e['quantity'])})"
-            for words, e in outputs
+    def head(each: _Row) -> str:
+        at_base = each["at_base"]
+        words = _output_words(each)
+        return words if math.isnan(at_base) else f"{words} ({_answer(at_base, each['quantity'])})"
+
+    blocks = []
+    for afferent, mine, words in _by_class(effects, head, change):
+        ends = mine.groupby("parameter")[["low", "high"]].first().loc[words.index]
+        spans = [
+            f"{e.low:.4g}, {e.high:.4g} {unit_of(str(e.Index))}".rstrip() for e in ends.itertuples()
         ]
-        lines += _head(afferent, ["parameter", "from, to", *heads])
-        for name, cells in rows.items():
-            unit = unit_of(name)
-            span = f"{cells[0]['low']:.4g}, {cells[0]['high']:.4g} {unit}".rstrip()
-            lines.append(_line([parameter_words(name), span, *map(change, cells)]))
-    return "\n".join(lines).strip() + "\n"
-
-
-def _whole(effect: Mapping[str, Any]) -> float:
-    """Answer of the base, without a base that at the low value."""
-    at_base: float = effect["at_base"]
-    return float(effect["at_low"]) if math.isnan(at_base) else at_base
+        words.insert(0, "from, to", spans)
+        blocks.append(_block(afferent, words))
+    return "\n\n".join(blocks) + "\n"
 
 
 def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> str:
     """A table a class: coefficients, bold where their interval leaves out 0."""
 
-    def coefficient(each: Mapping[str, Any]) -> str:
-        number = signed(each["coefficient"], 2)
-        return f"**{number}**" if each["low_95"] > 0 or each["high_95"] < 0 else number
+    def coefficient(each: _Row) -> str:
+        words = number(each["coefficient"], "+.2f")
+        return f"**{words}**" if each["low_95"] > 0 or each["high_95"] < 0 else words
 
-    lines: list[str] = []
-    for afferent, outputs, rows in _for_people(regressions):
-        lines += _head(afferent, ["parameter", *(words for words, _ in outputs)])
-        lines += [
-            _line([parameter_words(name), *map(coefficient, cells)]) for name, cells in rows.items()
-        ]
-        fits, spans = ["R² (adjusted)"], ["over all fingers"]
-        for _, each in outputs:
+    blocks = []
+    for afferent, mine, words in _by_class(regressions, _output_words, coefficient):
+        fits, spans = [], []
+        for each in mine.drop_duplicates(OUTPUT).to_dict("records"):
             fit = f"{each['r_squared']:.2f} ({each['adjusted_r_squared']:.2f})"
             fits.append("no variation" if math.isnan(each["r_squared"]) else fit)
             answers = swept.answers[tuple(each[name] for name in OUTPUT)]
-            low, high = (_number(end, each["quantity"]) for end in (answers.min(), answers.max()))
+            low, high = (_answer(end, each["quantity"]) for end in (answers.min(), answers.max()))
             spans.append(f"{low.partition(' ')[0]} to {high}")
-        lines += [_line(fits), _line(spans)]
-    return "\n".join(lines).strip() + "\n"
+        words.loc["R² (adjusted)"], words.loc["over all fingers"] = fits, spans
+        blocks.append(_block(afferent, words))
+    return "\n\n".join(blocks) + "\n"
 
 
-_Row: TypeAlias = dict[Any, Any]
+_Row: TypeAlias = Mapping[Any, Any]
 
 
-def _for_people(
-    table: "pd.DataFrame",
-) -> Iterator[tuple[str, list[tuple[str, _Row]], dict[str, list[_Row]]]]:
-    """By class: outputs with their words, all rates and the mean stress; rows by parameter."""
+def _by_class(
+    table: "pd.DataFrame", head: Callable[[_Row], str], cell: Callable[[_Row], str]
+) -> "Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]":
+    """Class, its rows, and these as words: a row a parameter, a column an output."""
     wanted = table[(table["quantity"] == RATE) | (table["stimuli"] == ALL)]
     for afferent, mine in wanted.groupby("afferent", sort=False):
         mine = mine.sort_values("quantity", key=lambda each: each != RATE, kind="stable")
-        rows = {name: mine[mine["parameter"] == name].to_dict("records") for name in in_order(mine)}
-        outputs = [
-            ("peak stress" if each["quantity"] == STRESS else group_words(each["stimuli"]), each)
-            for each in next(iter(rows.values()))
-        ]
-        yield str(afferent), outputs, rows
+        rows = mine.to_dict("records")
+        words = mine.assign(head=[*map(head, rows)], cell=[*map(cell, rows)])
+        wide = words.pivot(index="parameter", columns="head", values="cell")  # noqa: PD010 - nothing to aggregate
+        yield str(afferent), mine, wide.loc[in_order(mine), words["head"].unique()]
 
 
-def _head(afferent: str, cells: Sequence[str]) -> list[str]:
-    return ["", f"**{afferent}**", "", _line(cells), "|---" * len(cells) + "|"]
+def _block(afferent: str, words: "pd.DataFrame") -> str:
+    named = words.rename(index=parameter_words).rename_axis("parameter").reset_index()
+    return f"**{afferent}**\n\n{markdown(named)}"
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _output_words(each: _Row) -> str:
+    return "peak stress" if each["quantity"] == STRESS else group_words(each["stimuli"])
 
 
-def _number(number: float, quantity: str) -> str:
+def _answer(value: float, quantity: str) -> str:
     unit = " kPa" if quantity == STRESS else ""
-    return f"{shown(quantity, number):.{_digits(number, quantity)}f}{unit}"
+    return f"{shown(quantity, value):.{_digits(value, quantity)}f}{unit}"
 
 
-def _digits(number: float, quantity: str) -> int:
+def _digits(value: float, quantity: str) -> int:
     if quantity == STRESS:
-        return 2 if abs(number) >= _PA_PER_KPA else 3
-    return 0 if abs(number) >= _LARGE else 1
+        return 2 if abs(value) >= _PA_PER_KPA else 3
+    return 0 if abs(value) >= _LARGE else 1
 
 
-_MINUS = "\N{MINUS SIGN}"
 _LAYERS = {"stratum_corneum": "stratum corneum", "subcutaneous_tissue": "subcutaneous tissue"}
 _PLAIN = {
     "ridges.height_mm": "ridge height",
@@ -500,11 +492,3 @@ def quantity_words(quantity: str) -> str:
 def shown(quantity: str, number: float) -> float:
     """An answer in the unit that it is shown in."""
     return number / _PA_PER_KPA if quantity == STRESS else number
-
-
-def signed(number: float, digits: int) -> str:
-    """A number with its sign; what rounds to nothing has none."""
-    if math.isnan(number):
-        return "–"
-    text = f"{number:+.{digits}f}"
-    return text.replace("-", _MINUS) if float(text) else f"{0:.{digits}f}"

@@ -45,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read or solve the profiles, write them; the summary holds them."""
-    from dataclasses import asdict
     from pathlib import Path
 
     import numpy as np
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with filling(output, last=TABLE_FILE) as draft:
         write_table(draft / TABLE_FILE, ("mesh", "distance_mm", "deflection_mm"), profile)
         save_figure(deflection_figure(shown), draft / PICTURE_FILE)
-    rows = [asdict(row) for row in convergence(shown)] if len(shown) > 1 else []
+    rows = convergence(shown) if len(shown) > 1 else []
     if not args.json:
         _print_table(shown, rows)
         print(f"{TABLE_FILE}, {PICTURE_FILE}: {output}")

@@ -10,9 +10,9 @@ from fembridge.evidence import TIMING_COLUMNS
 from fembridge.report import rates
 from fembridge.report.evidence import RAMP, records
 from fembridge.report.rates import EVERY_SET, FAMILIES, FINGERTIP, OBSERVED, Family, row_of
-from fembridge.report.template import number
 from fembridge.report.validate import Validation
 from fembridge.tables import AFFERENTS, SpikeTrain
+from fembridge.words import number
 
 if TYPE_CHECKING:
     from pandas import DataFrame

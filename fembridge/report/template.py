@@ -1,13 +1,9 @@
-"""Pages from Jinja templates of this folder, and how a number stands in them."""
+"""Pages from Jinja templates of this folder."""
 
-import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-ABSENT = "–"
+from fembridge.words import number, worded
 
 
 def rendered(
@@ -31,21 +27,3 @@ def rendered(
     )
     environment.filters |= {"number": number, "worded": worded, **filters}
     return environment.get_template(template).render(values)
-
-
-def worded(frame: "DataFrame", formats: str) -> "DataFrame":
-    """`frame` in words; `formats` has one for the numbers of each column, ``|`` between."""
-    columns = zip(frame.columns, formats.split("|"), strict=True)
-    return frame.astype(object).assign(
-        **{
-            name: [cell if isinstance(cell, str) else number(cell, spec) for cell in frame[name]]
-            for name, spec in columns
-        }
-    )
-
-
-def number(value: float, spec: str) -> str:
-    """A number with a true minus, or a dash for one that does not exist."""
-    if math.isnan(value):
-        return ABSENT
-    return format(value, spec).replace("-", "\N{MINUS SIGN}", int(value < 0))

@@ -29,7 +29,6 @@ from fembridge.report.rates import (
     threshold_table,
 )
 from fembridge.response.deflection import (
-    ConvergenceRow,
     Deflection,
     convergence,
     stored_deflections,
@@ -100,7 +99,7 @@ class Validation:
     thresholds: "DataFrame"
     locking: "DataFrame"
     deflections: tuple[Deflection, ...]
-    convergence: tuple[ConvergenceRow, ...]
+    convergence: Sequence[Mapping[str, Any]]
     evidence: Evidence
 
     @property

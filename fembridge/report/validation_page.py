@@ -7,6 +7,7 @@ with their numbers as words.
 import importlib.metadata
 import math
 import platform
+import re
 from collections.abc import Iterator
 from functools import partial
 from itertools import product
@@ -35,7 +36,7 @@ from fembridge.report.rates import (
     Family,
 )
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
-from fembridge.report.template import ABSENT, number, rendered
+from fembridge.report.template import rendered
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.report.validation_figures import (
     distance_figure,
@@ -51,6 +52,7 @@ from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
 from fembridge.touchsim import TABLE, touchsim_rates
 from fembridge.typing import Table
 from fembridge.version import __version__
+from fembridge.words import ABSENT, number
 from neural import threshold
 from neural.parameter_sets import parameters_to_table
 
@@ -74,6 +76,7 @@ _TIMING_HEADS = {
     "model_strength_2f": "model ",
     "strengths_near": "strengths within 0.25",
 }
+_CONVERGENCE_HEADS = {"change_percent": "last step (%)", "limit": "limit", "order": "order"}
 _LIBRARIES = ("numpy", "scipy", "matplotlib")
 _LEAST_P = 0.001
 _HEADS = ("R²", "p", "RMSE (ips)", "bias (ips)")
@@ -86,7 +89,6 @@ _NAMED = {
     WHITE: "paper",
     **{colour: name.lower() for name, colour in AFFERENT_COLOURS.items()},
 }
-_SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
 
 def write_report(folder: Path, study: Validation, command: str) -> tuple[str, ...]:
@@ -202,31 +204,17 @@ def _inline_svg(figure: "Figure", path: Path) -> "Markup":
     It has the page's colours, ids of its own, since a page holds several figures, and no
     size: it is as wide as its place.
     """
-    from xml.etree import ElementTree
-
     from markupsafe import Markup
 
     save_figure(figure, path)
-    ElementTree.register_namespace("", _SVG)
-    ElementTree.register_namespace("xlink", _XLINK)
-    root = ElementTree.parse(path).getroot()
-    root.attrib.pop("width")
-    root.attrib.pop("height")
-    root.set("role", "img")
-    for metadata in root.findall(f"{{{_SVG}}}metadata"):
-        root.remove(metadata)
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            if key == "id":
-                changed = f"{path.stem}-{value}"
-            elif key.endswith("href"):
-                changed = value.replace("#", f"#{path.stem}-")
-            else:
-                changed = value.replace("url(#", f"url(#{path.stem}-")
-                for colour, name in _NAMED.items():
-                    changed = changed.replace(colour.lower(), f"var(--{name})")
-            element.set(key, changed)
-    return Markup(ElementTree.tostring(root, encoding="unicode"))
+    _, _, drawing = path.read_text(encoding="utf-8").partition("<svg ")
+    head, _, drawing = drawing.partition(">")
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, count=1, flags=re.DOTALL)
+    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{path.stem}-", drawing)
+    for colour, name in _NAMED.items():
+        drawing = drawing.replace(colour.lower(), f"var(--{name})")
+    head = re.sub(r'\b(width|height)="[^"]*"', "", head)
+    return Markup(f'<svg role="img" {head}>{drawing}')
 
 
 def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
@@ -246,11 +234,13 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         )
         for mesh in study.deflections
     ]
-    converged = [
-        (row.quantity, mesh.name, mesh.elements, value, row.change_percent, row.limit, row.order)
-        for row in study.convergence
-        for mesh, value in zip(study.deflections, row.values, strict=True)
-    ]
+    converged = DataFrame(
+        [
+            {**row, "values": value, "mesh": mesh.name, "elements": mesh.elements}
+            for row in study.convergence
+            for mesh, value in zip(study.deflections, row["values"], strict=True)
+        ]
+    ).rename(columns={"values": "value", "change_percent": "last_change_percent"})
     columns = ["quantity", "mesh", "elements", "value", "last_change_percent", "limit", "order"]
     return {
         "rates": study.rates.frame,
@@ -260,7 +250,7 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         "entrainment": thresholds.drop(columns=tried),
         "locking": study.locking,
         "deflection": concat(profiles)[["mesh", "elements", "distance_mm", "deflection_mm"]],
-        "deflection_convergence": DataFrame(converged, columns=columns),
+        "deflection_convergence": converged.reindex(columns=columns),
         "phases": study.evidence.phases,
         **_tables_beside("", study.evidence.judged),
         **_tables_beside("fingertip_", study.evidence.fingertip),
@@ -297,7 +287,7 @@ def _in_words(agreement: "DataFrame") -> "DataFrame":
         agreement.r_squared.map(lambda value: number(value, ".2f")),
         agreement.p_value.map(p_text),
         agreement.rmse_ips.map(lambda value: number(value, ".1f")),
-        agreement.bias_ips.map(lambda value: number(value, "+.1f") if round(value, 1) else "0.0"),
+        agreement.bias_ips.map(lambda value: number(value, "+.1f")),
     )
     words = DataFrame(dict(zip(_HEADS, texts, strict=True)))
     words[agreement["count"] == 0] = ["none", "", "", ""]
@@ -496,21 +486,16 @@ def _ramp_facts() -> "DataFrame":
 def _convergence_frame(study: Validation) -> "DataFrame":
     from pandas import DataFrame
 
+    frame = DataFrame(study.convergence, columns=["quantity", *_CONVERGENCE_HEADS, "values"])
     meshes = [f"{mesh.name}, {mesh.elements} elements" for mesh in study.deflections]
-    rows = {
-        row.quantity.replace("deflection_mm", "deflection").replace(
-            "force_n_per_mm", "force on the probe"
-        ): (
-            "mm" if "_mm at" in row.quantity else "N/mm",
-            *row.values,  # noqa: PD011 - no frame
-            row.change_percent,
-            row.limit,
-            row.order,
-        )
-        for row in study.convergence
-    }
-    heads = ["Unit", *meshes, "last step (%)", "limit", "order"]
-    return DataFrame(list(rows.values()), list(rows), heads)
+    values = DataFrame(frame.pop("values").tolist(), columns=meshes)
+    units = ["mm" if "_mm at" in name else "N/mm" for name in frame["quantity"]]
+    names = [
+        name.replace("deflection_mm", "deflection").replace("force_n_per_mm", "force on the probe")
+        for name in frame.pop("quantity")
+    ]
+    values.insert(0, "Unit", units)
+    return values.join(frame.rename(columns=_CONVERGENCE_HEADS)).set_axis(names)
 
 
 def _record(study: Validation, command: str, folder: Path) -> Table:

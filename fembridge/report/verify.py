@@ -7,7 +7,6 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fembridge.errors import MissingError, SolverError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, send
@@ -21,9 +20,7 @@ from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
 from fembridge.version import __version__
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
+from fembridge.words import markdown, worded
 
 PAGE_FILE = "verification.md"
 SUMMARY_FILE = "verification.json"
@@ -247,7 +244,7 @@ def command_of(name: str, *, quick: bool) -> str:
 
 def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> str:
     """The page as Markdown; the same findings give the same text."""
-    from fembridge.report.template import rendered, worded
+    from fembridge.report.template import rendered
 
     studies = [
         {
@@ -262,17 +259,10 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
         for place, study in enumerate((s for s in STUDIES if s.name in findings), start=1)
     ]
 
-    def markdown(frame: "DataFrame", formats: str) -> str:
-        words = worded(frame, formats).rename(columns=_head)
-        head, *body = (
-            f"| {' | '.join(line)} |" for line in [[*words], *words.itertuples(index=False)]
-        )
-        return "\n".join([head, "|" + "---|" * words.shape[1], *body])
-
     checks = [check for finding in findings.values() for check in finding.checks]
     return rendered(
         "verification.md.j2",
-        {"markdown": markdown},
+        {"markdown": lambda frame, spec: markdown(worded(frame, spec).rename(columns=_head))},
         studies=studies,
         versions=versions,
         quick=quick,

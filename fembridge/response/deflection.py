@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -324,27 +325,15 @@ def stored_deflection(name: str) -> Deflection:
     return stored[name]
 
 
-@dataclass(frozen=True, slots=True)
-class ConvergenceRow:
-    """One quantity on each mesh: `values` from the coarsest mesh to the finest.
-
-    `change_percent` is the last step between two meshes, in percent of the finest
-    value. `limit` and `order` are Richardson's, NaN where there are not three
-    meshes or the values do not come nearer to each other from one side.
-    """
-
-    quantity: str
-    values: tuple[float, ...]
-    change_percent: float
-    limit: float
-    order: float
-
-
-def convergence(deflections: Sequence[Deflection]) -> tuple[ConvergenceRow, ...]:
+def convergence(deflections: Sequence[Deflection]) -> list[dict[str, Any]]:
     """Compare the deflections at `COMPARED_MM` in mm, and the force in N/mm.
 
-    They are of two meshes or more and one depth. The element width goes with the number
-    of elements to the power -1/2, since the meshes are made in one way.
+    They are of two meshes or more and one depth. Of each `quantity` there are `values` from
+    the coarsest mesh to the finest; `change_percent`, the last step between two meshes in
+    percent of the finest value; `limit` and `order`, Richardson's, NaN where there are not
+    three meshes or the values do not come nearer to each other from one side. The element
+    width goes with the number of elements to the power -1/2, since the meshes are made in
+    one way.
     """
     meshes = sorted(deflections, key=lambda mesh: mesh.elements)
     quantities = {
@@ -355,10 +344,20 @@ def convergence(deflections: Sequence[Deflection]) -> tuple[ConvergenceRow, ...]
     rows = []
     for quantity, values in quantities.items():
         three = len(values) >= 3
-        ends = richardson(width[-3:], np.array(values[-3:])) if three else (math.nan, math.nan)
+        limit, order = (
+            richardson(width[-3:], np.array(values[-3:])) if three else (math.nan, math.nan)
+        )
         change = 100 * (values[-1] - values[-2]) / values[-1]
-        rows.append(ConvergenceRow(quantity, tuple(values), change, *ends))
-    return tuple(rows)
+        rows.append(
+            {
+                "quantity": quantity,
+                "values": values,
+                "change_percent": change,
+                "limit": limit,
+                "order": order,
+            }
+        )
+    return rows
 
 
 def richardson(width: FloatArray, value: FloatArray) -> tuple[float, float]:

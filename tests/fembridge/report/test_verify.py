@@ -196,7 +196,7 @@ def test_springs_in_series_are_extrapolated_to_rigid_contact(monkeypatch, tmp_pa
     assert_allclose(list(found.tables["penalty"].SA[:-1]), [2.7, 2.85, 2.925, 2.9625])
     assert_allclose(found.tables["penalty"].iloc[-1, 1:4].astype(float), [3, 2, 1])
     page = module.page_text({"penalty": found}, VERSIONS, quick=True)
-    assert "| limit | 3.000 | 2.000 | 1.0000 | +0.00 |" in page
+    assert "| limit | 3.000 | 2.000 | 1.0000 | 0.00 |" in page
 
 
 def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_path):

@@ -131,15 +131,15 @@ def test_the_table_has_the_distances_and_the_force_and_finds_the_limit_of_each()
     meshes = [mesh(count, error=30 / count) for count in (18000, 3000, 8000)]
     *down, force = convergence(meshes)
     names = [f"deflection_mm at {x_mm:g} mm" for x_mm in COMPARED_MM]
-    assert [row.quantity for row in down] == names
+    assert [row["quantity"] for row in down] == names
     for row, distance_mm in zip(down, COMPARED_MM, strict=True):
         exact = 1 - distance_mm / 8
-        assert_allclose(row.values, [exact + 30 / n for n in (3000, 8000, 18000)])
-        assert_allclose((row.limit, row.order), (exact, 2.0), rtol=1e-6)
+        assert_allclose(row["values"], [exact + 30 / n for n in (3000, 8000, 18000)])
+        assert_allclose((row["limit"], row["order"]), (exact, 2.0), rtol=1e-6)
         change = 100 * (30 / 18000 - 30 / 8000) / (exact + 30 / 18000)
-        assert_allclose(row.change_percent, change)
-    assert force.quantity == "force_n_per_mm"
-    assert_allclose(force.limit, 0.035, rtol=1e-6)
+        assert_allclose(row["change_percent"], change)
+    assert force["quantity"] == "force_n_per_mm"
+    assert_allclose(force["limit"], 0.035, rtol=1e-6)
 
 
 def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth():

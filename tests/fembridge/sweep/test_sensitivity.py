@@ -20,11 +20,11 @@ from fembridge.sensitivity import (
     rank_regressions,
     read_swept,
     regressions_markdown,
-    signed,
     single_effects,
 )
 from fembridge.sweeps import read_study
 from fembridge.sweeps.fingers import Range, one_at_a_time
+from fembridge.words import number
 
 GROUPS = ("all", "sine_20", "noise")
 HEADER = (
@@ -304,5 +304,5 @@ def test_stress_goes_up_as_all_moduli_together():
     assert len(exponents) == 3 * 4
     for afferent, mine in exponents.groupby(effects["afferent"]):
         assert mine.sum() == pytest.approx(1, abs=0.01)
-        shown = ", ".join(signed(each, 2) for each in mine)
+        shown = ", ".join(number(each, "+.2f") for each in mine)
         assert f"{afferent} {shown}" in " ".join(PAGE.split())
