@@ -14,7 +14,7 @@ import fembridge as fb
 from decks.stimuli import DT_MS
 from fembridge.touching.contact import press_to
 from fembridge.touching.pad import pad_named
-from fembridge.touching.population import Population
+from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import influence_pa, von_mises_pa
 from fembridge.touching.touch import touch_skin
@@ -37,32 +37,31 @@ HUMAN_MM2 = {"SA": 11.0, "RA": 12.6, "PC": 101.3}
 def fields():
     print("receptive fields at 4.5 times threshold")
     for name, human in HUMAN_MM2.items():
-        for probe_mm, criterion, endings_mm, sa_von_mises in (
-            (0.5, 0.1, 0.5, False), (1.0, 0.1, 0.5, False), (0.5, 1e-6, 0.5, False),
-            (0.5, 0.1, 0.0, False), (0.5, 0.1, 1.0, False), (0.5, 0.1, 0.5, True),
+        for probe_mm, endings_mm, sa_von_mises in (
+            (0.5, ENDINGS_MM, False), (1.0, ENDINGS_MM, False), (0.5, 0.0, False),
+            (0.5, ENDINGS_MM, True), (0.5, 0.0, True),
         ):  # fmt: skip
             field = fb.receptive_field(
                 name,
                 depth_um=[],
                 times_threshold=[4.5],
                 probe_diameter_mm=probe_mm,
-                criterion=criterion,
                 endings_mm=endings_mm,
                 sa_von_mises=sa_von_mises,
+                pad=PAD,
             )
             area, whole = field.areas[["area_mm2", "whole"]].iloc[0]
             print(
-                f"  {name}, probe {probe_mm:g} mm, {'a tenth' if criterion == 0.1 else 'any'}, "
-                f"endings within {endings_mm:g} mm{', von Mises' * sa_von_mises}: "
-                f"threshold {field.threshold_um:.0f} um, {'' if whole else 'over '}"
-                f"{area:.1f} mm2, in man {human}"
+                f"  {name}, probe {probe_mm:g} mm, endings {endings_mm:g} mm around"
+                f"{', von Mises' * sa_von_mises}: threshold {field.threshold_um:.0f} um, "
+                f"{'' if whole else 'over '}{area:.1f} mm2, in man {human}"
             )
 
 
-def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=0.5, deviate=0.0):
+def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=ENDINGS_MM, deviate=0.0):
     print(
         f"RA of deviate {deviate:g}, 40 Hz, {probe_mm:g} mm, {preindent_um:g} um deep, endings "
-        f"within {endings_mm:g} mm: um for an impulse a cycle by mm"
+        f"{endings_mm:g} mm around: um for an impulse a cycle by mm"
     )
     times_ms = np.arange(501) * DT_MS
     sine = np.sin(2 * np.pi * 40 * times_ms / 1000)
@@ -98,27 +97,33 @@ def decay():
         )
 
 
-def bars(sa_von_mises=False, endings_mm=0.5):
-    print(f"SA{', von Mises stress' * sa_von_mises}, endings within {endings_mm:g} mm")
-    print("bars, and gaps between ridges of 4 mm, pressed by 1 mm: impulses/s every 0.5 mm")
-    units = Population.line(step_mm=0.5, half_length_mm=5.0, afferents=("SA",))
+def bars(sa_von_mises=False, endings_mm=ENDINGS_MM, pad=PAD):
+    """Across the finger; on the plane pad along it."""
+    plane = pad is not PAD
+    print(f"SA{', von Mises stress' * sa_von_mises}, endings {endings_mm:g} mm around")
+    print("bars, and gaps between ridges of 4 mm, pressed by 1 mm: impulses/s every 0.25 mm")
+    step_mm, axis = (0.5, "x") if plane else (0.25, "z")
+    units = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
     units = replace(units, sa_von_mises=sa_von_mises, endings_mm=endings_mm)
-    for width in (0.5, 1.0, 2.0, 3.0, 5.0):
+    shown = getattr(units, f"{axis}_mm") >= 0
+    parameters = parameter_set("fitted" if plane else "fitted_pad").parameters
+    for width in (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0):
         lines = []
         for shape in (Shape.bar(width, 14.0), Shape.grating(width, 4.0, relief_mm=2.0)):
-            held = touch_skin(PAD, shape, Way.hold(press_um=1000), units, PARAMETERS)
-            lines.append(" ".join(f"{rate:.0f}" for rate in held.rate_ips[units.z_mm >= 0][:8]))
+            turned = shape.rotated(90.0 if plane else 0.0)
+            held = touch_skin(pad, turned, Way.hold(press_um=1000), units, parameters)
+            lines.append(" ".join(f"{rate:.0f}" for rate in held.rate_ips[shown][:17]))
         print(f"  {width:g} mm wide:", " | ".join(lines))
 
 
-def dots():
-    print("dots 0.5 mm wide, 40 mm/s, 0.3 N: impulses a dot, median unit and mean of ten")
+def dots(press_n=0.3):
+    print(f"dots 0.5 mm wide, 40 mm/s, {press_n:g} N: impulses a dot, median unit and mean of ten")
     ten = norm.ppf((np.arange(10) + 0.5) / 10)
     deviate = np.tile(np.append(0.0, ten), 3)
     afferent = np.repeat(["SA", "RA", "PC"], 11).tolist()
     units = Population.at(afferent, np.zeros(33), np.zeros(33), deviate=deviate)
     for spacing in (1.0, 1.5, 2.0, 3.0, 4.0, 6.0):
-        way = Way.slide(40.0, press_n=0.3, duration_ms=900)
+        way = Way.slide(40.0, press_n=press_n, duration_ms=900)
         scanned = touch_skin(PAD, Shape.dots(spacing), way, units, PARAMETERS)
         each = np.bincount(scanned.fired.unit, minlength=33).reshape(3, 11) * spacing / 36.0
         pairs = zip(("SA", "RA", "PC"), each[:, 0], each[:, 1:].mean(axis=1), strict=True)
@@ -131,10 +136,12 @@ if __name__ == "__main__":
     fields()
     decay()
     for deviate in (0.0, KEENEST):
-        for endings_mm in (0.5, 0.0):
+        for endings_mm in (ENDINGS_MM, 0.0):
             distance(endings_mm=endings_mm, deviate=deviate)
     distance(probe_mm=1.0, preindent_um=75.0)
     bars()
     bars(endings_mm=0.0)
     bars(sa_von_mises=True)
+    bars(pad=pad_named("plane"))
     dots()
+    dots(press_n=0.6)

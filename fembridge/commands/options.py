@@ -196,10 +196,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "endings_mm": {
         "type": float,
-        "default": 0.5,
+        "default": 1.2,
         "metavar": "MM",
-        "help": "SA and RA units have endings so far around their place, and feel by the one with "
-        "the largest stress (default: 0.5; 0 is a point)",
+        "help": "around an SA or RA unit's ending are eight others, half as sensitive; it feels by "
+        "the one that is driven most (default: 1.2; 0 is a point)",
     },
     "sa_von_mises": {
         "action": "store_true",

@@ -106,6 +106,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.seed < 0:
         raise UsageError(f"seed is {args.seed}, expected 0 or more")
     require_libraries(args.export)
+    if args.animate:
+        from fembridge.plots.pad_movie import check_movie, write_movie
+
+        check_movie(Path(args.animate))
     result = touch(
         **words_of(args, touch),
         log=lambda line: print(line, file=sys.stderr),
@@ -124,8 +128,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             save_figure(draw(result), output / f"{picture}.png")
             files.append(f"{picture}.png")
     if args.animate:
-        from fembridge.plots.pad_movie import write_movie
-
         write_movie(output / args.animate, result)
         files.append(args.animate)
     classes = result.summary()

@@ -17,15 +17,18 @@ from fembridge.plots.style import (
     make_plain,
 )
 from fembridge.touching.touch import Touch
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# A unit's area in the picture grows with its rate up to this, in points squared.
+# A unit's area in the picture grows with its rate up to this, that of the class's
+# liveliest unit, in points squared.
 _LEAST_PT2, _MOST_PT2 = 1.5, 38.0
 _MARGIN_MM = 0.8
+# A view is at least so long, of its width.
+_LEAST_SHARE = 0.8
 _TRACE_IN = 0.75
 _MOST_HEIGHT_IN = 4.2
 _KPA_PER_N_MM2 = 1000.0
@@ -45,14 +48,13 @@ def pad_figure(touch: Touch) -> "Figure":
     grid = figure.add_gridspec(
         2, len(classes), height_ratios=[tall_in, _TRACE_IN], hspace=0.04, wspace=0.02
     )
-    most_ips = max(float(touch.rate_ips.max()), 1.0)
     image = None
     for column, name in enumerate(classes):
         panel = figure.add_subplot(grid[0, column])
         image = draw_pressure(panel, touch, hardest(touch))
-        _draw_units(panel, touch, name, most_ips)
-        _draw_view(panel, touch, first=column == 0)
         mine = np.array(touch.population.afferent) == name
+        _draw_units(panel, touch, mine, AFFERENT_COLOURS[name])
+        _draw_view(panel, touch, first=column == 0)
         firing = int((touch.rate_ips[mine] > 0).sum())
         panel.set_title(
             f"{name}: {firing} of {int(mine.sum())} fire",
@@ -60,8 +62,6 @@ def pad_figure(touch: Touch) -> "Figure":
             fontsize=TEXT_PT,
             fontweight="bold",
         )
-        if column == len(classes) - 1:
-            _size_legend(panel, most_ips)
     if image is not None:
         bar = figure.colorbar(image, ax=figure.axes, fraction=0.025, pad=0.01, shrink=0.7)
         bar.set_label("Contact pressure (kPa)", fontsize=SMALL_TEXT_PT, color=INK)
@@ -131,10 +131,11 @@ PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
 
 
 def view_mm(touch: Touch) -> tuple[float, float]:
-    """Half width and half length of what is shown: units and contact."""
+    """Half width and half length of what is shown: units and contact, of a line room around it."""
     across = [np.abs(touch.population.x_mm).max(), np.abs(touch.nodes.x_mm).max(initial=1.0)]
     along = [np.abs(touch.population.z_mm).max(), np.abs(touch.nodes.z_mm).max(initial=1.0)]
-    return float(max(across)) + _MARGIN_MM, float(max(along)) + _MARGIN_MM
+    half_width = float(max(across)) + _MARGIN_MM
+    return half_width, max(float(max(along)) + _MARGIN_MM, _LEAST_SHARE * half_width)
 
 
 def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401 - an image
@@ -189,60 +190,53 @@ def draw_way(panel: "Axes", touch: Touch) -> None:
     panel.set_xlim(0, float(times_ms[-1]))
     other = panel.twinx()
     other.plot(times_ms, touch.force_n, color="#CC79A7", linewidth=LINE_PT, linestyle=(0, (4, 1.5)))
-    other.set_ylabel("Force (N)", fontsize=SMALL_TEXT_PT, color="#CC79A7")
+    unit = "N/mm" if touch.nodes.pad.plane else "N"
+    other.set_ylabel(f"Force ({unit})", fontsize=SMALL_TEXT_PT, color="#CC79A7")
     make_plain(other)
     other.spines["right"].set_visible(True)
     other.spines["left"].set_visible(False)
     other.set_ylim(0, 1.15 * max(float(touch.force_n.max()), 1e-6))
 
 
-def _draw_units(panel: "Axes", touch: Touch, name: str, most_ips: float) -> None:
-    mine = np.flatnonzero(np.array(touch.population.afferent) == name)
-    rate = touch.rate_ips[mine]
-    places = touch.population.x_mm[mine], touch.population.z_mm[mine]
-    silent = rate <= 0
+def _draw_units(panel: "Axes", touch: Touch, mine: BoolArray, colour: str) -> None:
+    """Units of a class, larger the more they fire, and what the largest stands for."""
+    rate, x_mm, z_mm = (
+        touch.rate_ips[mine],
+        touch.population.x_mm[mine],
+        touch.population.z_mm[mine],
+    )
+    fires, most_ips = rate > 0, max(float(rate.max()), 1e-9)
     panel.scatter(
-        places[0][silent],
-        places[1][silent],
+        x_mm[~fires],
+        z_mm[~fires],
         s=_LEAST_PT2,
         facecolors="none",
         edgecolors=FAINT,
         linewidths=0.35,
         zorder=2,
     )
-    panel.scatter(
-        places[0][~silent],
-        places[1][~silent],
-        s=_size_pt2(rate[~silent], most_ips),
-        color=AFFERENT_COLOURS[name],
-        edgecolors="white",
-        linewidths=0.3,
-        alpha=0.9,
-        zorder=3,
-    )
-
-
-def _size_pt2(rate_ips: FloatArray, most_ips: float) -> FloatArray:
-    return np.asarray(_LEAST_PT2 + (_MOST_PT2 - _LEAST_PT2) * rate_ips / most_ips)
-
-
-def _size_legend(panel: "Axes", most_ips: float) -> None:
-    shown = [share * most_ips for share in (0.25, 1.0)]
-    marks = [
-        panel.scatter([], [], s=_size_pt2(np.array(each), most_ips), color=FAINT) for each in shown
-    ]
-    panel.legend(
-        marks,
-        [f"{each:.0f}/s" for each in shown],
-        loc="lower right",
-        fontsize=SMALL_TEXT_PT - 1,
-        frameon=True,
-        framealpha=0.85,
-        edgecolor="none",
-        borderpad=0.2,
-        handletextpad=0.2,
-        labelspacing=0.3,
-    )
+    firing: dict[str, Any] = {
+        "color": colour,
+        "edgecolors": "white",
+        "linewidths": 0.3,
+        "alpha": 0.9,
+        "zorder": 3,
+    }
+    size_pt2 = _LEAST_PT2 + (_MOST_PT2 - _LEAST_PT2) * rate[fires] / most_ips
+    panel.scatter(x_mm[fires], z_mm[fires], s=size_pt2, **firing)
+    if fires.any():
+        mark = panel.scatter([], [], s=_MOST_PT2, **firing)
+        panel.legend(
+            [mark],
+            [f"{most_ips:.3g}/s"],
+            loc="lower right",
+            fontsize=SMALL_TEXT_PT - 1,
+            frameon=True,
+            framealpha=0.85,
+            edgecolor="none",
+            borderpad=0.2,
+            handletextpad=0.2,
+        )
 
 
 def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
@@ -273,9 +267,3 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
 def hardest(touch: Touch) -> int:
     """The solved state with the largest force."""
     return int(touch.contact_n.sum(axis=1).argmax()) if touch.contact_n.size else 0
-
-
-def recent(touch: Touch, at_ms: float, span_ms: float) -> IntArray:
-    """Units that fired in the last `span_ms` before `at_ms`, each as often as it did."""
-    times = touch.fired.time_ms
-    return touch.fired.unit[(times > at_ms - span_ms) & (times <= at_ms)]

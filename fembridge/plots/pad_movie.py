@@ -12,7 +12,6 @@ from fembridge.plots.pad import (
     draw_way,
     hardest,
     pressure_kpa,
-    recent,
     view_mm,
 )
 from fembridge.plots.style import (
@@ -43,31 +42,37 @@ _GRID_MM = 0.5
 _KPA = 1e-3
 
 
-@in_style
-def write_movie(path: Path, touch: Touch, frames: int = FRAMES) -> None:
-    """Write a GIF, or an MP4 where ffmpeg is installed.
+def check_movie(path: Path) -> None:
+    """Refuse what cannot be written, before anything is computed.
 
     Raises
     ------
     UsageError
-        Another suffix.
+        Another suffix than .gif or .mp4.
     MissingError
         An MP4 without ffmpeg.
     """
-    suffix = path.suffix.lower()
-    if suffix not in (".gif", ".mp4"):
+    if path.suffix.lower() not in (".gif", ".mp4"):
         raise UsageError(f"{path}: expected a name in .gif or .mp4")
+    from matplotlib.animation import FFMpegWriter
+
+    if path.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
+        raise MissingError("an MP4 takes ffmpeg, which is not on the PATH; take .gif")
+
+
+@in_style
+def write_movie(path: Path, touch: Touch, frames: int = FRAMES) -> None:
+    """Write a GIF, or an MP4 where ffmpeg is installed; see `check_movie`."""
+    check_movie(path)
     from matplotlib.animation import FFMpegWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    if suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        raise MissingError("an MP4 takes ffmpeg, which is not on the PATH; take .gif")
     samples = np.unique(np.linspace(0, touch.way.pressed.size - 1, frames).astype(np.int64))
     figure, moving, show = _scene(touch, samples)
     canvas = FigureCanvasAgg(figure)
     figure.set_dpi(_DPI)
     with replacing(path) as draft:
-        if suffix == ".gif":
+        if path.suffix.lower() == ".gif":
             _write_gif(draft, canvas, moving, show, samples)
             return
         writer = FFMpegWriter(fps=_FRAMES_A_SECOND)
@@ -148,7 +153,7 @@ def _scene(
     lights = panels[2].scatter(units.x_mm, units.z_mm, s=0.0, c=colours, linewidths=0)
     panels[2].set_title(f"Spikes of the last {_LIT_MS:g} ms", fontsize=TEXT_PT)
     clock = figure.suptitle("")
-    at, times_ms = touch.at, touch.way.times_ms
+    at, times_ms, fired = touch.at, touch.way.times_ms, touch.fired
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
     shown = _linear(touch.knots, field, at[samples]) * _KPA
 
@@ -157,7 +162,9 @@ def _scene(
             row = int(np.abs(touch.knots - at[sample]).argmin())
             pressure.set_array(pressure_kpa(touch, row))
         stress.set_data(shown[frame_of[sample]])
-        lit = np.bincount(recent(touch, times_ms[sample], _LIT_MS), minlength=len(units))
+        since_ms = times_ms[sample] - fired.time_ms
+        recent = fired.unit[(since_ms >= 0) & (since_ms < _LIT_MS)]
+        lit = np.bincount(recent, minlength=len(units))
         lights.set_sizes(np.where(lit > 0, 10.0 + 6.0 * lit, 0.0))
         cursor.set_xdata([times_ms[sample]] * 2)
         clock.set_text(f"{times_ms[sample]:.0f} ms")

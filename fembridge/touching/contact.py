@@ -22,7 +22,7 @@ import numpy as np
 from fembridge.errors import UsageError
 from fembridge.touching.pad import LATTICE_LENGTH_MM, Pad
 from fembridge.touching.shape import Shape
-from fembridge.typing import BoolArray, FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
 # Forces below this share of the largest are rounding; nodes may be inside the shape by
 # this share of its depth, a nanometre or so: what single precision resolves.
@@ -42,6 +42,8 @@ _FRESH_CHANGES = 2_000
 TIP_RADIUS_MM = 20.0
 # Under a force, skin so far from the shape is first taken to be all that touches.
 _FIRST_REACH_MM = 0.25
+# ... of so many steps of a way.
+_TRIED_STEPS = 6
 # The deepest that superposition of small strains is meant for.
 MOST_UM = 2_000.0
 MM_PER_UM = 1.0e-3
@@ -141,7 +143,7 @@ def first_touch_mm(pad: Pad, shape: Shape) -> float:
 
 def press_to(
     pad: Pad, shape: Shape, level: FloatArray, *, newton: bool = False
-) -> tuple[SkinNodes, FloatArray, FloatArray]:
+) -> tuple[SkinNodes, FloatArray | SingleArray, FloatArray]:
     """Nodes that `shape` touches, forces ``(S, node)`` in N and depths ``(S,)`` in um.
 
     `level` ``(S,)`` are depths in um from first touch, or with `newton` forces.
@@ -153,14 +155,44 @@ def press_to(
     """
     nodes = skin_nodes(pad)
     gap_mm = gaps_mm(nodes, shape) - first_touch_mm(pad, shape)
-    most = float(level.max())
-    near = gap_mm < (depth_of_force_mm(nodes, gap_mm, most) if newton else most * MM_PER_UM)
-    nodes, gap_mm = nodes.subset(near), gap_mm[near]
-    contact = Contact.of(nodes)
-    if not newton:
-        return nodes, np.stack([contact.press(one * MM_PER_UM - gap_mm) for one in level]), level
-    forces, depths_mm = zip(*(contact.press_with(gap_mm, one) for one in level), strict=True)
-    return nodes, np.stack(forces), np.maximum(depths_mm, 0.0) / MM_PER_UM
+    nodes, forces, depth_um = press_all(nodes, gap_mm, level, newton=newton)
+    return nodes, forces, np.maximum(depth_um, 0.0) if newton else level
+
+
+def press_all(
+    nodes: SkinNodes,
+    gap_mm: FloatArray | SingleArray,
+    level: FloatArray,
+    *,
+    newton: bool = False,
+    drag: tuple[float, float] = (0.0, 0.0),
+) -> tuple[SkinNodes, FloatArray | SingleArray, FloatArray]:
+    """What `press_to` gives, of gaps ``(n,)`` or, step by step, ``(S, n)``.
+
+    Forces are of the precision of the gaps. `drag` comes with 1 N into the skin, along x
+    and z.
+    """
+    steps = np.broadcast_to(gap_mm, (level.size, gap_mm.shape[-1]))
+    if newton:
+        step = max(1, level.size // _TRIED_STEPS)
+        tried = [int(level.argmax())] if gap_mm.ndim == 1 else range(0, level.size, step)
+        reach_mm = max(
+            depth_of_force_mm(nodes, steps[n].astype(np.float64), float(level[n])) for n in tried
+        )
+    else:
+        reach_mm = float(level.max()) * MM_PER_UM
+    nearest_mm = gap_mm if gap_mm.ndim == 1 else gap_mm.min(axis=0)
+    reached = np.asarray(nearest_mm < reach_mm)
+    nodes, steps = nodes.subset(reached), steps[:, reached]
+    contact = Contact.of(nodes, drag)
+    forces = np.empty(steps.shape, dtype=gap_mm.dtype)
+    depth_mm = level * MM_PER_UM
+    for n, gap in enumerate(steps):
+        if newton:
+            forces[n], depth_mm[n] = contact.press_with(gap.astype(np.float64), float(level[n]))
+        else:
+            forces[n] = contact.press(depth_mm[n] - gap.astype(np.float64))
+    return nodes, forces, depth_mm / MM_PER_UM
 
 
 def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:

@@ -9,6 +9,7 @@ jittered lattice.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +19,9 @@ from decks.finger import SITES, AfferentSite, Finger
 from decks.presets import QUICK
 from decks.section import section_of
 from fembridge.errors import TableError, UsageError
-from fembridge.store import near_hint, write_text
+from fembridge.store import write_text
 from fembridge.tables import AFFERENTS, read_table
-from fembridge.touching.words import made_of
+from fembridge.touching.words import named
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -32,10 +33,11 @@ DENSITY_CM2: Mapping[str, float] = {"SA": 70.0, "RA": 140.0, "PC": 25.0}
 # A fingertip reaches so far from its middle, across and along.
 _HALF_WIDTH_MM, _HALF_LENGTH_MM = 7.0, 12.0
 _MM_PER_CM = 10.0
-# Fibres that branch in the skin, and how far around their place they have endings; a
-# Pacinian corpuscle is one ending. Chosen by receptive fields, decision 0029.
+# Fibres that branch in the skin: around the ending at their place they have others that are
+# less sensitive. A Pacinian corpuscle is one ending. Chosen by receptive fields, decision 0039.
 BRANCHED = ("SA", "RA")
-ENDINGS_MM = 0.5
+ENDINGS_MM = 1.2
+OTHERS, OTHERS_SHARE = 8, 0.5
 _MOST_ENDINGS_MM = 3.0
 _MOST_UNITS = 200_000
 
@@ -46,8 +48,9 @@ class Population:
 
     A unit of `deviate` q needs ``exp(spread q)`` times the stress of the median unit of
     its class, where spread is that of the neural parameters. SA and RA units have
-    endings within `endings_mm` and feel by the one with the largest stress. With
-    `sa_von_mises` SA units read von Mises stress, see `fembridge.touching.stress`.
+    `OTHERS` endings `endings_mm` around their place, `OTHERS_SHARE` as sensitive as the
+    one at it, and feel by the one that is driven most. With `sa_von_mises` SA units read
+    von Mises stress, see `fembridge.touching.stress`.
     """
 
     unit: tuple[str, ...]
@@ -73,19 +76,17 @@ class Population:
     def __len__(self) -> int:
         return len(self.unit)
 
-    def endings(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Unit of each ending, rising, and its place x and z in mm, ``(E,)``.
-
-        All have one at their place; `BRANCHED` have six more on a circle.
-        """
+    def endings(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Unit of each ending, rising, its place x and z in mm, and sensitivity, ``(E,)``."""
         branched = np.isin(self.afferent, BRANCHED) & (self.endings_mm > 0)
-        unit = np.repeat(np.arange(len(self)), np.where(branched, 7, 1))
+        unit = np.repeat(np.arange(len(self)), np.where(branched, 1 + OTHERS, 1))
         nth = np.arange(unit.size) - np.searchsorted(unit, unit)
-        angle, away_mm = nth * np.pi / 3, self.endings_mm * (nth > 0)
+        angle, away_mm = nth * 2 * np.pi / OTHERS, self.endings_mm * (nth > 0)
         return (
             unit,
             self.x_mm[unit] + away_mm * np.cos(angle),
             self.z_mm[unit] + away_mm * np.sin(angle),
+            np.where(nth > 0, OTHERS_SHARE, 1.0),
         )
 
     def to_frame(self) -> "pandas.DataFrame":
@@ -256,16 +257,8 @@ def population_named(word: str, finger: Finger) -> Population:
     UsageError, TableError
         No such population, number or file.
     """
-    name = word.partition(":")[0]
-    if name not in POPULATIONS:
-        path = Path(word)
-        if path.suffix or path.exists():
-            return Population.read(path, finger)
-        raise UsageError(
-            f"population {name!r}, expected {', '.join(POPULATIONS)} or a table .csv"
-            + near_hint(name, POPULATIONS)
-        )
-    return made_of(word, POPULATIONS[name], finger=finger)
+    read = partial(Population.read, finger=finger)
+    return named(word, "population", POPULATIONS, read, finger=finger)
 
 
 def _site(afferent: str, finger: Finger) -> AfferentSite:

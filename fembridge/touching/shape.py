@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.store import near_hint
-from fembridge.touching.words import made_of
+from fembridge.touching.words import named
 from fembridge.typing import BoolArray, FloatArray
 
 Height = Callable[[FloatArray, FloatArray], FloatArray]
@@ -181,6 +180,7 @@ class Shape:
     def letters(cls, text: str = "A", size_mm: float = 6.0, relief_mm: float = 0.5) -> "Shape":
         """Raised letters `size_mm` high, read along x."""
         _check(size_mm=size_mm, relief_mm=relief_mm)
+        from matplotlib.path import Path as Outline
         from matplotlib.textpath import TextPath
 
         if not text.strip():
@@ -192,7 +192,8 @@ class Shape:
         x = (np.arange(columns) - 0.5 * (columns - 1)) * _PIXEL_MM
         z = (0.5 * (rows - 1) - np.arange(rows)) * _PIXEL_MM
         grid = np.stack(np.meshgrid(x, z), -1).reshape(-1, 2) / scale + 0.5 * (low + high)
-        inside = path.contains_points(grid).reshape(rows, columns)
+        outlines = [Outline(each).contains_points(grid) for each in path.to_polygons()]
+        inside = np.logical_xor.reduce(outlines).reshape(rows, columns)  # an O has two
         return cls.of_grid(_beveled(inside, _PIXEL_MM, relief_mm), _PIXEL_MM, f"letters {text!r}")
 
     @classmethod
@@ -259,7 +260,9 @@ class Shape:
         from matplotlib.image import imread
 
         try:
-            picture = np.asarray(imread(io.BytesIO(content), format=path.suffix[1:] or None))
+            picture = np.asarray(
+                imread(io.BytesIO(content), format=path.suffix[1:].lower() or None)
+            )
         except Exception as error:  # Pillow raises many kinds
             raise UsageError(
                 f"{path}: not a picture of heights: {error}; expected .png or .csv"
@@ -304,18 +307,13 @@ def shape_named(
     UsageError
         No such shape, size or file; near ones are named.
     """
-    name = word.partition(":")[0]
-    if name not in SHAPES:
-        path = Path(word)
-        if path.suffix or path.exists():
-            if pixel_mm is None:
-                raise UsageError(f"{word}: give the size of a pixel, --pixel-mm")
-            return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, log)
-        raise UsageError(
-            f"shape {name!r}, expected {', '.join(SHAPES)} or a file .png or .csv"
-            + near_hint(name, SHAPES)
-        )
-    return made_of(word, SHAPES[name])
+
+    def read(path: Path) -> Shape:
+        if pixel_mm is None:
+            raise UsageError(f"{word}: give the size of a pixel, --pixel-mm")
+        return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, log)
+
+    return named(word, "shape", SHAPES, read)
 
 
 # ---- Heights

@@ -49,7 +49,7 @@ def driving_stress_pa(
     """Stress that drives each unit ``(S, unit)`` in Pa under `forces_n` ``(S, node)``.
 
     `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin. Of
-    the endings of a unit that with the largest stress counts.
+    the endings of a unit that counts whose stress, times its sensitivity, is largest.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def driving_stress_pa(
     """
     if not nodes.column.size:
         return np.zeros((len(forces_n), len(units)))
-    unit, x_mm, z_mm = units.endings()
+    unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     reads_sa = (np.array(units.afferent) == "SA")[unit] & (not units.sa_von_mises)
     straight = drag is None or bool(np.abs(drag - drag[0]).max() < 1e-6)
@@ -83,6 +83,7 @@ def driving_stress_pa(
             normal = pad.normal_at(x_mm[mine][sa])
             block[:, sa] = _sa_scale(pad) * sa_stress_pa(influence[:, sa], forces, normal)
     starts = np.flatnonzero(np.diff(unit, prepend=-1))
+    stress *= sensitivity.astype(np.float32)
     return np.maximum.reduceat(stress, starts, axis=1).astype(np.float64)
 
 

@@ -23,11 +23,10 @@ from fembridge.store import write_text
 from fembridge.tables import write_table
 from fembridge.touching.contact import (
     MM_PER_UM,
-    Contact,
     SkinNodes,
-    depth_of_force_mm,
     first_touch_mm,
     gaps_mm,
+    press_all,
     press_to,
     skin_nodes,
 )
@@ -201,8 +200,8 @@ def touch(
     population
         A `Population`, ``fingertip``, ``grid``, ``line``, ``one_each``, or a table.
     endings_mm
-        An SA or RA unit has endings so far around its place and feels by the one with the
-        largest stress; 0: it is a point.
+        An SA or RA unit has eight endings so far around the one at its place, half as
+        sensitive, and feels by the one that is driven most; 0: it is a point.
     sa_von_mises
         SA units read von Mises stress, as in the paper, in place of a share of
         compression and of stretch.
@@ -300,7 +299,7 @@ def touch_skin(
     else:
         most = max(float(way.pressed.max()), 1e-9)
         level = most * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
-        pressed = press_to(pad, shape, level, newton=way.force_n is not None)
+        pressed = press_to(pad, shape, level, newton=way.newton)
         solved = _Solved(*pressed, level, np.clip(way.pressed, 0.0, most))
     if not 1 <= trials <= 10_000:
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
@@ -374,11 +373,8 @@ def _pinned(pad: Pad, way: Way, pins: Pins) -> _Solved:
         under = gap_um < depth_um.max()
         here = depth_um[:, None] - gap_um[under]
         overlap_um[:, under] = np.maximum(overlap_um[:, under], here)
-    reached = np.asarray((overlap_um > 0).any(axis=0))
-    nodes = nodes.subset(reached)
-    contact = Contact.of(nodes)
-    forces = np.stack([contact.press(row) for row in overlap_um[:, reached] * MM_PER_UM])
-    return _Solved(nodes, forces, way.pressed, samples, samples)
+    pressed = press_all(nodes, -overlap_um * MM_PER_UM, np.zeros(samples.size))
+    return _Solved(*pressed[:2], way.pressed, samples, samples)
 
 
 def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
@@ -401,29 +397,11 @@ def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
     gaps = np.empty((row.size, everywhere.column.size), dtype=np.float32)
     for n, sample in enumerate(row.tolist()):
         gaps[n] = gaps_mm(everywhere, shape.moved(float(way.x_mm[sample]), float(way.z_mm[sample])))
-    if way.force_n is None:
-        level = way.pressed[row] * MM_PER_UM
-        reach_mm = float(level.max())
-    else:
-        level = way.pressed[row]
-        some = range(0, row.size, max(1, row.size // 6))
-        tried = [
-            depth_of_force_mm(everywhere, gaps[n].astype(float), float(level[n])) for n in some
-        ]
-        reach_mm = max(tried)
-    reached = np.asarray((gaps < reach_mm).any(axis=0))
-    if not reached.any():
+    one_drag = (float(drag[0, 0]), float(drag[0, 1])) if straight else (0.0, 0.0)
+    level = way.pressed[row]
+    nodes, forces, depth_um = press_all(everywhere, gaps, level, newton=way.newton, drag=one_drag)
+    if not forces.size:
         raise UsageError(f"{shape.name} touches the pad nowhere on its way")
-    nodes, gaps = everywhere.subset(reached), gaps[:, reached]
-    contact = Contact.of(nodes, (float(drag[0, 0]), float(drag[0, 1])) if straight else (0.0, 0.0))
-    forces = np.empty((row.size, nodes.column.size), dtype=np.float32)
-    depth_um = np.empty(row.size)
-    for n, gap in enumerate(gaps.astype(np.float64)):
-        if way.force_n is None:
-            forces[n], depth_mm = contact.press(level[n] - gap), level[n]
-        else:
-            forces[n], depth_mm = contact.press_with(gap, float(level[n]))
-        depth_um[n] = depth_mm / MM_PER_UM
     window = pad.spacing_mm / (fastest * every)
     averaged = _averaged(forces, window)
     drags = drag[row] if friction else None

@@ -1,9 +1,8 @@
 """How a shape moves: depth or force, and place, over time; and arrays of moving pins."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,36 +34,27 @@ class Pins:
 class Way:
     """How a shape moves: samples every `dt_ms` from time 0.
 
-    `depth_um` ``(T,)`` below first touch, or `force_n` ``(T,)``; the other is None.
+    `pressed` ``(T,)`` is its depth below first touch in um, with `newton` its force in N.
     `x_mm`, `z_mm` ``(T,)`` are its way over the skin, None where it does not slide. Where
-    `pins` move on their own, `depth_um` is that of the deepest. `window_ms` is when spikes
-    are counted.
+    `pins` move on their own, `pressed` is the depth of the deepest. `window_ms` is when
+    spikes are counted.
     """
 
     name: str
     dt_ms: float
     window_ms: tuple[float, float]
-    depth_um: FloatArray | None = None
-    force_n: FloatArray | None = None
+    pressed: FloatArray
+    newton: bool = False
     x_mm: FloatArray | None = None
     z_mm: FloatArray | None = None
     pins: Pins | None = None
 
     def __post_init__(self) -> None:
-        if (self.depth_um is None) == (self.force_n is None):
-            raise UsageError("a shape is pressed to a depth or with a force, one of both")
         if self.pressed.size > _MOST_SAMPLES:
             raise UsageError(f"{self.pressed.size} samples, expected at most {_MOST_SAMPLES}")
-        most, unit = (MOST_UM, "um") if self.force_n is None else (_MOST_N, "N")
+        most, unit = (_MOST_N, "N") if self.newton else (MOST_UM, "um")
         if not self.pressed.max() <= most:
             raise UsageError(f"pressed by {self.pressed.max():g} {unit}, expected at most {most:g}")
-
-    @property
-    def pressed(self) -> FloatArray:
-        """Depth in um or force in N, ``(T,)``."""
-        if self.depth_um is not None:
-            return self.depth_um
-        return np.zeros(0) if self.force_n is None else self.force_n
 
     @property
     def slides(self) -> bool:
@@ -80,16 +70,11 @@ class Way:
     @classmethod
     def of_stimulus(cls, stimulus: Stimulus) -> "Way":
         """The way of a stimulus of the catalogue; its way aside is along x."""
-        aside = stimulus.aside_um
-        still = None if aside is None else np.zeros(aside.size)
-        return cls(
-            stimulus.id,
-            stimulus.dt_ms,
-            stimulus.window_ms,
-            depth_um=np.asarray(stimulus.displacement_um),
-            x_mm=None if aside is None else aside * MM_PER_UM,
-            z_mm=still,
+        way = cls(
+            stimulus.id, stimulus.dt_ms, stimulus.window_ms, np.asarray(stimulus.displacement_um)
         )
+        aside = stimulus.aside_um
+        return way if aside is None else replace(way, x_mm=aside * MM_PER_UM, z_mm=0.0 * aside)
 
     @classmethod
     def hold(
@@ -108,7 +93,7 @@ class Way:
         held = np.ones(round(hold_ms / DT_MS) + 1)
         shape = np.concatenate([rest, ramp, held, ramp[::-1], rest])
         end_ms = (shape.size - 1) * DT_MS
-        return cls(f"hold {name}", DT_MS, (0.0, end_ms), **_pressed(level * shape, press_um))
+        return cls(f"hold {name}", DT_MS, (0.0, end_ms), level * shape, press_um is None)
 
     @classmethod
     def slide(
@@ -133,9 +118,10 @@ class Way:
             f"slide {speed_mm_per_s:g} mm/s {name}",
             DT_MS,
             (0.0, float(times_ms[-1])),
+            np.full(times_ms.size, level),
+            newton=press_um is None,
             x_mm=start_mm[0] + np.cos(turn) * way_mm,
             z_mm=start_mm[1] + np.sin(turn) * way_mm,
-            **_pressed(np.full(times_ms.size, level), press_um),
         )
 
     @classmethod
@@ -161,15 +147,14 @@ class Way:
             np.interp(times_ms + at_ms[0], at_ms, table.numbers(name))
             for name in ("x_mm", "z_mm", pressed[0])
         )
-        end_ms = float(times_ms[-1])
-        depth = {pressed[0]: level}
-        return cls(path.stem, DT_MS, (0.0, end_ms), x_mm=x_mm, z_mm=z_mm, **depth)
+        window_ms = 0.0, float(times_ms[-1])
+        return cls(path.stem, DT_MS, window_ms, level, pressed == ["force_n"], x_mm, z_mm)
 
     @classmethod
     def of_pins(cls, pins: Pins, dt_ms: float, window_ms: tuple[float, float]) -> "Way":
         """The way of pins that move on their own."""
         name = f"{len(pins.places)} pins"
-        return cls(name, dt_ms, window_ms, depth_um=pins.depth_um.max(axis=1), pins=pins)
+        return cls(name, dt_ms, window_ms, pins.depth_um.max(axis=1), pins=pins)
 
 
 def way_of(
@@ -242,7 +227,3 @@ def _level(press_um: float | None, press_n: float | None) -> tuple[float, str]:
     if level is None or not (np.isfinite(level) and level > 0):
         raise UsageError(f"pressed by {level}, expected more than 0")
     return level, f"{level:g} um" if press_um is not None else f"{level:g} N"
-
-
-def _pressed(samples: FloatArray, press_um: float | None) -> dict[str, Any]:
-    return {"depth_um" if press_um is not None else "force_n": samples}

@@ -1,7 +1,8 @@
-"""A word with sizes, ``bar:width_mm=1,length_mm=8``, as the call that it stands for."""
+"""A word with sizes, ``bar:width_mm=1,length_mm=8``, as the call that it stands for, or a file."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 from fembridge.errors import UsageError
@@ -10,14 +11,32 @@ from fembridge.store import near_hint
 _Made = TypeVar("_Made")
 
 
-def made_of(word: str, make: Callable[..., _Made], **fixed: Any) -> _Made:  # noqa: ANN401
-    """What `make` makes of the sizes after the colon of `word`; `fixed` are not the user's.
+def named(
+    word: str,
+    kind: str,
+    known: Mapping[str, Callable[..., _Made]],
+    read: Callable[[Path], _Made],
+    **fixed: Any,  # noqa: ANN401
+) -> _Made:
+    """What a `known` name, with the sizes after its colon, makes; else the file is `read`.
 
     Raises
     ------
     UsageError
-        A key that `make` has not, or a value of another kind than its default.
+        Neither a name nor a file; near names are named.
     """
+    name, path = word.partition(":")[0], Path(word)
+    if name in known:
+        return _made_of(word, known[name], **fixed)
+    if path.suffix or path.exists():
+        return read(path)
+    raise UsageError(
+        f"{kind} {name!r}, expected {', '.join(known)} or a file" + near_hint(name, known)
+    )
+
+
+def _made_of(word: str, make: Callable[..., _Made], **fixed: Any) -> _Made:  # noqa: ANN401
+    """What `make` makes of the sizes after the colon of `word`; `fixed` are not the user's."""
     _, _, sizes = word.partition(":")
     known = {
         key: type(one.default)

@@ -62,6 +62,7 @@ def test_a_picture_of_ones_own_is_scanned(tmp_path, capsys):
         (("touch", "--press-um", "100", "--pad", "nobody"), "reference"),
         (("touch", "--press-um", "100", "--population", "nobody"), "fingertip"),
         (("touch", "--press-um", "100", "--parameters", "nobody"), "fitted_pad"),
+        (("touch", "--press-um", "100", "--animate", "way.avi"), ".gif or .mp4"),
         (("receptive-field", "--afferent", "XX"), "SA"),
         (("receptive-field", "--depth-um", "deep"), "deep"),
         (("receptive-field", "--pad", "plane"), "plane"),
@@ -74,6 +75,7 @@ def test_misuse_gets_one_line(tmp_path, monkeypatch, capsys, words, named):
     code, printed = run(capsys, *words)
     assert code in (1, 2)
     assert len(printed.err.splitlines()) == 1 and named in printed.err
+    assert not list(tmp_path.iterdir())
 
 
 def test_receptive_field_writes_areas_and_maps(tmp_path, capsys):

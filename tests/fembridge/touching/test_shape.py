@@ -39,6 +39,11 @@ def test_braille_has_the_dots_of_its_letter():
         Shape.braille("é")
 
 
+def test_a_letter_is_raised_along_its_strokes_alone():
+    assert_allclose(heights(Shape.letters("O", size_mm=6.0), (0, 2.7), (0, 0)), [0, 0.5])
+    assert_allclose(heights(Shape.letters("I", size_mm=6.0), (0, 0), (0, 2.7)), [0, 0])
+
+
 def test_a_picture_is_raised_where_it_is_white(tmp_path):
     from matplotlib.image import imsave
 

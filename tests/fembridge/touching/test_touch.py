@@ -34,7 +34,7 @@ def way(word, preindent_um=75.0):
 
 def touch_pins(wave, *x_mm):
     """Pins of 1 mm side by side, all with one waveform."""
-    depth_um = np.repeat(wave.depth_um[:, None], len(x_mm), 1)
+    depth_um = np.repeat(wave.pressed[:, None], len(x_mm), 1)
     pins = Pins(tuple((x, 0.0, 1.0) for x in x_mm), depth_um)
     return touch_skin(PAD, None, Way.of_pins(pins, wave.dt_ms, wave.window_ms), ONE, FITTED)
 
@@ -211,17 +211,22 @@ def test_pictures_are_drawn_by_name_and_others_refused():
             fb.plot(one, "isi")
 
 
-def test_a_unit_with_endings_feels_by_the_one_with_the_largest_stress():
-    """Against points at the seven places, one by one; a Pacinian corpuscle has one ending."""
-    way, bar = Way.hold(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0)
-    branched = touch_skin(PAD, bar, way, replace(ONE, endings_mm=0.6), FITTED)
-    around = 0.6 * np.stack([(np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3])
-    points = [
-        touch_skin(PAD, bar, way, Population.one_each(*place), FITTED).stress_pa[140]
-        for place in ((0.0, 0.0), *around.tolist())
-    ]
-    expected = np.max(points, axis=0)
-    expected[2] = points[0][2]
+def test_a_unit_feels_by_the_ending_that_is_driven_most_and_others_are_half_as_sensitive():
+    """Against points at the nine places, one by one; a Pacinian corpuscle has one ending."""
+    way, bar = Way.hold(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0).moved(0.0, 1.3)
+    branched = touch_skin(PAD, bar, way, replace(ONE, endings_mm=1.2), FITTED)
+    around = 1.2 * np.stack([(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4])
+    places = (0.0, 0.0), *around.tolist()
+    points = np.stack([
+        touch_skin(
+            PAD, bar, way, replace(Population.one_each(*place), endings_mm=0.0), FITTED
+        ).stress_pa[140]
+        for place in places
+    ])  # fmt: skip
+    points[1:] *= 0.5
+    assert points[1:, 0].max() > points[0, 0]
+    expected = points.max(axis=0)
+    expected[2] = points[0, 2]
     assert_allclose(branched.stress_pa[140], expected, rtol=1e-3)
     with pytest.raises(UsageError, match="9 mm"):
         replace(ONE, endings_mm=9.0)
@@ -244,7 +249,7 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
 
     bar, gap = rates(Shape.bar(4.0, 14.0)), rates(Shape.grating(3.0, 4.0, 2.0))
     assert bar[3:6].max() > 3 * bar[:2].mean() > 20 and not bar[7:].any()
-    assert not gap[0] and gap[2:5].min() > 1.8 * gap[6:8].mean() > 20
+    assert not gap[0] and gap[3:5].min() > 1.5 * gap[6:8].mean() > 20
 
 
 def test_what_sa_reads_is_pressure_and_a_share_of_tension_along_the_skin():
