@@ -376,6 +376,15 @@ def near_hint(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {' or '.join(folded[name] for name in near)}?" if near else ""
 
 
+_SCALARS: Mapping[type, tuple[tuple[type, ...], str]] = {
+    bool: ((bool,), "true or false"),
+    int: ((int,), "a whole number"),
+    float: ((int, float), "a number"),
+    str: ((str,), "a word"),
+}
+"""What is taken for a value of a type, and in words; a truth value is no number."""
+
+
 @cache
 def _converter() -> "Converter":
     from cattrs import Converter
@@ -383,68 +392,42 @@ def _converter() -> "Converter":
     from cattrs.gen import make_dict_structure_fn
 
     converter = Converter(forbid_extra_keys=True)
-    for kind, accepted, name in (
-        (bool, (bool,), "true or false"),
-        (int, (int,), "a whole number"),
-        (float, (int, float), "a number"),
-        (str, (str,), "a word"),
-    ):
-        converter.register_structure_hook(kind, _strict(kind, accepted, name))
 
-    def of_table(kind: Any) -> Any:  # noqa: ANN401 - any dataclass
-        return make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
+    def hook_of(kind: Any) -> Callable[[object, object], object]:  # noqa: ANN401 - any type
+        """What makes a `kind`: of its own kind of value alone, else a word would be a list."""
+        of, made = get_origin(kind), None
+        types, words = _SCALARS.get(kind, ((Mapping,), "a table"))
+        if of in (list, tuple):
+            types, words = (list, tuple), "a list"
+            as_list: Any = list[get_args(kind)[0]]  # type: ignore[misc] # known at run time
+            made = list_structure_factory(as_list, converter)
+        elif of is not None:
+            made = mapping_structure_factory(kind, converter)
+        elif kind not in _SCALARS:
+            made = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
 
-    def of_list(kind: Any) -> Any:  # noqa: ANN401 - list[X] or tuple[X, ...]
-        as_list: Any = list[get_args(kind)[0]]  # type: ignore[misc]
-        made, of_kind = list_structure_factory(as_list, converter), get_origin(kind)
-        return lambda value, _: of_kind(made(value, _))
-
-    for holds, factory, types, words in (
-        (is_dataclass, of_table, (Mapping,), "a table"),
-        (_is_mapping, lambda k: mapping_structure_factory(k, converter), (Mapping,), "a table"),
-        (_is_of_any_length, of_list, (list, tuple), "a list"),
-    ):
-        converter.register_structure_hook_factory(holds, _checked(factory, types, words))
-    return converter
-
-
-def _is_mapping(kind: Any) -> bool:  # noqa: ANN401 - any type
-    return get_origin(kind) in (dict, Mapping)
-
-
-def _is_of_any_length(kind: Any) -> bool:  # noqa: ANN401 - any type
-    """Whether `kind` is ``list[X]`` or ``tuple[X, ...]``."""
-    return get_origin(kind) is list or (get_origin(kind) is tuple and get_args(kind)[1:] == (...,))
-
-
-def _checked(
-    factory: Callable[[Any], Any], accepted: tuple[type, ...], name: str
-) -> Callable[[Any], Callable[[object, object], object]]:
-    """`factory` for values of `accepted` types alone: else a word would be a list of letters."""
-
-    def checked(kind: object) -> Callable[[object, object], object]:
-        made = factory(kind)
-
-        def hook(value: object, _: object) -> object:
-            if isinstance(value, accepted):
-                return made(value, _)
-            raise ValueError(f"{value!r}, expected {name}")
+        def hook(value: Any, _: object) -> object:  # noqa: ANN401 - whatever TOML has
+            if not isinstance(value, types) or (isinstance(value, bool) and kind is not bool):
+                raise ValueError(f"{value!r}, expected {words}")
+            try:
+                found = kind(value) if made is None else made(value, kind)
+            except OverflowError:
+                raise ValueError(f"a number too large: expected {words}") from None
+            return tuple(found) if of is tuple else found
 
         return hook
 
-    return checked
+    for kind in _SCALARS:
+        converter.register_structure_hook(kind, hook_of(kind))
+    converter.register_structure_hook_factory(_has_parts, hook_of)
+    return converter
 
 
-def _strict(kind: type, accepted: tuple[type, ...], name: str) -> Callable[[object, type], object]:
-    def hook(value: object, _: type) -> object:
-        if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-            raise ValueError(f"{value!r}, expected {name}")
-        try:
-            return kind(value)
-        except OverflowError:
-            raise ValueError(f"a number too large: expected {name}") from None
-
-    return hook
+def _has_parts(kind: Any) -> bool:  # noqa: ANN401 - any type
+    """Whether `kind` is a dataclass, a table, or a list of any length."""
+    of, parts = get_origin(kind), get_args(kind)
+    any_length = of is list or (of is tuple and parts[1:] == (...,))
+    return is_dataclass(kind) or any_length or of in (dict, Mapping)
 
 
 def _first_problem(problem: BaseException, where: str = "") -> str:

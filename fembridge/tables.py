@@ -381,17 +381,6 @@ def _origin_of(path: Path, log: Callable[[str], None] | None) -> Origin | None:
     return None
 
 
-def write_traces(path: Path, traces: Iterable[StressTrace]) -> None:
-    """Write a table of traces, one after the other; of which run they are goes beside it."""
-    rows = (
-        (time_ms, trace.afferent or "", trace.node, stress_pa)
-        for trace in traces
-        for time_ms, stress_pa in np.stack([trace.times_ms, trace.stress_pa], 1).tolist()
-    )
-    write_table(path, TRACE_COLUMNS, rows)
-    write_origin(path, traces.origin if isinstance(traces, Traces) else None)
-
-
 def write_origin(path: Path, origin: Origin | None) -> None:
     """Write of which run the traces of the table `path` are; None takes an earlier one away."""
     import tomli_w

@@ -122,16 +122,11 @@ def thresholds(
 
     Raises
     ------
-    UsageError
-        A frequency outside 2 to 800 Hz, or a class that `response` does not have.
+    UsageError, ResponseError
+        A frequency outside 2 to 800 Hz; a class that `response` does not have.
     """
     import pandas
 
-    classes = [place.afferent for place in response.places]
-    if parameters.afferent not in classes:
-        raise UsageError(
-            f"no {parameters.afferent} in the response, only {', '.join(map(str, classes))}"
-        )
     for frequency_hz in frequencies_hz:
         if not LOWEST_HZ <= frequency_hz <= HIGHEST_HZ:
             raise UsageError(
@@ -199,8 +194,6 @@ def _fires(
 ) -> BoolArray:
     """Whether each criterion is met, ``(amplitude, criterion, cell)``."""
     dt_ms = step_ms(frequency_hz, parameters)
-    column = [place.afferent for place in response.places].index(parameters.afferent)
-    own = {parameters.afferent: parameters}
     unit = vibration(frequency_hz, 1.0, 0.0, dt_ms)
     waves_um = preindent_um + np.multiply.outer(unit.displacement_um, amplitudes_um)
     one_long = replace(
@@ -209,7 +202,7 @@ def _fires(
         window_ms=(0.0, dt_ms),
         preindent_um=preindent_um,
     )
-    stress_pa = response.traces(one_long, own)[column].stress_pa.reshape(waves_um.shape)
+    stress_pa = response.stress_pa(parameters, [one_long]).reshape(waves_um.shape)
     found = encode_cells(stress_pa, dt_ms, replace(parameters, dt_ms=dt_ms))
     cycle_ms = 1000.0 / frequency_hz
     cycles = math.floor(unit.window_ms[1] / cycle_ms + 1e-9) - 1

@@ -10,13 +10,17 @@ import pytest
 
 import fembridge as fb
 from fembridge.cli import main
-from fembridge.tables import read_rates, read_spikes, read_traces, write_traces
+from fembridge.tables import read_rates, read_spikes, read_traces
 from fembridge.trace import StressTrace, Traces
 from neural import PUBLISHED, encode, encode_cells
 from neural.parameter_sets import parameter_set
 
 OURS = ["--parameters", "published"]
 GAIN_PA = {"SA": 2e4, "RA": 4e4, "PC": 1e3}
+
+
+def write_traces(path, traces):
+    Traces(traces).to_frame().to_csv(path, index=False)
 
 
 def traces(afferents=("SA", "RA", "PC"), start_ms=0.0, dt_ms=0.5):

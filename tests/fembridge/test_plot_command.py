@@ -17,8 +17,8 @@ from fembridge.cli import main
 from fembridge.response.response_map import ResponseMap, stored_response, write_map
 from fembridge.run_folder import AfferentNode
 from fembridge.simulation import encode_all
-from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes, write_traces
-from fembridge.trace import StressTrace
+from fembridge.tables import Rate, SpikeTrain, write_rates, write_spikes
+from fembridge.trace import StressTrace, Traces
 from neural import PUBLISHED
 
 ROOT = Path(fembridge.__file__).parents[1]
@@ -39,10 +39,8 @@ def here(tmp_path, monkeypatch):
         ResponseMap(depth_um, tensor_pa, 1e-5 * depth_um, (place,), 0.02),
     )
     stress_pa = np.linspace(0.0, 3000.0, 501)
-    write_traces(
-        tmp_path / "traces.csv",
-        [StressTrace(stress_pa, 0.5, 7, "SA"), StressTrace(stress_pa / 2, 0.5, 8)],
-    )
+    traces = [StressTrace(stress_pa, 0.5, 7, "SA"), StressTrace(stress_pa / 2, 0.5, 8)]
+    Traces(traces).to_frame().to_csv(tmp_path / "traces.csv", index=False)
     write_spikes(
         tmp_path / "spikes.csv",
         [

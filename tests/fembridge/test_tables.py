@@ -16,9 +16,8 @@ from fembridge.tables import (
     read_traces,
     write_rates,
     write_spikes,
-    write_traces,
 )
-from fembridge.trace import StressTrace
+from fembridge.trace import StressTrace, Traces
 
 HEADER = "time_ms,afferent,node,von_mises_pa\n"
 
@@ -54,7 +53,7 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path_factory, stress_pa, start_ms, a
     path = tmp_path_factory.mktemp("tables") / "traces.csv"
     trace = StressTrace(np.array(stress_pa), 0.5, 17, afferent, start_ms)
 
-    write_traces(path, [trace])
+    Traces([trace]).to_frame().to_csv(path, index=False)
     [back] = read_traces(path)
 
     np.testing.assert_array_equal(back.stress_pa, trace.stress_pa)
@@ -216,7 +215,7 @@ def test_a_plain_table_is_the_same_number_by_number_as_cell_by_cell(tmp_path):
         for node, name in ((4, "SA"), (9, None), (9, "PC"))
     ]
     path, quoted = tmp_path / "plain.csv", tmp_path / "quoted.csv"
-    write_traces(path, made)
+    Traces(made).to_frame().to_csv(path, index=False)
     quoted.write_text(path.read_text().replace("SA", '"SA"', 1))
     for one, plain, other in zip(made, read_traces(path), read_traces(quoted), strict=True):
         for found in (plain, other):

@@ -3,9 +3,9 @@
 import pytest
 
 from fembridge import cache
+from fembridge.response.solve import in_words, increment_s
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
-from fembridge.solver.forecast import in_words, increment_s
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
