@@ -18,18 +18,18 @@ from fembridge.plots.style import (
     HAIR_PT,
     INK,
     LAYER_COLOURS,
-    PAGE_WIDTH_IN,
     PROBE_COLOUR,
     WHITE,
     class_style,
     dots,
     in_style,
     line_colour,
+    new_figure,
     note,
     spread,
 )
 from fembridge.run_folder import AfferentNode
-from fembridge.typing import BoolArray, FloatArray
+from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,11 +39,9 @@ if TYPE_CHECKING:
 # and text holds them as pixels.
 MESH_DPI = 300
 
-# Inches: around the panels, between them, for the names at the right.
-_EDGE_IN, _BETWEEN_IN, _NAMES_IN = 0.05, 0.42, 1.12
-_LEGEND_IN, _BARS_IN = 0.72, 0.26
-_LEAST_HEIGHT_IN, _MOST_HEIGHT_IN, _MOST_SHARE = 2.4, 3.3, 0.64
-# Width over height that a close view has beside a finger of usual proportions.
+# Inches: for both panels side by side, for the legend and the bars below them.
+_ROOM_IN, _BELOW_IN = 5.4, 1.05
+# Width over height of the close view.
 _CLOSE_ASPECT = 0.76
 
 _MESH_LINE_PT = 0.2
@@ -65,9 +63,9 @@ _AROUND_SECTION_MM = 0.12
 _BARS_MM = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 _BAR_SHARE = 0.26
 
-# Inches: the bar below its panel, a name from the next, a leader beyond the panel.
-_BAR_BELOW_IN, _NAME_STEP_IN, _LEADER_IN = 0.14, 0.32, 0.09
-_BAR_PT, _LEADER_PT, _HALO_PT, _DOT_PT = 1.6, 0.7, 0.6, 5.0
+# Inches: a name from the next, a leader beyond the panel.
+_NAME_STEP_IN, _LEADER_IN = 0.34, 0.09
+_BAR_IN, _LEADER_PT, _HALO_PT, _DOT_PT = 0.022, 0.7, 0.6, 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +79,6 @@ class Window:
     def aspect(self) -> float:
         """Width over height."""
         return (self.x_mm[1] - self.x_mm[0]) / (self.y_mm[1] - self.y_mm[0])
-
-    def meets(self, corner_mm: FloatArray) -> BoolArray:
-        """Which shapes ``(N, corner, 2)`` may be seen, by their bounding boxes."""
-        low, high = np.transpose([self.x_mm, self.y_mm])
-        seen: BoolArray = ((corner_mm.max(axis=1) >= low) & (corner_mm.min(axis=1) <= high)).all(1)
-        return seen
 
 
 @in_style
@@ -102,33 +94,28 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
     FingerError
         The probe is beside the pad, or an afferent has no node.
     """
-    from matplotlib.figure import Figure
-
     sites = afferent_nodes(finger, mesh)
     body_mm = probe_outline(probe, mesh)
     whole = whole_window(mesh.node_mm, body_mm)
-    room_in = PAGE_WIDTH_IN - 2 * _EDGE_IN - _BETWEEN_IN - _NAMES_IN
-    height_in = float(
-        np.clip(room_in / (whole.aspect + _CLOSE_ASPECT), _LEAST_HEIGHT_IN, _MOST_HEIGHT_IN)
-    )
-    left_in = min(whole.aspect * height_in, _MOST_SHARE * room_in)
-    right_in = room_in - left_in
     site_mm = np.array([(site.x_mm, site.y_mm) for site in sites])
-    close = close_window(site_mm, body_mm, right_in / height_in)
-    page_in = height_in + _LEGEND_IN + _BARS_IN + _EDGE_IN
-    figure = Figure(figsize=(PAGE_WIDTH_IN, page_in))
-    floor = (_LEGEND_IN + _BARS_IN) / page_in
-    section, pad = (
-        figure.add_axes((left / PAGE_WIDTH_IN, floor, width / PAGE_WIDTH_IN, height_in / page_in))
-        for left, width in ((_EDGE_IN, left_in), (_EDGE_IN + left_in + _BETWEEN_IN, right_in))
+    close = close_window(site_mm, body_mm, _CLOSE_ASPECT)
+    height_in = _ROOM_IN / (whole.aspect + _CLOSE_ASPECT)
+    figure, [[section, pad]] = new_figure(
+        height_in + _BELOW_IN, columns=2, widths=(whole.aspect, _CLOSE_ASPECT)
     )
-    for panel, window in ((section, whole), (pad, close)):
-        _draw_elements(panel, mesh, window, body_mm)
+    fine = len(mesh.quad) > _FINE_ELEMENTS
+    for panel, window, line_pt in (
+        (section, whole, _FINE_MESH_LINE_PT if fine else _MESH_LINE_PT),
+        (pad, close, _MESH_LINE_PT),
+    ):
+        _draw_elements(panel, mesh, body_mm, line_pt)
         panel.set(xlim=window.x_mm, ylim=window.y_mm, aspect="equal", xticks=[], yticks=[])
-        _draw_bar(figure, panel, window)
+        _draw_bar(panel, window, height_in)
     section.set_axis_off()
     pad.spines[:].set_visible(True)
-    _join(section, pad, close)
+    left, bottom = close.x_mm[0], close.y_mm[0]
+    frame = (left, bottom, close.x_mm[1] - left, close.y_mm[1] - bottom)
+    section.indicate_inset(frame, pad, edgecolor=INK, alpha=1.0, linewidth=HAIR_PT)
     _name_afferents(pad, sites, close, height_in)
     _draw_legend(figure, finger.materials, probe)
     return figure
@@ -176,41 +163,25 @@ def boundaries(mesh: Mesh) -> FloatArray:
     return ends
 
 
-def _draw_elements(panel: "Axes", mesh: Mesh, window: Window, body_mm: FloatArray) -> None:
-    """Fill the elements that the window shows, draw the layers' ends, and the probe."""
+def _draw_elements(panel: "Axes", mesh: Mesh, body_mm: FloatArray, line_pt: float) -> None:
+    """Fill the elements, draw the layers' ends, and the probe."""
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.patches import Polygon
 
-    corner_mm, ends_mm = mesh.node_mm[mesh.quad], boundaries(mesh)
-    seen = window.meets(corner_mm)
     fills = np.array([LAYER_COLOURS[name] for name in LAYERS])
     lines = np.array([line_colour(LAYER_COLOURS[name]) for name in LAYERS])
-    fine = seen.all() and len(mesh.quad) > _FINE_ELEMENTS
     elements = PolyCollection(
-        list(corner_mm[seen]),
-        facecolors=fills[mesh.layer[seen]].tolist(),
-        edgecolors=lines[mesh.layer[seen]],
-        linewidths=_FINE_MESH_LINE_PT if fine else _MESH_LINE_PT,
+        list(mesh.node_mm[mesh.quad]),
+        facecolors=fills[mesh.layer].tolist(),
+        edgecolors=lines[mesh.layer],
+        linewidths=line_pt,
         rasterized=True,
     )
-    ends_mm = ends_mm[window.meets(ends_mm)].tolist()
+    ends_mm = boundaries(mesh).tolist()
     ends = LineCollection(ends_mm, colors=INK, linewidths=_BOUNDARY_PT, capstyle="round")
     panel.add_collection(elements, autolim=False)
     panel.add_collection(ends, autolim=False)
     panel.add_patch(Polygon(body_mm, facecolor=PROBE_COLOUR, edgecolor=INK, linewidth=_BOUNDARY_PT))
-
-
-def _join(section: "Axes", pad: "Axes", close: Window) -> None:
-    """Draw the close view's frame in the section, and lines from it to the panel."""
-    from matplotlib.patches import ConnectionPatch, Rectangle
-
-    (left, right), (bottom, top) = close.x_mm, close.y_mm
-    frame: dict[str, Any] = {"facecolor": "none", "edgecolor": INK, "linewidth": HAIR_PT}
-    section.add_patch(Rectangle((left, bottom), right - left, top - bottom, **frame))
-    dashed: dict[str, Any] = {"color": INK, "linewidth": 0.7 * HAIR_PT, "clip_on": False}
-    dashed |= {"coordsA": "data", "axesA": section, "axesB": pad, "linestyle": (0, (6, 3))}
-    for height in (bottom, top):
-        section.add_artist(ConnectionPatch((right, height), (left, height), **dashed))
 
 
 def whole_window(node_mm: FloatArray, body_mm: FloatArray) -> Window:
@@ -243,19 +214,27 @@ def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Win
     return Window((middle - 0.5 * width, middle + 0.5 * width), (top - width / aspect, top))
 
 
-def _draw_bar(figure: "Figure", panel: "Axes", window: Window) -> None:
+def _draw_bar(panel: "Axes", window: Window, height_in: float) -> None:
     """Draw a bar of a round length, a quarter or so of the width, under the left corner."""
-    from matplotlib.lines import Line2D
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-    slot = panel.get_position(original=True)
-    wide_mm = window.x_mm[1] - window.x_mm[0]
-    length_mm = next((bar for bar in _BARS_MM if bar <= _BAR_SHARE * wide_mm), _BARS_MM[-1])
-    height = slot.y0 - _BAR_BELOW_IN / figure.get_figheight()
-    end = slot.x0 + length_mm / wide_mm * slot.width
-    style: dict[str, Any] = {"linewidth": _BAR_PT, "solid_capstyle": "butt"}
-    figure.add_artist(Line2D([slot.x0, end], [height, height], **style))
-    words = f"{length_mm:g} mm"
-    figure.text(end + 0.05 / PAGE_WIDTH_IN, height, words, va="center_baseline")
+    (left, right), (low, high) = window.x_mm, window.y_mm
+    length_mm = next((bar for bar in _BARS_MM if bar <= _BAR_SHARE * (right - left)), _BARS_MM[-1])
+    bar = AnchoredSizeBar(
+        panel.transData,
+        length_mm,
+        f"{length_mm:g} mm",
+        "upper left",
+        size_vertical=_BAR_IN * (high - low) / height_in,
+        frameon=False,
+        borderpad=0.4,
+        pad=0.0,
+        sep=3,
+        color=INK,
+        bbox_to_anchor=(0.0, 0.0),
+        bbox_transform=panel.transAxes,
+    )
+    panel.add_artist(bar)
 
 
 def _name_afferents(
@@ -308,9 +287,8 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
             for fill, text in in_rows
         ],
         ncols=columns,
-        loc="lower center",
+        loc="outside lower center",
         borderpad=0.0,
-        borderaxespad=0.3,
         labelspacing=0.7,
         columnspacing=2.0,
         handlelength=1.4,
