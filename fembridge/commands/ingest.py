@@ -207,13 +207,7 @@ def _described(result: "Result", printed: bool) -> dict[str, Any]:
 
 
 def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
-    """What is asked for: list, vtu, field, table, plot, point, sides or traces.
-
-    Raises
-    ------
-    UsageError
-        Words that do not go together, or not with this kind of file.
-    """
+    """What is asked for: list, vtu, field, table, plot, point, sides or traces."""
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 

@@ -79,11 +79,6 @@ class AbaqusSource(Source):
 
         Of a node in several tables, whose means are over other elements each, the one of its
         own afferent's elements is taken where ``run.toml`` says which that is.
-
-        Raises
-        ------
-        ResultError
-            No stress averaged at nodes, or not of a node; a table is cut.
         """
         self.refuse_but_stress(quantity, modes)
         if nodes is None:

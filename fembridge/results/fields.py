@@ -197,13 +197,7 @@ def spread(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
 
 
 def derived_of(name: str, fields: Mapping[str, Field]) -> FloatArray:
-    """The quantity `name` of `DERIVED` from fields of one increment.
-
-    Raises
-    ------
-    UsageError
-        The fields are at other nodes, or one is no tensor.
-    """
+    """The quantity `name` of `DERIVED` from fields of one increment."""
     takes, function = DERIVED[name]
     first = fields[takes[0]]
     for quantity in takes[1:]:
@@ -213,13 +207,7 @@ def derived_of(name: str, fields: Mapping[str, Field]) -> FloatArray:
 
 
 def tensor_of(field: Field) -> FloatArray:
-    """A stress or strain field as ``(N, 6)`` in the order of `stress.TENSOR`.
-
-    Raises
-    ------
-    UsageError
-        The field is no tensor.
-    """
+    """A stress or strain field as ``(N, 6)`` in the order of `stress.TENSOR`."""
     letter = field.components[0][:1]
     wanted = tuple(f"{letter}{place.upper()}" for place in TENSOR)
     if field.components == wanted:

@@ -500,11 +500,6 @@ def block_table(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
 
     They are taken some hundred kilobytes at a time: what is in memory beside the arrays does
     not grow with the block.
-
-    Raises
-    ------
-    ResultError
-        A record is not one, or a field no number.
     """
     if block.free:
         nodes, values = irregular_records(file, block)
@@ -532,11 +527,6 @@ def record_ids(
     """The node of each record; as many records of each of `blocks`, which are of one form.
 
     `first` is the number of the first record in its block.
-
-    Raises
-    ------
-    ResultError
-        A record does not begin like one, or is not as long as the others.
     """
     block = blocks[0]
     if block.flag >= 2:
@@ -562,13 +552,7 @@ def record_ids(
 
 
 def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters) -> FloatArray:
-    """Values, ``(record, component)``, as the file has them: float32 stays so.
-
-    Raises
-    ------
-    ResultError
-        A field is no number. NaN and infinite values are values.
-    """
+    """Values, ``(record, component)``, as the file has them: float32 stays so."""
     block, count = blocks[0], len(blocks[0].stored)
     if block.flag >= 2:
         # Copied as one void: faster than value by value.

@@ -112,11 +112,6 @@ class FrdSource(FieldSource[FrdBlock]):
         same step and increment that follow each other. A run that did not end well may close
         with one that never converged: stress is written of converged increments alone, so a
         STRESS block shows convergence; without one the ``.sta`` file has to.
-
-        Raises
-        ------
-        ResultError
-            The run did not end well and `partial` is not set, or the file holds no results.
         """
         index, options = self._index, self.options
         problem = index.problem()
@@ -316,12 +311,6 @@ class FrdSource(FieldSource[FrdBlock]):
         then y, then z. In a plane element the layers through the thickness are equal but for
         rounding, and their mean is taken. Values are the element's own system where it has one
         (``*ORIENTATION``); without one they are global.
-
-        Raises
-        ------
-        ResultError
-            A file is absent or damaged; the node is not in the mesh; an element there is not in
-            the set `set_name`, or of a kind whose points are not extrapolated here.
         """
         from fembridge.results.extrapolation import brick_weights
         from fembridge.results.printed import read_point_stress
@@ -436,13 +425,7 @@ def _fullest(outputs: Outputs, options: ReadOptions) -> Outputs:
 
 
 def read_mesh(path: Path | str) -> Scene:
-    """The mesh of a ``.frd``, or of a run folder's.
-
-    Raises
-    ------
-    ResultError
-        The file is absent, foreign, has no mesh, or its mesh is damaged.
-    """
+    """The mesh of a ``.frd``, or of a run folder's."""
     with ByteFile(result_file(path)) as file:
         return _mesh(FrdIndex(file))
 

@@ -215,13 +215,7 @@ class History:
         return replace(self, at=even) if (np.abs(even - at) <= off_ms).all() else self
 
     def traces(self, path: Path) -> list[StressTrace]:
-        """Von Mises stress at each node, on an even grid.
-
-        Raises
-        ------
-        ResultError
-            Rows of modes, or of times that do not rise or are uneven.
-        """
+        """Von Mises stress at each node, on an even grid."""
         found = self.derived(VON_MISES)
         if not self.over_time:
             raise ResultError(f"{self.form}: no history over time, no trace to take", path)
@@ -304,11 +298,6 @@ def name_in(held: Sequence[str], wanted: str | None, path: Path) -> str:
     """The name among those of a file for `wanted`, case-blind and as short as is clear.
 
     None takes the displacement, without one the first.
-
-    Raises
-    ------
-    ResultError
-        The file has none, or `wanted` may be several.
     """
     if wanted is None:
         return next((one for one in NAMES["displacement"] if one in held), held[0])

@@ -139,13 +139,7 @@ def element_quantities(codes: Sequence[PostCode]) -> tuple[Quantity, ...]:
 
 
 def stress_tensor(codes: Sequence[PostCode], path: Path) -> Quantity:
-    """The stress tensor that traces are made of.
-
-    Raises
-    ------
-    ResultError
-        There is none, or one for each of several layers of a shell.
-    """
+    """The stress tensor that traces are made of."""
     found = element_quantities(codes)
     for code in STRESS_CODES:
         same = [one for one in found if one.codes[0] == code and one.is_tensor]
@@ -290,11 +284,6 @@ class MarcSource(FieldSource[MarcBlock]):
         What the file remarks is passed on. A file that is whole may be of a job that gave up:
         what the ``.sts`` beside says of it is passed on too. The increments that are there were
         converged.
-
-        Raises
-        ------
-        ResultError
-            It is cut or damaged, and `partial` is not set.
         """
         post, options = self._post, self.options
         beside = self.path.with_suffix(".sts")

@@ -111,11 +111,6 @@ class MeshPoints:
     layers meet there; they come by layer, then by row. `element_rows` ``(K,)`` are the elements
     at them, whose values at `stored` points each `averaged` takes; `bearing` ``(N,)`` the nodes
     that are corners of elements with values.
-
-    Raises
-    ------
-    ResultError
-        An element has a node that the file does not list.
     """
 
     def __init__(
@@ -236,13 +231,7 @@ class MeshPoints:
 
     @cached_property
     def plan(self) -> "_Plan":
-        """How values get here.
-
-        Raises
-        ------
-        ResultError
-            The points of an element type are not known.
-        """
+        """How values get here."""
         groups, at, share = [], [np.empty(0, np.int64)], [np.empty(0)]
         for one in self._groups:
             try:

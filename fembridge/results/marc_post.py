@@ -184,11 +184,6 @@ class PostFile:
     `precision` "single" or "double". `points` is NSTRES, integration points an element.
     `problem` says where the file is cut or damaged, or which values of it are left out;
     None when it is whole.
-
-    Raises
-    ------
-    ResultError
-        No file, no post file, one of before revision 9, or none with a whole model.
     """
 
     def __init__(self, path: Path) -> None:
@@ -233,11 +228,6 @@ class PostFile:
         """Values of increment `row` at all points of elements, ``(K, points, codes)``.
 
         `element_rows` count elements as the mesh has them.
-
-        Raises
-        ------
-        ResultError
-            The increment has no element values, or they cannot be read.
         """
         one, model = self.increments[row], self._model
         numbers = one.layout.element_values
@@ -252,11 +242,6 @@ class PostFile:
         """A nodal quantity of increment `row` at all nodes, ``(N, components)``.
 
         Where the file says that there is no data all is zero.
-
-        Raises
-        ------
-        ResultError
-            The increment has no such quantity, or it cannot be read.
         """
         one = self.increments[row]
         for quantity, numbers in one.layout.nodal:
@@ -416,13 +401,7 @@ class _Numbers:
     last_bytes: int = 0
 
     def values(self, file: ByteFile, rows: IntArray | None = None, offset: int = 0) -> NDArray[Any]:
-        """Rows of the table, or all, in int64 or float64; `offset` bytes on in the file.
-
-        Raises
-        ------
-        ResultError
-            A number cannot be read, or the file has not so many bytes.
-        """
+        """Rows of the table, or all, in int64 or float64; `offset` bytes on in the file."""
         try:
             fields = self._fields(file, np.arange(self.rows) if rows is None else rows, offset)
             if self.shape is not None:

@@ -96,12 +96,6 @@ class PlotSource(Source):
         A table whose columns have names must name time and von Mises stress; one of two columns
         without names is taken as that, with a note. Where the text names no node, `nodes` say
         whose its curves are, one for each.
-
-        Raises
-        ------
-        ResultError
-            The abscissa is not called time, no column von Mises stress, or a node is missing,
-            duplicate, or not named.
         """
         self.refuse_but_stress(quantity, modes)
         path, options = self.path, self.options
@@ -160,11 +154,6 @@ def write_plot_table(path: Path, output: Path, options: ReadOptions = _DEFAULTS)
     """Write what a plot holds as CSV, number by number; the count of rows.
 
     Of several tables the first column, ``table``, counts them.
-
-    Raises
-    ------
-    ResultError
-        There is no table in it, or its tables have different columns.
     """
     first, *others = tables = read_plot_tables(path, options)
     columns = list(first.labels)
@@ -188,14 +177,7 @@ def write_plot_table(path: Path, output: Path, options: ReadOptions = _DEFAULTS)
 
 
 def read_plot_tables(path: Path, options: ReadOptions = _DEFAULTS) -> list[PlotTable]:
-    """Read the longest table of a text, and the others as wide, in file order.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, no table of two columns and rows in it, or a line at a table
-        that looks like a row of it and has another count of numbers.
-    """
+    """Read the longest table of a text, and the others as wide, in file order."""
     with ByteFile(path) as file:
         tables, cut = _tables_of(path, file.size, file.written_ns)
     if cut:

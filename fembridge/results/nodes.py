@@ -40,13 +40,6 @@ def choose_nodes(
         deck with its stem beside it.
     options
         Its unit of length, and who gets what a set or place came to.
-
-    Raises
-    ------
-    UsageError
-        There is no deck, no such set, or a place is none.
-    ResultError
-        A set holds no nodes; the deck or the file cannot be read.
     """
     found, words = [int(node) for node in nodes], []
     for name in sets:
@@ -92,13 +85,7 @@ def sets_beside(path: Path) -> dict[str, int]:
 
 
 def read_node_sets(deck: Path) -> dict[str, list[range]]:
-    """The node sets of a CalculiX deck by name, in capitals, as runs of numbers.
-
-    Raises
-    ------
-    ResultError
-        There is no such deck, or a set in it cannot be read.
-    """
+    """The node sets of a CalculiX deck by name, in capitals, as runs of numbers."""
     from decks.included import beside
     from decks.inp import node_sets, read_inp
 
@@ -165,13 +152,6 @@ def near_nodes(
     A place is x, y or x, y, z. Without z the mesh has to be in one plane of z. The words
     say where the node is, how far away, and which is nearer and has no results, because
     the output was restricted to a set.
-
-    Raises
-    ------
-    UsageError
-        A place is not two or three finite numbers, or lacks the z it needs.
-    ResultError
-        The file has no nodes, or no stress; a coordinate is no number.
     """
     for place in places_mm:
         if len(place) not in (2, 3) or not all(map(math.isfinite, place)):

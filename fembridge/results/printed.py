@@ -88,12 +88,6 @@ def dat_sections(
 
     Tables of another kind (eigenvalues, participation factors, knots) are left out
     and noted in `options`. `held` counts all sections by quantity and set.
-
-    Raises
-    ------
-    ResultError
-        There is no such file; a wanted record is not one; the file is cut inside
-        a line, and `options.partial` is not set.
     """
     if is_abaqus(path):
         yield from abaqus_sections(path, wanted, options, held)
@@ -255,14 +249,7 @@ def _record(
 def read_sections(
     path: Path, quantity: str, set_name: str | None = None, options: ReadOptions = _DEFAULTS
 ) -> list[DatSection]:
-    """All sections of `quantity` ("forces", "stresses", ...), in file order.
-
-    Raises
-    ------
-    ResultError
-        There is no such file or no such section; the file is cut, and
-        `options.partial` is not set; a record is not one.
-    """
+    """All sections of `quantity` ("forces", "stresses", ...), in file order."""
     held: dict[str, int] = {}
     asked = None if set_name is None else set_name.casefold()
     sections = list(
@@ -309,12 +296,6 @@ def read_point_stress(
     times_ms, points, tensor_pa
         ``(T,)``; element and point ``(point, 2)``; ``(T, point, 6)`` in Pa,
         order xx yy zz xy yz zx.
-
-    Raises
-    ------
-    ResultError
-        No stresses of that set; without `set_name`, of more than one set; the
-        file is cut, or a value is no finite number.
     """
     times_ms, points, values = _history(path, STRESSES, set_name, options)
     if values.shape[2] != 6 or points.shape[1] != 2:
@@ -331,11 +312,6 @@ def read_point_history(
     """Stress at integration points ``(element, point)``, in that order, as it is printed.
 
     A point has one number: its `node` is element times 100 plus point.
-
-    Raises
-    ------
-    ResultError
-        As for `read_point_stress`; also a point that is not printed.
     """
     times_ms, held, tensor_pa = read_point_stress(path, set_name, options)
     taken = []
@@ -420,14 +396,7 @@ def print_rows(path: Path, options: ReadOptions, quantity: str | None = None) ->
 def write_print_table(
     path: Path, output: Path, options: ReadOptions, quantity: str | None = None
 ) -> tuple[tuple[str, ...], int]:
-    """Write `print_rows` as CSV to `output`; its columns and the count of rows.
-
-    Raises
-    ------
-    ResultError
-        The file is absent, cut or foreign; it holds no such quantity; a value is
-        no finite number. `options.partial` takes what is whole instead.
-    """
+    """Write `print_rows` as CSV to `output`; its columns and the count of rows."""
     count, rows = 0, print_rows(path, options, quantity)
     columns = tuple(map(str, next(rows)))
     with replacing(output) as draft, draft.open("w", newline="") as out:

@@ -85,13 +85,7 @@ READERS = (
 
 
 def reader_of(path: Path) -> Reader:
-    """The reader for `path`, by suffix and first bytes.
-
-    Raises
-    ------
-    ResultError
-        No such file, it is empty, or no reader takes it.
-    """
+    """The reader for `path`, by suffix and first bytes."""
     with ByteFile(path) as file:
         start = file.peek(0, _FIRST_BYTES)
     if not start:

@@ -245,13 +245,6 @@ class FieldSource(Source, Generic[_Block]):
         `increment` is "last", an increment's number, or ``STEP:INCREMENT`` where steps begin
         anew. Of a frequency or buckling step it is the number of the mode. Marc has
         sub-increments in the place of steps.
-
-        Raises
-        ------
-        UsageError
-            `increment` is no such word, or is in more than one step.
-        ResultError
-            The file is cut, or has no such quantity or increment.
         """
         chosen = _INCREMENT.fullmatch(increment)
         if increment != LAST and chosen is None:
@@ -356,15 +349,7 @@ class FieldSource(Source, Generic[_Block]):
 
 
 def open_source(path: Path | str, options: ReadOptions) -> Source:
-    """Open a result file, or that of a run folder.
-
-    Raises
-    ------
-    ResultError
-        No such file, or no reader takes it.
-    UsageError
-        `options` are of another format.
-    """
+    """Open a result file, or that of a run folder."""
     path = result_file(path)
     reader = reader_of(path)
     if not reader.points and (options.extrapolate or options.von_mises):

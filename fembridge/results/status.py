@@ -198,36 +198,17 @@ def _rows(kind: Callable[..., Any], columns: _Columns, path: Path, header_lines:
 
 
 def read_sta(path: Path) -> list[StaRow]:
-    """The attempts so far; an empty list before the first.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, or a whole line is no attempt.
-    """
+    """The attempts so far; an empty list before the first."""
     return _rows(StaRow, _STA, path, 2)
 
 
 def read_cvg(path: Path) -> list[CvgRow]:
-    """The iterations so far.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, or a whole line is no iteration.
-    """
+    """The iterations so far."""
     return _rows(CvgRow, _CVG, path, 4)
 
 
 def read_sts(path: Path) -> Sts:
-    """The increments so far and the exit number.
-
-    Raises
-    ------
-    ResultError
-        There is no such file, it does not begin like a ``.sts``, it has columns that are not
-        those above, or a line is neither an increment nor the end.
-    """
+    """The increments so far and the exit number."""
     rows: list[StsRow] = []
     exit_number: int | None = None
     has_columns = False
@@ -260,12 +241,6 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
     """A status file as a table: its columns, with units in their names, then row by row.
 
     None is empty, a truth 0 or 1. What is wrong with the run, or its last line, is noted.
-
-    Raises
-    ------
-    ResultError
-        A line is no row; or rows are missing, duplicate or not in order, and `partial` is
-        not set.
     """
     suffix, problem = path.suffix.lower(), None
     kind: type = {".sta": StaRow, ".cvg": CvgRow, ".sts": StsRow}[suffix]
