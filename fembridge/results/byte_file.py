@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from difflib import get_close_matches
 from fractions import Fraction
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from pathlib import Path
 from tempfile import NamedTemporaryFile, _TemporaryFileWrapper
 
@@ -150,13 +150,6 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             for at in range(offset, end, CHUNK_BYTES)
         )
 
-    def lines(self) -> Iterator[bytes]:
-        """Lines with their ends, in pieces of at most `LONGEST_LINE` + 1 bytes."""
-        try:
-            yield from iter(partial(self._file.readline, LONGEST_LINE + 1), b"")
-        except OSError as error:
-            raise ResultError(f"cannot be read: {error.strerror}", self.path) from error
-
 
 def suffix_of(path: Path) -> str:
     """The suffix of `path`, in small letters; of ``job.frd.gz`` what comes out of it."""
@@ -189,13 +182,10 @@ def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
     Bytes are read as Latin-1. What has no line ends (something else under a known
     name, a hole that a full disk left) is refused after `LONGEST_LINE` bytes.
     """
-    with ByteFile(path) as file:
-        for number, line in enumerate(file.lines(), start=1):
-            if line[-1:] == b"\n":
-                yield number, line.decode("latin-1").rstrip("\r\n"), True
-            else:
-                _refuse_long(line, path, number)
-                yield number, line.decode("latin-1"), False
+    for first, piece, ended in text_runs(path):
+        lines = [piece] if isinstance(piece, str) else piece.tobytes().decode("ascii").splitlines()
+        for number, line in enumerate(lines, start=first):
+            yield number, line, ended
 
 
 def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
@@ -212,7 +202,13 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                 text, at = file.take(begin, min(CHUNK_BYTES, file.size - begin)), 0
                 continue
             if end < 0:
-                _refuse_long(text[at:], path, number)
+                if len(text) - at > LONGEST_LINE:
+                    raise ResultError(
+                        f"a line of more than {LONGEST_LINE} bytes beginning with "
+                        f"{text[at : at + 12]!r}: no text of a solver",
+                        path,
+                        number,
+                    )
                 yield number, text[at:].decode("latin-1"), False
                 return
             yield number, text[at:end].decode("latin-1").rstrip("\r"), True
@@ -230,16 +226,6 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                 at, number, look = at + same * size, number + same, look * 4
                 if same < some:
                     break
-
-
-def _refuse_long(line: bytes, path: Path, number: int) -> None:
-    if len(line) > LONGEST_LINE:
-        raise ResultError(
-            f"a line of more than {LONGEST_LINE} bytes beginning with "
-            f"{line[:12]!r}: no text of a solver",
-            path,
-            number,
-        )
 
 
 def fixed_integers(characters: Characters) -> tuple[IntArray, BoolArray]:

@@ -41,7 +41,8 @@ from fembridge.store import read_bytes
 from fembridge.tables import AFFERENTS, cells_in, check_stress_unit, header_in, ms_per, pa_per
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
-KEYS = ("time", "time_ms", "value", *TENSOR, "node", "afferent")
+VALUES = ("value", *TENSOR)
+KEYS = ("time", "time_ms", *VALUES, "node", "afferent")
 
 _MOST_BYTES = 1 << 28  # of a file, and of what an NPZ or an HDF5 holds
 _START_BYTES = 1 << 10
@@ -54,13 +55,13 @@ Frames = Iterator[tuple[float, Arrays]]
 
 def check_units(columns: Mapping[str, str]) -> None:
     """Refuse columns of stress that say a unit which is none."""
-    for key in ("value", *TENSOR):
+    for key in VALUES:
         check_stress_unit(columns.get(key, ""))
 
 
 def stress_units_in(columns: Mapping[str, str], unit: str) -> tuple[str, bool]:
     """The units of columns of stress, `unit` where a name has none, and whether one has none."""
-    said = [pa_per(columns[key]) for key in ("value", *TENSOR) if key in columns] or [None]
+    said = [pa_per(columns[key]) for key in VALUES if key in columns] or [None]
     units = {pa: name for name, pa in (PA_PER_UNIT | {"GPa": 1e9}).items()}
     words = dict.fromkeys(unit if pa is None else units[pa] for pa in said)
     return ", ".join(words), None in said
@@ -170,7 +171,7 @@ class ColumnSource(Source):
             row, place, _ = np.argwhere(~np.isfinite(values))[0].tolist()
             raise ResultError(f"sample {row + 1} of place {place + 1} is no number", self.path)
         columns, unit = self.options.columns, self.options.stress_unit
-        named = [pa_per(columns[key]) for key in ("value", *TENSOR) if key in columns]
+        named = [pa_per(columns[key]) for key in VALUES if key in columns]
         if not any(named):
             return in_pa(values, self.options, self.path)
         with np.errstate(over="ignore"):
@@ -208,7 +209,7 @@ class ColumnSource(Source):
             said = afferent.fillna("").astype(str).str.strip().to_numpy(dtype=object)
             if strange := set(said) - {"", *AFFERENTS}:
                 raise ResultError(f"afferent {min(strange)!r}, expected SA, RA, PC", self.path)
-        values = np.stack([columns[key] for key in ("value", *TENSOR) if key in columns], -1)
+        values = _stacked(columns)
         order = np.argsort(number, kind="stable")
         nodes, counts = np.unique(number, return_counts=True)
         if not time.size or (counts != counts[0]).any():
@@ -242,10 +243,8 @@ class ColumnSource(Source):
         try:
             held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
             time = np.array(arrays[name], dtype=np.float64).reshape(-1)
-            parts = [
-                np.array(held[key], dtype=np.float64) for key in ("value", *TENSOR) if key in held
-            ]
-            values = parts[0] if len(parts) == 1 else np.stack(parts, -1)
+            values = _stacked(held)
+            values = values[..., 0] if "value" in held else values
             values = values.reshape(time.size, -1, *values.shape[2:])
             if values.ndim == 2:
                 values = values[:, :, None]
@@ -265,9 +264,8 @@ class ColumnSource(Source):
         times, found = [], []
         number: IntArray | None = None
         for at, arrays in frames:
-            parts = [np.asarray(arrays[names[key]], dtype=np.float64) for key in ("value", *TENSOR)
-                     if key in names]  # fmt: skip
-            value = parts[0].reshape(len(points), -1) if len(parts) == 1 else np.stack(parts, -1)
+            value = _stacked({key: arrays[name] for key, name in names.items() if key in VALUES})
+            value = value.reshape(len(points), -1)
             now = self._numbers(arrays, len(points), names)
             if number is not None and not np.array_equal(now, number):
                 raise ResultError(f"other nodes at {at:g} than before", self.path)
@@ -337,6 +335,12 @@ def _header(path: Path) -> tuple[list[str], str, str]:
     with ByteFile(path) as file:
         content = file.peek(0, _MOST_BYTES)
     return header_in(content.decode("utf-8-sig", errors="replace"))
+
+
+def _stacked(held: Mapping[str, Any]) -> FloatArray:
+    """The value, or the components of a tensor, along a last axis."""
+    parts = [np.asarray(held[key], dtype=np.float64) for key in VALUES if key in held]
+    return np.stack(parts, -1)
 
 
 def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:

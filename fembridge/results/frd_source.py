@@ -36,7 +36,6 @@ from fembridge.results.frd import (
 )
 from fembridge.results.history import OF_STRESS, name_in, printed_digit_ms
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import result_file
 from fembridge.results.source import FieldSource, Span, check_finite, field_of
 from fembridge.results.stress import OneSidedStress
 from fembridge.trace import MS_PER_S
@@ -296,7 +295,7 @@ class FrdSource(FieldSource[FrdBlock]):
             held = ", ".join(index.names) or "nothing"
             raise ResultError(f"no results at nodes, it holds {held}", self.path)
         held_by = np.unique(node_ids(self._file, blocks[0]))
-        nodes, at_mm = _places(index, self.options.length_mm)
+        nodes, at_mm = self._coordinates()
         yield nodes, at_mm, np.isin(nodes, held_by)
 
     def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
@@ -318,7 +317,7 @@ class FrdSource(FieldSource[FrdBlock]):
         if not set_name:
             words = "--one-sided takes the element set that the .dat beside a .frd prints"
             raise UsageError(words)
-        mesh, beside = _mesh(self._index), self.path.with_suffix(".dat")
+        mesh, beside = self.mesh(), self.path.with_suffix(".dat")
         around = [
             (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
             for cells in mesh.cells
@@ -360,7 +359,7 @@ class FrdSource(FieldSource[FrdBlock]):
     def scene(self, outputs: Outputs) -> tuple[Outputs, Scene]:
         """Increments with values at as many nodes as any, and the mesh or those nodes of it."""
         outputs = _fullest(outputs, self.options)
-        scene = self._drawn(outputs, _mesh(self._index, self.options.length_mm))
+        scene = self._drawn(outputs, self.mesh())
         between = int((scene.met > 1).sum())
         if between:
             self.options.note(
@@ -369,6 +368,54 @@ class FrdSource(FieldSource[FrdBlock]):
                 "to none"
             )
         return outputs, scene
+
+    def mesh(self) -> Scene:
+        """Nodes in file order, elements by kind; of plane ones (tr3, tr6, qu4, qu8) z is 0."""
+        index, file = self._index, self._file
+        if index.nodes is None or index.elements is None:
+            kind = "nodes" if index.nodes is None else "elements"
+            words = "; ".join(harm.problem for harm in index.damage)
+            raise ResultError(f"no whole block of {kind}{words and ': '}{words}", file.path)
+        if not index.nodes.records:
+            raise ResultError("node block: no nodes", file.path)
+        nodes, points_mm = self._coordinates()
+        if np.unique(nodes).size != nodes.size:
+            raise ResultError("node block: a node is duplicate", file.path)
+        parts: dict[int, list[tuple[IntArray, IntArray, IntArray]]] = {}
+        for one in element_rows(file, index.elements):
+            expected = NODES_OF_TYPE.get(one.type)
+            if expected != one.corners.shape[1]:
+                raise ResultError(
+                    f"element {one.ids[0]} of type {one.type} has "
+                    f"{one.corners.shape[1]} nodes, expected {expected or 'another type'}",
+                    file.path,
+                )
+            rows = rows_of(one.corners, nodes)
+            if (rows < 0).any():
+                absent = one.corners[rows < 0][0]
+                raise ResultError(
+                    f"an element has node {absent}, which the mesh has not", file.path
+                )
+            parts.setdefault(one.type, []).append((one.ids, one.material, rows))
+        cells = tuple(
+            SceneCells(KIND_OF_TYPE[kind], *map(np.concatenate, zip(*parts[kind], strict=True)))
+            for kind in sorted(parts)
+        )
+        # Inside a layer 1 material meets, on its boundary 2, at a node of no element none.
+        met = np.zeros(nodes.size, dtype=np.int64)
+        for number in {number for one in cells for number in np.unique(one.material)}:
+            touched = [one.rows[one.material == number].ravel() for one in cells]
+            met[np.unique(np.concatenate(touched))] += 1
+        return Scene(points_mm, nodes, cells, met, dict(index.materials))
+
+    def _coordinates(self) -> tuple[IntArray, FloatArray]:
+        """Numbers and coordinates of the nodes, in file order."""
+        block, path = self._index.nodes, self.path
+        if block is None or not block.records:
+            raise ResultError("no node block, so no coordinates", path)
+        nodes, points_mm = block_table(self._file, block)
+        check_finite(block, nodes, points_mm, path)
+        return nodes, points_mm * self.options.length_mm
 
     def _drawn(self, outputs: Outputs, scene: Scene) -> Scene:
         """`scene`; or its nodes that have values alone, where no element has them at all nodes.
@@ -422,57 +469,3 @@ def _fullest(outputs: Outputs, options: ReadOptions) -> Outputs:
             f"left out: {left} of {len(outputs)} increments, at fewer nodes than the others"
         )
     return kept
-
-
-def read_mesh(path: Path | str) -> Scene:
-    """The mesh of a ``.frd``, or of a run folder's."""
-    with ByteFile(result_file(path)) as file:
-        return _mesh(FrdIndex(file))
-
-
-def _mesh(index: FrdIndex, length_mm: float = 1.0) -> Scene:
-    """Nodes in file order, elements by kind; of plane ones (tr3, tr6, qu4, qu8) z is 0."""
-    file = index.file
-    if index.nodes is None or index.elements is None:
-        kind = "nodes" if index.nodes is None else "elements"
-        words = "; ".join(harm.problem for harm in index.damage)
-        raise ResultError(f"no whole block of {kind}{words and ': '}{words}", file.path)
-    if not index.nodes.records:
-        raise ResultError("node block: no nodes", file.path)
-    nodes, points_mm = _places(index, length_mm)
-    if np.unique(nodes).size != nodes.size:
-        raise ResultError("node block: a node is duplicate", file.path)
-    parts: dict[int, list[tuple[IntArray, IntArray, IntArray]]] = {}
-    for one in element_rows(file, index.elements):
-        expected = NODES_OF_TYPE.get(one.type)
-        if expected != one.corners.shape[1]:
-            raise ResultError(
-                f"element {one.ids[0]} of type {one.type} has "
-                f"{one.corners.shape[1]} nodes, expected {expected or 'another type'}",
-                file.path,
-            )
-        rows = rows_of(one.corners, nodes)
-        if (rows < 0).any():
-            absent = one.corners[rows < 0][0]
-            raise ResultError(f"an element has node {absent}, which the mesh has not", file.path)
-        parts.setdefault(one.type, []).append((one.ids, one.material, rows))
-    cells = tuple(
-        SceneCells(KIND_OF_TYPE[kind], *map(np.concatenate, zip(*parts[kind], strict=True)))
-        for kind in sorted(parts)
-    )
-    # Inside a layer 1 material meets, on its boundary 2, at a node of no element none.
-    met = np.zeros(nodes.size, dtype=np.int64)
-    for number in {number for one in cells for number in np.unique(one.material)}:
-        touched = [one.rows[one.material == number].ravel() for one in cells]
-        met[np.unique(np.concatenate(touched))] += 1
-    return Scene(points_mm, nodes, cells, met, dict(index.materials))
-
-
-def _places(index: FrdIndex, length_mm: float) -> tuple[IntArray, FloatArray]:
-    """Numbers and coordinates of the nodes, in file order."""
-    block, path = index.nodes, index.file.path
-    if block is None or not block.records:
-        raise ResultError("no node block, so no coordinates", path)
-    nodes, points_mm = block_table(index.file, block)
-    check_finite(block, nodes, points_mm, path)
-    return nodes, points_mm * length_mm

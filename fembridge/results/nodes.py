@@ -136,10 +136,10 @@ def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
 
 
 def _bytes(deck: Path) -> bytes:
-    try:
-        return read_bytes(deck, MAX_DECK_BYTES, DeckError)
-    except DeckError as error:
-        raise ResultError(str(error).removeprefix(f"{deck}: "), deck) from error
+    def failed(words: str) -> ResultError:
+        return ResultError(words.removeprefix(f"{deck}: "), deck)
+
+    return read_bytes(deck, MAX_DECK_BYTES, failed)
 
 
 def near_nodes(

@@ -16,10 +16,15 @@ from fembridge.results import describe, read_fields
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import write_field
 from fembridge.results.frd import KIND_OF_TYPE, NODES_OF_TYPE
-from fembridge.results.frd_source import read_mesh
-from fembridge.results.source import read_field
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import open_source, read_field
 
 TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
+
+
+def mesh_of(path):
+    with open_source(path, ReadOptions()) as source:
+        return source.mesh()
 
 
 def plain_values(path, name):
@@ -182,7 +187,7 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
     if mesh_flag == 2:
         line_end = "\n"  # among packed numbers it would be one of them
     path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end)
-    grid = read_mesh(path)
+    grid = mesh_of(path)
     assert grid.nodes.tolist() == nodes
     assert grid.points_mm.tolist() == [[node, 0, 0] for node in nodes]
     assert grid.materials == {1: "EPI", 2: "DER"}
@@ -210,7 +215,7 @@ def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_by
     elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
     elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
     path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag)
-    mesh = read_mesh(path)
+    mesh = mesh_of(path)
     he20, qu4 = mesh.cells
     assert (he20.kind, qu4.kind) == ("he20", "qu4")
     assert mesh.nodes[he20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
@@ -230,7 +235,7 @@ def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
             nodes[int(number)] = [float(word) for word in words]
         elif section == "*ELEMENT":
             elements[int(number)] = [int(word) for word in words]
-    grid = read_mesh(samples / "interface_cpe8r.frd")
+    grid = mesh_of(samples / "interface_cpe8r.frd")
     places = grid.points_mm.tolist()
     assert dict(zip(grid.nodes.tolist(), places, strict=True)) == nodes
     (cells,) = grid.cells
@@ -242,7 +247,7 @@ def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
 
 def test_blank_counts_and_beams_are_read(samples):
     """As in the file of the last iterations: contact springs are two-node beams."""
-    grid = read_mesh(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
+    grid = mesh_of(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
     assert grid.nodes.size == 188
     assert [(c.kind, c.rows.shape) for c in grid.cells] == [("he8", (30, 8)), ("be2", (112, 2))]
 
@@ -266,7 +271,7 @@ def test_a_damaged_mesh_is_said(write_frd, old, new, words):
     assert content.count(old) == 1
     path.write_bytes(content.replace(old, new))
     with pytest.raises(ResultError, match=words):
-        read_mesh(path)
+        mesh_of(path)
 
 
 @pytest.mark.parametrize("flag", [1, 2, 3])
@@ -380,7 +385,7 @@ def test_layers_of_a_composite_shell_are_the_same_packed_as_printed(tmp_path):
         held = describe(tmp_path / f"{name}.frd")
         assert (held["elements"], held["problem"]) == (2, None)
         assert "holds 2 times as many" in held["remarks"][0]
-        meshes.append(read_mesh(tmp_path / f"{name}.frd"))
+        meshes.append(mesh_of(tmp_path / f"{name}.frd"))
     printed, packed = (mesh.cells[0] for mesh in meshes)
     assert np.array_equal(printed.rows, packed.rows)
     assert np.array_equal(printed.ids, packed.ids)

@@ -11,7 +11,8 @@ from numpy.testing import assert_array_equal
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import tensor_of
-from fembridge.results.frd_source import read_mesh
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.source import open_source
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
 # meshio 5.3.5 knows this one and has left it out of a table.
@@ -38,6 +39,11 @@ FRD_EDGES = {
 }
 
 
+def mesh_of(path):
+    with open_source(path, ReadOptions()) as source:
+        return source.mesh()
+
+
 def pairs(text):
     return [(int(a), int(b)) for a, b in text.split()]
 
@@ -53,7 +59,7 @@ def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
     path = samples / f"{name}.frd"
     derived = ("von_mises", "principal")
     series = written(write_vtu_series(path, tmp_path / "out", derived=derived))
-    grid, fields = read_mesh(path), list(read_fields(path))
+    grid, fields = mesh_of(path), list(read_fields(path))
     assert [time_ms for time_ms, _ in series] == [field.time_ms for field in fields]
     for (_, file), field in zip(series, fields, strict=True):
         mesh = meshio.read(file)
