@@ -1,7 +1,7 @@
 """Ten lines of TOML make a finger; anything else makes one clear error."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decks.finger import AfferentSite, Finger
@@ -117,6 +117,7 @@ tables = st.recursive(
 )
 
 
+@settings(settings.get_profile("costly"))
 @given(st.dictionaries(keys | st.text(max_size=5), tables, max_size=4))
 def test_any_table_is_a_finger_or_a_finger_error(table):
     try:

@@ -1,5 +1,6 @@
 """The solver says that all is well and leaves a file that is not whole."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from fembridge.solver.batch import run_folders
 from fembridge.solver.verdict import Cause, SolverLog, judge
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
-PLACES = 40
+PLACES = 40 if os.environ.get("CI") == "true" else 8
 ALL_IS_WELL = SolverLog((), (), "Job finished", "2.20")
 
 

@@ -262,9 +262,12 @@ def out(here):
 
 
 @pytest.mark.usefixtures("unrendered", "out")
-@pytest.mark.parametrize("place", [".", "out"], ids=["above", "itself"])
 @pytest.mark.parametrize(
-    "picture", ["raster", "psth", "isi", "rates", "trace", "response", "sensitivity"]
+    ("picture", "place"),
+    [
+        ("raster", "."),
+        *((name, "out") for name in ("psth", "isi", "rates", "trace", "response", "sensitivity")),
+    ],
 )
 def test_every_picture_of_a_file_takes_the_folder_that_has_it(here, capsys, picture, place):
     for name in ("spikes.csv", "traces.csv", "response.toml"):

@@ -32,6 +32,7 @@ def finished(sweep):
     return code, out, err
 
 
+@pytest.mark.slow
 def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
     dermis_study, tmp_path, command, capsys, monkeypatch, ledger
 ):
@@ -85,10 +86,8 @@ def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
     assert {row["status"] for row in table_of(tmp_path / "out")} == {"done"}
 
 
-@pytest.mark.parametrize(
-    ("number", "code"),
-    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_sweep_that_is_asked_to_stop_takes_its_solvers_along(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive, number, code
 ):

@@ -278,7 +278,7 @@ def test_the_tables_of_the_page_are_those_of_the_stored_fingers():
         assert (DOCS / "studies" / f"{name}.md").read_text("utf-8").strip() == table.strip()
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", [STUDIES[0], pytest.param(STUDIES[1], marks=pytest.mark.slow)])
 def test_the_stored_fingers_are_those_of_the_study(name):
     study = read_study(DOCS / "studies" / f"{name}.toml")
     expected = pd.DataFrame([each.changes for each in study.variants]).astype(float)

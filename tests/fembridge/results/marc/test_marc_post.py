@@ -434,7 +434,7 @@ def test_every_byte_of_a_run_is_read_and_agrees_with_its_status_file(
             assert_allclose(moved.max(), maximum, rtol=RTOL)
 
 
-CUT_STEP = 1 if os.environ.get("CI") == "true" else 37
+CUT_STEP = 1 if os.environ.get("CI") == "true" else 97
 STORAGES = [
     {"binary": True},
     {"binary": True, "big_endian": True, "real_bytes": 8},
