@@ -57,30 +57,6 @@ def test_building_again_touches_nothing(tmp_path, model):
     assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
 
 
-def test_the_afferents_are_nodes_of_the_mesh_inside_their_layers(tmp_path, model):
-    built = build_run_folder(tmp_path, model, stimulus_of("sine_50_250"))
-
-    assert [place.afferent for place in built.afferents] == ["SA", "RA", "PC"]
-    for place in built.afferents:
-        row = place.node - 1
-        np.testing.assert_array_equal(model.mesh.node_mm[row], [place.x_mm, place.y_mm])
-        assert place.depth_mm == -place.y_mm
-        inside = np.unique(model.mesh.quad[model.mesh.in_layer(place.layer)])
-        assert row in inside
-        assert place.layer == model.finger.afferents[place.afferent].layer
-
-
-def test_a_preindentation_is_reached_before_the_stimulus_begins(tmp_path, model):
-    stimulus = stimulus_of("sine_50_250", preindent_um=120.0)
-
-    built = build_run_folder(tmp_path, model, stimulus)
-
-    assert built.start_ms == 10.0
-    assert built.increments == 520
-    assert built.inputs["stimulus"]["preindent_um"] == 120.0
-    assert read_waveform(tmp_path)[1][0] == 120.0
-
-
 def test_a_waveform_that_begins_elsewhere_than_the_probe_is_no_deck(tmp_path, model):
     stimulus = stimulus_of("sine_50_250")
     jump = dataclasses.replace(stimulus, displacement_um=stimulus.displacement_um + 9.0)

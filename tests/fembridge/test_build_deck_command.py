@@ -143,25 +143,6 @@ def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(here, capsys, 
     assert list(here.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    "words", [["--friction", "much"], ["--contact", "magic"], ["--solver", "marx"], ["-o", ""]]
-)
-def test_a_word_without_meaning_is_misuse(here, capsys, words):
-    assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 2
-    assert "fembridge: argument" in capsys.readouterr().err
-    assert list(here.iterdir()) == []
-
-
-def test_an_output_that_is_a_file_is_said_and_stays(here, capsys):
-    (here / "runs").write_text("mine")
-
-    assert main(["build-deck", "--stimulus", "sine_20_250"]) == 1
-
-    shown = capsys.readouterr().err
-    assert shown == "fembridge: runs: a file stands where a folder is wanted\n"
-    assert (here / "runs").read_text() == "mine"
-
-
 def test_a_finger_of_ten_lines_is_built_with_its_own_name(here):
     (here / "soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.03\n")
 
@@ -189,22 +170,6 @@ def test_a_narrow_flat_probe_gets_a_fillet_that_fits(tmp_path):
     assert run["inputs"]["probe"]["fillet_mm"] == 0.025
 
 
-def test_a_marc_folder_has_deck_and_procedure_and_no_springs(here, capsys):
-    words = ["build-deck", "--stimulus", "sine_20_250", "--solver", "marc"]
-    assert main([*words, "--friction", "0.3"]) == 0
-    assert "run_marc -jid job_s2s" in capsys.readouterr().out
-    folder = here / "runs/sine_20_250"
-    assert {path.name for path in folder.iterdir()} == {
-        *("job.dat", "job.proc", "stimulus.csv", "run.toml")
-    }
-    run = read_run_folder(folder)
-    assert (run.solver, run.deck.name, run.inputs["element"]) == (*("marc", "job.dat"), "CPE4H")
-    assert run.inputs["contact"] == {"friction": 0.3}
-    assert run.results.name == "job_s2s.t16"
-    (folder / "job.t19").touch()
-    assert run.results.name == "job.t19"
-
-
 def test_a_probe_that_slides_has_its_way_in_deck_and_waveform(here):
     words = ["build-deck", "--stimulus", "sine_20_250", "--slide-mm-per-s", "4"]
     assert main(words) == 0
@@ -227,17 +192,6 @@ def test_an_own_deck_has_its_own_conditions_for_a_slide(here, capsys):
     assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 1
 
     assert "slides by your own conditions" in capsys.readouterr().err
-
-
-def test_half_of_a_section_is_enough_unless_all_is_asked_for(here):
-    words = ["build-deck", "--stimulus", "sine_20_250"]
-    assert main([*words, "-o", "half"]) == 0
-    assert main([*words, "-o", "whole", "--whole-section"]) == 0
-
-    half, whole = (read_run_folder(here / name / "sine_20_250") for name in ("half", "whole"))
-    assert half.inputs["section"] == "half"
-    assert whole.inputs["section"].startswith("whole: the whole section was asked for")
-    assert half.deck.stat().st_size < 0.65 * whole.deck.stat().st_size
 
 
 # ---- Whole fields beside the traces

@@ -74,17 +74,6 @@ def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, caps
         assert shown_of["rate_ips"] == shown_of["spikes"] / 0.25
 
 
-def test_a_silent_afferent_has_a_rate_of_zero_and_a_panel(here, capsys):
-    still = [StressTrace(np.zeros(501), 0.5, 7, "RA")]
-    write_traces(here / "still.csv", still)
-
-    assert main(["encode", "still.csv", "--window-ms", "5:250"]) == 0
-
-    assert read_spikes(here / "encoded/spikes.csv") == []
-    assert [one.rate_ips for one in read_rates(here / "encoded/rates.csv")] == [0.0]
-    assert (here / "encoded/raster.png").exists()
-
-
 def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
     """Its first sample stands at dt, and its spikes keep the table's clock."""
     [trace] = traces(["SA"], start_ms=0.5)

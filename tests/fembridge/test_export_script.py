@@ -242,13 +242,6 @@ def test_misuse_has_exit_code_2(export, words):
     assert "usage:" in ran.stderr
 
 
-def test_a_falling_time_is_refused(export):
-    falling = model()
-    falling["positions"][2]["time"] = 0.0
-    ran = export("--nodes", 70, of=falling)
-    assert (ran.returncode, "time does not rise: 0.5, 0 ms" in ran.stderr) == (1, True)
-
-
 def test_another_mesh_is_looked_through_again_and_told(export, tmp_path):
     """The elements trade places: what was by index left is now right."""
     swapped = model(shuffled={"4": ELEMENTS[::-1]})
@@ -274,13 +267,6 @@ def test_py_post_is_found_under_the_folder_of_mentat(process, tmp_path):
     (tmp_path / "py_post.py").rename(shared / "py_post.py")
     words = ("--nodes", 70, "--mentat", tmp_path / "mentat")
     assert process(*words, path=tmp_path / "nowhere").returncode == 0
-
-
-def test_a_post_file_that_cannot_be_opened_is_named(export, tmp_path):
-    (tmp_path / "py_post.py").write_text("def post_open(path): raise OSError('licence')")
-    ran = export("--nodes", 70)
-    assert (ran.returncode, ran.stdout) == (1, "")
-    assert "py_post cannot open job.t16: licence" in ran.stderr
 
 
 def test_the_syntax_is_that_of_python_3_6_and_imports_the_standard_library_alone():

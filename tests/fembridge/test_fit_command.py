@@ -20,7 +20,6 @@ from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import Rate, read_rates, write_rates
 from neural import PUBLISHED, encode_cells, rate_ips, read_parameter_set
 from neural.models import MODELS
-from neural.search import POPULATION
 
 FILES = ["fitted.toml", "fitted_rates.csv", "pareto_RA.csv", "pareto_SA.csv"]
 PICTURE = "tradeoffs.png"
@@ -237,24 +236,6 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_search(
     assert caught.value.path == tmp_path / "out" / name
 
 
-def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(call, tmp_path, undrawn):
-    call()
-    (tmp_path / "out/mine.txt").write_text("mine")
-    call("--afferent", "SA")
-    names = [name for name in FILES if name != "pareto_RA.csv"]
-    assert sorted(contents(tmp_path / "out")) == sorted([*names, "mine.txt", PICTURE])
-
-
-def test_all_families_can_be_fitted_and_then_none_is_unseen(call, tmp_path, undrawn):
-    call("--family", "all", "--afferent", "SA")
-    shown = record(tmp_path)["fit"]
-    assert shown["families"] == ["sine", "diharm", "noise"]
-    assert list(shown["SA"]["observed_rates"]) == ["fitted"]
-    assert shown["SA"]["observed_rates"]["fitted"]["5-25 Hz"] == 1
-    header = table(tmp_path / "out/pareto_SA.csv")[0]
-    assert "rmse_5-25_Hz_ips" in header
-
-
 def test_the_published_drive_is_fitted_without_pre_indentation(call, tmp_path, undrawn):
     call("--drive", "published", "--afferent", "SA")
     found = record(tmp_path)
@@ -306,15 +287,6 @@ def test_drive_list_describes_every_model_and_needs_no_rates(capsys, parse):
             assert model.reason in words
             for one in model.free():
                 assert f"{one.field} {one.low:g} to {one.high:g}" in words
-
-
-def test_the_command_line_has_the_verb_and_tells_an_error_in_a_line(observed, capsys):
-    assert main(["fit", "--drive", "list"]) == 0
-    assert capsys.readouterr().out.startswith("published, SA")
-    assert main(["fit", "--observed", str(observed), "--evaluations", "5"]) == 2
-    streams = capsys.readouterr()
-    assert streams.out == ""
-    assert streams.err == (f"fembridge: --evaluations is 5, expected {POPULATION} or more\n")
 
 
 def test_a_missing_rate_is_refused_unless_allowed(call, observed, tmp_path, undrawn):

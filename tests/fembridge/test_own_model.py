@@ -107,11 +107,6 @@ def test_an_afferent_that_encode_would_not_take_is_refused_before_the_run(here, 
     assert not (here / "runs").exists()
 
 
-def test_options_for_an_own_model_want_one(here, capsys):
-    assert main(words("--afferent", "SA=3")) == 2
-    assert "--afferent: for --base-deck alone" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("name", "said"),
     [("no.inp", "cannot be read"), ("mine.txt", "expected a deck"), ("", "expected")],

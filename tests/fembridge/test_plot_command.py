@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import fembridge
-from decks.presets import PRESETS, QUICK, mesh_of
+from decks.presets import PRESETS
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
@@ -134,15 +134,6 @@ def test_the_summary_holds_what_is_in_the_picture(here, capsys, words, shown):
     assert (found["picture"], found["file"]) == (words[0], f"{words[0]}.png")
     assert main(["plot", "--json", *words]) == 0
     assert json.loads(capsys.readouterr().out) == found
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_the_summary_of_a_mesh_names_the_nodes_of_the_afferents(here, capsys):
-    shown = summary(capsys, "mesh", "--probe-shape", "flat", "--probe-x-mm", "0.5")
-    mesh = mesh_of(QUICK)
-    assert shown["elements"] == len(mesh.quad)
-    nodes = {name: mesh.node_at(QUICK.afferents[name]) + 1 for name in ("SA", "RA", "PC")}
-    assert {name: place["node"] for name, place in shown["afferents"].items()} == nodes
 
 
 @pytest.mark.usefixtures("unrendered")

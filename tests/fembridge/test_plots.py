@@ -1,6 +1,5 @@
 """Pictures: what they show, where it stands, and what becomes of the file."""
 
-import errno
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +12,6 @@ from decks.finger import AfferentSite
 from decks.material import Material
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
-from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.errors import OutputError
 from fembridge.plots.mesh import (
     afferent_nodes,
     boundaries,
@@ -23,8 +19,7 @@ from fembridge.plots.mesh import (
     mesh_figure,
     probe_outline,
 )
-from fembridge.plots.style import save_figure, spread
-from fembridge.plots.waveform import waveform_figure
+from fembridge.plots.style import spread
 
 CROWDED = replace(
     QUICK,
@@ -138,19 +133,3 @@ def test_the_close_view_has_its_shape_and_all_that_matters_in_it(sites, x_mm, as
     for x, y in [*sites, (x_mm, -0.1)]:
         assert window.x_mm[0] < x < window.x_mm[1]
         assert window.y_mm[0] < y < window.y_mm[1]
-
-
-def test_a_disk_that_fills_up_leaves_the_old_picture_and_nothing_else(tmp_path, monkeypatch):
-    figure = waveform_figure([make_stimulus(*resolve("sine_20_250"))])
-
-    def fill(path, **options):
-        path.write_bytes(b"half")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(figure, "savefig", fill)
-    path = tmp_path / "picture.png"
-    path.write_bytes(b"old")
-    with pytest.raises(OutputError, match="No space left"):
-        save_figure(figure, path)
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 import fembridge as fb
 from fembridge.cli import main
 from fembridge.errors import MissingError, UsageError
-from fembridge.recording import FORMATS, export
 from fembridge.tables import SpikeTrain
 
 # Warnings of the libraries about themselves are not ours to mend.
@@ -127,12 +126,6 @@ def test_nwb_round_trips_and_its_inspector_finds_nothing(trials, touch, recordin
         assert_allclose(depth.data[: touch.depth_um.size], touch.depth_um * 1e-6)
 
 
-def test_who_was_recorded_can_be_said(recording):
-    pytest.importorskip("pynwb")
-    stored = recording.to_nwb(institution="A university", session_id="3")
-    assert stored.institution == "A university" and stored.subject.subject_id == "simulated"
-
-
 def test_sonata_is_read_by_libsonata(touch, recording, folder):
     h5py = pytest.importorskip("h5py")
     libsonata = pytest.importorskip("libsonata")
@@ -150,44 +143,6 @@ def test_sonata_is_read_by_libsonata(touch, recording, folder):
     every = libsonata.Selection([(0, nodes.size)])
     assert_allclose(nodes.get_attribute("z_mm", every), touch.population.z_mm)
     assert list(nodes.get_attribute("afferent", every)) == list(recording.afferent)
-
-
-def test_nest_fires_when_the_units_did(recording):
-    nest = pytest.importorskip("nest")
-    nest.ResetKernel()
-    nest.verbosity = nest.VerbosityLevel.ERROR
-    generators = recording.to_nest(trial=2)
-    recorder = nest.Create("spike_recorder")
-    nest.Connect(generators, recorder, syn_spec={"delay": 0.5})
-    nest.Simulate(recording.t_stop_ms + 5)
-    events = recorder.get("events")
-    first = generators[0].global_id
-    for u in range(len(recording.unit)):
-        at = np.sort(events["times"][events["senders"] == first + u])
-        assert_allclose(at, recording.spikes_ms(u, 2))
-
-
-def test_brian2_fires_when_the_units_did(recording):
-    try:
-        import brian2
-    except (ImportError, AttributeError) as error:  # those before 2.10 fail with NumPy 2.4
-        pytest.skip(f"no Brian2 that runs here: {error}")
-    group = recording.to_brian2(trial=1)
-    monitor = brian2.SpikeMonitor(group)
-    network = brian2.Network(group, monitor)
-    brian2.defaultclock.dt = recording.dt_ms * brian2.ms
-    network.run((recording.t_stop_ms + 1) * brian2.ms)
-    for u, times in monitor.spike_trains().items():
-        assert_allclose(times / brian2.ms, recording.spikes_ms(u, 1), atol=1e-6)
-
-
-def test_a_tensor_has_a_one_where_a_unit_fires(recording):
-    dense = recording.to_dense()
-    assert dense.shape == (recording.t_stop_ms / 0.5 + 1, 3, len(recording.unit))
-    assert dense.sum() == recording.time_ms.size and not dense[0].any()
-    assert_array_equal(np.flatnonzero(dense[:, 2, 5]) * 0.5, recording.spikes_ms(5, 2))
-    torch = pytest.importorskip("torch")
-    assert torch.equal(recording.to_torch(), torch.from_numpy(dense))
 
 
 def test_a_neuron_of_snntorch_that_forgets_repeats_the_afferents(recording):
@@ -225,23 +180,6 @@ def test_a_library_that_is_absent_is_named_with_what_installs_it(recording, monk
         recording.to_torch()
 
 
-@pytest.mark.parametrize("verb", ["encode", "simulate", "touch"])
-def test_a_format_without_its_library_is_refused_before_anything_is_made(
-    verb, monkeypatch, tmp_path, capsys
-):
-    import sys
-
-    monkeypatch.setitem(sys.modules, "pynwb", None)
-    words = {
-        "encode": ["absent.csv"],
-        "simulate": ["--stored", "--stimulus", "sine_20_250"],
-        "touch": ["--press-um", "100"],
-    }[verb]
-    assert main([verb, *words, "--export", "nwb", "-o", str(tmp_path / "out")]) == 1
-    assert "pip install 'fembridge[nwb]'" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_what_is_no_recording_is_refused(recording, tmp_path):
     with pytest.raises(UsageError, match=r"\.nwb"):
         recording.write(tmp_path / "a.nbw")
@@ -269,13 +207,6 @@ def test_each_verb_that_makes_spikes_exports_them(tmp_path, capsys):
     words = ["touch", "--press-um", "100", "--population", "one_each", "--no-plot"]
     assert main([*words, "--export", "mat", "-o", str(tmp_path / "t"), "--json"]) == 0
     assert "spikes.mat" in json.loads(capsys.readouterr().out)["files"]
-
-
-def test_the_words_of_the_option_are_the_formats():
-    from fembridge.commands.options import _OPTIONS
-
-    assert _OPTIONS["export"]["choices"] == tuple(FORMATS)
-    assert export(None, None, []) == []
 
 
 def test_trials_of_unequal_lengths_end_in_nan():

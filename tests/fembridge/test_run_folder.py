@@ -166,15 +166,3 @@ def test_a_damaged_waveform_is_refused_with_its_line(tmp_path, content, line):
     with pytest.raises(ResultError) as caught:
         read_waveform(tmp_path)
     assert (caught.value.path.name, caught.value.line) == ("stimulus.csv", line)
-
-
-@pytest.mark.parametrize(
-    "content",
-    [None, b"time_ms,displacement_um\n0,\xff\n", b"time_ms,displacement_um\n0," + b"1" * 200_000],
-)
-def test_a_waveform_that_is_no_text_or_not_there_is_refused(tmp_path, content):
-    if content is not None:
-        (tmp_path / "stimulus.csv").write_bytes(content)
-    with pytest.raises(ResultError) as caught:
-        read_waveform(tmp_path)
-    assert caught.value.path == tmp_path / "stimulus.csv"

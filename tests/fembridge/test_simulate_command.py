@@ -153,13 +153,6 @@ def test_the_whole_catalogue_is_answered_at_once(here, capsys):
     assert capsys.readouterr().out.splitlines()[-2] == "... 52 more in rates.csv"
 
 
-def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(result, capsys):
-    main(["simulate", "--stimulus", "sine_20_250", "-o", "out", "--no-plot"])
-
-    assert sorted(contents(result)) == [name for name in FILES if name != "raster.png"]
-    assert "raster" not in capsys.readouterr().out.splitlines()[-1]
-
-
 def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot"]
     assert main(["simulate", *words, "--preindent-um", "0"]) == 0
@@ -207,22 +200,6 @@ def test_a_number_without_meaning_is_misuse_and_nothing_is_written(here, capsys,
     code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
     assert (code, found in line) == (2, True), line
     assert not (here / "out").exists()
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["-o", ""],
-        ["--method", "magic"],
-        ["--preindent-um", "deep"],
-        ["--element", "C3D8"],
-        ["--jobs", "two"],
-    ],
-)
-def test_a_word_without_meaning_is_misuse(here, capsys, words):
-    assert main(["simulate", "--stimulus", "sine_20_250", *words]) == 2
-    assert "fembridge: argument" in capsys.readouterr().err
-    assert contents(here) == {}
 
 
 SOFT = "[materials.dermis]\nyoung_mpa = 0.08\n"

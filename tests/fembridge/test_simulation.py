@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import OutputError, ParameterError, TraceError, UsageError
+from fembridge.errors import OutputError, ParameterError, TraceError
 from fembridge.simulation import encode_all
 from fembridge.tables import read_rates, read_spikes
 from fembridge.trace import StressTrace
@@ -55,18 +55,6 @@ def test_rates_count_the_spikes_of_the_stimulus_s_own_window(simulation):
         inside = (train.times_ms > 5.0) & (train.times_ms <= 250.0)
         assert (rate.stimulus, rate.afferent) == (train.stimulus, train.afferent)
         assert rate.rate_ips == pytest.approx(inside.sum() / 0.245, rel=1e-12)
-
-
-def test_windows_may_differ_from_stimulus_to_stimulus():
-    stimuli = [make_stimulus(e) for e in resolve(["sine_20_250,sine_100_85.98"])]
-    assert [s.window_ms for s in stimuli] == [(5.0, 250.0), (100.0, 200.0)]
-
-    found = encode_all(stimuli, traces_of(stimuli), PUBLISHED, {})
-
-    last, train = found.mean_rates[-1], found.trains[-1]
-    inside = (train.times_ms > 100.0) & (train.times_ms <= 200.0)
-    assert last.rate_ips == pytest.approx(inside.sum() / 0.1, rel=1e-12)
-    assert inside.any()
 
 
 @pytest.mark.parametrize("mine", [False, True])
@@ -164,15 +152,3 @@ def test_rates_and_spikes_as_tables_are_those_of_the_files(tmp_path, simulation)
     simulation.write(tmp_path)
     for frame, name in ((simulation.rates, "rates.csv"), (simulation.spikes, "spikes.csv")):
         pandas.testing.assert_frame_equal(frame, pandas.read_csv(tmp_path / name))
-
-
-def test_each_picture_of_a_simulation_has_its_classes(simulation):
-    for picture in ("raster", "psth", "isi"):
-        figure = simulation.plot(picture)
-        assert [panel.get_title() for panel in figure.axes] == ["SA", "RA", "PC"]
-        names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-        assert names == [stimulus.id for stimulus in STIMULI]
-    titles = [panel.get_title() for panel in simulation.plot("rates").axes]
-    assert [title for title in titles if title] == ["20 Hz", "25–250 Hz"]
-    with pytest.raises(UsageError, match="raster, psth, isi, rates"):
-        simulation.plot("mesh")

@@ -74,16 +74,6 @@ def test_repeats_lie_under_one_another_inside_their_row():
     )
 
 
-def test_silent_stimuli_and_classes_are_shown_where_they_are_named():
-    figure = raster_figure(
-        [train("b", "SA", [1.0])], stimuli=["a", "b"], afferents=["SA", "RA", "PC"]
-    )
-
-    assert len(figure.axes) == 3
-    assert figure.axes[0].get_ylim() == (1.5, -0.5)
-    assert [len(spikes_drawn(panel)) for panel in figure.axes] == [1, 0, 0]
-
-
 def test_the_time_axis_covers_every_spike_unless_it_is_said():
     trains = [train(times_ms=[40.0, 180.0])]
 
@@ -91,18 +81,6 @@ def test_the_time_axis_covers_every_spike_unless_it_is_said():
     assert raster_figure(trains, window_ms=(5, 250)).axes[0].get_xlim() == (0.0, 250.0)
     shown = raster_figure(trains, span_ms=(0.0, 100.0)).axes[0]
     assert shown.get_xlim() == (0.0, 100.0)
-
-
-def test_a_waveform_stands_above_every_panel():
-    wave = Stimulus("sine_20_250", np.sin(np.arange(100) / 9), 0.5, (5.0, 40.0))
-
-    figure = raster_figure([train(), train(afferent="RA")], waveform=wave)
-
-    above, below = figure.axes[:2], figure.axes[2:]
-    for panel in above:
-        np.testing.assert_array_equal(panel.lines[0].get_ydata(), wave.displacement_um)
-    assert [len(spikes_drawn(panel)) for panel in below] == [2, 2]
-    assert below[0].get_xlim() == (0.0, 60.0)
 
 
 def test_82_rows_keep_their_names_apart_and_fit_a_page():

@@ -1,6 +1,5 @@
 """``fembridge stimuli``: the list, and the files it writes."""
 
-import csv
 import json
 import wave
 
@@ -11,8 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
-from fembridge.stimulus import Stimulus
-from fembridge.stimulus_file import FORMATS, write_marc_table, write_wav
+from fembridge.stimulus_file import FORMATS, write_marc_table
 
 
 def depth_of(word, **options):
@@ -57,26 +55,6 @@ def test_json_lists_all_82_with_numbers_and_the_note(capsys):
     assert "sine_20_12.5" in listed["notes"][0]
 
 
-def test_csv_gives_back_the_very_floats(tmp_path, capsys):
-    path = tmp_path / "new" / "wave.csv"
-    assert main(["stimuli", "--export", "csv", "noise_5_100_50", "-o", str(path)]) == 0
-    assert path.read_bytes().startswith(b"time_ms,displacement_um\n0.0,0.0\n0.5,")
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert_array_equal([float(row["time_ms"]) for row in rows], np.arange(501) / 2)
-    depth_um = [float(row["displacement_um"]) for row in rows]
-    assert_array_equal(depth_um, depth_of("noise_5_100_50"))
-    assert str(path) in capsys.readouterr().out
-
-
-def test_npy_is_the_displacement_in_um(tmp_path, capsys):
-    path = tmp_path / "wave.npy"
-    main(["stimuli", "--export", "npy", "sine_50_250", "-o", str(path)])
-    stored = np.load(path, allow_pickle=False)
-    assert stored.dtype == np.float64
-    assert_array_equal(stored, depth_of("sine_50_250"))
-
-
 def test_wav_is_the_displacement_over_the_full_scale_it_tells(tmp_path, capsys):
     path = tmp_path / "wave.wav"
     shown = summary(capsys, "--export", "wav", "diharm_10_50_44.46", "-o", str(path))
@@ -91,18 +69,6 @@ def test_wav_is_the_displacement_over_the_full_scale_it_tells(tmp_path, capsys):
         rtol=0,
         atol=0.5001 * full_scale_um / 32767,
     )
-
-
-def test_the_full_scale_of_a_wav_is_in_the_line_for_a_reader(tmp_path, capsys):
-    main(["stimuli", "--export", "wav", "sine_20_250", "-o", str(tmp_path)])
-    path = tmp_path / "sine_20_250.wav"
-    assert capsys.readouterr().out == f"{path} (32767 is 250.0 um)\n"
-
-
-def test_a_flat_waveform_is_a_silent_wav(tmp_path):
-    flat = Stimulus("flat", np.zeros(3), 0.5, (0.5, 1.0))
-    assert write_wav(flat, tmp_path / "flat.wav") == 1.0
-    assert (tmp_path / "flat.wav").read_bytes().endswith(b"\0" * 6)
 
 
 def test_a_marc_table_is_in_seconds_and_millimetres_in_columns_of_twenty(tmp_path):
@@ -130,13 +96,6 @@ def test_a_marc_table_is_in_seconds_and_millimetres_in_columns_of_twenty(tmp_pat
     assert rows[30] == " 1.500000000000000-2-2.500000000000000-1"
 
 
-def test_a_two_digit_exponent_keeps_the_twenty_columns(tmp_path):
-    tiny = Stimulus("tiny", np.array([0.0, -1.5e-9, 1.0]), 0.5, (0.5, 1.0))
-    write_marc_table(tiny, tmp_path / "tiny.dat")
-    rows = (tmp_path / "tiny.dat").read_text(encoding="ascii").splitlines()[-3:]
-    assert rows[1] == " 5.000000000000000-4-1.50000000000000-12"
-
-
 def _real(field):
     mantissa, exponent = field[:-2], field[-2:]
     return float(f"{mantissa}e{exponent}")
@@ -158,11 +117,6 @@ def test_without_o_a_file_named_after_the_id_is_written_here(
     assert main(["stimuli", "--export", format_name, "sine_20_6.71"]) == 0
     suffix, _ = FORMATS[format_name]
     assert [path.name for path in tmp_path.iterdir()] == [f"sine_20_6.71{suffix}"]
-
-
-def test_a_name_without_a_suffix_is_a_folder(tmp_path):
-    main(["stimuli", "--export", "csv", "sine_20_250", "-o", str(tmp_path / "new")])
-    assert (tmp_path / "new" / "sine_20_250.csv").is_file()
 
 
 def test_a_trailing_slash_names_a_folder_that_is_not_there_yet(tmp_path, capsys):

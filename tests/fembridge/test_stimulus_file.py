@@ -188,24 +188,6 @@ def test_waveforms_of_any_length_go_together(tap, tmp_path):
         assert_array_equal(back.traces[k][0].stress_pa, alone.traces[0][0].stress_pa)
 
 
-def test_spikes_are_counted_in_the_window_that_is_asked_for(tap):
-    result = fb.simulate(["tap.csv", "sine_100_200"], stored=True, window_ms=(20, 90))
-    for rate in result.mean_rates:
-        trains = [
-            t for t in result.trains if (t.stimulus, t.afferent) == (rate.stimulus, rate.afferent)
-        ]
-        inside = sum(((t.times_ms > 20) & (t.times_ms <= 90)).sum() for t in trains)
-        assert rate.rate_ips == pytest.approx(inside / len(trains) / 0.07)
-
-
-def test_a_long_waveform_is_bounded(tmp_path):
-    path = tmp_path / "long.npy"
-    np.save(path, np.sin(np.arange(MAX_SAMPLES) * 1e-2))
-    assert read_stimulus(path, dt_ms=0.5).displacement_um.size == MAX_SAMPLES
-    with pytest.raises(StimulusError, match="expected at most 100000 ms"):
-        read_stimulus(path, dt_ms=0.6)
-
-
 @pytest.mark.parametrize(
     ("name", "content", "found"),
     [
@@ -280,3 +262,11 @@ def test_a_damaged_binary_is_refused_whatever_its_parser_makes_of_it(tmp_path, s
             except FembridgeError as error:
                 assert len(str(error).replace(str(tmp_path), "")) < 300
                 assert "\n" not in str(error)
+
+
+def test_a_long_waveform_is_bounded(tmp_path):
+    path = tmp_path / "long.npy"
+    np.save(path, np.sin(np.arange(MAX_SAMPLES) * 1e-2))
+    assert read_stimulus(path, dt_ms=0.5).displacement_um.size == MAX_SAMPLES
+    with pytest.raises(StimulusError, match="expected at most 100000 ms"):
+        read_stimulus(path, dt_ms=0.6)

@@ -11,11 +11,9 @@ from fembridge.errors import TableError, UsageError
 from fembridge.evidence import (
     CRITERIA,
     DISTANCE,
-    SETS,
     THRESHOLDS,
     citation,
     evidence,
-    published_timing,
     read_evidence,
 )
 from fembridge.fitting.problem import stored_source
@@ -34,19 +32,6 @@ RA = RisingRaParameters(tau_ms=400.0, step_pa=8000.0, spread=0.5, cells=3)
 @pytest.fixture(scope="module")
 def response():
     return stored_source("quick").response
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_a_set_of_evidence_has_rows_and_a_source(name):
-    assert len(evidence(name)) > 2
-    assert len(citation(name)) > 40
-
-
-def test_timing_has_columns_of_any_frequency():
-    timing = published_timing()
-
-    assert timing["frequency_hz"].unique().tolist() == [20.0]
-    assert timing["strength_2f"].iloc[0] == 0.88
 
 
 def test_a_threshold_is_where_a_plain_search_finds_it(response):

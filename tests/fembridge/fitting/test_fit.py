@@ -1,7 +1,5 @@
 """A fit finds again what the rates were made with, and can be stopped."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -73,19 +71,6 @@ def test_an_interrupt_of_a_later_class_before_it_began_keeps_the_first(
     assert [line[:2] for line in lines] == ["RA"]
     assert [fit.front.finished for fit in run.fits] == [True]
     assert not run.finished
-
-
-def test_a_class_that_the_response_lacks_is_refused(observed, response):
-    alone = replace(response, places=response.places[:1], tensor_pa=response.tensor_pa[:, :1])
-    with pytest.raises(ResponseError):
-        fit_afferents(observed, alone, models("RA"), FitSettings(**SHORT))
-
-
-def test_a_family_without_observed_rates_is_refused(observed, response):
-    names = tuple(name for name in observed.stimuli if name.startswith("sine"))
-    without = replace(observed, stimuli=names, rate_ips=observed.rate_ips[: len(names)])
-    with pytest.raises(UsageError):
-        fit_afferents(without, response, models("RA"), FitSettings(families=("noise",), **SHORT))
 
 
 def test_a_stimulus_deeper_than_the_response_is_refused_by_name(observed, response, tmp_path):

@@ -162,12 +162,3 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_first_case(
     assert main(["study", "--observed", str(table), "-o", str(output)]) == 1
 
     assert str(output / name) in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [(["--cells", "3"], "go with --drive"), (["--drive", "shrap"], "'shrap'")],
-)
-def test_words_without_meaning_are_misuse(table, tmp_path, capsys, words, said):
-    assert main(["study", "--observed", str(table), *words, "-o", str(tmp_path)]) == 2
-    assert said in capsys.readouterr().err

@@ -34,9 +34,7 @@ from fembridge.report.rates import (
 )
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import (
-    cells_of,
     judged_models,
-    repeated_trains,
     response_of,
     validate,
 )
@@ -119,13 +117,6 @@ def test_equal_rates_agree_fully_and_meet_both_goals(cells):
     assert (cell.meets_paper, cell.meets_goal) == (True, True)
 
 
-def test_doubled_rates_are_on_a_line_and_worse_than_those_a_tenth_too_high(cells, scaled_rates):
-    cell = of_sines(cells, "double")
-    assert_allclose([cell.slope, cell.intercept_ips, cell.r_squared], [2, 3, 1])
-    assert_allclose(cell.bias_ips, (scaled_rates.of(OBSERVED, "RA", SINES.stimuli) + 3).mean())
-    assert (cell.meets_paper, cell.meets_goal) == (True, False)
-
-
 def test_agreement_with_touchsim_or_without_a_common_stimulus_is_no_goal(cells):
     for cell in (
         of_sines(cells, "equal", TOUCHSIM),
@@ -133,17 +124,6 @@ def test_agreement_with_touchsim_or_without_a_common_stimulus_is_no_goal(cells):
     ):
         assert cell.meets_paper is cell.meets_goal is None
     assert cell["count"] == 0
-
-
-def test_there_is_a_cell_for_each_source_set_and_class_and_a_family_has_its_sets_points(cells):
-    sets = sum(len(family.sets) + 1 for family in FAMILIES)
-    assert len(cells) == (4 + 3) * sets * len(AFFERENTS)
-    for family in FAMILIES:
-        counts = [
-            row_of(cells, TOUCHSIM, "double", family.name, name, "PC")["count"]
-            for name in (*(one.name for one in family.sets), EVERY_SET)
-        ]
-        assert counts[-1] == sum(counts[:-1]) == len(family.stimuli)
 
 
 def test_a_threshold_is_read_off_the_curve_of_its_frequency():
@@ -215,28 +195,6 @@ def test_each_cell_with_a_low_r_squared_or_a_large_error_has_its_sentence(study)
             assert all(("against TouchSim" in one) == (reference == TOUCHSIM) for one in found)
 
 
-def with_rates(study, name, afferent, rate_ips):
-    """`study`, all rates of a model and class put by one."""
-    frame = study.rates.frame.copy()
-    frame.loc[(frame.source == name) & (frame.afferent == afferent), "rate_ips"] = rate_ips
-    rates = replace(study.rates, frame=frame)
-    return replace(study, rates=rates, agreement=agreement_table(rates))
-
-
-@pytest.mark.usefixtures("known_evidence")
-def test_rates_that_are_all_zero_are_a_shortfall_only_of_a_model_that_fires(tmp_path):
-    noises = FAMILIES[2].stimuli
-    rates = [Rate(id_, afferent, 0.0) for id_ in noises for afferent in ("SA", "RA")]
-    write_rates(tmp_path / "rates.csv", rates)
-    observed = read_observed(tmp_path / "rates.csv")
-    study = validate(stored_source("quick").response, judged_models("published"), observed)
-    openings = [
-        one.partition(":")[0] for one in shortfalls(with_rates(study, "published", "RA", 0.0))
-    ]
-    assert "SA, band-pass noises" in openings
-    assert "RA, band-pass noises" not in openings
-
-
 @pytest.mark.usefixtures("known_evidence")
 def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     rates = [Rate("sine_20_250", "SA", 25.0), Rate("sine_40_100", "SA", 20.0)]
@@ -248,20 +206,6 @@ def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     )
     assert study.left_out == ("sine_40_100",)
     assert ["sine_40_100" in line for line in log] == [True]
-
-
-def test_rows_of_a_large_population_are_from_the_keenest_to_the_dullest(study):
-    simulation = study.simulations["own"]
-    ten = tuple(
-        replace(one, repeat=k, times_ms=np.array([1.0 * k]))
-        for one in simulation.trains
-        for k in range(1, 11)
-    )
-    population = replace(simulation, trains=ten)
-    assert cells_of(population) == 10
-    found = repeated_trains(population)
-    assert len(found) == 3 * 3 * 5
-    assert [train.times_ms.tolist() for train in found[:5]] == [[1.0], [3.0], [5.0], [7.0], [9.0]]
 
 
 def test_touchsim_against_the_observed_sinusoids_is_as_published():

@@ -11,7 +11,6 @@ from html.parser import HTMLParser
 from itertools import product
 
 import pytest
-from numpy.testing import assert_allclose
 
 from fembridge.report.rates import EVERY_SET, FAMILIES
 from fembridge.report.validation_page import PAGE, page_text
@@ -231,22 +230,3 @@ def test_the_record_names_the_inputs_and_seals_the_files(report, study):
     assert set(record["files"]) == beside
     for name, digest in record["files"].items():
         assert hashlib.sha256((report / name).read_bytes()).hexdigest() == digest
-
-
-def test_five_repeats_of_a_model_without_noise_are_five_equal_rows(report, study):
-    spikes = {}
-    for row in rows_of(report / "rasters.csv"):
-        name = (row["source"], row["stimulus"], row["afferent"])
-        repeats = spikes.setdefault(name, {})
-        repeats.setdefault(int(row["repeat"]), []).append(float(row["spike_time_ms"]))
-    assert {name[1] for name in spikes} == {*("sine_20_34.74", "sine_20_129.49", "sine_20_250")}
-    trains = {
-        (name, train.stimulus, train.afferent): train.times_ms
-        for name, simulation in study.simulations.items()
-        for train in simulation.trains
-    }
-    for name in (one for one in spikes if one[0] != "fingertip"):  # of ten cells
-        repeats = spikes[name]
-        assert sorted(repeats) == [1, 2, 3, 4, 5]
-        for times_ms in repeats.values():
-            assert_allclose(times_ms, trains[name])

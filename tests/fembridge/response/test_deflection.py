@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.presets import PAPER, QUICK, mesh_of
 from fembridge.commands import deflect
-from fembridge.errors import ResponseError, UsageError
-from fembridge.plots.deflection import MOST_MESHES, deflection_figure
+from fembridge.errors import ResponseError
 from fembridge.response.deflection import (
     COMPARED_MM,
     PAPER_STEP_MM,
@@ -151,12 +150,6 @@ def test_the_probe_goes_down_only_in_steps_that_grow_to_4_percent_of_the_depth()
     assert steps_um[-1] < 43.0
 
 
-@pytest.mark.parametrize("depth_mm", [0.0, -1.0, 0.04, 2.1, np.nan])
-def test_a_depth_that_no_pad_has_is_refused(depth_mm):
-    with pytest.raises(UsageError, match=r"expected 0\.05 to 2 mm"):
-        way_down(depth_mm)
-
-
 FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
 
 
@@ -272,35 +265,6 @@ def test_without_options_all_stored_meshes_are_written_and_drawn(call, tmp_path)
         assert_array_equal(deflection_mm, mesh.deflection_mm)
     assert len(rows) == sum(m.distance_mm.size for m in MESHES)
     assert (tmp_path / "out" / "deflection.png").read_bytes().startswith(PNG)
-
-
-def test_a_mesh_that_is_not_stored_is_refused_and_nothing_is_written(call, tmp_path):
-    with pytest.raises(UsageError, match=r"'mine', only for .*--solver run solves"):
-        call("--finger", "mine")
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("option", ["--depth-mm", "--threads", "--time-limit"])
-def test_what_is_for_the_solver_is_refused_without_it(call, option):
-    with pytest.raises(UsageError, match=f"{option} is for --solver run"):
-        call(option, "1")
-
-
-def test_the_middle_panel_shows_micrometres_from_the_finest_mesh():
-    panel = deflection_figure(MESHES).axes[1]
-    zero, *lines = panel.get_lines()
-    assert_array_equal(zero.get_ydata(), [0, 0])
-    assert len(lines) == len(MESHES) - 1
-    for mesh, line in zip(MESHES, lines, strict=False):
-        at_mm = line.get_xdata()
-        expected_um = 1000 * (mesh.at(at_mm) - MESHES[-1].at(at_mm))
-        assert_allclose(line.get_ydata(), expected_um)
-
-
-@pytest.mark.parametrize("count", [0, MOST_MESHES + 1])
-def test_no_mesh_or_too_many_make_no_picture(count):
-    with pytest.raises(UsageError, match=f"{count} profiles, expected 1 to 5"):
-        deflection_figure([MESHES[0]] * count)
 
 
 @pytest.mark.slow

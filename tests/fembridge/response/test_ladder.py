@@ -101,11 +101,6 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
     assert not (tmp_path / MAP_FILE).exists()
 
 
-def test_deeper_than_the_default_the_probe_hangs_on_a_spring():
-    assert [each.support for each in attempts_for(1000.0, LADDER)] == ["spring"] * 7
-    assert {each.contact for each in attempts_for(1500.0, LADDER)} == {LADDER[0]}
-
-
 def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
     tmp_path, model, player, path_dependent
 ):
@@ -153,19 +148,6 @@ def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     rough = read_run_folder(tmp_path / "contact_2").inputs["contact"]
     assert contact == {**rough, "friction": 0.0}
     assert not (tmp_path / MAP_FILE).exists()
-
-
-def test_a_contact_without_friction_has_no_frictionless_twin(
-    tmp_path, model, player, path_dependent
-):
-    smooth = [not attempt.contact.friction for attempt in ATTEMPTS].index(True) + 1
-    path_dependent.update(range(1, smooth + 1))
-
-    solve_response(tmp_path, model)
-
-    assert [folder.name for folder in player.smooth] == [
-        f"frictionless_{number}" for number in range(1, smooth)
-    ]
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fembridge.errors import ResponseError, ResultError, StimulusError
+from fembridge.errors import ResponseError, ResultError
 from fembridge.response.acceptance import (
     DEEP_UM,
     DEFAULT_DEPTH_UM,
-    STEPS,
     depth_for,
-    indentation,
     recorded_response,
 )
 from fembridge.response.response_map import FOLDER, read_map, write_map
@@ -139,29 +137,6 @@ def test_a_waveform_of_other_times_is_refused(folder):
 
     with pytest.raises(ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"):
         recorded_response(folder)
-
-
-depths = st.floats(1.0, 2000.0)
-
-
-@given(depth_um=depths)
-def test_it_goes_down_in_thirty_steps_and_up_over_depths_it_loaded_to(depth_um):
-    depth = indentation(depth_um).displacement_um
-    loading, unloading = depth[: STEPS + 1], depth[STEPS + 1 :]
-
-    assert depth[0] == 0.0
-    assert (np.diff(loading) > 0).all()
-    assert loading[-1] == round(depth_um, 3) == depth.max()
-    assert (np.diff(depth[STEPS:]) < 0).all()
-    compared = np.intersect1d(loading, unloading)
-    assert compared.size >= STEPS // 3 - 1
-    assert (compared >= 0.05 * depth_um).sum() >= 7
-
-
-@pytest.mark.parametrize("depth_um", [0.0, 0.99, -5.0, 2001.0, np.nan, np.inf])
-def test_a_depth_that_makes_no_map_is_refused(depth_um):
-    with pytest.raises(StimulusError, match=f"{depth_um:g} um.*1 to 2000 um"):
-        indentation(depth_um)
 
 
 @given(needed_um=st.floats(-100.0, 9900.0))

@@ -60,18 +60,6 @@ def test_a_deck_changed_by_hand_is_said(make_run, capsys):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        *(["--jobs", "0"], ["--threads", "0"], ["--time-limit", "-1"], ["--stall-limit", "nan"]),
-        *(["--iteration-limit", "0"], ["--jobs", "two"]),
-    ],
-)
-def test_a_number_that_means_nothing_is_misuse(tmp_path, capsys, words):
-    assert main(["run", str(tmp_path), *words]) == 2
-    assert capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_an_interrupted_command_leaves_no_solver_no_result_and_the_evidence(
