@@ -145,6 +145,44 @@ def test_sonata_is_read_by_libsonata(touch, recording, folder):
     assert list(nodes.get_attribute("afferent", every)) == list(recording.afferent)
 
 
+def test_nest_fires_when_the_units_did(recording):
+    nest = pytest.importorskip("nest")
+    nest.ResetKernel()
+    nest.verbosity = nest.VerbosityLevel.ERROR
+    generators = recording.to_nest(trial=2)
+    recorder = nest.Create("spike_recorder")
+    nest.Connect(generators, recorder, syn_spec={"delay": 0.5})
+    nest.Simulate(recording.t_stop_ms + 5)
+    events = recorder.get("events")
+    first = generators[0].global_id
+    for u in range(len(recording.unit)):
+        at = np.sort(events["times"][events["senders"] == first + u])
+        assert_allclose(at, recording.spikes_ms(u, 2))
+
+
+def test_brian2_fires_when_the_units_did(recording):
+    try:
+        import brian2
+    except (ImportError, AttributeError) as error:  # those before 2.10 fail with NumPy 2.4
+        pytest.skip(f"no Brian2 that runs here: {error}")
+    group = recording.to_brian2(trial=1)
+    monitor = brian2.SpikeMonitor(group)
+    network = brian2.Network(group, monitor)
+    brian2.defaultclock.dt = recording.dt_ms * brian2.ms
+    network.run((recording.t_stop_ms + 1) * brian2.ms)
+    for u, times in monitor.spike_trains().items():
+        assert_allclose(times / brian2.ms, recording.spikes_ms(u, 1), atol=1e-6)
+
+
+def test_a_tensor_has_a_one_where_a_unit_fires(recording):
+    dense = recording.to_dense()
+    assert dense.shape == (recording.t_stop_ms / 0.5 + 1, 3, len(recording.unit))
+    assert dense.sum() == recording.time_ms.size and not dense[0].any()
+    assert_array_equal(np.flatnonzero(dense[:, 2, 5]) * 0.5, recording.spikes_ms(5, 2))
+    torch = pytest.importorskip("torch")
+    assert torch.equal(recording.to_torch(), torch.from_numpy(dense))
+
+
 def test_a_neuron_of_snntorch_that_forgets_repeats_the_afferents(recording):
     snntorch = pytest.importorskip("snntorch")
     neuron = snntorch.Leaky(beta=0.0, threshold=0.5, reset_mechanism="zero")
