@@ -5,6 +5,7 @@ the top of the middle ridge, is the origin; ``y`` points out of the pad, so that
 depth is ``-y`` there. Everything is in mm and MPa, the units of the decks.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -197,9 +198,8 @@ class Finger:
     def __post_init__(self) -> None:
         for name in ("materials", "afferents"):  # nobody else's dict
             object.__setattr__(self, name, dict(getattr(self, name)))
-        for misfit, words in _misfits(self):
-            if misfit:
-                raise FingerError(words)
+        if words := next(_misfits(self), None):
+            raise FingerError(words)
 
     @property
     def relaxing_s(self) -> float:
@@ -213,77 +213,54 @@ class Finger:
         return replace(self, materials=still)
 
 
-def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
-    """What may be wrong between parts: whether it is, and both parts in words."""
+def _misfits(finger: Finger) -> Iterator[str]:
+    """What does not fit between parts: the entry, its value, and what it may be."""
     skin, ridges, papillae = finger.skin, finger.ridges, finger.papillae
     outline, bone, mesh = finger.outline, finger.bone, finger.resolution
     missing = [layer for layer in LAYERS if layer not in finger.materials]
-    yield bool(missing), f"no material for {', '.join(missing)}"
-    yield (
-        ridges.spacing_mm > ridges.half_width_mm,
-        f"ridges {ridges.spacing_mm:g} mm apart on a half pad of {ridges.half_width_mm:g} mm: "
-        "expected at least one ridge there",
-    )
-    yield (
-        ridges.height_mm >= skin.stratum_corneum_mm,
-        f"ridges {ridges.height_mm:g} mm high in a stratum corneum of "
-        f"{skin.stratum_corneum_mm:g} mm: expected less",
-    )
-    yield (
-        finger.nail.thickness_mm >= skin.epidermis_depth_mm,
-        f"a nail of {finger.nail.thickness_mm:g} mm: expected thinner than corneum and "
-        f"epidermis, {skin.epidermis_depth_mm:g} mm",
-    )
+    if missing:
+        yield f"no material for {', '.join(missing)}"
     waves_mm = max(papillae.height_mm, 0.5 * (papillae.height_mm + ridges.height_mm))
-    yield (
-        waves_mm >= skin.epidermis_mm,
-        f"papillae {papillae.height_mm:g} mm high under ridges of {ridges.height_mm:g} mm "
-        f"in an epidermis of {skin.epidermis_mm:g} mm: expected less",
-    )
-    yield (
-        0.5 * papillae.height_mm >= skin.dermis_mm,
-        f"papillae {papillae.height_mm:g} mm high over a dermis of {skin.dermis_mm:g} mm: "
-        "expected less than twice that",
-    )
     short, long = sorted((outline.half_width_mm, outline.half_height_mm))
-    least_radius_mm = short**2 / long  # where the ellipse bends most
-    yield (
-        skin.dermis_depth_mm >= least_radius_mm,
-        f"skin {skin.dermis_depth_mm:g} mm deep folds where the outline's radius is "
-        f"{least_radius_mm:.3g} mm: expected less",
-    )
-    yield (
-        ridges.half_width_mm > outline.half_width_mm,
-        f"ridges to {ridges.half_width_mm:g} mm on both sides: expected at most the "
-        f"outline's half width, {outline.half_width_mm:g} mm",
-    )
-    widest_mm = max(mesh.contact_mm, mesh.ridge_mm)
-    yield (
-        widest_mm > mesh.far_mm,
-        f"far_mm must be at least contact_mm and ridge_mm, {widest_mm:g}, got {mesh.far_mm:g}",
-    )
-    yield (
-        mesh.contact_half_width_mm < mesh.contact_mm,
-        f"contact_half_width_mm must be at least contact_mm, {mesh.contact_mm:g}, "
-        f"got {mesh.contact_half_width_mm:g}",
-    )
-    flat = ridges.height_mm == 0 == papillae.height_mm
-    yield (
-        not flat and widest_mm > (0.25 + 1e-9) * ridges.spacing_mm,
-        f"columns {widest_mm:g} mm wide under ridges {ridges.spacing_mm:g} mm apart: "
-        f"contact_mm and ridge_mm must be at most {0.25 * ridges.spacing_mm:g} mm, four "
-        "to a ridge",
-    )
+    for entry, size_mm, limit_mm, limit in (
+        ("ridges.height_mm", ridges.height_mm, skin.stratum_corneum_mm, "the stratum corneum"),
+        (
+            "nail.thickness_mm",
+            finger.nail.thickness_mm,
+            skin.epidermis_depth_mm,
+            "corneum and epidermis",
+        ),
+        ("papillae.height_mm, with the ridges,", waves_mm, skin.epidermis_mm, "the epidermis"),
+        ("papillae.height_mm", papillae.height_mm, 2 * skin.dermis_mm, "twice the dermis"),
+        # An ellipse bends most at the end of its long axis.
+        (
+            "skin",
+            skin.dermis_depth_mm,
+            short**2 / long,
+            "the outline's least radius, where it folds",
+        ),
+    ):
+        if size_mm >= limit_mm:
+            yield f"{entry} is {size_mm:g} mm, expected less than {limit_mm:.3g} mm: {limit}"
     # Inside is within the outline's ellipse less skin and gap on each half axis, which
     # is the curve at that depth to a few hundredths of a mm.
     wall_mm = skin.dermis_depth_mm + _BONE_GAP_MM
     top_mm, bottom_mm = bone.depth_mm - bone.half_height_mm, bone.depth_mm + bone.half_height_mm
     lowest_mm = 2 * outline.half_height_mm - wall_mm
-    yield (
-        top_mm < wall_mm or bottom_mm > lowest_mm,
-        f"the bone spans depth {top_mm:g} to {bottom_mm:g} mm and touches the skin: "
-        f"expected inside {wall_mm:g} to {lowest_mm:g} mm",
-    )
+    widest_mm = max(mesh.contact_mm, mesh.ridge_mm)
+    flat = ridges.height_mm == 0 == papillae.height_mm
+    column_mm = math.inf if flat else (0.25 + 1e-9) * ridges.spacing_mm
+    for entry, size_mm, limit_mm, limit in (
+        ("ridges.spacing_mm", ridges.spacing_mm, ridges.half_width_mm, "one ridge on half the pad"),
+        ("ridges.half_width_mm", ridges.half_width_mm, outline.half_width_mm, "half the outline"),
+        ("contact_mm or ridge_mm", widest_mm, mesh.far_mm, "far_mm"),
+        ("contact_mm", mesh.contact_mm, mesh.contact_half_width_mm, "contact_half_width_mm"),
+        ("contact_mm or ridge_mm", widest_mm, column_mm, "four columns to a ridge"),
+        ("skin, with a gap,", wall_mm, top_mm, "the bone's side to the pad"),
+        ("the bone's other side", bottom_mm, lowest_mm, "it touches the skin"),
+    ):
+        if size_mm > limit_mm:
+            yield f"{entry} is {size_mm:g} mm, expected at most {limit_mm:.3g} mm: {limit}"
     width_mm, height_mm = outline.half_width_mm - wall_mm, outline.half_height_mm - wall_mm
     off_mm = bone.depth_mm - outline.half_height_mm  # > 0: towards the back
     shares = [step / 100 - 1 for step in range(1, 200)]  # of the bone, from its top
@@ -292,22 +269,23 @@ def _misfits(finger: Finger) -> Iterator[tuple[bool, str]]:
     room_mm = min(
         width_mm, *(width_mm * ((1 - at * at) / (1 - share * share)) ** 0.5 for share, at in pairs)
     )
-    yield (
-        bone.half_width_mm > room_mm,
-        f"bone half width {bone.half_width_mm:g} mm, expected at most {room_mm:.3g} mm: "
-        "it touches the skin",
-    )
-    yield not finger.afferents, "a finger without afferents has no result"
-    for name, site in finger.afferents.items():
+    if bone.half_width_mm > room_mm:
         yield (
-            not (isinstance(name, str) and AFFERENT_NAME.fullmatch(name)),
-            f"afferent {name!r}: expected a capital letter, then capital letters, digits or "
-            "_, at most 40 in all",
+            f"bone.half_width_mm is {bone.half_width_mm:g} mm, expected at most {room_mm:.3g} mm: "
+            "it touches the skin"
         )
+    if not finger.afferents:
+        yield "a finger without afferents has no result"
+    for name, site in finger.afferents.items():
+        if not (isinstance(name, str) and AFFERENT_NAME.fullmatch(name)):
+            yield (
+                f"afferent {name!r}: expected a capital letter, then capital letters, digits or "
+                "_, at most 40 in all"
+            )
         across = site.x_mm / outline.half_width_mm
         along = site.depth_mm / outline.half_height_mm - 1
-        yield (
-            not across * across + along * along <= 1,
-            f"afferent {name} at x = {site.x_mm:g} mm, depth {site.depth_mm:g} mm is outside "
-            "the finger",
-        )
+        if not across * across + along * along <= 1:
+            yield (
+                f"afferent {name} at x = {site.x_mm:g} mm, depth {site.depth_mm:g} mm is outside "
+                "the finger"
+            )
