@@ -91,10 +91,13 @@ PICTURES = {
 }
 
 
-CASES = [(picture, names) for picture in PICTURES for names in ("one", "five")]
+ROWS = ("raster", "psth", "isi", "stimulus")
+CASES = [(picture, "five") for picture in (*ROWS, "rates")]
 CASES += [
-    pytest.param(picture, "all", marks=pytest.mark.slow)
-    for picture in ("raster", "isi", "rates", "stimulus")
+    pytest.param(picture, names, marks=pytest.mark.slow)
+    for picture in PICTURES
+    for names in SETS
+    if (picture, names) not in CASES and (names != "all" or picture in (*ROWS, "rates"))
 ]
 
 

@@ -81,12 +81,11 @@ def test_a_marked_afferent_is_the_node_that_a_deck_would_watch(finger):
 @pytest.mark.parametrize(
     ("finger", "probe"),
     [
-        (QUICK, Probe()),
-        (PAPER, Probe(diameter_mm=0.05, x_mm=-1.2)),
-        (CROWDED, Probe(shape="flat", diameter_mm=4.0)),
-        (FAR, Probe(x_mm=2.0)),
+        pytest.param(QUICK, Probe(), id="quick", marks=pytest.mark.slow),
+        pytest.param(PAPER, Probe(diameter_mm=0.05, x_mm=-1.2), id="paper", marks=pytest.mark.slow),
+        pytest.param(CROWDED, Probe(shape="flat", diameter_mm=4.0), id="crowded"),
+        pytest.param(FAR, Probe(x_mm=2.0), id="far apart"),
     ],
-    ids=["quick", "paper, thin probe", "crowded", "far apart"],
 )
 def test_no_words_overlap_and_none_leave_the_page(finger, probe, check_words):
     mesh = mesh_of(replace(finger, afferents=QUICK.afferents))
