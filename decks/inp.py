@@ -20,12 +20,16 @@ is ever changed. What cannot be read is a DeckError that names the file and the 
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from string import ascii_lowercase, ascii_uppercase
 
-from decks.included import MOST_FILES, Resolver
 from fembridge.errors import DeckError
+from fembridge.store import MAX_DECK_BYTES, read_bytes
+
+Resolver = Callable[[str], bytes | None]
+"""Bytes of a file by the name under which the deck includes it; None: it is absent."""
 
 # A keyword: a star that no second star follows, after blanks if need be.
 _KEYWORD_LINE = re.compile(rb"^[ \t]*\*(?![ \t]*\*)", re.MULTILINE)
@@ -39,6 +43,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ED][+-]?\d+)?", re.IGNORECASE)
 # Keywords whose data may be in a file that INPUT= names.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET")
 _DEEPEST = 9  # ccx 2.20 includes no deeper
+_MOST_FILES = 1000  # one file may be included by many lines
 _MOST_DIGITS = 10
 
 
@@ -246,6 +251,18 @@ def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = N
     return Deck(tuple(reader.blocks), tuple(reader.inclusions))
 
 
+def beside(path: Path) -> Resolver:
+    """What reads the files that the deck at `path` includes: by their names, beside it."""
+
+    def resolve(name: str) -> bytes | None:
+        try:
+            return read_bytes(path.parent / name, MAX_DECK_BYTES, DeckError)
+        except (DeckError, ValueError):
+            return None
+
+    return resolve
+
+
 class _Reader:
     """Blocks as they come together, file by file."""
 
@@ -282,8 +299,8 @@ class _Reader:
             self.blocks[-1].pieces.append(piece)
 
     def _open(self, name: str, where: str, wanted: bool) -> Text | None:
-        if len(self.inclusions) >= MOST_FILES:
-            raise DeckError(f"{where}: more than {MOST_FILES} files are included")
+        if len(self.inclusions) >= _MOST_FILES:
+            raise DeckError(f"{where}: more than {_MOST_FILES} files are included")
         data = self._resolver(name) if wanted and self._resolver is not None else None
         self.inclusions.append(Inclusion(name, where, data is not None or not wanted))
         return None if data is None else Text(data, name)

@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -166,7 +165,7 @@ def build_own_folder(
     OutputError
         The folder cannot be made or written.
     """
-    from decks.included import beside
+    from decks.inp import beside
     from decks.own_model.inp import rebase_inp
     from decks.own_model.marc import rebase_marc
 
@@ -176,9 +175,12 @@ def build_own_folder(
             "fembridge puts in its way into the skin alone"
         )
     motion = motion_of(stimulus)
-    rebase = rebase_marc if base.solver == "marc" else partial(rebase_inp, dialect=base.solver)
     try:
-        rebased = rebase(base.data, motion, request, resolver=beside(base.path))
+        if base.solver == "marc":
+            rebased = rebase_marc(base.data, motion, request)
+        else:
+            resolver = beside(base.path)
+            rebased = rebase_inp(base.data, motion, request, dialect=base.solver, resolver=resolver)
     except DeckError as error:
         raise DeckError(f"{base.path}: {error}") from error
     files = {dialect_named(base.solver).deck: rebased.deck}

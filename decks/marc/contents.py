@@ -15,13 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from decks.included import Resolver, beside
 from decks.marc.grammar import (
     CONDITIONS,
-    Include,
     Layout,
     Line,
-    Member,
     Option,
     Section,
     blocks,
@@ -242,7 +239,6 @@ class MarcDeck:
     """
 
     options: tuple[Option, ...]
-    includes: tuple[Include, ...]
     elements: tuple[Elements, ...]
     coordinates: Coordinates
     tables: tuple[MarcTable, ...]
@@ -284,26 +280,17 @@ class MarcDeck:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a user should know about the deck."""
-        remarks = [
-            f"{each.line.place}: includes {each.name}, which was not read"
-            for each in self.includes
-            if not each.followed
-        ]
-        if self.sizes is not None and self.element_count != self.sizes[0]:
-            room = self.sizes[0]
-            remarks.append(f"{self.element_count} elements, while `sizing` has room for {room}")
-        return tuple(remarks)
+        if self.sizes is None or self.element_count == self.sizes[0]:
+            return ()
+        return (f"{self.element_count} elements, while `sizing` has room for {self.sizes[0]}",)
 
     def sets(self) -> dict[str, NamedSet]:
-        """Sets by name, of all sections; a set may name sets before it."""
+        """Sets by name, of all sections."""
         found: dict[str, NamedSet] = {}
-        members: dict[bool, dict[str, list[Member]]] = {False: {}, True: {}}
         for option in (each for each in self.options if each.keyword == "define"):
             kind, name = _kind_and_name(option)
             paired = kind.startswith(("edge", "face"))
-            listed = read_list(option.data, paired=paired, earlier=members[paired])
-            members[not paired].pop(name, None)
-            members[paired][name] = listed
+            listed = read_list(option.data, paired=paired)
             shape = (len(listed), 2) if paired else (len(listed),)
             found[name] = NamedSet(name, kind, np.array(listed, dtype=np.int64).reshape(shape))
         return found
@@ -336,31 +323,26 @@ class MarcDeck:
         return _post(found[-1]) if found else None
 
 
-def read_marc_deck(
-    data: bytes, path: Path | None = None, resolver: Resolver | None = None
-) -> MarcDeck:
+def read_marc_deck(data: bytes, path: Path | None = None) -> MarcDeck:
     """Read a Marc deck; `path` is its file, for messages.
-
-    `resolver` gives the bytes of an included file by the name in the deck. Without it, or
-    where it has none, included files are noted and not followed.
 
     Raises
     ------
     DeckError
-        No Marc deck, cut short, or its counts do not agree; names the line.
+        No Marc deck, cut short, one that includes files, or its counts do not agree; names
+        the line.
     """
-    options, includes = read_options(data, path, resolver)
+    options = read_options(data, path)
     model = [each for each in options if each.section is Section.MODEL]
     connectivity = [each for each in model if each.keyword == "connectivity"]
     deck = MarcDeck(
         tuple(options),
-        tuple(includes),
         tuple(_elements(connectivity)),
         _coordinates([each for each in model if each.keyword == "coordinates"]),
         tuple(_table(each) for each in model if each.keyword == "table"),
     )
     generated = any(option.keyword in _GENERATORS for option in options)
-    if deck.sizes is None or generated or not all(each.followed for each in includes):
+    if deck.sizes is None or generated:
         return deck
     # Mentat says how many elements there are, others how much room is.
     found, said = deck.element_count, deck.sizes[0]
@@ -373,12 +355,12 @@ def read_marc_deck(
 
 
 def describe_marc_deck(path: Path) -> Table:
-    """What the deck at `path` holds; included files are looked for beside it.
+    """What the deck at `path` holds.
 
     What cannot be read of it is in ``remarks``, with its line.
     """
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
-    deck = read_marc_deck(data, path, beside(path))
+    deck = read_marc_deck(data, path)
     remarks = list(deck.remarks)
 
     def read(view: Callable[[], Iterable[Any]], words: Callable[[Any], Any]) -> list[Any]:
@@ -476,8 +458,7 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
     """
     seen: dict[int, Line] = {}
     for option in options:
-        # A line with letters mentions a file that was not read.
-        rows = [line for line in option.data if not (line.blank or line.lettered)]
+        rows = [line for line in option.data if not line.blank]
         head = rows[0].integers() + [0] * 9 if rows else []
         found: dict[int, list[list[int]]] = {}
         row = 1
@@ -510,7 +491,7 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
     numbers: list[int] = []
     places: list[list[float]] = []
     for option in options:
-        rows = [line for line in option.data if not (line.blank or line.lettered)]
+        rows = [line for line in option.data if not line.blank]
         if not rows:
             continue
         width, count = ([*rows[0].integers(), 0, 0])[:2]
@@ -521,9 +502,8 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
             number, place = line.node(width)
             numbers.append(number)
             places.append(place)
-        unread = any(line.lettered for line in option.data)
         words = f"{count} nodes announced, but {len(rows) - 1} lines of them"
-        rows[0].check(count in (0, len(rows) - 1) or unread, words)
+        rows[0].check(count in (0, len(rows) - 1), words)
     position = np.zeros((len(places), max(map(len, places), default=3)))
     for row, place in zip(position, places, strict=True):
         row[: len(place)] = place
@@ -593,8 +573,7 @@ def _table(option: Option) -> MarcTable:
         number, count, _, _, kind = (rows[0].integers() + [0] * 3)[:5]
         if kind != FORMULA and count >= 1:
             variable, expected = rows[1].integers()[:2]
-            # A line with letters mentions a file that was not read.
-            if count == 1 and kind == POINTS and not any(line.lettered for line in rows):
+            if count == 1 and kind == POINTS:
                 pairs = [line.fields("rr") for line in rows[2:]]
                 points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
     return MarcTable(option.name, number, variable, points, option.head, tuple(rows))

@@ -10,14 +10,12 @@ What cannot be read is a DeckError with its line; a text that is no number a Val
 
 import math
 import re
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from decks.included import MOST_FILES, Resolver
 from fembridge.errors import DeckError
 
 # ---- Numbers: fixed columns, extended columns, or between commas
@@ -166,9 +164,7 @@ def count_integers(text: str, layout: Layout) -> int:
 class Line(NamedTuple):
     """A line: `text` without its end, and the bytes `start` to `stop` with it.
 
-    Bytes stand for characters one to one (Latin-1), so that nothing is lost. A line of
-    an included file has the empty span behind the line that includes it, and that
-    file's `path` and `number`; the line that includes it is `followed`.
+    Bytes stand for characters one to one (Latin-1), so that nothing is lost.
     """
 
     number: int
@@ -177,13 +173,11 @@ class Line(NamedTuple):
     stop: int = 0
     layout: Layout = Layout.FIXED
     path: Path | None = None
-    included: bool = False
-    followed: bool = False
 
     @property
     def comment(self) -> bool:
-        """Whether it holds no data: a comment, or the mention of a file that was read."""
-        return self.followed or self.text.lstrip().startswith("$")
+        """Whether it holds no data."""
+        return self.text.lstrip().startswith("$")
 
     @property
     def blank(self) -> bool:
@@ -431,21 +425,13 @@ class Option:
         ]
 
 
-class Include(NamedTuple):
-    """A file that the deck includes, and whether it was read too."""
-
-    name: str
-    line: Line
-    followed: bool
-
-
 def blocks(rows: Sequence[Line], starts: Sequence[int]) -> list[Sequence[Line]]:
     """`rows` cut at the rows `starts`; what lies before the first is left out."""
     stops = [*starts[1:], len(rows)]
     return [rows[at:stop] for at, stop in zip(starts, stops, strict=False)]
 
 
-# ---- Lists: ``1 to 15 by 2 and 40 except inner``, on lines that end in ``c``
+# ---- Lists: ``1 to 15 by 2 40``, on lines that end in ``c``
 
 Member = int | tuple[int, int]
 
@@ -453,48 +439,22 @@ _PAIR = re.compile(r"([+-]?\d{1,18}):(\d{1,9})\Z")
 _NUMBER = re.compile(r"[+-]?\d{1,18}\Z")
 _CONTINUED = re.compile(r"(?:^|[\s,\d])c(?:ontinue)?\s*\Z", re.IGNORECASE)
 _ITEM = re.compile(
-    r"(?P<joining>and|except|intersect)(?= )|"
-    r"(?P<first>\S+)(?: (?:to|through) (?P<last>\S+)(?: by (?P<step>\S+))?)?",
-    re.IGNORECASE,
+    r"(?P<first>\S+)(?: +(?:to|through) +(?P<last>\S+)(?: +by +(?P<step>\S+))?)?", re.IGNORECASE
 )
 _MOST = 20_000_000  # members of a list
 
 
-def read_list(
-    lines: Iterable[Line],
-    *,
-    paired: bool = False,
-    earlier: Mapping[str, Sequence[Member]] | None = None,
-) -> list[Member]:
-    """The members of a list: numbers, or pairs ``element:side`` if `paired`.
-
-    `earlier` are sets by name that the list may name. No member comes twice.
-    """
-    known = {name.lower(): members for name, members in (earlier or {}).items()}
-    owners, texts, ends = list(lines), [], [0]
-    for line in owners:
+def read_list(lines: Iterable[Line], *, paired: bool = False) -> list[Member]:
+    """The members of a list: numbers, or pairs ``element:side`` if `paired`, none twice."""
+    found: dict[Member, None] = {}
+    for line in lines:
         parts = line.text.replace(",", " ").split()
         if parts and _CONTINUED.search(line.text):
             parts.pop()
-        texts.append("".join(f"{part} " for part in parts))
-        ends.append(ends[-1] + len(texts[-1]))
-    found: dict[Member, None] = {}
-    joining = "and"
-    for item in _ITEM.finditer("".join(texts)):
-        if item["joining"]:
-            joining = item["joining"].lower()
-            continue
-        line = owners[bisect_left(ends, item.end()) - 1]
-        members = known.get(item[0].lower())
-        if members is None:
+        for item in _ITEM.finditer(" ".join(parts)):
             members = _span(line, item, paired)
-        line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")
-        if joining == "and":
+            line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")
             found.update(dict.fromkeys(members))
-        else:
-            other = set(members)
-            found = dict.fromkeys(m for m in found if (m in other) == (joining == "intersect"))
-        joining = "and"
     return list(found)
 
 
@@ -515,7 +475,7 @@ def _span(line: Line, item: re.Match[str], paired: bool) -> Sequence[Member]:
 def _member(line: Line, word: str, paired: bool) -> tuple[int, int]:
     found = (_PAIR if paired else _NUMBER).match(word)
     if found is None:
-        what = "element:side" if paired else "a number or the name of a set before"
+        what = "element:side" if paired else "a number"
         raise line.refuse(f"{word!r} in a list, expected {what}")
     return (int(found[1]), int(found[2])) if paired else (int(found[0]), 0)
 
@@ -569,34 +529,29 @@ _RULES: dict[str, Callable[[Sequence[Line], Line], bool]] = {
 
 # ---- The deck cut into options
 
-_INCLUDE = re.compile(r"include(?:\s*,\s*|\s+)(?P<name>\S.*)", re.IGNORECASE)
+_INCLUDE = re.compile(r"include(?:\s*,\s*|\s+)\S", re.IGNORECASE)
 _CASE_STARTS = re.compile(r"\$\.*start of loadcase\b", re.IGNORECASE)  # Mentat's comment
-_DEEPEST = 16  # files included by one another
 _LOOK = 4096  # bytes in which a deck's first keyword stands
 _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 
 
-def read_options(
-    data: bytes, path: Path | None = None, resolver: Resolver | None = None
-) -> tuple[list[Option], list[Include]]:
-    """The options of a deck, every line in one of them, and the files it includes."""
+def read_options(data: bytes, path: Path | None = None) -> list[Option]:
+    """The options of a deck, every line in one of them."""
     if b"\0" in data:
         raise _no_deck(path, "zero bytes, expected text")
-    reader = _Reader(resolver)
+    reader = _Reader()
     reader.read(data, path)
-    reader.close()
-    options, includes = reader.options, reader.includes
+    options = reader.options
     keywords = {option.keyword for option in options}
     if _END not in keywords or not keywords.intersection(_OPENING):
         raise _no_deck(path, "no parameters such as `sizing` that end with `end`")
-    missing = _missing(options)
-    if missing is not None and all(each.followed for each in includes):
+    if (missing := _missing(options)) is not None:
         last = options[-1]
         raise last.lines[-1].refuse(
             f"the deck ends in `{last.keyword}`, which starts on {last.head.place}; "
             f"expected `{missing}` before the end: the file is cut short"
         )
-    return options, includes
+    return options
 
 
 def is_marc_deck(path: Path) -> bool:
@@ -619,9 +574,7 @@ def is_marc_deck(path: Path) -> bool:
 class _Reader:
     """The options so far, and the one that is being read: `lines` and its `rows` of data."""
 
-    resolver: Resolver | None
     options: list[Option] = field(default_factory=list)
-    includes: list[Include] = field(default_factory=list)
     section: Section = Section.PARAMETER
     case: int = 0
     layout: Layout = Layout.FIXED
@@ -630,26 +583,15 @@ class _Reader:
     rows: list[Line] = field(default_factory=list)
     conditions: set[str] = field(default_factory=set)
 
-    def read(
-        self, data: bytes, path: Path | None, behind: int | None = None, opened: Sequence[str] = ()
-    ) -> None:
-        """Take the lines of a file, and where an included file can be had, its lines.
-
-        Lines of an included file have the empty span at byte `behind`.
-        """
+    def read(self, data: bytes, path: Path | None) -> None:
+        """Take the lines of a deck."""
         start = 0
-        included = behind is not None
         for number, text in enumerate(data.decode("latin-1").split("\n"), start=1):
             stop = min(start + len(text) + 1, len(data))
             if stop > start:
-                span = (start, stop) if behind is None else (behind, behind)
-                text = text.removesuffix("\r")
-                line = Line(number, text, *span, self.layout, path, included)
-                if found := _INCLUDE.match(text):
-                    self._include(line, found["name"], opened)
-                else:
-                    self._take(line)
+                self._take(Line(number, text.removesuffix("\r"), start, stop, self.layout, path))
             start = stop
+        self.close()
 
     def close(self) -> None:
         """End the open option."""
@@ -666,25 +608,15 @@ class _Reader:
         elif self.keyword == _CONTINUE:
             self.case += 1
 
-    def _include(self, line: Line, written: str, opened: Sequence[str]) -> None:
-        name = written.strip().strip(",").strip().strip("\"'")
-        if len(self.includes) >= MOST_FILES:
-            raise line.refuse(f"more than {MOST_FILES} files are included")
-        inner = None if self.resolver is None else self.resolver(name)
-        self.includes.append(Include(name, line, inner is not None))
-        if inner is None:
-            self._take(line, mention=True)
-            return
-        self._take(line._replace(followed=True))
-        if name in opened or len(opened) == _DEEPEST:
-            raise line.refuse(f"{name} includes itself, or is nested too deep")
-        self.read(inner, Path(name), line.stop, (*opened, name))
-
-    def _take(self, line: Line, *, mention: bool = False) -> None:
+    def _take(self, line: Line) -> None:
         """Add a line: it opens an option or belongs to the open one."""
         if line.comment:
             self.lines.append(line)
-        elif not mention and line.lettered and self._opens(line):
+        elif _INCLUDE.match(line.text):
+            raise line.refuse(
+                "an included file is not read; put its lines in the place of this one"
+            )
+        elif line.lettered and self._opens(line):
             self.close()
             word = significant(line.text)
             self.keyword = word if self.section is Section.PARAMETER else _NAMES.get(word, word)

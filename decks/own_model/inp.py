@@ -6,11 +6,11 @@ case and line ends included. A probe without such an amplitude gets one. What is
 or can be meant in two ways is refused, with its line.
 """
 
-from decks.included import Resolver
 from decks.inp import (
     Block,
     Deck,
     Edit,
+    Resolver,
     Text,
     blocks_in,
     edited,

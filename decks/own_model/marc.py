@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from decks.included import Resolver
 from decks.marc.contents import (
     ADAPTIVE,
     FIXED,
@@ -54,10 +53,8 @@ _CUT_BACKS = 10  # how often an increment may be cut, Mentat's default
 _NEWER_VERSION = 14  # of those seen, the first with five numbers in `auto load`
 
 
-def rebase_marc(
-    data: bytes, motion: Motion, request: Request, resolver: Resolver | None = None
-) -> Rebased:
-    """A Marc deck with `motion` in it; `resolver` gives an included file by its name.
+def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
+    """A Marc deck with `motion` in it.
 
     Raises
     ------
@@ -71,7 +68,7 @@ def rebase_marc(
             "`auto load` by itself where it must, and writes all nodes; --move, --increments and "
             "--frames are for CalculiX and Abaqus"
         )
-    deck = read_marc_deck(data, resolver=resolver)
+    deck = read_marc_deck(data)
     units = LENGTH_UNITS[request.length_unit or "mm"]
     table, drives = _driving_table(deck, request.amplitude)
     chosen = _choose_case(deck, request.step, drives)
@@ -96,15 +93,12 @@ def rebase_marc(
         place = deck.coordinates.of(node)
         if place is None or len(place) < 2:
             problem = f"afferent {name}: node {node} has no coordinates"
-            if unread := ", ".join(each.name for each in deck.includes if not each.followed):
-                problem += f"; included and not read: {unread}"
             line = deck.coordinates.line
             raise DeckError(problem) if line is None else line.refuse(problem)
         flat = position.shape[1] < 3 or not np.ptp(position[:, 2])
         places[name] = tuple(float(value) * units.length_mm for value in place[: 2 if flat else 3])
-    needs = tuple(dict.fromkeys(each.name for each in deck.includes))
     deep_mm = (stands or 0.0) * factor * units.length_mm
-    return Rebased(edits.changed(), tuple(remarks), places, needs, chosen.start_s, deep_mm, units)
+    return Rebased(edits.changed(), tuple(remarks), places, (), chosen.start_s, deep_mm, units)
 
 
 @dataclass(slots=True)
@@ -132,8 +126,6 @@ class _Edits:
 
     def _lines(self, like: Line, texts: Sequence[str]) -> bytes:
         """`texts` with the line end that `like` has."""
-        words = "would have to change, but is in an included file; only the deck itself is changed"
-        like.check(not like.included, f"{words}: put these lines into it")
         end = self.data[like.start + len(like.text) : like.stop].decode("latin-1")
         if not end.endswith("\n"):
             end = "\r\n" if b"\r\n" in self.data else "\n"

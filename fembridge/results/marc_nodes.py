@@ -78,7 +78,6 @@ def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
     None without one, or where it does not have all elements (it is another model's). From
     input version 14 on ``connectivity`` has the material; before, a material lists elements.
     """
-    from decks.included import beside
     from decks.marc.contents import read_marc_deck
     from decks.marc.grammar import is_marc_deck
 
@@ -86,7 +85,7 @@ def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
     if not is_marc_deck(deck_path) or deck_path.stat().st_size > _LARGEST_DECK_BYTES:
         return None
     try:
-        deck = read_marc_deck(deck_path.read_bytes(), deck_path, beside(deck_path))
+        deck = read_marc_deck(deck_path.read_bytes(), deck_path)
         materials = deck.materials()
     except (OSError, DeckError):
         return None

@@ -86,8 +86,7 @@ def sets_beside(path: Path) -> dict[str, int]:
 
 def read_node_sets(deck: Path) -> dict[str, list[range]]:
     """The node sets of a CalculiX deck by name, in capitals, as runs of numbers."""
-    from decks.included import beside
-    from decks.inp import node_sets, read_inp
+    from decks.inp import beside, node_sets, read_inp
 
     try:
         held = read_inp(_bytes(deck), resolver=beside(deck))
@@ -124,11 +123,10 @@ def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
         return {one.name.strip(): [one.members.tolist()] for one in sets if one.kind == "node"}
     if file.suffix.lower() != ".dat":
         return read_node_sets(file)
-    from decks.included import beside
     from decks.marc.contents import read_marc_deck
 
     try:
-        held = read_marc_deck(_bytes(file), file, beside(file)).sets().values()
+        held = read_marc_deck(_bytes(file), file).sets().values()
     except DeckError as error:
         raise ResultError(f"sets cannot be read: {error}", file) from error
     nodal = [one for one in held if one.kind.startswith("node")]

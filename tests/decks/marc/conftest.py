@@ -36,7 +36,7 @@ class Deck:
 
     def __init__(self, text):
         self.text = text
-        options, _ = read_options(text.encode("ascii"))
+        options = read_options(text.encode("ascii"))
         self.options = [
             Option(one.head.text, [line.text for line in one.data], one.keyword) for one in options
         ]

@@ -172,17 +172,6 @@ def test_spans_go_up_and_down(start, stop, step):
     assert list_of(f"{start} to {stop} by {step}") == expected
 
 
-@given(first=st.sets(st.integers(1, 30)), second=st.sets(st.integers(1, 30)))
-def test_lists_are_joined_as_sets_are(first, second):
-    earlier = {"First": sorted(first), "second": sorted(second)}
-    for word, joined in (
-        ("and", first | second),
-        ("except", first - second),
-        ("intersect", first & second),
-    ):
-        assert set(list_of(f"FIRST {word} second", earlier=earlier)) == joined
-
-
 def test_sides_of_elements_are_pairs():
     assert list_of("1:0 to 3:0 7:2", paired=True) == [(1, 0), (2, 0), (3, 0), (7, 2)]
 

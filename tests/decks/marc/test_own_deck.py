@@ -190,9 +190,9 @@ def test_its_own_waveform_changes_no_byte_and_another_makes_the_deck_of_that(our
 # ---- Refusals
 
 
-def refused(data, found, request=None, resolver=None):
+def refused(data, found, request=None):
     with pytest.raises(DeckError, match=found) as caught:
-        rebase_marc(data, MOTION, request or Request(), resolver)
+        rebase_marc(data, MOTION, request or Request())
     return str(caught.value)
 
 
@@ -295,28 +295,3 @@ def test_a_node_without_coordinates_is_refused(marc_text):
     data = marc_text().text()
     said = refused(data, "SA: node 7", Request(afferents={"SA": 7}))
     assert said.startswith(line_of(data, "coordinates"))
-
-
-def test_included_files_are_named_and_can_be_read(marc_text):
-    deck = marc_text()
-    mesh = list(deck.mesh())
-    split = mesh.index("coordinates")
-    inner = "\n".join(mesh[split:]).encode() + b"\n"
-    data = deck.text(mesh=[*mesh[:split], "include nodes.inc"])
-    request = Request(afferents={"SA": 2})
-    refused(data, r"nodes\.inc", request)
-    assert rebase_marc(data, MOTION, Request()).needs == ("nodes.inc",)
-    followed = rebase_marc(data, MOTION, request, {"nodes.inc": inner}.get)
-    assert followed.place_mm == {"SA": (1.0, 0.0)}
-    assert b"include nodes.inc\n" in followed.deck
-    assert inner not in followed.deck
-
-
-@pytest.mark.parametrize(("kept", "line"), [(3, 1), (0, 3)])
-def test_a_table_or_its_points_in_an_included_file_are_refused(marc_text, kept, line):
-    deck = marc_text()
-    lines = list(deck.table())
-    data = deck.text(table=[*lines[:kept], "include wave.inc"])
-    inner = "\n".join([*lines[kept:], ""]).encode()
-    refused(data, "wave" if kept else "no table")
-    refused(data, rf"wave\.inc:{line}: ", resolver={"wave.inc": inner}.get)
