@@ -159,7 +159,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             return _deck(args, path)
     printed = suffix in PRINTS and not (suffix == ".dat" and _at_nodes(args, result))
     kind = _kind(args, result, printed)
-    if kind == "list" or (kind == "traces" and _nothing_chosen(args, result)):
+    foreign = kind == "traces" and result.run is None
+    if kind == "list" or (foreign and _nothing_chosen(args, result)):
         held = _described(result, suffix in PRINTS)
         ways = [] if kind == "list" else _ways(args, result)
         if not args.json:
@@ -348,9 +349,7 @@ def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
     """Whether a foreign file was named and no nodes: it is listed then."""
     from fembridge.errors import UsageError
 
-    if args.point or args.node or args.sets or args.near or result.run is not None:
-        return False
-    if result.named_nodes():
+    if args.node or args.sets or args.near or result.named_nodes():
         return False
     wants = "choose with --node N or all, --set NAME or --near X,Y"
     if args.afferents:
@@ -487,18 +486,9 @@ def _vtu(args: argparse.Namespace, result: "Result") -> Written:
     """Every increment for ParaView."""
     from fembridge.results.vtu import write_vtu_series
 
-    options = result.options
+    derived = tuple(dict.fromkeys(args.derived or ("von_mises",)))
     collection = write_vtu_series(
-        result.path,
-        args.vtu,
-        quantities=args.quantity,
-        derived=tuple(dict.fromkeys(args.derived or ("von_mises",))),
-        partial=options.partial,
-        stress_unit=options.stress_unit,
-        length_unit=options.length_unit,
-        extrapolate=options.extrapolate,
-        modes=args.modes,
-        log=options.log,
+        result, args.vtu, quantities=args.quantity, derived=derived, modes=args.modes
     )
     count = len(list(args.vtu.glob("*.vtu")))
     summary = {"output": str(collection), "increments": count}

@@ -20,7 +20,7 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -112,7 +112,8 @@ class Quantity:
         return f"von Mises of {words} at the points" if self.mises else words
 
 
-def element_quantities(codes: Sequence[PostCode]) -> tuple[Quantity, ...]:
+@lru_cache(maxsize=8)
+def element_quantities(codes: tuple[PostCode, ...]) -> tuple[Quantity, ...]:
     """What `codes` amount to, in the order of the file; no column twice."""
     column_of = {(code.code, code.layer): k for k, code in enumerate(codes)}
     layered = len({code.layer for code in codes}) > 1
@@ -138,7 +139,7 @@ def element_quantities(codes: Sequence[PostCode]) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def stress_tensor(codes: Sequence[PostCode], path: Path) -> Quantity:
+def stress_tensor(codes: tuple[PostCode, ...], path: Path) -> Quantity:
     """The stress tensor that traces are made of."""
     found = element_quantities(codes)
     for code in STRESS_CODES:
@@ -155,7 +156,7 @@ def stress_tensor(codes: Sequence[PostCode], path: Path) -> Quantity:
     raise ResultError(f"no stress tensor (post code 311 or 341) in it, it holds {words}", path)
 
 
-def mises_of_points(codes: Sequence[PostCode], path: Path) -> Quantity:
+def mises_of_points(codes: tuple[PostCode, ...], path: Path) -> Quantity:
     """The von Mises stress that Marc stored at the points, else that of the tensor there."""
     for code in EQUIVALENT_CODES:
         same = [one for one in element_quantities(codes) if one.codes == (code,)]
@@ -164,7 +165,7 @@ def mises_of_points(codes: Sequence[PostCode], path: Path) -> Quantity:
     return replace(stress_tensor(codes, path), mises=True)
 
 
-def quantities_of(one: PostIncrement, codes: Sequence[PostCode]) -> dict[str, Quantity]:
+def quantities_of(one: PostIncrement, codes: tuple[PostCode, ...]) -> dict[str, Quantity]:
     """Quantities of an increment by name, ``DX``, ``DY`` of Displacement; not complex ones."""
     found = {}
     for held in one.nodal:

@@ -122,7 +122,8 @@ class Result:
                 f"{held.form}",
                 path,
             )
-        found_ms = since.unrounded().traces(path)[0].dt_ms
+        since = since.unrounded()
+        found_ms = since.dt_ms or since.traces(path)[0].dt_ms  # which says what is uneven
         # A file's times may be rounded: to six digits, or to single precision.
         off = abs(found_ms / run.dt_ms - 1.0) * since.at.size
         step_ms = run.dt_ms if off <= STEP_TOLERANCE else found_ms
@@ -238,13 +239,25 @@ def open_result(
         stress, length = stress_unit or run.stress_unit, length_unit or run.length_unit
     else:
         stress, length = units_of(path, stress_unit, length_unit, log)
-    options = ReadOptions(partial, across_materials, stress, log, extrapolate, von_mises)
-    options = replace(options, length_unit=length, columns=dict(columns or {}))
+    options = ReadOptions(
+        partial=partial,
+        across_materials=across_materials,
+        stress_unit=stress,
+        length_unit=length,
+        extrapolate=extrapolate,
+        von_mises=von_mises,
+        columns=dict(columns or {}),
+        log=log,
+    )
     return Result(path, options, run, trouble)
 
 
-def opened(caller: str, path: Path | str | RunFolder, options: Mapping[str, Any]) -> Result:
+def opened(
+    caller: str, path: Path | str | RunFolder | Result, options: Mapping[str, Any]
+) -> Result:
     """`open_result` for the function `caller`, which is named where an option is none."""
+    if isinstance(path, Result):
+        return path
     try:
         return open_result(path, **options)
     except TypeError as error:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene
-from fembridge.results.result import opened
+from fembridge.results.result import Result, opened
 from fembridge.results.source import open_source
 from fembridge.results.stress import DERIVED
 from fembridge.store import filling
@@ -52,7 +52,7 @@ _Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.uint8]
 
 
 def write_vtu_series(
-    path: Path | str,
+    path: Path | str | Result,
     folder: Path | str,
     *,
     quantities: Sequence[str] | None = None,
@@ -92,9 +92,9 @@ def write_vtu_series(
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
-    result = opened("write_vtu_series", path, options)
-    with open_source(result.path, result.options) as source:
-        path, folder = source.path, Path(folder)
+    result, folder = opened("write_vtu_series", path, options), Path(folder)
+    path = result.path
+    with open_source(path, result.options) as source:
         frames = source.frames(quantities, tuple(derived), modes)
         series = f"{path.stem}.pvd"
         entries: list[tuple[float, str]] = []
