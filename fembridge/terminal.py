@@ -1,4 +1,6 @@
-r"""What goes to a terminal: an error in one line, and nothing that steers it.
+r"""What goes to a terminal: an error in one line, how far it is, and nothing that steers it.
+
+How far it is are bars, which go at the end; elsewhere a line now and then.
 
 A file that somebody sent may have a title with escape sequences, which a terminal
 would obey: it could be renamed, cleared, or made to show what is not there. What is
@@ -7,12 +9,25 @@ printed passes through `PlainStream`, which shows them as ``\x1b``.
 
 import os
 import re
+import sys
 import tempfile
+import threading
 from collections.abc import Callable
-from typing import TextIO, cast
+from time import perf_counter
+from typing import TYPE_CHECKING, Self, TextIO, cast
+
+if TYPE_CHECKING:
+    import rich.progress
+
+    from fembridge.solver.settings import Progress
 
 LONGEST_ERROR = 300
 """Characters of an error; the rest is in a file that the line names."""
+
+PATIENCE_S = 2.0
+# Of a batch system's log: how long nothing is written about a run.
+QUIET_S = 30.0
+LONGEST_NAME = 28
 
 _TAIL = 80
 # C0 but tab and line feed, DEL, C1, line separators, and what turns text around.
@@ -84,3 +99,108 @@ class PlainStream:
 
     def __getattr__(self, name: str) -> object:
         return getattr(self.stream, name)
+
+
+class Bars:
+    """Bars on stderr, from `patience_s` on; without a terminal a line each `quiet_s`.
+
+    A context manager. Calls may come from several threads. rich is imported when the
+    first bar is due.
+    """
+
+    def __init__(
+        self, patience_s: float = PATIENCE_S, *, quiet_s: float = QUIET_S, shows: bool = True
+    ) -> None:
+        self.on_terminal = shows and sys.stderr.isatty()
+        self._shows = shows
+        self._quiet_s = quiet_s
+        self._begin_s = perf_counter()
+        self._due_s = self._begin_s + patience_s
+        self._line_s: dict[str, float] = {}
+        self._lock = threading.Lock()
+        self._bars: rich.progress.Progress | None = None
+        self._rows: dict[str, rich.progress.TaskID] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._shows = False
+            if self._bars is not None:
+                self._bars.stop()
+
+    def show(self, name: str, share: float, words: str = "") -> None:
+        """Move the bar `name` to `share`, 0 to 1; a new one where there is none."""
+        with self._lock:
+            now_s = perf_counter()
+            if not self._shows or now_s < self._due_s:
+                return
+            if not self.on_terminal:
+                if now_s >= self._line_s.get(name, self._begin_s) + self._quiet_s:
+                    self._line_s[name] = now_s
+                    self.print(f"{name}: {share:.0%}{words and ', '}{words}")
+                return
+            if self._bars is None:
+                self._bars = _start()
+            if name not in self._rows:
+                short = name if len(name) <= LONGEST_NAME else f"…{name[1 - LONGEST_NAME :]}"
+                self._rows[name] = self._bars.add_task(short, total=1.0, words="")
+            self._bars.update(self._rows[name], completed=share, words=words)
+
+    def remove(self, name: str) -> None:
+        """Remove the bar `name`, if there is one."""
+        with self._lock:
+            row = self._rows.pop(name, None)
+            if self._bars is not None and row is not None:
+                self._bars.remove_task(row)
+
+    def print(self, line: str) -> None:
+        """Write a line on stderr, above the bars."""
+        if self._bars is not None:
+            self._bars.console.print(plain(line), markup=False, highlight=False)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+
+class SolverBars(Bars):
+    """A bar for each run of the solver, called with how far it is."""
+
+    def __call__(self, progress: "Progress") -> None:
+        """Move the bar of a run of the solver; take it away when the run ends."""
+        if progress.ended:
+            self.remove(str(progress.folder))
+        else:
+            self.show(str(progress.folder), progress.fraction, words_of(progress))
+
+
+def words_of(progress: "Progress") -> str:
+    """Increments, iterations and the time left of a run of the solver, in a line."""
+    words = (
+        f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
+    )
+    left_s = progress.left_s
+    return words if left_s is None else f"{words}, {clock(left_s)} left"
+
+
+def clock(left_s: float) -> str:
+    """A time as ``1:02:03`` or ``2:03``."""
+    minutes, seconds = divmod(round(left_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
+
+
+def _start() -> "rich.progress.Progress":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    bars = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[words]}", markup=False),
+        console=Console(file=getattr(sys.stderr, "stream", sys.stderr)),  # bars do steer
+        transient=True,
+    )
+    bars.start()
+    return bars

@@ -96,7 +96,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
     from decks.presets import read_finger
-    from fembridge.progress import SolverBars
     from fembridge.response.deflection import (
         DEPTH_MM,
         FINGERS,
@@ -105,6 +104,7 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
         stored_deflections,
     )
     from fembridge.solver.settings import SolverSettings
+    from fembridge.terminal import SolverBars
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
     finger = FINGERS.get(args.finger or "quick") or read_finger(args.finger)

@@ -39,8 +39,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
     from fembridge import api
     from fembridge.errors import UsageError
-    from fembridge.progress import SolverBars
-    from fembridge.terminal import error_line
+    from fembridge.terminal import SolverBars, error_line
 
     for folder in args.folders:
         if not os.path.lexists(folder):

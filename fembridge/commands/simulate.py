@@ -66,7 +66,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.api import simulate
     from fembridge.errors import UsageError
-    from fembridge.progress import SolverBars
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.simulation import (
         FINGER_FILE,
@@ -76,6 +75,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         TRACES_FILE,
         check_finger,
     )
+    from fembridge.terminal import SolverBars
 
     require_libraries(args.export)
     output = Path(args.output)

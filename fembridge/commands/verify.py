@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.errors import UsageError
-    from fembridge.progress import SolverBars
     from fembridge.report.verify import PAGE_FILE, summary_of, verify, versions_here, write_report
+    from fembridge.terminal import SolverBars
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")

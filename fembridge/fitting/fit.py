@@ -27,10 +27,10 @@ from fembridge.fitting.problem import (
     observed_entries,
 )
 from fembridge.observed import FAMILIES, ObservedRates
-from fembridge.progress import Bars
 from fembridge.response.response_map import ResponseMap
 from fembridge.store import write_text
 from fembridge.tables import Rate, write_rates, write_table
+from fembridge.terminal import Bars
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
 from neural.agreement import Agreement, agreement

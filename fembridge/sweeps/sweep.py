@@ -26,7 +26,6 @@ from decks.probe import Probe
 from decks.waveform import make_stimulus
 from fembridge.errors import FembridgeError, MissingError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
-from fembridge.progress import Bars, clock, words_of
 from fembridge.response.acceptance import depth_for
 from fembridge.solver.ccx import signals_as_exits
 from fembridge.solver.settings import Progress, SolverSettings
@@ -45,6 +44,7 @@ from fembridge.sweeps.work import (
     solver_version,
     work,
 )
+from fembridge.terminal import Bars, clock, words_of
 from fembridge.version import __version__
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from fembridge.fitting.fit import SearchBar
-from fembridge.progress import Bars, SolverBars, words_of
 from fembridge.solver.settings import Progress
+from fembridge.terminal import Bars, SolverBars, words_of
 from neural.search import Progress as SearchProgress
 
 
@@ -101,7 +101,7 @@ def test_the_first_seconds_show_nothing_and_after_the_end_nothing_comes(terminal
 
 def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monkeypatch):
     clock_s = [0.0]
-    monkeypatch.setattr("fembridge.progress.perf_counter", lambda: clock_s[0])
+    monkeypatch.setattr("fembridge.terminal.perf_counter", lambda: clock_s[0])
     with SolverBars() as bars, SolverBars(shows=False) as silent:
         for clock_s[0] in range(100):
             bars(progress(elapsed_s=clock_s[0], increment=5 * clock_s[0]))

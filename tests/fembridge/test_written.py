@@ -9,7 +9,7 @@ import pytest
 
 import fembridge
 from fembridge import cli
-from fembridge.commands.written import outputs_of
+from fembridge.cli import outputs_of
 
 ROOT = Path(fembridge.__file__).parents[1]
 QUICK = ROOT / "fixtures" / "response_quick"

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from pandas import DataFrame
 
 from decks.material import Material
+from fembridge.cli import outputs_of
 from fembridge.commands import verify as command
-from fembridge.commands.written import outputs_of
 from fembridge.errors import MissingError, UsageError
 from fembridge.report import contact, laws, patch
 from fembridge.report import verify as module
