@@ -31,7 +31,6 @@ if TYPE_CHECKING:
         plot,
         run,
         simulate,
-        sweep,
         thresholds,
         validate,
     )
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from fembridge.results import read_history as read_history
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
     from fembridge.stimulus import Stimulus
+    from fembridge.sweeps.sweep import sweep
     from fembridge.touching.field import receptive_field
     from fembridge.touching.population import Population as Population
     from fembridge.touching.shape import Shape as Shape
@@ -87,7 +87,6 @@ _HOMES = {
             "plot",
             "run",
             "simulate",
-            "sweep",
             "thresholds",
             "validate",
         ),
@@ -97,6 +96,7 @@ _HOMES = {
     "Population": "fembridge.touching.population",
     "Shape": "fembridge.touching.shape",
     "receptive_field": "fembridge.touching.field",
+    "sweep": "fembridge.sweeps.sweep",
     "touch": "fembridge.touching.touch",
     **dict.fromkeys(("read", "read_fields", "read_history"), "fembridge.results"),
     "read_observed": "fembridge.observed",

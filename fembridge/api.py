@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from fembridge.report.validate import Validation
     from fembridge.simulation import Simulation
     from fembridge.solver.verdict import Outcome
-    from fembridge.sweeps.sweep import Sweep
     from fembridge.touching.field import ReceptiveField
     from fembridge.touching.touch import Touch
     from neural import ParameterSet
@@ -516,58 +515,6 @@ def _model(
         inertia,
         section="whole" if whole_section else "half",
         law=law,
-    )
-
-
-def sweep(
-    study: PathLike,
-    output: PathLike = "sweep",
-    *,
-    jobs: int = 1,
-    executor: str = "local",
-    scheduler: str | None = None,
-    threads: int | None = None,
-    shows: bool = False,
-) -> "Sweep":
-    """Solve many stimuli on many fingers, each once, as the TOML file `study` says.
-
-    Goes on where an earlier sweep into `output` ended. Its ``results`` is the path of the
-    table, ``failed`` lists items without an answer, ``causes`` why.
-
-    Parameters
-    ----------
-    jobs, threads
-        Processes on this machine, and threads of each solver.
-    executor, scheduler
-        ``local``, or ``dask`` with the address of a cluster, without one of one made here.
-    shows
-        Show on stderr how far it is.
-
-    Raises
-    ------
-    UsageError, OutputError
-        A study or numbers that mean nothing; `output` cannot be written.
-    MissingError
-        No solver, and the study does not say ``stored``; or no dask.
-
-    Examples
-    --------
-    >>> import fembridge as fb
-    >>> with open("study.toml", "w") as file:
-    ...     print('stimuli = ["sine_20_250"]', "stored = true", sep=chr(10), file=file)
-    >>> fb.sweep("study.toml", "sweep").failed
-    ()
-    """
-    from fembridge.sweeps import run_sweep
-
-    return run_sweep(
-        Path(study),
-        Path(output),
-        jobs=jobs,
-        executor=executor,
-        scheduler=scheduler,
-        threads=threads,
-        shows=shows,
     )
 
 

@@ -44,30 +44,30 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
     from pathlib import Path
 
-    from fembridge import api
+    from fembridge.sweeps.sweep import sweep
     from fembridge.terminal import error_line
 
-    sweep = api.sweep(**words_of(args, api.sweep), shows=True)
-    failed, items = sweep.failed, len(sweep.plan.items)
+    done = sweep(**words_of(args, sweep), shows=True)
+    failed, items = done.failed, len(done.plan.items)
     if failed:
         first = failed[0]
-        cause = f"{len(failed)} of {items} items failed, first {first}: {sweep.causes[first.key]}"
+        cause = f"{len(failed)} of {items} items failed, first {first}: {done.causes[first.key]}"
         print(error_line(cause), file=sys.stderr)
     if not args.json:
-        before = f", {sweep.before} of them before" if sweep.before else ""
+        before = f", {done.before} of them before" if done.before else ""
         print(
             f"{items - len(failed)} of {items} items done{before}; "
-            f"{sweep.results.name} ({sweep.rows} rows): {args.output}"
+            f"{done.results.name} ({done.rows} rows): {args.output}"
         )
     return {
         "output": args.output,
-        "results": str(Path(args.output) / sweep.results.name),
-        "rows": sweep.rows,
+        "results": str(Path(args.output) / done.results.name),
+        "rows": done.rows,
         "items": items,
         "done": items - len(failed),
-        "finished_before": sweep.before,
+        "finished_before": done.before,
         "failed": [
-            {"item": str(item), "run": str(item.place), "cause": sweep.causes[item.key]}
+            {"item": str(item), "run": str(item.place), "cause": done.causes[item.key]}
             for item in failed
         ],
         "exit_code": 1 if failed else 0,

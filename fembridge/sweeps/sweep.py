@@ -99,9 +99,9 @@ class Sweep:
         return tuple(item for key, item in self.plan.items.items() if key in self.causes)
 
 
-def run_sweep(
+def sweep(
     study: Study | Path | str,
-    folder: Path | str,
+    output: Path | str = "sweep",
     *,
     jobs: int = 1,
     executor: str = "local",
@@ -109,11 +109,36 @@ def run_sweep(
     threads: int | None = None,
     shows: bool = False,
 ) -> Sweep:
-    """Do what is not done of `study` in `folder`; write the table of all of it.
+    """Solve many stimuli on many fingers, each once, as the TOML file `study` says.
 
-    Arguments and errors are those of `fembridge.sweep`; all workers of a cluster see
-    `folder` under the same path. Items that failed are in the result: nothing of a
-    single item is raised.
+    Goes on where an earlier sweep into `output` ended. Its ``results`` is the path of the
+    table, ``failed`` lists items without an answer, ``causes`` why: nothing of a single item
+    is raised.
+
+    Parameters
+    ----------
+    jobs, threads
+        Processes on this machine, and threads of each solver.
+    executor, scheduler
+        ``local``, or ``dask`` with the address of a cluster, without one of one made here;
+        all its workers see `output` under the same path.
+    shows
+        Show on stderr how far it is.
+
+    Raises
+    ------
+    UsageError, OutputError
+        A study or numbers that mean nothing; `output` cannot be written.
+    MissingError
+        No solver, and the study does not say ``stored``; or no dask.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> with open("study.toml", "w") as file:
+    ...     print('stimuli = ["sine_20_250"]', "stored = true", sep=chr(10), file=file)
+    >>> fb.sweep("study.toml", "sweep").failed
+    ()
     """
     if jobs < 1:
         raise UsageError(f"jobs is {jobs}, expected 1 or more")
@@ -123,7 +148,7 @@ def run_sweep(
         raise UsageError("scheduler is for the executor dask")
     if not isinstance(study, Study):
         study = read_study(Path(study))
-    folder = make_folder(Path(folder)).resolve()
+    folder = make_folder(Path(output)).resolve()
     each = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
     if executor == "local":
         solver = STORED if study.stored else solver_version()

@@ -21,7 +21,7 @@ import fembridge
 from fembridge import executor
 from fembridge.errors import MissingError, UsageError
 from fembridge.executor import dask_executor
-from fembridge.sweeps import run_sweep
+from fembridge.sweeps.sweep import sweep as run_sweep
 
 ROOT = Path(fembridge.__file__).parents[1]
 
@@ -36,7 +36,7 @@ from pathlib import Path
 
 def main(study, folder):
     from distributed import LocalCluster
-    from fembridge.sweeps import run_sweep
+    from fembridge.sweeps.sweep import sweep as run_sweep
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
     ) as cluster:

@@ -7,7 +7,7 @@ from collections import Counter
 
 import pytest
 
-from fembridge.sweeps import run_sweep
+from fembridge.sweeps.sweep import sweep as run_sweep
 
 pytestmark = pytest.mark.usefixtures("recorded_ccx")
 

@@ -12,11 +12,12 @@ from decks.waveform import make_stimulus
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.simulation import simulate
 from fembridge.stimulus import Stimulus
-from fembridge.sweeps import Study, Variant, run_sweep
+from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import sweep as module
 from fembridge.sweeps import work as work_module
 from fembridge.sweeps.study import study_from
 from fembridge.sweeps.sweep import plan_of
+from fembridge.sweeps.sweep import sweep as run_sweep
 from fembridge.sweeps.work import STUDY_FILE, read_answers, solver_version, work
 from neural import parameter_set
 from neural.rates import spikes_inside
