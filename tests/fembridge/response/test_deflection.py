@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.presets import PAPER, QUICK, mesh_of
 from fembridge.commands import deflect
 from fembridge.errors import ResponseError
+from fembridge.response import deflection as module
 from fembridge.response.deflection import (
     COMPARED_MM,
     PAPER_STEP_MM,
@@ -288,13 +289,15 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
 @pytest.mark.slow
 @pytest.mark.solver
 def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_load(
-    call, tmp_path, capsys
+    call, tmp_path, capsys, monkeypatch
 ):
     """``u(a) − u(b) = 2 P (1 − ν²)/(π E) ln(b/a)`` on a half plane, of a run of the command.
 
     Johnson, Contact Mechanics (1985), section 2.3. From 0.1 to 1 mm away the probe
-    is thin, and bone and sides are far; ridges and they leave 4 %.
+    is thin, and bone and sides are far; ridges, they and a mesh refined once leave 5 %.
     """
+    monkeypatch.setattr(module, "FINE_MM", module.FINE_MM[:1])
+    monkeypatch.setattr(module, "STEPS", 10)
     young_mpa, poisson = 0.05, 0.40
     of_skin = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
     soft = f"young_mpa = {young_mpa}\npoisson = {poisson}\n"
@@ -315,7 +318,7 @@ def test_in_a_finger_of_one_material_the_skin_goes_down_as_under_flamants_line_l
     for near_mm, far_mm in ((0.1, 0.2), (0.25, 0.5), (0.5, 1.0)):
         found_mm = float(solved.at(near_mm) - solved.at(far_mm))
         flamant_mm = solved.force_n_per_mm * plane * math.log(far_mm / near_mm)
-        assert_allclose(found_mm, flamant_mm, rtol=0.04)
+        assert_allclose(found_mm, flamant_mm, rtol=0.05)
 
 
 @pytest.mark.slow
