@@ -42,7 +42,8 @@ MOST_BINS = 5000
 
 # Inches; a row's full height, of `_TALL_ROWS` and fewer, and the least of many.
 _RASTER_IN, _HISTOGRAM_IN, _TALL_ROWS = (0.26, 0.104), (0.42, 0.13), 10
-_LANE_IN = 0.1  # of a unit or repeat
+# A unit or repeat, where all together are no higher than this.
+_LANE_IN, _LANES_IN = 0.1, 2.6
 _WAVEFORM_IN, _AROUND_IN, _LEGEND_IN, _NOTE_IN, _LEAST_IN = 0.5, 0.62, 0.22, 0.14, 0.42
 # A longer name of a stimulus is cut; up to this height of a row its name is small.
 _NAME_IN, _SMALL_ROW_IN = 1.6, 0.13
@@ -96,7 +97,8 @@ def raster_figure(
     every_ms = np.concatenate(ends_ms if span_ms is None else [span_ms])
     x = ("Time (ms)", float(every_ms.min()), float(every_ms.max()))
     lanes = max(Counter((t.stimulus, t.afferent) for t in trains).values(), default=1)
-    row_in = max(_RASTER_IN[0], _LANE_IN * min(lanes, _TALL_ROWS)), _RASTER_IN[1]
+    lanes_in = min(_LANE_IN * lanes, _LANES_IN / len(rows))
+    row_in = max(_RASTER_IN[0], lanes_in), _RASTER_IN[1]
     figure, panels = _grid(rows, classes, row_in, x, window_ms=window_ms, waveform=waveform)
     line_pt = _DENSE_LINE_PT if len(rows) > _TALL_ROWS else LINE_PT
     for afferent, panel in zip(classes, panels, strict=True):
