@@ -18,6 +18,8 @@ from fembridge.errors import MissingError
 from fembridge.machine import find_ccx
 
 CI = os.environ.get("CI") == "true"
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # else every process would compile us anew
+    sys.dont_write_bytecode = False
 PATIENCE_S = 300.0
 settings.register_profile("fembridge", deadline=None, max_examples=100 if CI else 25)
 settings.register_profile("costly", deadline=None, max_examples=120 if CI else 10)
