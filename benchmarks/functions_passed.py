@@ -4,7 +4,7 @@
 row. Counted is every distinct body of a function, method or lambda that is called and
 whose file is in ``fembridge``, ``decks`` or ``neural``, on any thread. Not counted:
 module top levels, class bodies, comprehensions and generator expressions, what
-`dataclass` generates, and what runs in other processes.
+`dataclass` and templates generate, and what runs in other processes.
 """
 
 import argparse
@@ -84,7 +84,9 @@ def traced(words: list[str], record: Path) -> int:
     passed = {
         f"{os.path.relpath(one.co_filename, ROOT)}:{one.co_firstlineno} {one.co_qualname}"
         for one in seen
-        if one.co_filename.startswith(places) and _is_function(one)
+        if one.co_filename.startswith(places)
+        and one.co_filename.endswith(".py")
+        and _is_function(one)
     }
     record.write_text(json.dumps(sorted(passed)))
     return code

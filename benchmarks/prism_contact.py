@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from decks.analysis import Contact
-from decks.green import Prism, prism_lines
+from decks.green import Prism, prism_text
 from decks.keyword_deck import real
 from fembridge.typing import FloatArray
 
@@ -45,7 +45,7 @@ def _lines(
 ) -> Iterator[str]:
     yield "*HEADING"
     yield "fembridge: a round probe on a prismatic finger, a quarter of both"
-    yield from prism_lines(prism, even_x=True, even_z=True)
+    yield prism_text(prism, even_x=True, even_z=True).rstrip("\n")
     first = prism.section_nodes * len(prism.z_mm) + 1
     yield from _probe(radius_mm, height_mm, first, prism.elements + 1)
     yield "*SURFACE, NAME=SKIN_SURFACE, TYPE=ELEMENT"

@@ -23,8 +23,10 @@ from typing import ClassVar
 import numpy as np
 
 from decks.checks import Ranged
+from decks.dialects import template
 from decks.finger import LAYERS, Finger, Papillae, Ridges
-from decks.keyword_deck import list_lines, real
+from decks.keyword_deck import LINES, element_lines
+from decks.material import Material
 from decks.section import Section, section_of
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray, IntArray
@@ -49,7 +51,6 @@ PLANE_ROWS = 3
 _THIN = 0.05
 # A force is a quarter of what the whole prism would get: see the module.
 SHARE = 0.25
-_AXES = {"x": 1, "y": 2, "z": 3}
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,11 +209,6 @@ def prism_of(finger: Finger, mesh: PadMesh = PadMesh()) -> Prism:
     return Prism(finger.at_once(), mesh, point_mm, z_mm, row_layer, nail_column, contact_columns)
 
 
-def green_deck(prism: Prism, case: GreenCase) -> str:
-    """The deck of `case`; displacements in the prism's `node_rows` are written."""
-    return "\n".join(_lines(prism, case)) + "\n"
-
-
 # ---- The grid
 
 
@@ -274,22 +270,13 @@ def _check(point_mm: FloatArray) -> None:
 # ---- The deck
 
 
-def _lines(prism: Prism, case: GreenCase) -> Iterator[str]:
-    yield "*HEADING"
-    yield "fembridge: unit forces on the pad of a finger"
-    yield f"** Forces along {', '.join(case.directions)} on the slice z = 0, one a mode."
-    yield from prism_lines(prism, even_x=case.even, even_z=case.directions != "z")
-    yield "*STEP"
-    yield "*GREEN"
-    yield "*CLOAD"
-    for column, axis in case.loads(prism):
-        yield f"{column + 1}, {_AXES[axis]}, 1.0"
-    yield "*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE"
-    yield "U"
-    yield "*END STEP"
+def green_deck(prism: Prism, case: GreenCase) -> str:
+    """The deck of `case`; displacements in the prism's `node_rows` are written."""
+    quarter = prism_text(prism, even_x=case.even, even_z=case.directions != "z")
+    return template("green.inp.j2").render(case=case, prism=quarter, loads=case.loads(prism))
 
 
-def prism_lines(prism: Prism, *, even_x: bool, even_z: bool) -> Iterator[str]:
+def prism_text(prism: Prism, *, even_x: bool, even_z: bool) -> str:
     """The quarter in a deck: nodes, elements, materials, and what does not move.
 
     Under forces that are even about ``x = 0`` nothing leaves that plane, under odd ones
@@ -298,62 +285,62 @@ def prism_lines(prism: Prism, *, even_x: bool, even_z: bool) -> Iterator[str]:
     nodes_down, nodes_across, _ = prism.point_mm.shape
     slices = np.arange(len(prism.z_mm))
     every_row, every_column = np.arange(nodes_down), np.arange(nodes_across)
+    free_rows, free_columns = every_row[:-1], every_column[: prism.nail_column]
 
     def numbers(rows: IntArray, columns: IntArray, at: IntArray = slices) -> IntArray:
         return prism.node(rows[None, :, None], columns, at[:, None, None]).ravel()
 
-    yield "** Units: mm, N, MPa. A quarter of the finger swept along z: x >= 0, z >= 0."
-    yield "*NODE, NSET=FINGER"
-    flat_mm = prism.point_mm.reshape(-1, 2) + 0.0
-    for k, z in enumerate(prism.z_mm.tolist()):
-        for number, (x, y) in enumerate(flat_mm.tolist(), start=k * prism.section_nodes + 1):
-            yield f"{number}, {x:.9f}, {y:.9f}, {z:.9f}"
-    yield from _elements(prism)
-    yield "** Bone and the nail's outer side do not move"
-    yield "*NSET, NSET=HELD"
-    yield from list_lines(numbers(every_row[-1:], every_column))
-    yield from list_lines(numbers(every_row[:1], every_column[prism.nail_column :]))
-    free_rows, free_columns = every_row[:-1], every_column[: prism.nail_column]
-    yield "*NSET, NSET=AXIS"
-    yield from list_lines(numbers(free_rows, every_column[:1]))
-    yield from list_lines(numbers(free_rows[1:], every_column[-1:]))
-    for name, at in (("MIDDLE", slices[:1]), ("END", slices[-1:])):
-        yield f"*NSET, NSET={name}"
-        yield from list_lines(numbers(free_rows[:1], free_columns, at))
-        yield from list_lines(numbers(free_rows[1:], every_column, at))
-    yield "*NSET, NSET=OUTPUT_NODES"
-    yield from list_lines(numbers(prism.node_rows, every_column[: prism.watched_columns + 1]))
-    yield "*BOUNDARY"
-    yield "HELD, 1, 3"
-    yield "END, 3, 3"
-    yield "AXIS, 1, 1" if even_x else "AXIS, 2, 3"
-    yield "MIDDLE, 3, 3" if even_z else "MIDDLE, 1, 2"
+    def plane(at: IntArray) -> tuple[IntArray, IntArray]:
+        return numbers(free_rows[:1], free_columns, at), numbers(free_rows[1:], every_column, at)
+
+    flat_mm = (prism.point_mm.reshape(-1, 2) + 0.0).tolist()
+    places = ((x, y, z) for z in prism.z_mm.tolist() for x, y in flat_mm)
+    sets = {
+        "HELD": (
+            numbers(every_row[-1:], every_column),
+            numbers(every_row[:1], every_column[prism.nail_column :]),
+        ),
+        "AXIS": (numbers(free_rows, every_column[:1]), numbers(free_rows[1:], every_column[-1:])),
+        "MIDDLE": plane(slices[:1]),
+        "END": plane(slices[-1:]),
+        "OUTPUT_NODES": (numbers(prism.node_rows, every_column[: prism.watched_columns + 1]),),
+    }
+    return template("prism.inp.j2").render(
+        nodes="\n".join(
+            f"{number}, {x:.9f}, {y:.9f}, {z:.9f}" for number, (x, y, z) in enumerate(places, 1)
+        ),
+        layers=list(_layers(prism)),
+        sets=sets,
+        even_x=even_x,
+        even_z=even_z,
+        **LINES,
+    )
 
 
-def _elements(prism: Prism) -> Iterator[str]:
-    """An element set a layer, C3D8, and its material."""
+def _layers(prism: Prism) -> Iterator[tuple[str, str, Material]]:
+    """Each layer's name, lines of elements, and material; elements count on."""
     columns = prism.point_mm.shape[1]
     layer = np.repeat(prism.row_layer[:, None], columns - 1, axis=1)
     corneum = layer == LAYERS.index("stratum_corneum")
     corneum[:, : prism.nail_column] = False
     layer[corneum] = LAYERS.index("nail")
-    number = 0
+    first = 1
     for index, name in enumerate(LAYERS):
         row, column = np.nonzero(layer == index)
         if not row.size:
             continue
-        yield f"*ELEMENT, TYPE=C3D8, ELSET={name.upper()}"
-        for k in range(len(prism.z_mm) - 1):
-            corners = [
-                prism.node(row + down, column + across, np.array(k + ahead))
-                for ahead in (0, 1)
-                for down, across in ((1, 0), (1, 1), (0, 1), (0, 0))
-            ]
-            for nodes in np.stack(corners, -1).tolist():
-                number += 1
-                yield f"{number}, {', '.join(map(str, nodes))}"
-        material = prism.finger.materials[name]
-        yield f"*MATERIAL, NAME={name.upper()}"
-        yield "*ELASTIC"
-        yield f"{real(material.young_mpa)}, {real(material.poisson)}"
-        yield f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={name.upper()}"
+        corners = [
+            np.stack(
+                [
+                    prism.node(row + down, column + across, np.array(k + ahead))
+                    for ahead in (0, 1)
+                    for down, across in ((1, 0), (1, 1), (0, 1), (0, 0))
+                ],
+                -1,
+            )
+            for k in range(len(prism.z_mm) - 1)
+        ]
+        nodes = np.concatenate(corners)
+        lines = element_lines(range(first, first + len(nodes)), nodes)
+        yield name.upper(), "\n".join(lines), prism.finger.materials[name]
+        first += len(nodes)
