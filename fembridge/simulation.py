@@ -120,30 +120,24 @@ class Simulation:
         As `fembridge plot` draws them: a panel a class, a row a stimulus; rates against
         amplitude, a column a frequency.
         """
-        if picture == "rates":
-            from fembridge.plots.rates import rates_figure
+        from fembridge.plots.rates import rates_figure
+        from fembridge.plots.spikes import isi_figure, psth_figure, raster_figure
 
+        if picture not in PICTURES:
+            raise UsageError(f"picture {picture!r}, expected {', '.join(PICTURES)}")
+        if picture == "rates":
             return rates_figure(self.mean_rates)
         rows: dict[str, Any] = {
             "stimuli": [stimulus.id for stimulus in self.stimuli],
             "afferents": [str(trace.afferent) for trace in self.traces[0]],
         }
         if picture == "isi":
-            from fembridge.plots.spikes import isi_figure
-
             return isi_figure(self.trains, **rows)
         windows_ms = {stimulus.window_ms for stimulus in self.stimuli}
         rows["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
         rows["waveform"] = self.stimuli[0] if len(self.stimuli) == 1 else None
-        if picture == "psth":
-            from fembridge.plots.spikes import psth_figure
-
-            return psth_figure(self.trains, **rows)
-        if picture != "raster":
-            raise UsageError(f"picture {picture!r}, expected {', '.join(PICTURES)}")
-        from fembridge.plots.spikes import raster_figure
-
-        return raster_figure(self.trains, **rows)
+        draw = raster_figure if picture == "raster" else psth_figure
+        return draw(self.trains, **rows)
 
     def write(self, folder: Path | str, *, plot: bool = False) -> None:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.

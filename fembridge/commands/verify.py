@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.errors import UsageError
-    from fembridge.report.verify import PAGE_FILE, summary_of, verify, versions_here, write_report
+    from fembridge.report.verify import PAGE_FILE, verify, versions_here, write_report
     from fembridge.terminal import SolverBars
 
     if args.jobs is not None and args.jobs < 1:
@@ -59,21 +59,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             on_progress=bars,
             log=lambda line: print(line, file=sys.stderr, flush=True),
         )
-    versions = versions_here()
-    write_report(folder, findings, versions, quick=args.quick)
-    summary = summary_of(findings, versions, quick=args.quick)
+    summary = write_report(folder, findings, versions_here(), quick=args.quick)
     if not args.json:
         for study in summary["studies"]:
             passed = sum(check["passed"] for check in study["checks"])
             state = study["skipped"] or f"{passed} of {len(study['checks'])} checks"
             print(f"{study['name']:<16}{state}")
         for name, finding in findings.items():
-            for check in finding.checks:
-                if not check.passed:
-                    found = f"{check.found:.3g} {check.unit}"
-                    print(
-                        f"fails: {name}: {check.what}: {found}, "
-                        f"expected {check.side} {check.bound:g}"
-                    )
+            for one in (check for check in finding.checks if not check.passed):
+                found = f"{one.found:.3g} {one.unit}".rstrip()
+                print(f"fails: {name}: {one.what}: {found}, expected {one.side} {one.bound:g}")
         print(f"{PAGE_FILE}: {folder}")
     return {"output": str(folder), **summary, "exit_code": int(not summary["passed"])}

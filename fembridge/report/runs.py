@@ -48,18 +48,16 @@ _UM_PER_MM = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a run cost: `cpu_s` of processor time, `wall_s` by the clock."""
+    """What a run cost: `cpu_s` of processor time."""
 
     increments: int = 0
     iterations: int = 0
-    wall_s: float = 0.0
     cpu_s: float = 0.0
 
     def __add__(self, other: "Cost") -> "Cost":
         return Cost(
             self.increments + other.increments,
             self.iterations + other.iterations,
-            self.wall_s + other.wall_s,
             self.cpu_s + other.cpu_s,
         )
 
@@ -142,7 +140,7 @@ class Runs:
             if outcome.accepted:
                 text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'
                 write_text(run.folder / COST_FILE, text)
-        cost = Cost(outcome.increments, outcome.iterations, outcome.wall_s, cpu_s)
+        cost = Cost(outcome.increments, outcome.iterations, cpu_s)
         self.spent += cost
         return Attempt(run.folder, cost, outcome.failure)
 

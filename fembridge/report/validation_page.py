@@ -8,7 +8,7 @@ import importlib.metadata
 import math
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -311,15 +311,22 @@ def _titles(study: Validation) -> dict[str, str]:
     return {source: source_title(source, study.judged.name) for source in study.rates.sources}
 
 
+def _by_family(
+    study: Validation, sources: Sequence[str], references: Mapping[str, str]
+) -> "DataFrame":
+    """Agreement of `sources` over whole families, each against its own of `references`."""
+    words = _in_words(study.agreement).xs(EVERY_SET, level="set")
+    reference, family = (words.index.get_level_values(name) for name in ("reference", "family"))
+    words = words[reference == family.map(references)].droplevel("reference")
+    rows, columns = list(product(references, AFFERENTS)), list(product(sources, _HEADS))
+    frame = _laid_out(words, "source", rows, columns).astype(object).fillna("")
+    return frame.rename(columns=_titles(study), level=0)
+
+
 def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
     """All families against `reference`; where rates were observed, which goals are met."""
-    sources = study.rates.compared(reference)
-    if reference not in study.rates.sources:
-        reference = TOUCHSIM
-    words = _in_words(study.agreement).loc[reference].xs(EVERY_SET, level="set")
-    rows = list(product([family.name for family in FAMILIES], AFFERENTS))
-    frame = _laid_out(words, "source", rows, list(product(sources, _HEADS)))
-    frame = frame.rename(columns=_titles(study), level=0)
+    references = dict.fromkeys((family.name for family in FAMILIES), reference)
+    frame = _by_family(study, study.rates.compared(reference), references)
     if reference == OBSERVED:
         paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
         ours = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
@@ -332,25 +339,15 @@ def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
 
 
 def _fingertip_frame(study: Validation) -> "DataFrame":
-    """The whole fingertip and, on the section, the judged model, each family by its reference."""
-    from pandas import concat
-
-    words = _in_words(study.agreement).xs(EVERY_SET, level="set")
+    """The whole fingertip beside the judged model, against observed rates where there are any."""
     references = {one.name: study.rates.reference(one.stimuli) for one in FAMILIES}
-    mine = concat([words.xs((its, name), level=("reference", "family"), drop_level=False)
-                   for name, its in references.items()]).droplevel("reference")  # fmt: skip
-    rows = list(product(references, AFFERENTS))
-    sources = (FINGERTIP, study.judged.name, TOUCHSIM)
-    frame = (
-        _laid_out(mine, "source", rows, list(product(sources, _HEADS))).astype(object).fillna("")
-    )
-    names = {one.name: one.title for one in FAMILIES}
-    against = {
-        name: "" if its == OBSERVED else " (against TouchSim)" for name, its in references.items()
+    frame = _by_family(study, (FINGERTIP, study.judged.name, TOUCHSIM), references)
+    names = {
+        one.name: one.title + " (against TouchSim)" * (references[one.name] == TOUCHSIM)
+        for one in FAMILIES
     }
-    titles = {name: title + against[name] for name, title in names.items()}
-    heads = _titles(study) | {study.judged.name: "This model, on the section"}
-    return frame.rename(columns=heads, level=0).rename(index=titles, level=0)
+    heads = {"This model": "This model, on the section"}
+    return frame.rename(columns=heads, level=0).rename(index=names, level=0)
 
 
 def _mark(met: bool | None) -> str:

@@ -187,8 +187,8 @@ def versions_here() -> dict[str, str]:
 
 def write_report(
     folder: Path, findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool
-) -> None:
-    """Write tables, summary and, last, the page; the figures are there.
+) -> Table:
+    """Write tables, summary and, last, the page; the figures are there. The summary.
 
     Raises
     ------
@@ -199,14 +199,13 @@ def write_report(
         for name, frame in finding.tables.items():
             text = frame.to_csv(index=False, lineterminator="\n")
             write_text(folder / "tables" / f"verification_{name}.csv", text)
-    summary = summary_of(findings, versions, quick=quick)
+    summary = _summary(findings, versions, quick=quick)
     write_text(folder / SUMMARY_FILE, json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     write_text(folder / PAGE_FILE, page_text(findings, versions, quick=quick))
+    return summary
 
 
-def summary_of(
-    findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool
-) -> Table:
+def _summary(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> Table:
     """What a program asks for: each check, found, bound, passed."""
     return {
         "quick": quick,
