@@ -61,6 +61,14 @@ def test_a_word_names_all_ids_that_begin_with_it(word, count):
         assert named == [i for i in ids_of("all") if f"{i}_".startswith(f"{word}_")]
 
 
+def test_words_keep_their_order_and_each_stimulus_comes_once():
+    assert ids_of(["noise_5_25_50, sine_20_250", "sine_20_250.00"]) == [
+        "noise_5_25_50",
+        "sine_20_250",
+    ]
+    assert ids_of(["sine_20_250", "sine_20"])[:2] == ["sine_20_250", "sine_20_6.71"]
+
+
 @pytest.mark.parametrize(
     ("spelled", "canonical"),
     [

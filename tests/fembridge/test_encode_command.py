@@ -74,6 +74,17 @@ def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, caps
         assert shown_of["rate_ips"] == shown_of["spikes"] / 0.25
 
 
+def test_the_derivative_is_passed_on(here):
+    main(["encode", "sine_50_250.csv", *OURS, "--derivative", "forward", "--no-raster"])
+
+    trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
+    [_, _, pc] = traces()
+    [forward] = encode(pc.stress_pa, 0.5, PUBLISHED["PC"], derivative="forward")
+    [backward] = encode(pc.stress_pa, 0.5, PUBLISHED["PC"])
+    np.testing.assert_array_equal(trains["PC"].times_ms, forward)
+    assert forward.tolist() != backward.tolist()
+
+
 def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
     """Its first sample stands at dt, and its spikes keep the table's clock."""
     [trace] = traces(["SA"], start_ms=0.5)

@@ -236,6 +236,24 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_search(
     assert caught.value.path == tmp_path / "out" / name
 
 
+def test_the_front_of_a_class_that_is_not_fitted_now_does_not_stay(call, tmp_path, undrawn):
+    call()
+    (tmp_path / "out/mine.txt").write_text("mine")
+    call("--afferent", "SA")
+    names = [name for name in FILES if name != "pareto_RA.csv"]
+    assert sorted(contents(tmp_path / "out")) == sorted([*names, "mine.txt", PICTURE])
+
+
+def test_all_families_can_be_fitted_and_then_none_is_unseen(call, tmp_path, undrawn):
+    call("--family", "all", "--afferent", "SA")
+    shown = record(tmp_path)["fit"]
+    assert shown["families"] == ["sine", "diharm", "noise"]
+    assert list(shown["SA"]["observed_rates"]) == ["fitted"]
+    assert shown["SA"]["observed_rates"]["fitted"]["5-25 Hz"] == 1
+    header = table(tmp_path / "out/pareto_SA.csv")[0]
+    assert "rmse_5-25_Hz_ips" in header
+
+
 def test_the_published_drive_is_fitted_without_pre_indentation(call, tmp_path, undrawn):
     call("--drive", "published", "--afferent", "SA")
     found = record(tmp_path)

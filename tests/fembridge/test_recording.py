@@ -126,6 +126,12 @@ def test_nwb_round_trips_and_its_inspector_finds_nothing(trials, touch, recordin
         assert_allclose(depth.data[: touch.depth_um.size], touch.depth_um * 1e-6)
 
 
+def test_who_was_recorded_can_be_said(recording):
+    pytest.importorskip("pynwb")
+    stored = recording.to_nwb(institution="A university", session_id="3")
+    assert stored.institution == "A university" and stored.subject.subject_id == "simulated"
+
+
 def test_sonata_is_read_by_libsonata(touch, recording, folder):
     h5py = pytest.importorskip("h5py")
     libsonata = pytest.importorskip("libsonata")

@@ -153,6 +153,13 @@ def test_the_whole_catalogue_is_answered_at_once(here, capsys):
     assert capsys.readouterr().out.splitlines()[-2] == "... 52 more in rates.csv"
 
 
+def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(result, capsys):
+    main(["simulate", "--stimulus", "sine_20_250", "-o", "out", "--no-plot"])
+
+    assert sorted(contents(result)) == [name for name in FILES if name != "raster.png"]
+    assert "raster" not in capsys.readouterr().out.splitlines()[-1]
+
+
 def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot"]
     assert main(["simulate", *words, "--preindent-um", "0"]) == 0

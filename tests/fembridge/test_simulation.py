@@ -57,6 +57,18 @@ def test_rates_count_the_spikes_of_the_stimulus_s_own_window(simulation):
         assert rate.rate_ips == pytest.approx(inside.sum() / 0.245, rel=1e-12)
 
 
+def test_windows_may_differ_from_stimulus_to_stimulus():
+    stimuli = [make_stimulus(e) for e in resolve(["sine_20_250,sine_100_85.98"])]
+    assert [s.window_ms for s in stimuli] == [(5.0, 250.0), (100.0, 200.0)]
+
+    found = encode_all(stimuli, traces_of(stimuli), PUBLISHED, {})
+
+    last, train = found.mean_rates[-1], found.trains[-1]
+    inside = (train.times_ms > 100.0) & (train.times_ms <= 200.0)
+    assert last.rate_ips == pytest.approx(inside.sum() / 0.1, rel=1e-12)
+    assert inside.any()
+
+
 @pytest.mark.parametrize("mine", [False, True])
 def test_the_finger_of_an_earlier_simulation_goes_and_one_of_ones_own_stays(
     tmp_path, simulation, mine

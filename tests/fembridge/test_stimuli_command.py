@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
-from fembridge.stimulus_file import FORMATS, write_marc_table
+from fembridge.stimulus import Stimulus
+from fembridge.stimulus_file import FORMATS, write_marc_table, write_wav
 
 
 def depth_of(word, **options):
@@ -69,6 +70,12 @@ def test_wav_is_the_displacement_over_the_full_scale_it_tells(tmp_path, capsys):
         rtol=0,
         atol=0.5001 * full_scale_um / 32767,
     )
+
+
+def test_a_flat_waveform_is_a_silent_wav(tmp_path):
+    flat = Stimulus("flat", np.zeros(3), 0.5, (0.5, 1.0))
+    assert write_wav(flat, tmp_path / "flat.wav") == 1.0
+    assert (tmp_path / "flat.wav").read_bytes().endswith(b"\0" * 6)
 
 
 def test_a_marc_table_is_in_seconds_and_millimetres_in_columns_of_twenty(tmp_path):

@@ -231,6 +231,15 @@ def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch,
         assert dict(own.parameters) == dict(PUBLISHED)
 
 
+def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
+    (tmp_path / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    assert parameter_set_or_file("published").parameters is PUBLISHED
+    own = parameter_set_or_file("./published")
+    assert own.parameters["SA"].tau_ms == 1.0
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [

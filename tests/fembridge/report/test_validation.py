@@ -117,6 +117,13 @@ def test_equal_rates_agree_fully_and_meet_both_goals(cells):
     assert (cell.meets_paper, cell.meets_goal) == (True, True)
 
 
+def test_doubled_rates_are_on_a_line_and_worse_than_those_a_tenth_too_high(cells, scaled_rates):
+    cell = of_sines(cells, "double")
+    assert_allclose([cell.slope, cell.intercept_ips, cell.r_squared], [2, 3, 1])
+    assert_allclose(cell.bias_ips, (scaled_rates.of(OBSERVED, "RA", SINES.stimuli) + 3).mean())
+    assert (cell.meets_paper, cell.meets_goal) == (True, False)
+
+
 def test_agreement_with_touchsim_or_without_a_common_stimulus_is_no_goal(cells):
     for cell in (
         of_sines(cells, "equal", TOUCHSIM),

@@ -98,6 +98,17 @@ def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_p
         read_traces(path, columns={"time": "t [min]", **names}, gain_pa=1.0)
 
 
+def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_path):
+    path = tmp_path / "them.csv"
+    path.write_text("t_s,node,afferent,S_pa\n0,9,RA,1\n1,9,RA,2\n0,7,SA,3\n1,7,SA,4\n")
+    names = {"time": "t_s", "value": "S_pa"}
+    whose = [
+        {(one.node, one.afferent, *one.stress_pa) for one in reader(path, columns=names)}
+        for reader in (read, read_traces)
+    ]
+    assert whose[0] == whose[1] == {(9, "RA", 1, 2), (7, "SA", 3, 4)}
+
+
 @pytest.mark.parametrize("form", ["value", "tensor", "components"])
 def test_an_npz_has_arrays_over_time_and_nodes(tmp_path, form):
     path = tmp_path / "them.npz"

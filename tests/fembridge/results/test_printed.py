@@ -317,6 +317,15 @@ def test_one_quantity_can_be_taken_and_an_absent_one_is_named(samples, tmp_path)
     assert len(rows_of(output)) == 12  # what stood there stays
 
 
+def test_a_deck_of_another_unit_has_its_stress_in_pa_and_the_rest_as_it_is(samples, tmp_path):
+    output = tmp_path / "t.csv"
+    write_table(samples / "cpe4_ascii.dat", output, stress_unit="kPa")
+    rows = rows_of(output)
+    stress = next(row for row in rows if row["quantity"] == "stresses")
+    assert float(stress["value"]) == pytest.approx(1.515402)
+    assert {r["unit"] for r in rows if r["quantity"] == "displacements"} == {"deck"}
+
+
 @pytest.mark.parametrize("odd", ["NaN", "Infinity", "-Infinity"])
 def test_a_value_that_is_no_number_is_named_or_its_section_left_out(dat, odd):
     bad = f"        12{odd:>14}  1.000000E+00  1.000000E+00\n"

@@ -1,5 +1,6 @@
 """Sensitivity: tables of sweeps read as fingers, one parameter at a time, rank regression."""
 
+import math
 import warnings
 from pathlib import Path
 
@@ -173,6 +174,28 @@ def test_the_base_is_found_wherever_its_row_stands(order):
     assert effects[["at_low", "at_base", "at_high"]].to_numpy().tolist() == [[3, 5, 8], [4, 5, 6]]
 
 
+def test_no_finger_of_a_single_parameter_is_called_the_base():
+    """Any of three could be what the other two were varied from."""
+    swept = fingers([{"p": 1.0}, {"p": 0.0}, {"p": 2.0}], np.array([20.0, 10.0, 30.0]))
+
+    assert is_one_at_a_time(swept)
+    assert base_of(swept) is None
+    [effect] = single_effects(swept).to_dict("records")
+    assert math.isnan(effect["base"])
+    assert math.isnan(effect["at_base"])
+    assert (effect["at_low"], effect["at_high"]) == (10.0, 30.0)
+    assert effect["change_percent"] == 200.0  # of the answer at the low value
+    assert "(20" not in effects_markdown(single_effects(swept)).splitlines()[2]
+
+
+def test_an_answer_that_comes_back_is_not_monotone_though_the_change_is_0():
+    rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
+    effects = single_effects(fingers(rows, np.array([5.0, 3.0, 3.0, 4.0, 5.0])))
+
+    assert effects["change"].tolist() == [0.0, 1.0]
+    assert effects["monotone"].tolist() == [False, True]
+
+
 def test_more_than_two_levels_are_compared_from_end_to_end():
     rows = [{"p": 2.0, "q": 0.0}, *({"p": x, "q": 0.0} for x in (4.0, 1.0, 3.0))]
     rows.append({"p": 2.0, "q": 1.0})
@@ -181,6 +204,14 @@ def test_more_than_two_levels_are_compared_from_end_to_end():
     assert effect[["low", "base", "high"]].tolist() == [1.0, 2.0, 4.0]
     assert effect[["at_low", "at_base", "at_high"]].tolist() == [9, 20, 41]
     assert effect["monotone"]
+
+
+def test_a_silent_base_has_no_percentage():
+    rows = one_at_a_time({"p": 1.0}, {"p": Range(0, 2)})
+    effect = single_effects(fingers(rows, np.array([0.0, 0.0, 4.0]))).iloc[0]
+
+    assert effect["change"] == 4.0
+    assert math.isnan(effect["change_percent"])
 
 
 def test_the_strongest_comes_first_and_stress_parts_what_rates_do_not():

@@ -244,6 +244,22 @@ def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(t
     assert all(each.finger.afferents == QUICK.afferents for each in fixed)
 
 
+def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
+    study = study_with(
+        tmp_path,
+        design="one-at-a-time",
+        ranges={"skin.epidermis_mm": "5 %", "afferents.SA.depth_mm": [0.5, 0.6]},
+    )
+
+    assert [each.finger.afferents["SA"].depth_mm for each in study.variants] == [
+        0.5875,
+        0.5875,
+        0.5875,
+        0.5,
+        0.6,
+    ]
+
+
 @pytest.mark.parametrize(
     ("finger", "found"),
     [

@@ -69,6 +69,12 @@ def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
                 assert float(row["peak_stress_pa"]) == trace.stress_pa.max()
 
 
+def test_deep_stimuli_take_the_deep_response_that_is_stored(here, tmp_path):
+    sweep = run_sweep(study("sine_20_250", preindents_um=(300.0,)), tmp_path)
+    assert not sweep.causes
+    assert sweep.table["peak_stress_pa"].min() > 0
+
+
 def test_what_is_finished_is_read_and_not_done_again(here, tmp_path):
     made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
     first = run_sweep(made, tmp_path)
