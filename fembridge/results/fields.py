@@ -99,7 +99,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneCells:
-    """Elements of one `kind` (``qu4``, see `frd.KIND_OF_TYPE`) as rows of points.
+    """Elements of one `kind` (``quad4``, see `frd.KIND_OF_TYPE`) as rows of points.
 
     `ids` and `material` are ``(M,)``, `rows` ``(M, k)`` in the order of a ``.frd``, see
     `frd.ElementRows`. Material -1 is an unknown one.

@@ -48,10 +48,10 @@ COMPONENTS = {
     DISPLACEMENT: ("D1", "D2", "D3"),
 }
 KIND_OF_TYPE = {
-    1: "he8", 2: "pe6", 3: "te4", 4: "he20", 5: "pe15", 6: "te10",
-    7: "tr3", 8: "tr6", 9: "qu4", 10: "qu8", 11: "be2", 12: "be3",
+    1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10",
+    7: "tri3", 8: "tri6", 9: "quad4", 10: "quad8", 11: "line2", 12: "line3",
 }  # fmt: skip
-NODES_OF_TYPE = {number: int(kind[2:]) for number, kind in KIND_OF_TYPE.items()}
+NODES_OF_TYPE = {number: int(re.sub(r"\D", "", kind)) for number, kind in KIND_OF_TYPE.items()}
 UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
 
 _FIRST_BYTES, _STEP, _END_LINE = b"    1C", b"    1PSTEP", b" 9999"
@@ -626,7 +626,7 @@ def _floats(fields: Characters) -> FloatArray:
 class ElementRows(NamedTuple):
     """Elements of one type: `ids` and `material` ``(M,)``, `corners` ``(M, k)``.
 
-    Nodes are in the order of the file: corners, then mid-sides; he20 and pe15 have the
+    Nodes are in the order of the file: corners, then mid-sides; hex20 and wedge15 have the
     mid-sides of the bottom, the ones between, and then those of the top (deck nodes
     1-12, 17-20, 13-16; 1-9, 13-15, 10-12).
     """

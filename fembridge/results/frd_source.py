@@ -50,7 +50,6 @@ Outputs = Sequence[dict[str, FrdBlock]]
 _KEPT_BYTES = 1 << 23
 _NO_RECORDS = " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane model; "
 _NO_RECORDS += "use OUTPUT=2D"
-_SHAPES = {"qu4": "quad4", "qu8": "quad8", "he8": "hex8", "he20": "hex20"}
 
 
 class FrdSource(FieldSource[FrdBlock]):
@@ -339,7 +338,7 @@ class FrdSource(FieldSource[FrdBlock]):
             try:
                 if not np.array_equal(np.sort(order), np.arange(1, order.size + 1)):
                     raise ValueError(f"points {', '.join(map(str, order))}, expected all from 1")
-                weights = brick_weights(_SHAPES.get(kind, kind), order.size, corner)[order - 1]
+                weights = brick_weights(kind, order.size, corner)[order - 1]
             except ValueError as error:
                 raise ResultError(f"element {element}: {error}", beside) from error
             there = np.einsum("p,tpc->tc", weights, tensor_pa[:, rows])
@@ -370,7 +369,7 @@ class FrdSource(FieldSource[FrdBlock]):
         return outputs, scene
 
     def mesh(self) -> Scene:
-        """Nodes in file order, elements by kind; of plane ones (tr3, tr6, qu4, qu8) z is 0."""
+        """Nodes in file order, elements by kind; of plane ones z is 0."""
         index, file = self._index, self._file
         if index.nodes is None or index.elements is None:
             kind = "nodes" if index.nodes is None else "elements"

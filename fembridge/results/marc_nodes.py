@@ -26,10 +26,6 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 
 UNKNOWN_LAYERS = "the file does not hold the materials of its elements"
 _LARGEST_DECK_BYTES = 200_000_000
-_KINDS = {
-    "quad4": "qu4", "quad8": "qu8", "tri3": "tr3", "tri6": "tr6", "hex8": "he8",
-    "hex20": "he20", "tet4": "te4", "tet10": "te10", "wedge6": "pe6",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +195,7 @@ class MeshPoints:
             corners = np.searchsorted(self._keys, self._keys_of(one))
             rows = corners[:, FRD_ORDER.get(shape, slice(None))]
             cell = self.mesh.element_ids[one.rows], self.layers.layer[one.rows], rows
-            cells.setdefault(_KINDS[shape], []).append(cell)
+            cells.setdefault(shape, []).append(cell)
         return Scene(
             points_mm=self.mesh.coordinates_mm[self.rows],
             nodes=self.nodes,

@@ -33,18 +33,18 @@ from fembridge.typing import FloatArray
 
 # Kind of element: VTK's number, and where its nodes stand in the order of a .frd.
 _VTK: Mapping[str, tuple[int, Sequence[int]]] = {
-    "he8": (12, range(8)),
-    "pe6": (13, range(6)),
-    "te4": (10, range(4)),
-    "he20": (25, [*range(12), *range(16, 20), *range(12, 16)]),
-    "pe15": (26, [*range(9), *range(12, 15), *range(9, 12)]),
-    "te10": (24, range(10)),
-    "tr3": (5, range(3)),
-    "tr6": (22, range(6)),
-    "qu4": (9, range(4)),
-    "qu8": (23, range(8)),
-    "be2": (3, range(2)),
-    "be3": (21, range(3)),
+    "hex8": (12, range(8)),
+    "wedge6": (13, range(6)),
+    "tet4": (10, range(4)),
+    "hex20": (25, [*range(12), *range(16, 20), *range(12, 16)]),
+    "wedge15": (26, [*range(9), *range(12, 15), *range(9, 12)]),
+    "tet10": (24, range(10)),
+    "tri3": (5, range(3)),
+    "tri6": (22, range(6)),
+    "quad4": (9, range(4)),
+    "quad8": (23, range(8)),
+    "line2": (3, range(2)),
+    "line3": (21, range(3)),
     VERTEX: (1, range(1)),
 }
 _TYPES = {"<f8": "Float64", "<i8": "Int64", "|u1": "UInt8"}

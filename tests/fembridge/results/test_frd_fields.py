@@ -216,11 +216,11 @@ def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_by
     elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
     path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag)
     mesh = mesh_of(path)
-    he20, qu4 = mesh.cells
-    assert (he20.kind, qu4.kind) == ("he20", "qu4")
-    assert mesh.nodes[he20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
-    assert mesh.nodes[qu4.rows].tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
-    assert qu4.ids.tolist() == [*range(1, 51), *range(127, 175)]
+    hex20, quad4 = mesh.cells
+    assert (hex20.kind, quad4.kind) == ("hex20", "quad4")
+    assert mesh.nodes[hex20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
+    assert mesh.nodes[quad4.rows].tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
+    assert quad4.ids.tolist() == [*range(1, 51), *range(127, 175)]
 
 
 def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
@@ -239,7 +239,7 @@ def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
     places = grid.points_mm.tolist()
     assert dict(zip(grid.nodes.tolist(), places, strict=True)) == nodes
     (cells,) = grid.cells
-    assert cells.kind == "qu8"
+    assert cells.kind == "quad8"
     assert dict(zip(cells.ids.tolist(), grid.nodes[cells.rows].tolist(), strict=True)) == elements
     on_boundary = grid.points_mm[:, 1] == 0.5
     assert_array_equal(grid.met == 2, on_boundary)
@@ -249,7 +249,7 @@ def test_blank_counts_and_beams_are_read(samples):
     """As in the file of the last iterations: contact springs are two-node beams."""
     grid = mesh_of(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
     assert grid.nodes.size == 188
-    assert [(c.kind, c.rows.shape) for c in grid.cells] == [("he8", (30, 8)), ("be2", (112, 2))]
+    assert [(c.kind, c.rows.shape) for c in grid.cells] == [("hex8", (30, 8)), ("line2", (112, 2))]
 
 
 @pytest.mark.parametrize(

@@ -187,20 +187,20 @@ def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
 
 
 PLACES = {
-    "qu4": [(-1, -1), (1, -1), (1, 1), (-1, 1)],
-    "he8": [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1),
+    "quad4": [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+    "hex8": [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1),
             (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["qu4", "qu8", "he8", "he20"])
+@pytest.mark.parametrize("kind", ["quad4", "quad8", "hex8", "hex20"])
 @pytest.mark.parametrize(("points", "order"), [(1, 0), (8, 1), (27, 2)])
 def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(kind, points, order):
-    corners = PLACES["qu4" if kind.startswith("qu") else "he8"]
+    corners = PLACES["quad4" if kind.startswith("qu") else "hex8"]
     places = list(corners)
-    if kind == "qu8":
+    if kind == "quad8":
         places += [(0, -1), (1, 0), (0, 1), (-1, 0)]
-    if kind == "he20":  # bottom, between, top: the order of a .frd
+    if kind == "hex20":  # bottom, between, top: the order of a .frd
         mids = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7),
                 (4, 5), (5, 6), (6, 7), (7, 4)]  # fmt: skip
         places += [tuple(np.add(corners[a], corners[b]) / 2) for a, b in mids]
@@ -213,7 +213,7 @@ def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(ki
     plane = kind.startswith("qu")
     printed = [stress(x, y, 0.0 if plane else z) for x, y, z in lie]
     for corner, place in enumerate(places):
-        weights = brick_weights(kind.replace("qu", "quad").replace("he", "hex"), points, corner)
+        weights = brick_weights(kind, points, corner)
         assert_allclose(weights @ printed, stress(*place), rtol=1e-12, atol=1e-12)
 
 

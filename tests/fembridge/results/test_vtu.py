@@ -28,7 +28,7 @@ EDGES = {
     "quad8": "01 12 23 30",
     "line3": "01",
 }
-# The same in the order of a .frd: he20 and pe15 have those between before the top.
+# The same in the order of a .frd: hex20 and wedge15 have those between before the top.
 FRD_EDGES = {
     4: (8, "01 12 23 30 04 15 26 37 45 56 67 74"),
     5: (6, "01 12 20 03 14 25 34 45 53"),
