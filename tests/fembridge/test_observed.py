@@ -107,7 +107,6 @@ LACKING = "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_50_250,SA,4\nsine_100_10,RA,5\
         (LACKING, 4, "sine_50_250 has no rate of RA"),
         (LACKING + "sine_50_250,RA,3\n", 5, "sine_100_10 has no rate of SA"),
         ("sine_20_25,PC,3\nsine_20_25,SA1,3\n", 3, "'SA1'"),
-        ("sine_20_25,PC,3\nsine_20_25,,3\n", 3, "''"),
         ("sine_20_25,SA,3\nsine_20_250,SA,2000.5\n", 3, "2000.5"),
         (
             "sine_20_25,PC,0\nsine_20_250,PC,0.25\nsine_50_250,PC,0.1\n",
@@ -119,17 +118,13 @@ LACKING = "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_50_250,SA,4\nsine_100_10,RA,5\
         ("sine_20_250um,SA,3\n", 2, "did you mean sine_20_250"),
         ("sine_2000_5,SA,3\n", 2, "sine_2000_5: frequency_hz"),
         ("sine_20,SA,3\n", 2, "'sine_20' names 12 stimuli"),
-        ('"sine_20_25,sine_20_18",SA,3\n', 2, "names 2 stimuli"),
         ("sine_20_25,3\n", 2, "'3'"),
         *(
             (f"sine_20_25,SA,3\nsine_20_25,RA,{cell}\n", 3, found)
             for cell, found in (
                 ("", "''"),
-                ("n/a", "'n/a'"),
                 ("NaN", "nan"),
-                ("1e999", "inf"),
                 ("-3", "-3"),
-                ("12%", "'12%'"),
                 ("1_000", "'1_000'"),
                 ('"12,5"', "'12,5'"),
                 ("12,5", "'12,5' looks like a decimal comma"),
@@ -150,14 +145,10 @@ def test_a_row_that_is_no_rate_is_named(table, rows, line, found):
     "header",
     [
         "stimulus,afferent,rate_hz",
-        "Stimulus,afferent,rate_ips",
-        "stimulus,class,rate_ips",
         "sine_20_25,SA,1.5",
         "stimulus,afferent,rate_ips,animal",
-        "stimulus,afferent,rate_ips,",
         "stimulus,afferent,rate_ips,rate_ips",
         "stimulus;afferent;rate_ips",
-        "stimulus\tafferent\trate_ips",
         "stimulus,SA1,RA1,PC",
     ],
 )

@@ -182,12 +182,8 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
     ("words", "shown"),
     [
         ([], "required: PICTURE"),
-        (["mash"], "invalid choice: 'mash'"),
         (["raster", "spikes.csv", "--window-ms", "9:3"], "START:END in ms as 5:250, got '9:3'"),
-        (["raster", "spikes.csv", "--window-ms", "nan:3"], "START:END in ms as 5:250"),
         (["mesh", "-o", "mesh.xyz"], "mesh.xyz: cannot draw .xyz, expected one of"),
-        (["mesh", "-o", "mesh"], "mesh: cannot draw a file without suffix"),
-        (["mesh", "--probe-shape", "cube"], "invalid choice: 'cube'"),
         (["response", "response.toml", "--finger", "quick"], "expected one"),
         (["stimulus", "sine_20_25o"], "did you mean"),
         (["stimulus", "noise_5_25_1", "--seed", "-1"], "expected 0 or more"),
@@ -212,9 +208,7 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, shown):
         (["mesh", "--finger", "nobody"], 2, "neither a preset (quick, paper) nor a file"),
         (["mesh", "--probe-x-mm", "20"], 1, "the probe spans x = "),
         (["response", "nothing.toml"], 2, "nothing.toml: cannot be read"),
-        (["trace", "nothing.csv"], 2, "nothing.csv: cannot be read"),
         (["trace", "spikes.csv"], 1, "no column"),
-        (["raster", "traces.csv"], 1, "no column"),
         (["stimulus", "sine_20", "-o", "spikes.csv/a.png"], 1, "a file stands where"),
     ],
 )

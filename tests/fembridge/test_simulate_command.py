@@ -192,14 +192,11 @@ def refused(capsys, *words):
     [
         (["--stimulus", "nois_25_250"], "did you mean noise_25_250"),
         (["--preindent-um", "nan"], "--preindent-um must be from 0 to 10000, got nan"),
-        (["--preindent-um", "-3"], "--preindent-um must be from 0 to 10000, got -3"),
         (["--seed", "-1"], "seed is -1, expected 0 or more"),
         (["--jobs", "0"], "jobs is 0"),
-        (["--jobs", "-1"], "jobs is -1"),
         (["--threads", "0"], "threads is 0"),
         (["--time-limit", "nan"], "--time-limit is nan, expected more than 0"),
         (["--probe-x-mm", "nan"], "probe: x_mm must be finite, got nan"),
-        (["--probe-diameter-mm", "0"], "probe: diameter_mm must be 0.01 to 20, got 0"),
         (["--stored", "--method", "transient"], "a stored response answers no"),
     ],
 )
@@ -240,7 +237,6 @@ def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, capsys, wo
     [
         ("--finger", "absent.toml", 2, "absent.toml"),
         ("--parameters", "absent.toml", 2, "absent.toml: "),
-        ("--parameters", "", 2, "''"),
         ("--parameters", "wrong.toml", 1, "wrong.toml: SA: unknown key 'tau'"),
         ("--parameters", "never.toml", 1, "never.toml: "),
     ],
