@@ -253,26 +253,19 @@ class _Chosen:
 def _choose_case(deck: MarcDeck, wanted: str | None, drives: _Uses) -> _Chosen:
     """The load case that is wanted, or the only one in which there is motion."""
     cases = deck.load_cases()
-    named = cases
+    moving = [case for case in cases if case.stepping is not None and _acting(case, drives)]
     if wanted is not None:
-        named = [each for each in cases if each.name.lower() == wanted.strip().lower()]
-        if not named and wanted.strip().isdecimal():
-            named = [each for each in cases if each.number == int(wanted)]
-        if not named:
-            raise DeckError(f"no load case {wanted!r}; there: {_listed_cases(cases) or 'none'}")
-    moving = [case for case in named if case.stepping is not None and _acting(case, drives)]
+        word = wanted.strip().lower()
+        named = [case for case in moving if case.name.lower() == word]
+        moving = named or [case for case in moving if str(case.number) == word]
     if len(moving) != 1:
-        able = [case for case in named if case.stepping is not None]
-        at, what = able, f"{drives[0].what} ({drives[0].line.place})"
-        problem = f"{what} does not act in {_listed_cases(able)}"
-        if moving:
-            at, problem = moving[1:], f"{len(moving)} load cases with increments in which {what}"
-            problem += f" acts; name one: {_listed_cases(moving)}"
-        elif not able:
-            at, problem = (
-                named,
-                f"no load case has increments; there: {_listed_cases(named) or 'none'}",
-            )
+        asked = "" if wanted is None else f" {wanted!r}"
+        problem = (
+            f"{len(moving)} load cases{asked} with increments in which {drives[0].what} "
+            f"({drives[0].line.place}) acts, expected one: --step names it; there: "
+            f"{_listed_cases(moving or cases) or 'none'}"
+        )
+        at = moving[1:] or cases
         raise at[0].line.refuse(problem) if at else DeckError(problem)
     (case,) = moving
     start_s = 0.0
