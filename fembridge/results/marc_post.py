@@ -163,9 +163,6 @@ class PostIncrement(NamedTuple):
     layout: "_Layout"
     offset: int
 
-    def __str__(self) -> str:
-        return f"increment {self.increment} (time {self.time_s:g} s)"
-
     @property
     def nodal(self) -> tuple[NodalQuantity, ...]:
         """Quantities at nodes."""
@@ -225,14 +222,13 @@ class PostFile:
         return _read_mesh(self._file, self._model)
 
     def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
-        """Values of increment `row` at all points of elements, ``(K, points, codes)``.
+        """Values of increment `row`, which has some, at all points of elements.
 
-        `element_rows` count elements as the mesh has them.
+        ``(K, points, codes)``; `element_rows` count elements as the mesh has them.
         """
         one, model = self.increments[row], self._model
         numbers = one.layout.element_values
-        if numbers is None:
-            raise ResultError(f"{one} has no element values", self.path)
+        assert numbers is not None
         elements = np.asarray(element_rows, dtype=np.int64)
         records = (elements[:, None] * model.points + np.arange(model.points)).ravel()
         found: FloatArray = numbers.values(self._file, records, one.offset)
@@ -244,14 +240,11 @@ class PostFile:
         Where the file says that there is no data all is zero.
         """
         one = self.increments[row]
-        for quantity, numbers in one.layout.nodal:
-            if quantity.name == name:
-                if numbers is None:
-                    return np.zeros((self._model.nodes, quantity.components))
-                found: FloatArray = numbers.values(self._file, offset=one.offset)
-                return found
-        names = ", ".join(quantity.name for quantity in one.nodal) or "none"
-        raise ResultError(f"{one} has no nodal quantity {name!r}; it has {names}", self.path)
+        quantity, numbers = next(held for held in one.layout.nodal if held[0].name == name)
+        if numbers is None:
+            return np.zeros((self._model.nodes, quantity.components))
+        found: FloatArray = numbers.values(self._file, offset=one.offset)
+        return found
 
     def _walk(self) -> None:
         """Go to the end, or as far as the file can be understood."""
