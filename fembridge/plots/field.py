@@ -6,12 +6,10 @@ import numpy as np
 
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
-    HAIR_PT,
     INK,
     LINE_PT,
     PAGE_WIDTH_IN,
-    SMALL_TEXT_PT,
-    TEXT_PT,
+    class_style,
     in_style,
     make_plain,
 )
@@ -39,7 +37,7 @@ def field_figure(field: ReceptiveField) -> "Figure":
     width_in = (PAGE_WIDTH_IN - 0.8) / _MOST_PANELS
     tall_in = width_in * half / float(field.x_mm[-1])
     figure = Figure(figsize=(PAGE_WIDTH_IN, tall_in + 2.25), layout="constrained")
-    grid = figure.add_gridspec(2, len(chosen), height_ratios=[tall_in, 1.3])
+    grid = figure.add_gridspec(2, _MOST_PANELS, height_ratios=[tall_in, 1.3])
     most = max(int(field.impulses.max()), 1)
     panels = []
     for column, row in enumerate(chosen):
@@ -54,50 +52,30 @@ def field_figure(field: ReceptiveField) -> "Figure":
             shading="nearest",
             rasterized=True,
         )
-        if field.answers[row].any() and not field.answers[row].all():
+        inside = field.answers[row]
+        if inside.any() and not inside.all():
+            border = inside.T.astype(float)
             panel.contour(
-                field.x_mm,
-                field.z_mm,
-                field.answers[row].T.astype(float),
-                levels=[0.5],
-                colors=[INK],
-                linewidths=[LINE_PT],
+                field.x_mm, field.z_mm, border, levels=[0.5], colors=[INK], linewidths=[LINE_PT]
             )
         panel.set_aspect("equal")
         panel.set_ylim(-half, half)
-        make_plain(panel)
         panel.set_xlabel("Across (mm)")
         panel.set_ylabel("Along (mm)" if not column else "")
-        area = field.areas["area_mm2"].iloc[row]
-        sign = "" if field.areas["whole"].iloc[row] else "> "
-        panel.set_title(
-            f"{field.depth_um[row]:.0f} µm\n{sign}{area:.1f} mm²", fontsize=SMALL_TEXT_PT
-        )
+        _, _, area, whole = field.areas.iloc[row]
+        panel.set_title(f"{field.depth_um[row]:.0f} µm\n{'' if whole else '> '}{area:.1f} mm²")
         panels.append(panel)
     bar = figure.colorbar(image, ax=panels, fraction=0.02, pad=0.01)
-    bar.ax.set_title("Impulses", fontsize=SMALL_TEXT_PT)
+    bar.set_label("Impulses")
     bar.locator = MaxNLocator(5, integer=True)
     bar.update_ticks()
-    bar.ax.tick_params(labelsize=SMALL_TEXT_PT, length=2, width=HAIR_PT)
-    bar.ax.spines["outline"].set_linewidth(HAIR_PT)
     panel = figure.add_subplot(grid[1, :])
-    panel.plot(
-        field.depth_um,
-        field.areas["area_mm2"],
-        color=colour,
-        marker="o",
-        markersize=3.5,
-        linewidth=LINE_PT,
-    )
-    make_plain(panel)
+    panel.plot(field.depth_um, field.areas["area_mm2"], color=colour, marker="o", markersize=3.5)
     panel.set_ylim(bottom=0)
     panel.set_xlabel("Depth of the probe (µm)")
     panel.set_ylabel("Area (mm²)")
-    figure.suptitle(
-        f"{field.afferent}, probe {field.probe_diameter_mm:g} mm, threshold "
-        f"{field.threshold_um:.3g} µm",
-        fontsize=TEXT_PT,
-        color=colour,
-        fontweight="bold",
-    )
+    for each in figure.axes:
+        make_plain(each)
+    words = f"{field.afferent}, probe {field.probe_diameter_mm:g} mm, threshold "
+    figure.suptitle(f"{words}{field.threshold_um:.3g} µm", **class_style(field.afferent))
     return figure

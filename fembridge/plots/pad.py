@@ -7,14 +7,15 @@ import numpy as np
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
-    HAIR_PT,
     INK,
     LINE_PT,
     PAGE_WIDTH_IN,
+    SERIES_COLOURS,
     SMALL_TEXT_PT,
-    TEXT_PT,
+    class_style,
     in_style,
     make_plain,
+    new_figure,
 )
 from fembridge.touching.touch import Touch
 from fembridge.typing import BoolArray, FloatArray
@@ -33,6 +34,7 @@ _TRACE_IN = 0.75
 _MOST_HEIGHT_IN = 4.2
 _KPA_PER_N_MM2 = 1000.0
 _MOST_ROWS = 60
+_FORCE_COLOUR = SERIES_COLOURS[2]
 
 
 @in_style
@@ -56,17 +58,11 @@ def pad_figure(touch: Touch) -> "Figure":
         _draw_units(panel, touch, mine, AFFERENT_COLOURS[name])
         _draw_view(panel, touch, first=column == 0)
         firing = int((touch.rate_ips[mine] > 0).sum())
-        panel.set_title(
-            f"{name}: {firing} of {int(mine.sum())} fire",
-            color=AFFERENT_COLOURS[name],
-            fontsize=TEXT_PT,
-            fontweight="bold",
-        )
+        panel.set_title(f"{name}: {firing} of {int(mine.sum())} fire", **class_style(name))
     if image is not None:
         bar = figure.colorbar(image, ax=figure.axes, fraction=0.025, pad=0.01, shrink=0.7)
-        bar.set_label("Contact pressure (kPa)", fontsize=SMALL_TEXT_PT, color=INK)
-        bar.ax.tick_params(labelsize=SMALL_TEXT_PT, length=2, width=HAIR_PT)
-        bar.ax.spines["outline"].set_linewidth(HAIR_PT)
+        bar.set_label("Contact pressure (kPa)")
+        make_plain(bar.ax)
     draw_way(figure.add_subplot(grid[1, :]), touch)
     return figure
 
@@ -74,55 +70,40 @@ def pad_figure(touch: Touch) -> "Figure":
 @in_style
 def unit_raster_figure(touch: Touch) -> "Figure":
     """Spikes of every unit that fires: a panel a class, units in order along the finger."""
-    from matplotlib.figure import Figure
-
     classes = [name for name in AFFERENT_COLOURS if name in touch.population.afferent]
-    afferent = np.array(touch.population.afferent)
-    rows = {
-        name: np.flatnonzero(
-            (afferent == name) & np.isin(np.arange(afferent.size), touch.fired.unit)
-        )
-        for name in classes
-    }
+    units, fired = touch.population, touch.fired
+    along_finger = np.lexsort((units.x_mm, units.z_mm))
+    lively = along_finger[np.isin(along_finger, fired.unit)]
+    rows = {name: lively[np.array(units.afferent)[lively] == name] for name in classes}
     heights = [max(0.45, min(2.6, 0.028 * rows[name].size * touch.trials)) for name in classes]
-    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights) + _TRACE_IN + 0.9), layout="constrained")
-    panels = figure.subplots(
+    figure, panels = new_figure(
+        sum(heights) + _TRACE_IN + 0.9,
         len(classes) + 1,
-        1,
         sharex=True,
-        gridspec_kw={"height_ratios": [_TRACE_IN, *heights]},
+        heights=[_TRACE_IN, *heights],
     )
-    draw_way(panels[0], touch)
-    panels[0].set_xlabel("")
-    for panel, name in zip(panels[1:], classes, strict=True):
-        order = np.lexsort((touch.population.x_mm[rows[name]], touch.population.z_mm[rows[name]]))
-        place = np.full(afferent.size, -1)
-        place[rows[name][order]] = np.arange(order.size)
-        mine = place[touch.fired.unit] >= 0
-        lane = (touch.fired.trial[mine] - 1) / touch.trials
-        at = place[touch.fired.unit[mine]] + lane
+    draw_way(panels[0, 0], touch)
+    panels[0, 0].set_xlabel("")
+    for panel, name in zip(panels[1:, 0], classes, strict=True):
+        place = np.full(len(units), -1)
+        place[rows[name]] = np.arange(rows[name].size)
+        mine = place[fired.unit] >= 0
+        at = place[fired.unit[mine]] + (fired.trial[mine] - 1) / touch.trials + 0.05
         lines = max(rows[name].size, 1)
         panel.vlines(
-            touch.fired.time_ms[mine],
-            at + 0.05,
-            at + 0.05 + 0.85 / touch.trials,
+            fired.time_ms[mine],
+            at,
+            at + 0.85 / touch.trials,
             colors=AFFERENT_COLOURS[name],
             linewidths=LINE_PT if lines < _MOST_ROWS else 0.6,
         )
         panel.set_ylim(0, lines)
-        make_plain(panel)
         panel.set_yticks([])
-        panel.set_ylabel(
-            f"{name}\n{rows[name].size} units",
-            fontsize=SMALL_TEXT_PT,
-            rotation=0,
-            ha="right",
-            va="center",
-            color=AFFERENT_COLOURS[name],
-            fontweight="bold",
-        )
-    panels[-1].set_xlabel("Time (ms), units from base to tip", fontsize=SMALL_TEXT_PT)
-    panels[0].set_xlim(0, float(touch.way.times_ms[-1]))
+        words = f"{name}\n{rows[name].size} units"
+        style = class_style(name, SMALL_TEXT_PT)
+        panel.set_ylabel(words, rotation=0, ha="right", va="center", **style)
+    panels[-1, 0].set_xlabel("Time (ms), units from base to tip")
+    panels[0, 0].set_xlim(0, float(touch.way.times_ms[-1]))
     return figure
 
 
@@ -132,89 +113,70 @@ PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
 
 def view_mm(touch: Touch) -> tuple[float, float]:
     """Half width and half length of what is shown: units and contact, of a line room around it."""
-    across = [np.abs(touch.population.x_mm).max(), np.abs(touch.nodes.x_mm).max(initial=1.0)]
-    along = [np.abs(touch.population.z_mm).max(), np.abs(touch.nodes.z_mm).max(initial=1.0)]
-    half_width = float(max(across)) + _MARGIN_MM
-    return half_width, max(float(max(along)) + _MARGIN_MM, _LEAST_SHARE * half_width)
+    units, nodes = touch.population, touch.nodes
+    half_width, half_length = (
+        float(np.abs([*of_units, *of_nodes]).max(initial=1.0)) + _MARGIN_MM
+        for of_units, of_nodes in ((units.x_mm, nodes.x_mm), (units.z_mm, nodes.z_mm))
+    )
+    return half_width, max(half_length, _LEAST_SHARE * half_width)
 
 
 def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401 - an image
     """Contact pressure of the solved state `row` as a map; None where nothing touches."""
+    from matplotlib.colors import LinearSegmentedColormap
+
     if not touch.nodes.column.size:
         return None
     pad = touch.nodes.pad
     grid = pressure_kpa(touch, row)
-    first = int(touch.nodes.row.min())
     middle = 0.5 * (pad.x_mm[1:] + pad.x_mm[:-1])
     edge = np.concatenate([2 * pad.x_mm[:1] - middle[:1], middle, 2 * pad.x_mm[-1:] - middle[-1:]])
-    rows_mm = (np.arange(first, first + len(grid) + 1) - 0.5) * pad.spacing_mm
-    if pad.plane:
-        half_length = view_mm(touch)[1]
-        rows_mm = np.array([-half_length, half_length])
+    rows = int(touch.nodes.row.min()) + np.arange(len(grid) + 1) - 0.5
+    along = view_mm(touch)[1] * np.array([-1, 1]) if pad.plane else rows * pad.spacing_mm
     top = max(float(np.nanmax(grid, initial=0.0)), 1e-3)
-    return panel.pcolormesh(
-        edge, rows_mm, grid, cmap=_pressure_colours(), vmin=0.0, vmax=top, rasterized=True
-    )
+    # Greys without white and black: on paper all of it is seen.
+    greys = LinearSegmentedColormap.from_list("pressure", ["#E4E4E4", "#303030"])
+    return panel.pcolormesh(edge, along, grid, cmap=greys, vmin=0.0, vmax=top, rasterized=True)
 
 
 def pressure_kpa(touch: Touch, row: int) -> FloatArray:
     """Pressure on all columns and the touched rows of the skin; NaN where nothing touches."""
     nodes = touch.nodes
     first, last = int(nodes.row.min()), int(nodes.row.max())
-    area_mm2 = nodes.pad.node_mm2[nodes.column]
     grid = np.full((last - first + 1, nodes.pad.x_mm.size), np.nan)
-    force = touch.contact_n[row]
-    grid[nodes.row - first, nodes.column] = np.where(
-        force > 0, force / area_mm2 * _KPA_PER_N_MM2, np.nan
-    )
+    pressure = touch.contact_n[row] / nodes.pad.node_mm2[nodes.column] * _KPA_PER_N_MM2
+    grid[nodes.row - first, nodes.column] = np.where(pressure > 0, pressure, np.nan)
     return grid
-
-
-def _pressure_colours() -> Any:  # noqa: ANN401 - a colour map
-    """Greys without white and black: on paper all of it is seen."""
-    from matplotlib.colors import LinearSegmentedColormap
-
-    return LinearSegmentedColormap.from_list("pressure", ["#E4E4E4", "#303030"])
 
 
 def draw_way(panel: "Axes", touch: Touch) -> None:
     """Depth and force over time."""
-    times_ms = touch.way.times_ms
-    panel.plot(times_ms, touch.depth_um, color=INK, linewidth=LINE_PT)
-    make_plain(panel)
+    times_ms, depth_um = touch.way.times_ms, touch.depth_um
+    panel.plot(times_ms, depth_um)
     panel.set_xlabel("Time (ms)")
     panel.set_ylabel("Depth (µm)")
-    panel.set_ylim(
-        min(float(touch.depth_um.min()), 0.0), 1.15 * max(float(touch.depth_um.max()), 1.0)
-    )
+    panel.set_ylim(min(float(depth_um.min()), 0.0), 1.15 * max(float(depth_um.max()), 1.0))
     panel.set_xlim(0, float(times_ms[-1]))
     other = panel.twinx()
-    other.plot(times_ms, touch.force_n, color="#CC79A7", linewidth=LINE_PT, linestyle=(0, (4, 1.5)))
+    other.plot(times_ms, touch.force_n, color=_FORCE_COLOUR, linestyle=(0, (4, 1.5)))
     unit = "N/mm" if touch.nodes.pad.plane else "N"
-    other.set_ylabel(f"Force ({unit})", fontsize=SMALL_TEXT_PT, color="#CC79A7")
-    make_plain(other)
+    other.set_ylabel(f"Force ({unit})", color=_FORCE_COLOUR)
     other.spines["right"].set_visible(True)
     other.spines["left"].set_visible(False)
     other.set_ylim(0, 1.15 * max(float(touch.force_n.max()), 1e-6))
+    for each in (panel, other):
+        make_plain(each)
 
 
 def _draw_units(panel: "Axes", touch: Touch, mine: BoolArray, colour: str) -> None:
     """Units of a class, larger the more they fire, and what the largest stands for."""
-    rate, x_mm, z_mm = (
-        touch.rate_ips[mine],
-        touch.population.x_mm[mine],
-        touch.population.z_mm[mine],
-    )
-    fires, most_ips = rate > 0, max(float(rate.max()), 1e-9)
-    panel.scatter(
-        x_mm[~fires],
-        z_mm[~fires],
-        s=_LEAST_PT2,
-        facecolors="none",
-        edgecolors=FAINT,
-        linewidths=0.35,
-        zorder=2,
-    )
+    rate, units = touch.rate_ips[mine], touch.population
+    x_mm, z_mm, fires = units.x_mm[mine], units.z_mm[mine], rate > 0
+    hollow: dict[str, Any] = {"facecolors": "none", "edgecolors": FAINT, "linewidths": 0.35}
+    panel.scatter(x_mm[~fires], z_mm[~fires], s=_LEAST_PT2, zorder=2, **hollow)
+    if not fires.any():
+        return
+    most_ips = float(rate.max())
     firing: dict[str, Any] = {
         "color": colour,
         "edgecolors": "white",
@@ -224,19 +186,17 @@ def _draw_units(panel: "Axes", touch: Touch, mine: BoolArray, colour: str) -> No
     }
     size_pt2 = _LEAST_PT2 + (_MOST_PT2 - _LEAST_PT2) * rate[fires] / most_ips
     panel.scatter(x_mm[fires], z_mm[fires], s=size_pt2, **firing)
-    if fires.any():
-        mark = panel.scatter([], [], s=_MOST_PT2, **firing)
-        panel.legend(
-            [mark],
-            [f"{most_ips:.3g}/s"],
-            loc="lower right",
-            fontsize=SMALL_TEXT_PT - 1,
-            frameon=True,
-            framealpha=0.85,
-            edgecolor="none",
-            borderpad=0.2,
-            handletextpad=0.2,
-        )
+    panel.legend(
+        [panel.scatter([], [], s=_MOST_PT2, **firing)],
+        [f"{most_ips:.3g}/s"],
+        loc="lower right",
+        fontsize=SMALL_TEXT_PT - 1,
+        frameon=True,
+        framealpha=0.85,
+        edgecolor="none",
+        borderpad=0.2,
+        handletextpad=0.2,
+    )
 
 
 def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
@@ -249,19 +209,15 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
     panel.set_ylabel("Along the finger (mm)" if first else "")
     if not first:
         panel.tick_params(labelleft=False)
-    if touch.way.x_mm is not None and touch.way.z_mm is not None:
-        way = touch.way.x_mm, touch.way.z_mm
-        step = np.array([way[0][-1] - way[0][0], way[1][-1] - way[1][0]])
-        length = float(np.hypot(*step))
-        if length > 0:
-            x, z = 2.5 * step / length
-            middle = np.array([-0.82 * half_width, 0.86 * half_length])
-            panel.annotate(
-                "",
-                xy=(middle[0] + x / 2, middle[1] + z / 2),
-                xytext=(middle[0] - x / 2, middle[1] - z / 2),
-                arrowprops={"arrowstyle": "->", "color": INK, "linewidth": LINE_PT},
-            )
+    x_mm, z_mm = touch.way.x_mm, touch.way.z_mm
+    if x_mm is None or z_mm is None:
+        return
+    step = np.array([x_mm[-1] - x_mm[0], z_mm[-1] - z_mm[0]])
+    if step.any():  # an arrow of 2.5 mm that way
+        half = 1.25 * step / np.hypot(*step)
+        middle = np.array([-half_width, half_length]) + (1.6, -1.6)
+        look = {"arrowstyle": "->", "color": INK, "linewidth": LINE_PT}
+        panel.annotate("", xy=middle + half, xytext=middle - half, arrowprops=look)
 
 
 def hardest(touch: Touch) -> int:

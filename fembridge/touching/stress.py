@@ -56,8 +56,11 @@ def driving_stress_pa(
     UsageError
         A unit in a layer or at a depth of which the pad holds no stress.
     """
-    if not nodes.column.size:
-        return np.zeros((len(forces_n), len(units)))
+    driving = np.zeros((len(forces_n), len(units)))
+    touched = np.asarray(forces_n.any(axis=1))
+    if not touched.any():
+        return driving
+    forces_n, drag = forces_n[touched], None if drag is None else drag[touched]
     unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     reads_sa = (np.array(units.afferent) == "SA")[unit] & (not units.sa_von_mises)
@@ -84,7 +87,8 @@ def driving_stress_pa(
             block[:, sa] = _sa_scale(pad) * sa_stress_pa(influence[:, sa], forces, normal)
     starts = np.flatnonzero(np.diff(unit, prepend=-1))
     stress *= sensitivity.astype(np.float32)
-    return np.maximum.reduceat(stress, starts, axis=1).astype(np.float64)
+    driving[touched] = np.maximum.reduceat(stress, starts, axis=1)
+    return driving
 
 
 def influence_pa(
