@@ -215,7 +215,7 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
     step = np.array([x_mm[-1] - x_mm[0], z_mm[-1] - z_mm[0]])
     if step.any():  # an arrow of 2.5 mm that way
         half = 1.25 * step / np.hypot(*step)
-        middle = np.array([-half_width, half_length]) + (1.6, -1.6)
+        middle = np.array([1.6 - half_width, half_length - 1.6])
         look = {"arrowstyle": "->", "color": INK, "linewidth": LINE_PT}
         panel.annotate("", xy=middle + half, xytext=middle - half, arrowprops=look)
 
