@@ -1,10 +1,11 @@
 """How many functions of ours a command passes, from the start of its process to its exit.
 
 ``python benchmarks/functions_passed.py [--list]``, with ccx on the PATH for the first
-row. Counted is every distinct body of a function, method or lambda that is called and
+row: what was solved before comes from the cache, ``FEMBRIDGE_CACHE=off`` has it solved.
+Counted is every distinct body of a function, method or lambda that is called and
 whose file is in ``fembridge``, ``decks`` or ``neural``, on any thread. Not counted:
 module top levels, class bodies, comprehensions and generator expressions, what
-`dataclass` and templates generate, and what runs in other processes.
+`dataclass` generates, and what runs in other processes.
 """
 
 import argparse

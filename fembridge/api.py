@@ -24,7 +24,7 @@ from fembridge.run_folder import RunFolder, kept_parameters
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
-from fembridge.trace import StressTrace, Traces
+from fembridge.trace import StressTrace
 
 if TYPE_CHECKING:
     import pandas
@@ -392,7 +392,13 @@ def encode(
     >>> spikes.equals(result.spikes)
     True
     """
-    from fembridge.encoding import doubt, encode_traces, traces_to_encode
+    from fembridge.encoding import (
+        doubt,
+        encode_traces,
+        parameters_for,
+        traces_of,
+        traces_to_encode,
+    )
     from fembridge.simulation import spikes_frame
 
     say = log or (lambda line: warnings.warn(line, UserWarning, stacklevel=3))
@@ -403,48 +409,6 @@ def encode(
     if words := doubt(found, ready, trains):
         say(words)
     return spikes_frame(trains)
-
-
-def traces_of(
-    source: "PathLike | pandas.DataFrame | Sequence[StressTrace]",
-    log: Callable[[str], None],
-    columns: Mapping[str, str | Sequence[str]] | None = None,
-    gain_pa: float | None = None,
-    resample_ms: float | None = None,
-) -> Traces:
-    """Traces of whatever `encode` takes; arguments and errors as there."""
-    from fembridge.encoding import read_stress
-    from fembridge.tables import read_traces
-
-    if isinstance(source, str | Path):
-        return read_stress(Path(source), log, columns, gain_pa, resample_ms)[0]
-    if isinstance(source, Sequence):
-        if any(each is not None for each in (columns, gain_pa, resample_ms)):
-            raise UsageError("columns, gain_pa and resample_ms are for a table of traces")
-        return source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
-    return read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
-
-
-def parameters_for(
-    traces: Traces, parameters: "str | ParameterSet | None", log: Callable[[str], None]
-) -> "ParameterSet":
-    """The set that `traces` are encoded by; `log` gets what its fit had otherwise."""
-    from fembridge.simulation import unlike_the_fit
-    from neural.parameter_sets import parameter_set_of
-
-    origin = traces.origin
-    if parameters is not None:
-        chosen = _parameter_set(parameters)
-    elif origin and origin.parameters:
-        chosen = parameter_set_of(origin.parameters, origin.stimulus, "the run of the traces")
-    else:
-        chosen = _parameter_set("fitted")
-    # Of an unknown run: what starts without stress was not pre-indented.
-    pressed = any(trace.stress_pa[0] > 0 for trace in traces)
-    depths_um = {origin.preindent_um} if origin else set() if pressed else {0.0}
-    if unlike := unlike_the_fit(chosen, origin.finger if origin else {}, depths_um):
-        log(unlike)
-    return chosen
 
 
 def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = None) -> "Figure":

@@ -8,6 +8,7 @@ count.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +16,22 @@ from fembridge.errors import UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.results import read
 from fembridge.run_folder import RUN_FILE
-from fembridge.simulation import TRACES_FILE, arrays_in, find_file, fired, stimuli_in, trains_of
+from fembridge.simulation import (
+    TRACES_FILE,
+    arrays_in,
+    find_file,
+    fired,
+    stimuli_in,
+    trains_of,
+    unlike_the_fit,
+)
 from fembridge.tables import SpikeTrain, read_traces
 from fembridge.trace import Origin, StressTrace, Traces, doubt_of_step, resample
-from neural import Parameters
+from neural import Parameters, ParameterSet, parameter_set, parameter_set_or_file
+from neural.parameter_sets import parameter_set_of
+
+if TYPE_CHECKING:
+    import pandas
 
 # What a 1 mm probe gives where each class sits; beyond so many times less or more, the
 # stress is in another unit.
@@ -68,6 +81,44 @@ def read_stress(
         first.id, first.window_ms, first.preindent_um, written.parameters, written.finger
     )
     return Traces(traces, origin, windows_ms), path
+
+
+def traces_of(
+    source: "str | Path | pandas.DataFrame | Sequence[StressTrace]",
+    log: Callable[[str], None],
+    columns: Mapping[str, str | Sequence[str]] | None = None,
+    gain_pa: float | None = None,
+    resample_ms: float | None = None,
+) -> Traces:
+    """Traces of whatever `fembridge.encode` takes; arguments and errors as there."""
+    if isinstance(source, str | Path):
+        return read_stress(Path(source), log, columns, gain_pa, resample_ms)[0]
+    if isinstance(source, Sequence):
+        if any(each is not None for each in (columns, gain_pa, resample_ms)):
+            raise UsageError("columns, gain_pa and resample_ms are for a table of traces")
+        return source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
+    return read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
+
+
+def parameters_for(
+    traces: Traces, parameters: str | ParameterSet | None, log: Callable[[str], None]
+) -> ParameterSet:
+    """The set that `traces` are encoded by; `log` gets what its fit had otherwise."""
+    origin = traces.origin
+    if isinstance(parameters, ParameterSet):
+        chosen = parameters
+    elif parameters is not None:
+        chosen = parameter_set_or_file(parameters)
+    elif origin and origin.parameters:
+        chosen = parameter_set_of(origin.parameters, origin.stimulus, "the run of the traces")
+    else:
+        chosen = parameter_set("fitted")
+    # Of an unknown run: what starts without stress was not pre-indented.
+    pressed = any(trace.stress_pa[0] > 0 for trace in traces)
+    depths_um = {origin.preindent_um} if origin else set() if pressed else {0.0}
+    if unlike := unlike_the_fit(chosen, origin.finger if origin else {}, depths_um):
+        log(unlike)
+    return chosen
 
 
 def traces_to_encode(

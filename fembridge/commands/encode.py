@@ -95,8 +95,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
-    from fembridge.api import parameters_for, traces_of
-    from fembridge.encoding import doubt, encode_traces, traces_to_encode
+    from fembridge.encoding import (
+        doubt,
+        encode_traces,
+        parameters_for,
+        traces_of,
+        traces_to_encode,
+    )
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.store import filling
     from fembridge.tables import write_rates, write_spikes
