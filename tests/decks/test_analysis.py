@@ -95,6 +95,17 @@ def test_a_half_has_the_numbers_of_the_whole_and_none_from_the_left(both):
     assert 2 * len(faces) == len(whole.contact_face)
 
 
+def test_the_axis_of_a_half_is_at_x_0_and_a_whole_has_none(both):
+    whole, half = both
+    there = [n for n, (x, _) in enumerate(whole.node_mm, start=1) if x == 0]
+    assert half.axis.tolist() == there
+    assert len(there) > 10
+    assert whole.axis.size == 0
+    assert (whole.thickness_mm, half.thickness_mm) == (1.0, 2.0)
+    assert half.watched_on_axis == (half.afferent["SA"], half.afferent["PC"], half.apex)
+    assert half.whole().watched_on_axis == ()
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -131,6 +142,33 @@ def test_a_mesh_with_one_element_of_another_layer_is_no_mirror_image(short):
     layer = SKIN.layer.copy()
     layer[int(np.argmax(SKIN.in_layer("dermis")))] += 1
     assert not replace(half_of(short), mesh=Mesh(SKIN.node_mm, SKIN.quad, layer)).is_half
+
+
+@pytest.mark.parametrize(("first", "same"), [(0, False), (1, True)])
+def test_nodes_that_are_images_but_joined_otherwise_are_none(first, same, short):
+    """Two hexagons with a node inside, which three quads fill in either of two ways."""
+    angle = np.radians(30 + 60 * np.arange(6))
+    x_mm, y_mm = np.append(np.cos(angle), 0.0), np.append(np.sin(angle), 0.0)
+    right_mm = np.stack([x_mm + np.cos(np.pi / 6), y_mm], -1)
+    right_mm[2:4, 0] = 0.0  # two corners lie on the axis
+    image = np.array([7, 8, 2, 3, 9, 10, 11])
+    node_mm = np.concatenate([right_mm, right_mm[[0, 1, 4, 5, 6]] * [-1.0, 1.0]])
+
+    def joined(start):
+        around = np.arange(start, start + 6, 2)
+        return [[6, k % 6, (k + 1) % 6, (k + 2) % 6] for k in around]
+
+    left = [image[quad][::-1] for quad in joined(first)]
+    mesh = Mesh(node_mm, np.array([*joined(1), *left]), np.zeros(6))
+    analysis = replace(
+        half_of(short),
+        mesh=mesh,
+        fixed_row=image[[3]],
+        afferent_row={},
+        apex_row=2,
+        contact_edge=np.zeros((0, 2), dtype=int),
+    )
+    assert analysis.is_half == same
 
 
 def grid(x_mm):

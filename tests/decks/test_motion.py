@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.motion import RAMP_INCREMENTS, SUBSTEPS, motion_of
+from decks.motion import HOLD_INCREMENTS, RAMP_INCREMENTS, SUBSTEPS, motion_of
 from fembridge.errors import DeckError, StimulusError
 from fembridge.stimulus import Stimulus
 
@@ -47,6 +47,17 @@ def test_phases_and_samples_tell_the_same(preindent_um, procedure, relaxing_s, s
     assert (motion.depth_mm[0], motion.time_s[0]) == (0.0, 0.0)
 
 
+def test_relaxation_begins_where_the_way_to_the_pre_indentation_ends():
+    motion = motion_of(stimulus(300.0), "viscous", relaxing_s=0.02)
+
+    ramp, hold, waves = motion.phases
+    assert (ramp.procedure, ramp.increments) == ("static", RAMP_INCREMENTS)
+    assert (hold.procedure, hold.increments) == ("viscous", HOLD_INCREMENTS)
+    assert (waves.procedure, waves.increments) == ("viscous", 6)
+    assert motion.ramp == RAMP_INCREMENTS + HOLD_INCREMENTS
+    assert_allclose(motion.start_s, 0.01 + 4 * 5 * 0.02)
+
+
 def test_where_inertia_counts_the_ramp_is_smooth_and_in_the_same_step():
     motion = motion_of(stimulus(300.0), "dynamic", relaxing_s=0.02)
 
@@ -69,6 +80,17 @@ def test_between_samples_the_probe_is_on_the_cubic_through_four_of_them():
     fine_ms = 1e3 * motion.time_s[3:-3]
     expected_um = 3.0 * fine_ms - 2.0 * fine_ms**2 + 0.4 * fine_ms**3
     assert_allclose(1e3 * motion.depth_mm[3:-3], expected_um, rtol=1e-12)
+
+
+@pytest.mark.parametrize("procedure", ["static", "viscous"])
+def test_a_slide_begins_with_the_stimulus(procedure):
+    slid = stimulus(300.0).sliding(8.0)
+    motion = motion_of(slid, procedure, relaxing_s=0.02)
+    assert (motion.aside_mm[: motion.ramp + 1] == 0).all()
+    moved_mm = motion.aside_mm[motion.ramp :]
+    assert_allclose(moved_mm, 8.0 * (motion.time_s[motion.ramp :] - motion.start_s))
+    assert slid.id == "s_slide_8"
+    assert slid.origin["slide_mm_per_s"] == 8.0
 
 
 @pytest.mark.parametrize("speed", [0.0, np.nan, np.inf])
