@@ -70,8 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         with (
-            redirect_stdout(PlainStream.of(sys.stdout)),
-            redirect_stderr(PlainStream.of(sys.stderr)),
+            redirect_stdout(PlainStream(sys.stdout)),
+            redirect_stderr(PlainStream(sys.stderr)),
         ):
             code = _run(list(sys.argv[1:] if argv is None else argv))
             sys.stdout.flush()

@@ -128,7 +128,7 @@ def _filled(folder: Path, last: str, path: Path) -> Iterator[Path]:
     except OSError as error:
         raise OutputError(f"cannot write: {error.strerror or error}", path) from error
     finally:
-        _remove_draft(draft)
+        shutil.rmtree(draft, ignore_errors=True)
         os.close(handle)
 
 
@@ -151,16 +151,9 @@ def _remove_left_over(folder: Path) -> None:
             handle = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                _remove_draft(draft)
+                shutil.rmtree(draft, ignore_errors=True)
             finally:
                 os.close(handle)
-
-
-def _remove_draft(draft: Path) -> None:
-    if draft.is_dir():
-        shutil.rmtree(draft, ignore_errors=True)
-    else:
-        draft.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -14,7 +14,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Self, TextIO, cast
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 if TYPE_CHECKING:
     import rich.progress
@@ -74,14 +74,9 @@ class PlainStream:
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
 
-    @classmethod
-    def of(cls, stream: TextIO) -> TextIO:
-        """A `PlainStream`, which can whatever `stream` can."""
-        return cast("TextIO", cls(stream))
-
     def write(self, text: str) -> int:
         """Write `text`, control characters shown."""
-        self._do(lambda: self.stream.write(plain(text)))
+        self._do(self.stream.write, plain(text))
         return len(text)
 
     def flush(self) -> None:
@@ -89,15 +84,15 @@ class PlainStream:
         self._do(self.stream.flush)
 
     @staticmethod
-    def _do(write: Callable[[], object]) -> None:
+    def _do(write: Callable[..., object], *text: str) -> None:
         try:
-            write()
+            write(*text)
         except BrokenPipeError:
             raise
         except OSError as error:
             raise PrintError(error.errno, error.strerror) from error
 
-    def __getattr__(self, name: str) -> object:
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the stream can
         return getattr(self.stream, name)
 
 
