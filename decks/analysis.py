@@ -33,10 +33,6 @@ QUADRATIC = ("CPE8", "CPE8R")
 FORMULATIONS = ("node-to-surface", "surface-to-surface")
 # How stress follows from large strain; for small ones both are Hooke's law.
 LAWS = ("linear", "neo-hookean")
-# Each of the probe's nodes is prescribed, or all hang on a stiff spring that is.
-PROBE_SUPPORTS = ("prescribed", "spring")
-# All of the section is computed, or the right half of it where that shows all.
-SECTIONS = ("whole", "half")
 
 # Layers that are strained strongly: what `Analysis.law` is about.
 _SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
@@ -113,8 +109,9 @@ class Analysis:
     second Piola–Kirchhoff stress to be linear in Green's strain, which gives way
     under strong compression; ``neo-hookean`` has the same moduli at rest and does
     not. With `inertia` the skin's mass counts while the probe follows its waveform.
-    `support`, one of `PROBE_SUPPORTS`, is how a solver that is the faster for it moves the
-    probe; `section`, one of `SECTIONS`, what such a solver computes.
+    `support` is how a solver that is the faster for it moves the probe: each of its nodes is
+    ``prescribed``, or all hang on a stiff ``spring`` that is; `section` what such a solver
+    computes, ``whole`` or the right ``half`` where that shows all.
     """
 
     title: str
@@ -275,17 +272,8 @@ def _why_whole(model: Analysis, rows: IntArray) -> str | None:
         return f"{names.get(row, f'watched node {row + 1}')} is at x = {mesh.node_mm[row, 0]:g} mm"
     if not _is_mirrored(probe.node_mm, probe.quad, np.zeros_like(probe.quad[:, 0])):
         return "the probe is no mirror image of itself"
-    image = _images(mesh.node_mm)
-    if image is None or not _is_mirrored(mesh.node_mm, mesh.quad, mesh.layer):
+    if not _is_mirrored(mesh.node_mm, mesh.quad, mesh.layer):
         return "the mesh is no mirror image of itself"
-    owner, face = model.contact_edge.T
-    ends = np.concatenate([mesh.quad[owner, face], mesh.quad[owner, (face + 1) % 4]])
-    for nodes, words in (
-        (model.fixed_row, "the fixed nodes are no mirror image of themselves"),
-        (ends, "the skin that may touch is no mirror image of itself"),
-    ):
-        if not np.array_equal(np.unique(nodes), np.unique(image[nodes])):
-            return words
     return None
 
 
@@ -293,8 +281,8 @@ def _why_whole(model: Analysis, rows: IntArray) -> str | None:
 class Model:
     """What stays the same from stimulus to stimulus: finger, mesh, probe, contact.
 
-    With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe, one
-    of `PROBE_SUPPORTS`: see `decks.calculix` for what a spring does. Of a section that is
+    With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe: see
+    ``calculix.inp.j2`` for what a spring does. Of a section that is
     a mirror image of itself half is enough for a probe on a spring; `section` "whole"
     asks for all of it. `law`, one of `LAWS`, is that of skin and tissue.
     """
@@ -379,24 +367,16 @@ def _on_the_right(node_mm: FloatArray, quad: IntArray) -> BoolArray:
 
 
 def _is_mirrored(node_mm: FloatArray, quad: IntArray, layer: IntArray) -> bool:
-    """Whether each quad has its image, of the same layer, and none is its own."""
-    image = _images(node_mm)
-    if image is None:
-        return False
-    right, left = (_on_the_right(at, quad) for at in (node_mm, node_mm * _MIRROR))
-    halves = []
-    for nodes, layers in ((quad[right], layer[right]), (image[quad[left]], layer[left])):
-        rows = np.column_stack([np.sort(nodes, axis=1), layers])
-        halves.append(rows[np.lexsort(rows.T)])  # in an order that is no one's own
-    return not (right == left).any() and np.array_equal(halves[0], halves[1])
-
-
-def _images(node_mm: FloatArray) -> IntArray | None:
-    """Row of each node's mirror image; None where one has none."""
+    """Whether each node and each quad, of the same layer, has its image; no quad is its own."""
     image_mm = node_mm * _MIRROR
     rows, image_rows = (np.lexsort(np.round(at, _DIGITS).T) for at in (node_mm, image_mm))
     if not np.abs(node_mm[rows] - image_mm[image_rows]).max() <= SAME_MM:
-        return None
+        return False
     image = np.empty_like(rows)
     image[image_rows] = rows
-    return image
+    right, left = (_on_the_right(at, quad) for at in (node_mm, image_mm))
+    halves = []
+    for nodes, layers in ((quad[right], layer[right]), (image[quad[left]], layer[left])):
+        sides = np.column_stack([np.sort(nodes, axis=1), layers])
+        halves.append(sides[np.lexsort(sides.T)])  # in an order that is no one's own
+    return not (right == left).any() and np.array_equal(halves[0], halves[1])

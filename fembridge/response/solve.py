@@ -1,7 +1,7 @@
 """The indentation, with the first contact model that is to be trusted; whole waveforms.
 
 To 400 um each of the probe's nodes is prescribed, so all that was measured of contacts
-was measured; deeper it hangs on a stiff spring (see `decks.calculix`): prescribed, ccx
+was measured; deeper it hangs on a stiff spring (see ``decks/calculix.inp.j2``): prescribed, ccx
 loses all contact on the way back. With a spring the linear law reaches 1.5 mm, and at
 every depth to 400 um the stress is that of the prescribed probe within 0.01 %.
 

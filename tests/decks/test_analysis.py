@@ -218,10 +218,3 @@ def test_any_row_of_elements_and_its_image_is_halved_however_numbered(short, wid
     (layer,) = strip(short, shuffled).layers
     assert len(layer.number) == len(widths_mm)
     assert shuffled.node_mm[layer.node - 1, 0].min() >= 0
-
-
-def test_what_is_fixed_or_may_touch_on_one_side_alone_is_no_mirror_image(short):
-    plain = strip(short, grid([-2.0, -1.0, 0.0, 1.0, 2.0]))
-    assert plain.is_half
-    assert not replace(plain, fixed_row=plain.fixed_row[1:]).is_half
-    assert not replace(plain, contact_edge=plain.contact_edge[1:]).is_half
