@@ -560,6 +560,21 @@ def test_element_values_of_another_count_are_left_out_and_remarked(
             assert post.nodal_values(increment.row, "Displacement").all()
 
 
+def test_a_record_that_moved_inside_a_table_is_no_number(write_post):
+    """The walk looks at the first and the last record of a table, reading at all."""
+    element = np.arange(32.0).reshape(8, 4, 1) + 1000
+    model = writer.Model(elements=tuple((n, 11, (1, 2, 3, 4), (1,) * 5) for n in range(8)))
+    path = write_post(writer.Storage(), model, [writer.Increment(element=element)])
+    whole = path.read_bytes()
+    at = whole.index(struct.pack("<f", 1009.0))  # the second point of element row 2
+    path.write_bytes(whole[: at - 4] + struct.pack("<i", 5) + whole[at:])
+    with PostFile(path) as post:
+        assert post.problem is None
+        assert_array_equal(post.element_values(0, np.array([1, 3])), element[[1, 3]])
+        with pytest.raises(ResultError, match=r"where .* is expected"):
+            post.element_values(0, np.array([2]))
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
