@@ -58,8 +58,9 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--output", "table to write (default: RESULT's name and what it is, here); for --field "
          ".npz or .csv", {"type": Path, "metavar": "FILE"}),
         ("--quantity", "of nodes: von-mises (the default), stress (the tensor), principal, "
-         "displacement, reaction-force, strain, temperature, or the file's name of any other; "
-         "with --vtu only these; of a .dat the one of its table", {"metavar": "NAME", **_MANY}),
+         "max-shear, mean-stress, displacement, reaction-force, strain, temperature, or the "
+         "file's name of any other; with --vtu only these; of a .dat the one of its table",
+         {"metavar": "NAME", **_MANY}),
         ("--stress-unit", "unit of the file's stress (default: that of its heading or "
          "--length-unit, else MPa, which is N and mm)", {"choices": ("MPa", "kPa", "Pa", "psi")}),
         ("--length-unit", "unit of the file's lengths (default: that of its heading, else mm)",

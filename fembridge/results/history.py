@@ -15,7 +15,7 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.stress import TENSOR, principal_stresses_pa, von_mises_pa
+from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.trace import (
     MS_PER_S,
     STEP_TOLERANCE,
@@ -42,12 +42,10 @@ NAMES = {
     "temperature": ("NDTEMP", "TOTEMP", "Temperature"),
 }  # fmt: skip
 TENSOR_COMPONENTS = tuple(f"S{place.upper()}" for place in TENSOR)
-# By word: what is computed of the tensor, and its components.
-OF_STRESS: dict[str, tuple[Callable[[FloatArray], FloatArray], tuple[str, ...]]] = {
-    VON_MISES: (lambda tensor: von_mises_pa(tensor)[..., None], ("von_mises",)),
-    "principal": (principal_stresses_pa, ("principal_1", "principal_2", "principal_3")),
+# By word: what is computed of the tensor.
+OF_STRESS = {
+    name.replace("_", "-"): of for name, (takes, of) in DERIVED.items() if takes == ("STRESS",)
 }
-QUANTITIES = (*OF_STRESS, *NAMES)
 IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
@@ -84,7 +82,7 @@ class History:
     ) -> "History":
         """Stress over time ``(T, node, component)``: six are the tensor, one von Mises stress."""
         plain = stress_pa.shape[-1] == 1
-        components = OF_STRESS[VON_MISES][1] if plain else TENSOR_COMPONENTS
+        components = ("von_mises",) if plain else TENSOR_COMPONENTS
         units, keys = ("Pa",) * len(components), np.empty((0, 2), dtype=np.int64)
         word = VON_MISES if plain else STRESS
         return cls(word, components, units, nodes, times_ms, stress_pa, keys)
@@ -169,10 +167,15 @@ class History:
             raise UsageError(
                 f"{word} takes a stress tensor, {self.quantity} has {', '.join(self.components)}"
             )
-        function, components = OF_STRESS[word]
         with np.errstate(over="ignore", invalid="ignore"):
             columns = [self.components.index(one) for one in TENSOR_COMPONENTS]
-            values = function(np.nan_to_num(self.values[:, :, columns]))
+            values = OF_STRESS[word](np.nan_to_num(self.values[:, :, columns]))
+        name = word.replace("-", "_")
+        components: tuple[str, ...] = (name,)
+        if values.ndim == 2:
+            values = values[..., None]
+        else:
+            components = tuple(f"{name}_{k + 1}" for k in range(values.shape[2]))
         values[np.isnan(self.values).any(axis=-1)] = np.nan
         units = ("Pa",) * len(components)
         return replace(self, quantity=word, components=components, units=units, values=values)

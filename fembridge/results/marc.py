@@ -205,7 +205,7 @@ class MarcBlock(Block):
         over = (FREQUENCY, one.frequency) if one.harmonic else (TIME, one.time_s)
         name, components = quantity.name, quantity.components
         if mises:
-            name, components = VON_MISES, OF_STRESS[VON_MISES][1]
+            name, components = VON_MISES, ("von_mises",)
         units = (quantity.unit,) * len(components)
         key = one.sub_increment, one.increment
         return cls(one, quantity, name, key, *over, components, units)

@@ -389,9 +389,10 @@ def read_history(
     nodes
         Numbers of nodes, or "all".
     quantity
-        "von-mises", "stress" (the tensor), "principal", "displacement", "reaction-force",
-        "strain", "temperature", or the file's name of any other. None takes von Mises
-        stress, without stress in the file the displacement, else what comes first.
+        "von-mises", "stress" (the tensor), "principal", "max-shear", "mean-stress",
+        "displacement", "reaction-force", "strain", "temperature", or the file's name of any
+        other. None takes von Mises stress, without stress in the file the displacement, else
+        what comes first.
     modes
         The modes of frequency and buckling steps, of a file that has times, too.
     **options

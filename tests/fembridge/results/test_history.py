@@ -67,6 +67,10 @@ def test_it_is_the_tensor_that_is_resampled(write_frd, block):
         "time_ms", "afferent", "node", "principal_1_pa", "principal_2_pa", "principal_3_pa",
     ]  # fmt: skip
     assert_allclose(principal["principal_1_pa"], np.abs(shear_pa), atol=1e-9)
+    greatest = fb.read_history(path, [1], quantity="max-shear", resample_ms=10.0)
+    assert_allclose(greatest["max_shear_pa"], np.abs(shear_pa), atol=1e-9)
+    mean = fb.read_history(path, [1], quantity="mean-stress", resample_ms=10.0)
+    assert_allclose(mean["mean_stress_pa"], 0, atol=1e-9)
 
 
 def test_a_coarser_step_says_how_much_power_folds(write_frd, block):
