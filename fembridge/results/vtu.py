@@ -150,31 +150,39 @@ class _Shape:
                 self._cell_data[f"material {_plain(name)}"] = here.astype(np.uint8)
 
     def write(self, path: Path, values: Mapping[str, FloatArray]) -> None:
-        """Write one VTU file: XML, and behind it the bytes of the arrays, each after its length."""
+        """Write one VTU file: XML, and behind it the bytes of the arrays, each after its length.
+
+        Their bytes come in reverse: meshio moves the offsets, first to last, to where text
+        would be, and takes the first array in the XML that has an offset, moved or not.
+        """
         data = {_plain(name): value for name, value in values.items()}
-        text, offset = f"<Piece {self._size}>\n", 0
-        blocks: list[bytes] = []
-        for part, arrays in (
-            ("Points", self._points),
-            ("Cells", self._cells),
-            ("PointData", self._point_data | data),
-            ("CellData", self._cell_data),
-        ):
+        parts: dict[str, Mapping[str, _Array]] = {
+            "Points": self._points,
+            "Cells": self._cells,
+            "PointData": {**self._point_data, **data},
+            "CellData": self._cell_data,
+        }
+        every = [array for arrays in parts.values() for array in arrays.values()]
+        offset = sum(8 + one.size * (1 if one.dtype.kind == "u" else 8) for one in every)
+        text = f"<Piece {self._size}>\n"
+        blocks: list[tuple[bytes, bytes]] = []
+        for part, arrays in parts.items():
             text += f"<{part}>\n"
             for name, array in arrays.items():
                 kind = {"f": "<f8", "i": "<i8", "u": "|u1"}[array.dtype.kind]
                 packed = np.ascontiguousarray(array, kind)
+                offset -= 8 + packed.nbytes
                 count = "" if array.ndim == 1 else f'NumberOfComponents="{array.shape[1]}" '
                 text += (
                     f'<DataArray type="{_TYPES[kind]}" Name={quoteattr(name)} '
                     f'{count}format="appended" offset="{offset}"/>\n'
                 )
-                blocks += [packed.nbytes.to_bytes(8, "little"), packed.tobytes()]
-                offset += 8 + packed.nbytes
+                blocks.append((packed.nbytes.to_bytes(8, "little"), packed.tobytes()))
             text += f"</{part}>\n"
         with path.open("wb") as out:
             out.write(_HEAD + text.encode() + b"</Piece>\n</UnstructuredGrid>\n" + _APPENDED)
-            out.writelines(blocks)
+            for block in reversed(blocks):
+                out.writelines(block)
             out.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 

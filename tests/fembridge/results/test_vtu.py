@@ -1,5 +1,6 @@
 """VTU and PVD: read back with meshio, and held against the file they came from."""
 
+from pathlib import Path
 from xml.etree import ElementTree
 
 import meshio
@@ -14,6 +15,8 @@ from fembridge.results.fields import tensor_of
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import open_source
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
+
+RECORDED = Path(__file__).parents[3] / "fixtures/transient_sine/job.frd"
 
 # meshio 5.3.5 knows this one and has left it out of a table.
 topological_dimension.setdefault("wedge15", 3)
@@ -104,6 +107,14 @@ def test_of_few_nodes_those_alone_are_written_and_said_once(samples, tmp_path):
     assert [words for words in said if "of 47" in words] == [
         "values at 3 of 47 nodes, at no element's all: nodes alone"
     ]
+
+
+def test_however_few_nodes_there_are_meshio_finds_each_array(tmp_path):
+    """Some lengths of arrays had it take one for another: of four nodes it read no file."""
+    series = written(write_vtu_series(RECORDED, tmp_path))
+    nodes = meshio.read(series[0][1]).point_data["node"]
+    for (_, path), field in zip(series, read_fields(RECORDED), strict=True):
+        assert_array_equal(meshio.read(path).point_data["STRESS_pa"], field.at(nodes))
 
 
 def test_a_node_without_a_value_is_nan_and_said_once(write_frd, block, tmp_path):
