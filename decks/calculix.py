@@ -19,14 +19,17 @@ from decks.material import Material
 from decks.motion import Motion, Phase
 from fembridge.errors import DeckError, UsageError
 
-_DIALECT = DIALECTS["calculix"]
 # Branches add no mass to the layer that they lie over.
 NO_MASS_KG_M3 = 1.0
 
 
 def calculix_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     """The deck under its name in a run folder."""
-    return {_DIALECT.deck: calculix_deck(analysis, options.results != "text", options.frames)}
+    return {
+        DIALECTS["calculix"].deck: calculix_deck(
+            analysis, options.results != "text", options.frames
+        )
+    }
 
 
 def calculix_deck(analysis: Analysis, binary: bool = True, frames: int = 0) -> str:
@@ -39,9 +42,10 @@ def calculix_deck(analysis: Analysis, binary: bool = True, frames: int = 0) -> s
     Raises
     ------
     DeckError
-        An element that ccx has not, or skin that relaxes within a time step.
+        Skin that relaxes within a time step.
+    UsageError
+        Whole fields now and then where inertia counts.
     """
-    _DIALECT.element_named(analysis.element)
     if frames > 1 and analysis.inertia:
         raise UsageError("frames: 1 alone where inertia counts: a new step would jolt the skin")
     first = int(analysis.probe.number.max()) + 1

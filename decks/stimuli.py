@@ -104,7 +104,6 @@ class _Entry:
 
     family: ClassVar[str]
     example: ClassVar[str]
-    level_name: ClassVar[str]
     title: ClassVar[str]
     words: ClassVar[str]
 
@@ -151,8 +150,8 @@ class _Entry:
 
     @property
     def level_um(self) -> float:
-        """How strong it is within its set."""
-        return self.numbers()[self.level_name]
+        """How strong it is within its set: its first number in um."""
+        return next(n for name, n in self.numbers().items() if name.endswith("_um"))
 
     @property
     def in_appendix(self) -> bool:
@@ -168,7 +167,6 @@ class Sine(_Entry):
     amplitude_um: float
     family: ClassVar[str] = "sine"
     example: ClassVar[str] = "sine_FREQUENCY_AMPLITUDE, as in sine_40_100"
-    level_name: ClassVar[str] = "amplitude_um"
     title: ClassVar[str] = "Sinusoids ({}): zero-to-peak amplitudes in um"
     words: ClassVar[str] = "{} Hz, {} um"
 
@@ -188,7 +186,6 @@ class Diharmonic(_Entry):
     amplitude2_um: float
     family: ClassVar[str] = "diharm"
     example: ClassVar[str] = "diharm_F1_F2_A1_A2, as in diharm_10_50_20_20"
-    level_name: ClassVar[str] = "amplitude1_um"
     title: ClassVar[str] = (
         "Diharmonics ({}): zero-to-peak amplitudes, component 1 + component 2 in um"
     )
@@ -210,7 +207,6 @@ class Noise(_Entry):
     rms_um: float
     family: ClassVar[str] = "noise"
     example: ClassVar[str] = "noise_LOW_HIGH_RMS, as in noise_30_200_7"
-    level_name: ClassVar[str] = "rms_um"
     title: ClassVar[str] = "Band-pass noises ({}): root-mean-square levels in um"
     words: ClassVar[str] = "{} to {} Hz, {} um RMS"
 
@@ -242,7 +238,6 @@ class Ramp(_Entry):
     down_ms: float
     family: ClassVar[str] = "ramp"
     example: ClassVar[str] = "ramp_DEPTH_UP_HOLD_DOWN, as in ramp_300_100_200_100 (um and ms)"
-    level_name: ClassVar[str] = "depth_um"
     title: ClassVar[str] = "Ramps and holds ({}): depths in um"
     words: ClassVar[str] = "{} um deep in {} ms, held for {} ms, back in {} ms"
 
