@@ -323,8 +323,8 @@ class MarcDeck:
         return _post(found[-1]) if found else None
 
 
-def read_marc_deck(data: bytes, path: Path | None = None) -> MarcDeck:
-    """Read a Marc deck; `path` is its file, for messages.
+def read_marc_deck(data: bytes) -> MarcDeck:
+    """Read a Marc deck.
 
     Raises
     ------
@@ -332,7 +332,7 @@ def read_marc_deck(data: bytes, path: Path | None = None) -> MarcDeck:
         No Marc deck, cut short, one that includes files, or its counts do not agree; names
         the line.
     """
-    options = read_options(data, path)
+    options = read_options(data)
     model = [each for each in options if each.section is Section.MODEL]
     connectivity = [each for each in model if each.keyword == "connectivity"]
     deck = MarcDeck(
@@ -360,7 +360,10 @@ def describe_marc_deck(path: Path) -> Table:
     What cannot be read of it is in ``remarks``, with its line.
     """
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
-    deck = read_marc_deck(data, path)
+    try:
+        deck = read_marc_deck(data)
+    except DeckError as error:
+        raise DeckError(f"{path}: {error}") from error
     remarks = list(deck.remarks)
 
     def read(view: Callable[[], Iterable[Any]], words: Callable[[Any], Any]) -> list[Any]:

@@ -172,7 +172,6 @@ class Line(NamedTuple):
     start: int = 0
     stop: int = 0
     layout: Layout = Layout.FIXED
-    path: Path | None = None
 
     @property
     def comment(self) -> bool:
@@ -201,8 +200,8 @@ class Line(NamedTuple):
 
     @property
     def place(self) -> str:
-        """File and number, or its number alone."""
-        return f"line {self.number}" if self.path is None else f"{self.path}:{self.number}"
+        """Its number, as an error names it."""
+        return f"line {self.number}"
 
     def refuse(self, problem: str) -> DeckError:
         """The error that names this line."""
@@ -535,16 +534,16 @@ _LOOK = 4096  # bytes in which a deck's first keyword stands
 _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 
 
-def read_options(data: bytes, path: Path | None = None) -> list[Option]:
+def read_options(data: bytes) -> list[Option]:
     """The options of a deck, every line in one of them."""
     if b"\0" in data:
-        raise _no_deck(path, "zero bytes, expected text")
+        raise _no_deck("zero bytes, expected text")
     reader = _Reader()
-    reader.read(data, path)
+    reader.read(data)
     options = reader.options
     keywords = {option.keyword for option in options}
     if _END not in keywords or not keywords.intersection(_OPENING):
-        raise _no_deck(path, "no parameters such as `sizing` that end with `end`")
+        raise _no_deck("no parameters such as `sizing` that end with `end`")
     if (missing := _missing(options)) is not None:
         last = options[-1]
         raise last.lines[-1].refuse(
@@ -583,13 +582,13 @@ class _Reader:
     rows: list[Line] = field(default_factory=list)
     conditions: set[str] = field(default_factory=set)
 
-    def read(self, data: bytes, path: Path | None) -> None:
+    def read(self, data: bytes) -> None:
         """Take the lines of a deck."""
         start = 0
         for number, text in enumerate(data.decode("latin-1").split("\n"), start=1):
             stop = min(start + len(text) + 1, len(data))
             if stop > start:
-                self._take(Line(number, text.removesuffix("\r"), start, stop, self.layout, path))
+                self._take(Line(number, text.removesuffix("\r"), start, stop, self.layout))
             start = stop
         self.close()
 
@@ -674,6 +673,5 @@ def _is_root(options: Sequence[Option]) -> bool:
     return not any(any(each.numbers) for each in options if each.keyword == "sizing")
 
 
-def _no_deck(path: Path | None, found: str) -> DeckError:
-    where = "" if path is None else f"{path}: "
-    return DeckError(f"{where}no Marc deck: {found}")
+def _no_deck(found: str) -> DeckError:
+    return DeckError(f"no Marc deck: {found}")

@@ -81,7 +81,7 @@ def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
     if not is_marc_deck(deck_path) or deck_path.stat().st_size > _LARGEST_DECK_BYTES:
         return None
     try:
-        deck = read_marc_deck(deck_path.read_bytes(), deck_path)
+        deck = read_marc_deck(deck_path.read_bytes())
         materials = deck.materials()
     except (OSError, DeckError):
         return None

@@ -126,7 +126,7 @@ def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
     from decks.marc.contents import read_marc_deck
 
     try:
-        held = read_marc_deck(_bytes(file), file).sets().values()
+        held = read_marc_deck(_bytes(file)).sets().values()
     except DeckError as error:
         raise ResultError(f"sets cannot be read: {error}", file) from error
     nodal = [one for one in held if one.kind.startswith("node")]

@@ -99,7 +99,7 @@ def test_a_description_keeps_going_where_an_option_is_refused(tmp_path):
     held = describe_marc_deck(path)
     line = wrong[: wrong.index(b"post\n")].count(b"\n") + 1
     assert held["post"] is None
-    assert [f"mine.dat:{line}: `post`" in each for each in held["remarks"]] == [True]
+    assert [f"line {line}: `post`" in each for each in held["remarks"]] == [True]
 
 
 # ---- Elements
