@@ -7,6 +7,7 @@ import numpy as np
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
+    HAIR_PT,
     INK,
     LINE_PT,
     PAGE_WIDTH_IN,
@@ -212,11 +213,16 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
     x_mm, z_mm = touch.way.x_mm, touch.way.z_mm
     if x_mm is None or z_mm is None:
         return
-    step = np.array([x_mm[-1] - x_mm[0], z_mm[-1] - z_mm[0]])
-    if step.any():  # an arrow of 2.5 mm that way
+    way = np.stack([x_mm, z_mm], -1)
+    moved = way - way[0]
+    step = moved[np.hypot(*moved.T).argmax()]
+    look = {"arrowstyle": "->", "color": INK, "linewidth": LINE_PT}
+    if np.abs(moved @ (-step[1], step[0])).max() > 0.01 * float(step @ step):
+        panel.plot(x_mm, z_mm, linewidth=HAIR_PT)  # of a curved way all of it
+        panel.annotate("", xy=way[-1], xytext=way[-1 - len(way) // 10], arrowprops=look)
+    elif step.any():  # an arrow of 2.5 mm that way
         half = 1.25 * step / np.hypot(*step)
         middle = np.array([1.6 - half_width, half_length - 1.6])
-        look = {"arrowstyle": "->", "color": INK, "linewidth": LINE_PT}
         panel.annotate("", xy=middle + half, xytext=middle - half, arrowprops=look)
 
 

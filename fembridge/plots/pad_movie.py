@@ -119,6 +119,7 @@ def _scene(
 ) -> tuple["Figure", "list[Artist]", Callable[[int], None]]:
     """The figure, what moves in it, and what brings that to a sample."""
     from matplotlib.figure import Figure
+    from scipy.interpolate import make_interp_spline
 
     half_width, half_length = view_mm(touch)
     tall_in = min((PAGE_WIDTH_IN - 1.6) / 3 * half_length / half_width, 3.6)
@@ -155,7 +156,8 @@ def _scene(
     clock = figure.suptitle("")
     at, times_ms, fired = touch.at, touch.way.times_ms, touch.fired
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
-    shown = _linear(touch.knots, field, at[samples]) * _KPA
+    # Linear between states: enough for the eye.
+    shown = make_interp_spline(touch.knots, field, k=1)(at[samples]) * _KPA
 
     def show(sample: int) -> None:
         if pressure:
@@ -187,10 +189,3 @@ def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, 
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
     return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))
-
-
-def _linear(knots: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Values ``(S, ...)`` at rising `knots`, linear between them: enough for the eye."""
-    low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
-    share = (at - knots[low]) / (knots[low + 1] - knots[low])
-    return np.asarray(values[low] + (values[low + 1] - values[low]) * share[:, None, None])

@@ -5,8 +5,9 @@ force): contact is solved at some depths and each sample is read between them, a
 response map is. Where it slides, or pins move on their own, contact is solved step by
 step. Stress is superposed from the contact's forces, and all units fire in one pass.
 
-A scan is resolved to one node of the skin: forces are averaged over the time in which
-the shape moves by that. Without it each node that comes into contact would be a tap.
+A scan is resolved to one node of the skin: forces, in proportion to what presses, are
+averaged over the time in which the shape moves by that. Without it each node that comes
+into contact would be a tap.
 """
 
 from collections.abc import Callable, Mapping
@@ -402,11 +403,14 @@ def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
     nodes, forces, depth_um = press_all(everywhere, gaps, level, newton=way.newton, drag=one_drag)
     if not forces.size:
         raise UsageError(f"{shape.name} touches the pad nowhere on its way")
-    window = pad.spacing_mm / (fastest * every)
-    averaged = _averaged(forces, window)
+    window = pad.spacing_mm / (fastest * every) if speed.any() else 1.0
+    pressed = np.maximum(level, 0.0)
+    part = pressed / np.maximum(_averaged(pressed, window), 1e-12)
+    averaged = part[:, None] * _averaged(forces, window)
     drags = drag[row] if friction else None
     knots, at = (each.astype(np.float64) for each in (row, samples))
-    return _Solved(nodes, averaged, _averaged(depth_um, window), knots, at, drags)
+    depth_um = _averaged(depth_um, window) if way.newton else level
+    return _Solved(nodes, averaged, depth_um, knots, at, drags)
 
 
 def _averaged(values: FloatArray | SingleArray, window: float) -> FloatArray:
@@ -416,19 +420,15 @@ def _averaged(values: FloatArray | SingleArray, window: float) -> FloatArray:
     """
     if window <= 1:
         return np.asarray(values, dtype=np.float64)
+    from scipy.interpolate import make_interp_spline
+
     count = len(values)
     total = np.zeros((count + 1, *values.shape[1:]))
     np.cumsum(values, axis=0, dtype=np.float64, out=total[1:])
-
-    def until(at: FloatArray) -> FloatArray:
-        row = np.minimum(at.astype(np.int64), count - 1)
-        part = (at - row).reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray(total[row] + part * values[row])
-
+    until = make_interp_spline(np.arange(count + 1), total, k=1)
     middle = np.arange(count) + 0.5
     first, last = np.maximum(middle - window / 2, 0), np.minimum(middle + window / 2, count)
-    width = (last - first).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((until(last) - until(first)) / width)
+    return np.asarray(((until(last) - until(first)).T / (last - first)).T)
 
 
 def _at_the_end(pad: Pad, nodes: SkinNodes, forces: FloatArray | SingleArray) -> bool:

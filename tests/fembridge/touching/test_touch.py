@@ -72,6 +72,20 @@ def test_a_plate_that_slides_without_friction_is_a_plate_at_rest():
     assert np.ptp(slid.stress_pa, axis=0).max() <= 1e-4 * slid.stress_pa.max()
 
 
+@pytest.mark.parametrize("way_mm", [0.0, 0.02])
+def test_a_path_that_hardly_moves_still_presses_as_its_depth_says(tmp_path, way_mm):
+    path = tmp_path / "path.csv"
+    path.write_text(
+        f"time_ms,x_mm,z_mm,depth_um\n0,0,0,100\n50,0,{way_mm / 2},300\n100,0,{way_mm},0\n"
+    )
+    slow = touch_skin(PAD, Shape.punch(1.0), Way.read(path), ONE, FITTED, friction=0.0)
+    held = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=300), ONE, FITTED)
+    depth_um = [100.0, 200.0, 300.0, 0.0]
+    assert_allclose(slow.depth_um[[0, 50, 100, 200]], depth_um, atol=0.1)
+    n_at = np.interp(depth_um, held.depth_um[:200], held.force_n[:200])
+    assert_allclose(slow.force_n[[0, 50, 100, 200]], n_at, rtol=0.06, atol=1e-6)
+
+
 def test_a_path_is_the_slide_that_it_describes(tmp_path):
     path = tmp_path / "path.csv"
     path.write_text("time_ms,x_mm,z_mm,depth_um\n0,0,2,150\n100,0,-2,150\n")
