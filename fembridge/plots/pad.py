@@ -114,7 +114,7 @@ PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
 
 def view_mm(touch: Touch) -> tuple[float, float]:
     """Half width and half length of what is shown: units and contact, of a line room around it."""
-    units, nodes = touch.population, touch.nodes
+    units, nodes = touch.population, touch.solved.nodes
     half_width, half_length = (
         float(np.abs([*of_units, *of_nodes]).max(initial=1.0)) + _MARGIN_MM
         for of_units, of_nodes in ((units.x_mm, nodes.x_mm), (units.z_mm, nodes.z_mm))
@@ -126,13 +126,13 @@ def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401
     """Contact pressure of the solved state `row` as a map; None where nothing touches."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    if not touch.nodes.column.size:
+    if not touch.solved.nodes.column.size:
         return None
-    pad = touch.nodes.pad
+    pad = touch.solved.nodes.pad
     grid = pressure_kpa(touch, row)
     middle = 0.5 * (pad.x_mm[1:] + pad.x_mm[:-1])
     edge = np.concatenate([2 * pad.x_mm[:1] - middle[:1], middle, 2 * pad.x_mm[-1:] - middle[-1:]])
-    rows = int(touch.nodes.row.min()) + np.arange(len(grid) + 1) - 0.5
+    rows = int(touch.solved.nodes.row.min()) + np.arange(len(grid) + 1) - 0.5
     along = view_mm(touch)[1] * np.array([-1, 1]) if pad.plane else rows * pad.spacing_mm
     top = max(float(np.nanmax(grid, initial=0.0)), 1e-3)
     # Greys without white and black: on paper all of it is seen.
@@ -142,10 +142,10 @@ def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401
 
 def pressure_kpa(touch: Touch, row: int) -> FloatArray:
     """Pressure on all columns and the touched rows of the skin; NaN where nothing touches."""
-    nodes = touch.nodes
+    nodes = touch.solved.nodes
     first, last = int(nodes.row.min()), int(nodes.row.max())
     grid = np.full((last - first + 1, nodes.pad.x_mm.size), np.nan)
-    pressure = touch.contact_n[row] / nodes.pad.node_mm2[nodes.column] * _KPA_PER_N_MM2
+    pressure = touch.solved.forces_n[row] / nodes.pad.node_mm2[nodes.column] * _KPA_PER_N_MM2
     grid[nodes.row - first, nodes.column] = np.where(pressure > 0, pressure, np.nan)
     return grid
 
@@ -160,7 +160,7 @@ def draw_way(panel: "Axes", touch: Touch) -> None:
     panel.set_xlim(0, float(times_ms[-1]))
     other = panel.twinx()
     other.plot(times_ms, touch.force_n, color=_FORCE_COLOUR, linestyle=(0, (4, 1.5)))
-    unit = "N/mm" if touch.nodes.pad.plane else "N"
+    unit = "N/mm" if touch.solved.nodes.pad.plane else "N"
     other.set_ylabel(f"Force ({unit})", color=_FORCE_COLOUR)
     other.spines["right"].set_visible(True)
     other.spines["left"].set_visible(False)
@@ -228,4 +228,4 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
 
 def hardest(touch: Touch) -> int:
     """The solved state with the largest force."""
-    return int(touch.contact_n.sum(axis=1).argmax()) if touch.contact_n.size else 0
+    return int(touch.solved.forces_n.sum(axis=1).argmax()) if touch.solved.forces_n.size else 0

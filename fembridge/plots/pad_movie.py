@@ -154,14 +154,14 @@ def _scene(
     lights = panels[2].scatter(units.x_mm, units.z_mm, s=0.0, c=colours, linewidths=0)
     panels[2].set_title(f"Spikes of the last {_LIT_MS:g} ms", fontsize=TEXT_PT)
     clock = figure.suptitle("")
-    at, times_ms, fired = touch.at, touch.way.times_ms, touch.fired
+    at, times_ms, fired = touch.solved.at, touch.way.times_ms, touch.fired
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
     # Linear between states: enough for the eye.
-    shown = make_interp_spline(touch.knots, field, k=1)(at[samples]) * _KPA
+    shown = make_interp_spline(touch.solved.knots, field, k=1)(at[samples]) * _KPA
 
     def show(sample: int) -> None:
         if pressure:
-            row = int(np.abs(touch.knots - at[sample]).argmin())
+            row = int(np.abs(touch.solved.knots - at[sample]).argmin())
             pressure.set_array(pressure_kpa(touch, row))
         stress.set_data(shown[frame_of[sample]])
         since_ms = times_ms[sample] - fired.time_ms
@@ -179,13 +179,13 @@ def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, 
     """Stress ``(state, z, x)`` at SA's depth on a grid, and the edges of that."""
     half_width, half_length = view_mm(touch)
     x_mm, z_mm = (np.arange(-half, half + _GRID_MM, _GRID_MM) for half in (half_width, half_length))
-    pad = touch.nodes.pad
+    pad = touch.solved.nodes.pad
     site = pad.finger.afferents["SA"]
     x, z = (each.ravel() for each in np.meshgrid(x_mm, z_mm))
     inside = np.clip(x, -pad.widest_mm, pad.widest_mm)
     depth = np.full(x.size, site.depth_mm)
-    influence = influence_pa(pad, touch.nodes, np.full(x.size, site.layer), inside, z, depth)
-    field = von_mises_pa(influence, touch.contact_n).reshape(-1, z_mm.size, x_mm.size)
+    influence = influence_pa(pad, touch.solved.nodes, np.full(x.size, site.layer), inside, z, depth)
+    field = von_mises_pa(influence, touch.solved.forces_n).reshape(-1, z_mm.size, x_mm.size)
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
     return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))

@@ -59,13 +59,29 @@ _MS_PER_S = 1.0e3
 PAD = "reference"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """Forces ``(S, node)`` on `nodes` and depths ``(S,)`` at the states that were solved.
+
+    Sample n of the touch lies at `at` ``(T,)`` among their rising `knots` ``(S,)``. `drag`
+    ``(S, 2)`` is the force along x and z that comes with 1 N into the skin; None where
+    nothing slips.
+    """
+
+    nodes: SkinNodes
+    forces_n: FloatArray | SingleArray
+    depth_um: FloatArray
+    knots: FloatArray
+    at: FloatArray
+    drag: FloatArray | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Touch:
     """What came of a touch.
 
     `stress_pa` ``(T, unit)`` drives each unit, `force_n` and `depth_um` ``(T,)`` are the
-    shape's. `contact_n` ``(S, node)`` are forces on `nodes` at the states that were
-    solved; sample n lies at `at` ``(T,)`` among their `knots` ``(S,)``.
+    shape's; `solved` is the contact.
     """
 
     population: Population
@@ -73,10 +89,7 @@ class Touch:
     stress_pa: FloatArray
     force_n: FloatArray
     depth_um: FloatArray
-    nodes: SkinNodes
-    contact_n: FloatArray | SingleArray
-    knots: FloatArray
-    at: FloatArray
+    solved: Solved
     fired: UnitSpikes
     trials: int = 1
     origin: Table = field(default_factory=dict)
@@ -301,11 +314,12 @@ def touch_skin(
         most = max(float(way.pressed.max()), 1e-9)
         level = most * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
         pressed = press_to(pad, shape, level, newton=way.newton)
-        solved = _Solved(*pressed, level, np.clip(way.pressed, 0.0, most))
+        solved = Solved(*pressed, level, np.clip(way.pressed, 0.0, most))
     if not 1 <= trials <= 10_000:
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
     pushed = np.asarray((solved.forces_n > 0).any(axis=0))
     nodes, forces = solved.nodes.subset(pushed), solved.forces_n[:, pushed]
+    solved = replace(solved, nodes=nodes, forces_n=forces)
     states = (
         driving_stress_pa(pad, nodes, forces, population, solved.drag),
         forces.sum(axis=1),
@@ -334,10 +348,7 @@ def touch_skin(
         stress_pa=stress,
         force_n=total_n,
         depth_um=depth_um,
-        nodes=nodes,
-        contact_n=forces,
-        knots=solved.knots,
-        at=solved.at,
+        solved=solved,
         fired=fired,
         trials=trials,
         origin={**about, **(origin or {})},
@@ -347,23 +358,7 @@ def touch_skin(
 # ---- Forces
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solved:
-    """Forces ``(S, node)`` on `nodes` and depths ``(S,)`` at the states that were solved.
-
-    `knots` and `at` are those of `Touch`. `drag` ``(S, 2)`` is the force along x and z
-    that comes with 1 N into the skin; None where nothing slips.
-    """
-
-    nodes: SkinNodes
-    forces_n: FloatArray | SingleArray
-    depth_um: FloatArray
-    knots: FloatArray
-    at: FloatArray
-    drag: FloatArray | None = None
-
-
-def _pinned(pad: Pad, way: Way, pins: Pins) -> _Solved:
+def _pinned(pad: Pad, way: Way, pins: Pins) -> Solved:
     """Contact sample by sample of pins that move on their own."""
     samples = np.arange(way.pressed.size, dtype=np.float64)
     nodes = skin_nodes(pad)
@@ -375,10 +370,10 @@ def _pinned(pad: Pad, way: Way, pins: Pins) -> _Solved:
         here = depth_um[:, None] - gap_um[under]
         overlap_um[:, under] = np.maximum(overlap_um[:, under], here)
     pressed = press_all(nodes, -overlap_um * MM_PER_UM, np.zeros(samples.size))
-    return _Solved(*pressed[:2], way.pressed, samples, samples)
+    return Solved(*pressed[:2], way.pressed, samples, samples)
 
 
-def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
+def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> Solved:
     """Contact step by step while the shape slides; friction drags the skin along.
 
     Depth is counted from where the shape's highest plane touches the pad's apex.
@@ -410,7 +405,7 @@ def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> _Solved:
     drags = drag[row] if friction else None
     knots, at = (each.astype(np.float64) for each in (row, samples))
     depth_um = _averaged(depth_um, window) if way.newton else level
-    return _Solved(nodes, averaged, depth_um, knots, at, drags)
+    return Solved(nodes, averaged, depth_um, knots, at, drags)
 
 
 def _averaged(values: FloatArray | SingleArray, window: float) -> FloatArray:

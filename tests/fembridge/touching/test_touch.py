@@ -123,7 +123,11 @@ def test_rates_count_the_spikes_of_the_window():
     assert set(result.spikes["repeat"]) == {1, 2, 3}
     assert_allclose(result.force_n.max(), 0.1, rtol=1e-6)
     assert result.spikes["spike_time_ms"].gt(0).all()
-    assert result.nodes.x_mm.size == result.contact_n.shape[1] <= skin_nodes(PAD).x_mm.size
+    assert (
+        result.solved.nodes.x_mm.size
+        == result.solved.forces_n.shape[1]
+        <= skin_nodes(PAD).x_mm.size
+    )
 
 
 @pytest.mark.parametrize(
@@ -195,9 +199,9 @@ def test_what_touches_a_plane_pad_is_endless_and_forces_are_by_millimetre():
     rod = Shape("rod", lambda x, z: Shape.cylinder(1.0).height_mm(x, z) - z**2 / 2 / TIP_RADIUS_MM)
     whole = touch_skin(PAD, rod, Way.hold(press_um=200), units, FITTED)
     assert_allclose(whole.stress_pa.max(axis=0)[1], one.stress_pa.max(axis=0)[2], rtol=0.02)
-    at = whole.contact_n[-1]
-    middle = np.abs(whole.nodes.z_mm) < 2.1
-    per_mm = at[middle].sum() / (np.unique(whole.nodes.z_mm[middle]).size * PAD.spacing_mm)
+    at = whole.solved.forces_n[-1]
+    middle = np.abs(whole.solved.nodes.z_mm) < 2.1
+    per_mm = at[middle].sum() / (np.unique(whole.solved.nodes.z_mm[middle]).size * PAD.spacing_mm)
     assert_allclose(per_mm, one.force_n.max(), rtol=0.06)
 
 
