@@ -215,7 +215,7 @@ def _pressed(runs: Runs, halvings: int) -> Pressed:
     runs.log(f"hertz: {analysis.title}, {len(analysis.mesh.quad)} elements")
     deck = calculix_deck(analysis).replace(*_PRINTS)
     increments = analysis.motion.increments
-    folder = runs.solve_deck(f"hertz/{halvings}", deck, increments, stimulus.dt_ms).folder
+    folder = runs.solve_deck(f"hertz/{halvings}", deck, increments, stimulus.dt_ms)
     _, _, forces_n = read_node_print(folder / f"{JOB}.dat", "forces", "PROBE")
     lower_n = np.abs(forces_n[-1, analysis.probe_mesh.lower_node, 1])
     width_mm = element_mm(halvings)

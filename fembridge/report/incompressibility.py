@@ -118,7 +118,7 @@ def _ring_errors(runs: Runs, element: str, rows: int, ratio: float) -> tuple[flo
     material = Material(TABLE_1["dermis"].young_mpa, ratio)
     problem = ring_problem(element, rows, material)
     name = f"incompressible/ring_{element}_{rows}_{ratio:g}"
-    folder = runs.solve_deck(name, problem.deck()).folder
+    folder = runs.solve_deck(name, problem.deck())
     _, _, tensor_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
     found = tensor_pa[0].reshape(len(problem.element), -1, 6)
     exact = _exact_pa(problem.node_mm[problem.element[:, :_CORNERS]], found.shape[1], material)

@@ -20,7 +20,7 @@ from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, off_percent, panels
-from fembridge.response.acceptance import indentation, recorded_response
+from fembridge.response.acceptance import indentation, measured_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.response.solve import CONTACT_CAUSES, LADDER
 from fembridge.results import read
@@ -160,7 +160,8 @@ def _mapped(runs: Runs, name: str, model: Model) -> tuple[ResponseMap, Attempt]:
     stimulus = indentation()
     model = replace(model, support="prescribed")  # as `solve_response` has it
     attempt = runs.attempt(f"map/{name}", model, stimulus).accepted()
-    return recorded_response(attempt.folder), attempt
+    response = measured_response(attempt.run, stimulus.times_ms, stimulus.displacement_um)
+    return response, attempt
 
 
 def _shortened(word: str, preindent_um: float, count: int) -> Stimulus:
@@ -195,7 +196,7 @@ def _compare(runs: Runs, model: Model, response: ResponseMap, stimulus: Stimulus
 def _compared(
     model: Model, response: ResponseMap, stimulus: Stimulus, attempt: Attempt
 ) -> Compared:
-    by_map, by_transient = response.traces(stimulus), read(attempt.folder)
+    by_map, by_transient = response.traces(stimulus), read(attempt.run)
     # Those that hold for its pre-indentation.
     parameters = parameter_set("fitted" if stimulus.preindent_um else "published").parameters
     trace_percent, drive_percent = {}, {}

@@ -95,7 +95,7 @@ def _errors(runs: Runs, kind: str, patch: str, law: str, large: bool) -> tuple[f
         increments=_INCREMENTS if large else 1,
     )
     name = f"patch/{kind}_{patch}_{law}_{'large' if large else 'small'}"
-    folder = runs.solve_deck(name, problem.deck(), problem.increments).folder
+    folder = runs.solve_deck(name, problem.deck(), problem.increments)
     nodes = list(range(1, len(node_mm) + 1))
     _, found_mm = read_values(folder / f"{JOB}.frd", nodes, quantity="displacement")
     _, _, found_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)

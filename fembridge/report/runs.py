@@ -22,7 +22,7 @@ from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
 from fembridge.response.acceptance import read_pressed
 from fembridge.results.stress import von_mises_pa
-from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder
+from fembridge.run_folder import RUN_FILE, RunFolder
 from fembridge.solver.ccx import LOG_FILE, finished_outcome, run_ccx
 from fembridge.solver.settings import OnProgress, SolverSettings
 from fembridge.solver.verdict import Failure, Outcome
@@ -64,16 +64,16 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One run in `folder`: its cost, and why it is not accepted, if it is not."""
+    """One `run`: its cost, and why it is not accepted, if it is not."""
 
-    folder: Path
+    run: RunFolder
     cost: Cost
     failure: Failure | None = None
 
     def accepted(self) -> "Attempt":
         """The run itself, or the `SolverError` that names folder and cause."""
         if self.failure is not None:
-            raise Outcome(self.folder, self.failure).to_error()
+            raise Outcome(self.run.folder, self.failure).to_error()
         return self
 
 
@@ -100,8 +100,8 @@ class Runs:
 
     def solve_deck(
         self, name: str, deck: str, increments: int = 1, dt_ms: float = _STEP_MS
-    ) -> Attempt:
-        """Solve the text of a deck of `increments` equal increments of `dt_ms`.
+    ) -> Path:
+        """Folder with the results of a deck's text, of `increments` equal increments of `dt_ms`.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class Runs:
         with filling(place, last=RUN_FILE) as draft:
             write_text(draft / f"{JOB}.inp", deck)
             replace(run, folder=draft).write()
-        return self._made(read_run_folder(place)).accepted()
+        return self._made(run).accepted().run.folder
 
     def _made(self, run: RunFolder) -> Attempt:
         """Make a run, or take the one in its folder if that is whole."""
@@ -142,7 +142,7 @@ class Runs:
                 write_text(run.folder / COST_FILE, text)
         cost = Cost(outcome.increments, outcome.iterations, cpu_s)
         self.spent += cost
-        return Attempt(run.folder, cost, outcome.failure)
+        return Attempt(run, cost, outcome.failure)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,7 +196,7 @@ def indent(
 
 def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indented:
     """Result of an accepted run, with the state at rest in front."""
-    run = read_run_folder(attempt.folder)
+    run = attempt.run
     nodes = [place.node for place in run.afferents]
     pressed = read_pressed(run, stimulus.times_ms, [*nodes, run.apex_node])
     return Indented(
@@ -205,7 +205,7 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
         stress_pa=von_mises_pa(pressed.tensor_pa[:, :-1]),
         force_n_per_mm=pressed.force_n_per_mm,
         apex_um=-_UM_PER_MM * pressed.moved_mm[:, -1, 1],
-        touching=read_touching(attempt.folder / LOG_FILE),
+        touching=read_touching(run.folder / LOG_FILE),
         cost=attempt.cost,
     )
 

@@ -64,7 +64,7 @@ def _differences_percent(runs: Runs, element: str) -> dict[str, float]:
     """Largest differences in percent of the largest value: displacement, stress by layer."""
     runs.log(f"solver: {element}")
     problem, layer = _problem(element)
-    folder = runs.solve_deck(f"solver/{element}", problem.deck()).folder
+    folder = runs.solve_deck(f"solver/{element}", problem.deck())
     nodes = list(range(1, len(problem.node_mm) + 1))
     _, found_mm = read_values(folder / f"{JOB}.frd", nodes, quantity="displacement")
     _, _, tensor_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
