@@ -17,6 +17,7 @@ WANTED = (
     "decks/materials.inp.j2",
     "decks/prism.inp.j2",
     "decks/marc/job.dat.j2",
+    "decks/plane.inp.j2",
     "fembridge/response/maps/quick.toml",
     "fembridge/response/maps/paper.toml",
     "fembridge/touchsim/rates.csv",

@@ -23,7 +23,7 @@ from decks.finger import AfferentSite
 from decks.material import TABLE_1, Material
 from decks.presets import QUICK, model_of
 from fembridge.report.mesh_convergence import LIMIT_KPA, member
-from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
+from fembridge.report.plane import PRINTED, PlaneProblem
 from fembridge.report.runs import AFFERENTS, DEPTH_UM, Runs, down, indent
 from fembridge.report.study import Check, Finding, finish, line, panels
 from fembridge.results.printed import read_point_stress
@@ -185,7 +185,7 @@ def _finger(runs: Runs) -> "DataFrame":
 
 def ring_stress_mpa(radius_mm: FloatArray, material: Material) -> FloatArray:
     """Radial, tangential and axial stress ``(..., 3)``."""
-    shear_mpa, bulk_mpa = moduli_mpa(material)
+    shear_mpa, bulk_mpa = material.shear_mpa, material.bulk_mpa
     lame_mpa = bulk_mpa - 2 * shear_mpa / 3
     share = shear_mpa / ((bulk_mpa + shear_mpa / 3) * OUTER_MM**2)
     b = MOVED_MM / (share * INNER_MM + 1 / INNER_MM)

@@ -83,7 +83,6 @@ class Family:
 
     name: str
     title: str
-    level_title: str
     figure: str
     table: str
 
@@ -100,9 +99,9 @@ class Family:
 
 
 FAMILIES = (
-    Family("sine", "Sinusoids", "Amplitude (µm)", "Fig. 3b", "Fig. 3c"),
-    Family("diharm", "Diharmonics", "Amplitude of component 1 (µm)", "Fig. 4a–c", "Fig. 4d"),
-    Family("noise", "Band-pass noises", "RMS amplitude (µm)", "Fig. 5a–c", "Fig. 5d"),
+    Family("sine", "Sinusoids", "Fig. 3b", "Fig. 3c"),
+    Family("diharm", "Diharmonics", "Fig. 4a–c", "Fig. 4d"),
+    Family("noise", "Band-pass noises", "Fig. 5a–c", "Fig. 5d"),
 )
 SINES = FAMILIES[0]
 

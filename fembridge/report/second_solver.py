@@ -14,7 +14,7 @@ from decks.analysis import Model
 from decks.dialects import JOB
 from decks.finger import LAYERS
 from decks.presets import QUICK, mesh_of
-from fembridge.report.plane import PRINTED, PlaneProblem, moduli_mpa
+from fembridge.report.plane import PRINTED, PlaneProblem
 from fembridge.report.runs import Runs, down
 from fembridge.report.study import Check, Finding, off_percent
 from fembridge.results.printed import read_point_stress
@@ -134,7 +134,7 @@ def plane_strain(problem: PlaneProblem) -> tuple[FloatArray, FloatArray]:
     element = ElementVector(ElementQuadS2() if quadratic else ElementQuad1())
     eta, xi = (each.ravel() for each in np.meshgrid(_GAUSS, _GAUSS, indexing="ij"))
     basis = Basis(mesh, element, quadrature=(np.stack([xi, eta]), np.full(4, 0.25)))
-    moduli = np.array([moduli_mpa(material) for material in problem.materials])
+    moduli = np.array([(one.shear_mpa, one.bulk_mpa) for one in problem.materials])
     shear, bulk = moduli[problem.element_material].T
     points = np.ones((1, 4))
     given = {"shear": shear[:, None] * points, "lame": (bulk - 2 * shear / 3)[:, None] * points}
