@@ -109,7 +109,7 @@ def test_a_name_is_shown_as_it_is_and_cut_where_it_is_endless():
     assert len(short.get_text()) < len(long.get_text()) < 40
 
 
-@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+@pytest.mark.parametrize("suffix", ["png", "svg", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
     first, second = tmp_path / f"first.{suffix}", tmp_path / f"second.{suffix}"
 

@@ -299,6 +299,7 @@ def stored(name):
     return read_swept(DOCS / "studies" / f"{name}.csv")
 
 
+@pytest.mark.slow
 def test_the_tables_of_the_page_are_those_of_the_stored_fingers():
     one, cube = map(stored, STUDIES)
     tables = (

@@ -92,6 +92,7 @@ def test_receptive_field_writes_areas_and_maps(tmp_path, capsys):
     assert (tmp_path / "field_RA.png").is_file()
 
 
+@pytest.mark.slow
 def test_a_grating_is_scanned_across_the_ridged_section(tmp_path, capsys):
     code, printed = run(
         capsys, "touch", "--pad", "plane", "--shape", "grating", "--angle-deg", 90,
