@@ -123,9 +123,11 @@ def _scene(
 
     half_width, half_length = view_mm(touch)
     tall_in = min((PAGE_WIDTH_IN - 1.6) / 3 * half_length / half_width, 3.6)
-    figure = Figure(figsize=(PAGE_WIDTH_IN, tall_in + 1.7))
+    height_in = tall_in + 1.9
+    figure = Figure(figsize=(PAGE_WIDTH_IN, height_in))
+    top = 1 - 0.53 / height_in  # the clock stands above
     grid = figure.add_gridspec(
-        2, 3, height_ratios=[tall_in, 0.7], left=0.08, right=0.93, bottom=0.1, top=0.9, hspace=0.32
+        2, 3, height_ratios=[tall_in, 0.7], left=0.08, right=0.93, bottom=0.1, top=top, hspace=0.45
     )
     panels = [figure.add_subplot(grid[0, column]) for column in range(3)]
     for panel in panels:

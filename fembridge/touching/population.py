@@ -258,7 +258,7 @@ def population_named(word: str, finger: Finger) -> Population:
         No such population, number or file.
     """
     read = partial(Population.read, finger=finger)
-    return named(word, "population", POPULATIONS, read, finger=finger)
+    return named(word, "population", POPULATIONS, read, ".csv", finger=finger)
 
 
 def _site(afferent: str, finger: Finger) -> AfferentSite:

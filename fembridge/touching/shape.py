@@ -313,7 +313,7 @@ def shape_named(
             raise UsageError(f"{word}: give the size of a pixel, --pixel-mm")
         return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, log)
 
-    return named(word, "shape", SHAPES, read)
+    return named(word, "shape", SHAPES, read, ".png or .csv")
 
 
 # ---- Heights

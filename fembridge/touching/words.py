@@ -16,9 +16,12 @@ def named(
     kind: str,
     known: Mapping[str, Callable[..., _Made]],
     read: Callable[[Path], _Made],
+    suffixes: str,
     **fixed: Any,  # noqa: ANN401
 ) -> _Made:
     """What a `known` name, with the sizes after its colon, makes; else the file is `read`.
+
+    `kind` and `suffixes` say what was expected.
 
     Raises
     ------
@@ -31,7 +34,8 @@ def named(
     if path.suffix or path.exists():
         return read(path)
     raise UsageError(
-        f"{kind} {name!r}, expected {', '.join(known)} or a file" + near_hint(name, known)
+        f"{kind} {name!r}, expected {', '.join(known)} or a file {suffixes}"
+        + near_hint(name, known)
     )
 
 
