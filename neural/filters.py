@@ -60,6 +60,10 @@ FADE_MS = 200.0
 # Share of a held stress that fades away with it.
 FADING_SHARE = 0.5
 
+# Where the answer of SA to movement falls off: of those tried the best on a frequency that was
+# left out (decision 0032). Without it SA would follow a loud 400 Hz with 200 impulses/s.
+SLOW_HZ = 100.0
+
 # How many samples behind and ahead of t a derivative at t looks.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
 
@@ -150,6 +154,16 @@ def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward")
     return drive
 
 
+def slow_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
+    """σ′ through a low pass of one pole at `SLOW_HZ`, in Pa/ms: the movement that drives SA."""
+    rate = stress_rate(stress_pa, dt_ms, derivative)
+    fed, kept = _low_pass(SLOW_HZ, dt_ms)
+    passed = np.zeros_like(rate)
+    for row in range(1, len(rate)):
+        passed[row] = kept * passed[row - 1] + fed * (rate[row] + rate[row - 1])
+    return passed
+
+
 def faded(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Stress less what has faded of it in Pa: the sustained part of what drives SA.
 
@@ -194,8 +208,7 @@ def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
     A pass is ``1 / (1 + s τ)`` or the rest of it by the trapezoidal rule, which keeps
     the gain at low frequencies at any `dt_ms`.
     """
-    half = math.pi * CORPUSCLE_HZ * dt_ms / 1000.0
-    fed, kept = half / (1.0 + half), (1.0 - half) / (1.0 + half)
+    fed, kept = _low_pass(CORPUSCLE_HZ, dt_ms)
     before, lows = [0.0] * 6, [0.0] * 6
     response: list[float] = []
     while len(response) < longest:
@@ -208,6 +221,12 @@ def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
         if max(map(abs, lows[1:])) < _CORPUSCLE_LEFT and len(response) > 1:
             break
     return response
+
+
+def _low_pass(pole_hz: float, dt_ms: float) -> tuple[float, float]:
+    """Shares of two inputs, and of the output before, in that of a low pass (trapezoidal rule)."""
+    half = math.pi * pole_hz * dt_ms / 1000.0
+    return half / (1.0 + half), (1.0 - half) / (1.0 + half)
 
 
 def checked_stress(

@@ -30,6 +30,7 @@ from neural.filters import (
     sa_level,
     sa_rate,
     sharp_rise,
+    slow_rate,
     stress_rate,
 )
 from neural.parameters import (
@@ -365,14 +366,15 @@ _ROWS = (
         name="fading",
         afferent="SA",
         parameters=FadingSaParameters,
-        filters=(stress_rate, faded),
+        filters=(slow_rate, faded),
         coefficients=_rising_sa,
         own_free=(replace(STEP, low=2e4, high=2e5), replace(HELD, low=4e3, high=4e4)),
         tau=replace(TAU, low=10.0, high=100.0),
         spread=replace(SPREAD, high=1.0),
-        equation="I' = gap (σ'/step + max(σ - s/2, 0)/(held τ)), s follows σ in 200 ms, v ≥ rest",
+        equation="I' = gap (r/step + max(σ - s/2, 0)/(held τ)), r is σ' through a low pass at "
+        "100 Hz, s follows σ in 200 ms, v ≥ rest",
         reason="rising, and as in Merkel cells half of the answer to a held stress fades "
-        "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz",
+        "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz; fast movement drives it less",
         clamped=True,
         cells=MORE_CELLS,
         whole=True,
