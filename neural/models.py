@@ -374,7 +374,8 @@ _ROWS = (
         equation="I' = gap (r/step + max(σ - s/2, 0)/(held τ)), r is σ' through a low pass at "
         "100 Hz, s follows σ in 200 ms, v ≥ rest",
         reason="rising, and as in Merkel cells half of the answer to a held stress fades "
-        "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz; fast movement drives it less",
+        "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz; fast movement "
+        "drives it less",
         clamped=True,
         cells=MORE_CELLS,
         whole=True,
