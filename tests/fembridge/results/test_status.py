@@ -34,6 +34,21 @@ def test_a_failed_attempt_keeps_the_time_at_its_start(samples):
 
 
 @pytest.mark.parametrize(
+    ("follows", "allowed"), [((1, 2, 2), True), ((1, 3, 1), False), ((2, 1, 1), False)]
+)
+def test_what_follows_a_failed_attempt_is_the_next_attempt(samples, tmp_path, follows, allowed):
+    failed = (samples / "cpe4_diverged.sta").read_text()
+    last = failed.splitlines()[-1]
+    path = tmp_path / "job.sta"
+    path.write_text(failed + "{:6}{:11}{:6} ".format(*follows) + last[24:] + "\n")
+    if allowed:
+        assert write_print_table(path, tmp_path / "t.csv", ReadOptions())[1] == 3
+    else:
+        with pytest.raises(ResultError, match="cannot follow increment 2"):
+            write_print_table(path, tmp_path / "t.csv", ReadOptions())
+
+
+@pytest.mark.parametrize(
     ("name", "read_rows"), [("cpe4_ascii.sta", read_sta), ("cpe4_ascii.cvg", read_cvg)]
 )
 def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, name, read_rows):
