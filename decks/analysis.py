@@ -209,12 +209,10 @@ class Analysis:
             fixed[:, 4:] &= alone | mesh.in_layer("bone")[:, None]
             touching.append(element[owner, face + 4])
         watched = rows + 1
-        terms = {
-            number: 1 + len(layer.material.prony)
-            for layer in sorted(layers, key=lambda one: len(one.material.prony))
-            if layer.material.prony
-            for number in np.intersect1d(watched, layer.node).tolist()
-        }
+        terms = dict.fromkeys(watched.tolist(), 1)
+        for one in layers:
+            for number in np.intersect1d(watched, one.node).tolist():
+                terms[number] = max(terms[number], 1 + len(one.material.prony))
         sites = {}
         for name, row in self.afferent_row.items():
             (x, y), layer = mesh.node_mm[row], self.finger.afferents[name].layer
@@ -242,7 +240,7 @@ class Analysis:
             "apex": self.apex_row + 1,
             "watched": watched,
             "watched_on_axis": tuple(watched[np.isin(watched, axis)].tolist()),
-            "branches": {number: terms[number] for number in watched.tolist() if number in terms},
+            "branches": {number: count for number, count in terms.items() if count > 1},
             "sites": sites,
         }
         for name, value in made.items():
@@ -297,14 +295,9 @@ class Model:
     section: str = "half"
     law: str = "linear"
 
-    @property
-    def depends_on_time(self) -> bool:
-        """Whether stress follows from more than the place of the probe."""
-        return self.inertia or self.finger.relaxing_s > 0
-
     def at_once(self) -> "Model":
         """The model whose stress does not depend on time, for its contact."""
-        if not self.depends_on_time:
+        if not self.inertia and self.finger.relaxing_s == 0:
             return self
         return replace(self, finger=self.finger.at_once(), inertia=False)
 

@@ -6,7 +6,6 @@ depth is ``-y`` there. Everything is in mm and MPa, the units of the decks.
 """
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -14,14 +13,13 @@ from typing import ClassVar
 from decks.checks import FINITE, NOT_NEGATIVE, POSITIVE, Ranged
 from decks.material import TABLE_1, Material
 from fembridge.errors import FingerError
+from fembridge.trace import AFFERENT_NAME
 
 # Thinner layers make elements that no solver gets a stress out of.
 THINNEST_MM = 0.02
 
 # Clear way between the dermis and the bone: room for a row of elements.
 _BONE_GAP_MM = 0.3
-# An afferent's name becomes part of a set's name in a deck.
-AFFERENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,39}")
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue", "bone", "nail")
 

@@ -342,5 +342,5 @@ def _layers(prism: Prism) -> Iterator[tuple[str, str, Material]]:
         ]
         nodes = np.concatenate(corners)
         lines = element_lines(range(first, first + len(nodes)), nodes)
-        yield name.upper(), "\n".join(lines), prism.finger.materials[name]
+        yield name.upper(), lines, prism.finger.materials[name]
         first += len(nodes)

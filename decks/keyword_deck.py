@@ -4,7 +4,7 @@
 without a word and takes at most 16 entries a line, of an amplitude four pairs.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import Any
 
@@ -37,30 +37,30 @@ def fixed(number: float, digits: int) -> str:
     return text if exact and len(text) <= LONGEST_NUMBER else real(number)
 
 
-def node_lines(numbers: Iterable[int], node_mm: FloatArray) -> Iterator[str]:
+def node_lines(numbers: Sequence[int] | IntArray, node_mm: FloatArray) -> str:
     """Nodes in the plane by their `numbers`."""
-    for number, (x, y) in zip(numbers, (node_mm + 0.0).tolist(), strict=True):
-        yield f"{number}, {x:.9f}, {y:.9f}, 0.0"
+    rows = zip(np.asarray(numbers).tolist(), (node_mm + 0.0).tolist(), strict=True)
+    return "\n".join(f"{number}, {x:.9f}, {y:.9f}, 0.0" for number, (x, y) in rows)
 
 
-def element_lines(numbers: Iterable[int], nodes: IntArray) -> Iterator[str]:
+def element_lines(numbers: Sequence[int] | IntArray, nodes: IntArray) -> str:
     """Elements by their `numbers`; `nodes` ``(E, n)`` are numbers as well."""
-    for number, row in zip(numbers, nodes.tolist(), strict=True):
-        yield f"{number}, {', '.join(map(str, row))}"
+    rows = zip(np.asarray(numbers).tolist(), nodes.tolist(), strict=True)
+    return "\n".join(f"{number}, {', '.join(map(str, row))}" for number, row in rows)
 
 
-def list_lines(numbers: Sequence[int] | IntArray) -> Iterator[str]:
+def list_lines(numbers: Sequence[int] | IntArray) -> str:
     """Whole numbers, as a set lists them."""
-    flat = np.asarray(numbers).tolist()
-    for start in range(0, len(flat), _PER_LINE):
-        yield ", ".join(map(str, flat[start : start + _PER_LINE])) + ","
+    words = list(map(str, np.asarray(numbers).tolist()))
+    starts = range(0, len(words), _PER_LINE)
+    return "\n".join(f"{', '.join(words[start : start + _PER_LINE])}," for start in starts)
 
 
-def pair_lines(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
+def pair_lines(pairs: Iterable[tuple[str, str]]) -> str:
     """Times and values, as an amplitude lists them."""
-    flat = list(chain.from_iterable(pairs))
-    for start in range(0, len(flat), 2 * _PAIRS_PER_LINE):
-        yield ", ".join(flat[start : start + 2 * _PAIRS_PER_LINE])
+    words = list(chain.from_iterable(pairs))
+    starts = range(0, len(words), 2 * _PAIRS_PER_LINE)
+    return "\n".join(", ".join(words[start : start + 2 * _PAIRS_PER_LINE]) for start in starts)
 
 
 # ---- A deck
@@ -89,14 +89,14 @@ def keyword_deck(
 
     def amplitude(way_mm: FloatArray) -> str:
         depths = (f"{mm:.9f}" for mm in (way_mm + 0.0).tolist())
-        return "\n".join(pair_lines(zip(times, depths, strict=True)))
+        return pair_lines(zip(times, depths, strict=True))
 
     return template(template_name).render(
         model=model,
         title=title[:_HEADING_WIDTH],
         notes=notes,
-        finger_nodes="\n".join(node_lines(model.node.tolist(), model.node_mm[model.node - 1])),
-        probe_nodes="\n".join(node_lines(node.tolist(), probe_mm)),
+        probe_node=node,
+        probe_mm=probe_mm,
         amplitude=amplitude,
         sections=sections,
         steps=steps,
@@ -106,15 +106,12 @@ def keyword_deck(
     )
 
 
-def _elements(section: ElementSet) -> str:
-    return "\n".join(element_lines(section.number.tolist(), section.node))
-
-
 LINES = {
     "real": real,
     "fixed": fixed,
-    "elements": _elements,
-    "members": lambda numbers: "\n".join(list_lines(numbers)),
+    "node_lines": node_lines,
+    "element_lines": element_lines,
+    "list_lines": list_lines,
     "t_per_mm3": 1.0e-12,  # in one kg/m3
 }
 """What the templates write numbers with."""

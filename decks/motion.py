@@ -43,11 +43,6 @@ class Phase:
     increments: int
     every: int = 1
 
-    @property
-    def length_s(self) -> float:
-        """How long it takes."""
-        return self.increments * self.dt_s
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:

@@ -26,7 +26,7 @@ from decks.finger import LAYERS, SITES, Finger, Resolution
 from decks.material import TABLE_1
 from decks.mesh import Mesh, read_mesh, write_mesh
 from fembridge.errors import FingerError, UsageError
-from fembridge.store import changed, digest, near_hint, read_toml
+from fembridge.store import changed, near_hint, read_toml
 
 QUICK = Finger("quick")
 
@@ -142,11 +142,6 @@ def finger_table(finger: Finger) -> dict[str, Any]:
             if material[key] == usual:
                 del material[key]
     return table
-
-
-def finger_id(table: Mapping[str, Any]) -> dict[str, str]:
-    """Name and digest of a finger, of which `table` is what `finger_table` gives."""
-    return {"name": str(table.get("name", "")), "sha256": digest(table)}
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from decks.analysis import LAWS, Contact, Model
 from decks.dialects import DeckOptions, dialect_named
 from decks.finger import Finger
-from decks.presets import finger_id, finger_table, mesh_of, read_finger
+from decks.presets import finger_table, mesh_of, read_finger
 from decks.probe import Probe
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
@@ -24,7 +24,7 @@ from fembridge.run_folder import RunFolder, kept_parameters
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
-from fembridge.trace import StressTrace
+from fembridge.trace import StressTrace, finger_id
 
 if TYPE_CHECKING:
     import pandas

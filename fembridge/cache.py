@@ -12,6 +12,7 @@ import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +131,7 @@ def entries() -> list[Entry]:
             table = read_sealed(path, "cache entry", FORMAT)
             used_s = path.stat().st_mtime
             found.append(Entry(folder, table["what"], table["record"], size, used_s))
-    return sorted(found, key=lambda entry: entry.used_s, reverse=True)
+    return sorted(found, key=attrgetter("used_s"), reverse=True)
 
 
 def clear() -> int:

@@ -16,11 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from decks.dialects import dialect_of
-from decks.finger import AFFERENT_NAME
-from decks.presets import finger_id
 from fembridge.errors import ResultError, TableError
 from fembridge.store import read_toml, structure, write_text
-from fembridge.trace import Origin
+from fembridge.trace import AFFERENT_NAME, Origin, finger_id
 from fembridge.typing import FloatArray, Table
 
 if TYPE_CHECKING:

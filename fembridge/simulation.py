@@ -10,6 +10,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import ZipFile
@@ -17,7 +18,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from decks.analysis import Model
-from decks.presets import PRESETS, finger_id, finger_table
+from decks.presets import PRESETS, finger_table
 from fembridge.build import stimulus_inputs
 from fembridge.errors import (
     FembridgeError,
@@ -51,7 +52,7 @@ from fembridge.tables import (
     write_rates,
     write_spikes,
 )
-from fembridge.trace import StressTrace, stacked
+from fembridge.trace import StressTrace, finger_id, stacked
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
 from neural import Parameters, encode_afferents, mean_rate_ips
@@ -232,7 +233,7 @@ def simulate(
     if stored and (reason or method == "transient"):
         raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
     method = _possible(method, reason, parameters.parameters, log)
-    deepest = max(stimuli, key=lambda stimulus: stimulus.deepest_um)
+    deepest = max(stimuli, key=attrgetter("deepest_um"))
     closure_percent: float | None = None
     response: ResponseMap | None = None
     origin: Table = {"source": "CalculiX"}

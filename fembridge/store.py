@@ -22,7 +22,7 @@ import tempfile
 import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -68,11 +68,12 @@ def replacing(path: Path) -> Iterator[Path]:
     target = Path(os.path.realpath(path)) if path.is_symlink() else path
     make_folder(path.parent)
     _check_replaceable(target, path)
-    with _filled(target.parent, target.name, path) as draft:
+    with filling(target.parent, target.name, path) as draft:
         yield draft / target.name
 
 
-def filling(folder: Path, last: str) -> AbstractContextManager[Path]:
+@contextmanager
+def filling(folder: Path, last: str, path: Path | None = None) -> Iterator[Path]:
     """A draft folder; on success its files take their places in `folder`.
 
     Parameters
@@ -81,11 +82,14 @@ def filling(folder: Path, last: str) -> AbstractContextManager[Path]:
         Name of the file that takes its place last. An old one is taken away before
         the first file is replaced: a folder that has it holds files that belong
         together.
+    path
+        What an error names; by default `folder`.
 
     Notes
     -----
     Files that stand there already with the same content, all of them, are left
-    alone. What else is in `folder` is not touched.
+    alone. What else is in `folder` is not touched. The draft is locked, and those that
+    a kill has left are removed.
 
     Raises
     ------
@@ -93,25 +97,7 @@ def filling(folder: Path, last: str) -> AbstractContextManager[Path]:
         `folder` cannot be made or written, or a folder stands where a file is
         wanted. What stood in `folder` before is untouched.
     """
-    return _filled(folder, last, folder)
-
-
-def check_output(folder: Path, *names: str) -> None:
-    """Refuse now, before all computing, what `filling` would refuse of `names` at the end.
-
-    Raises
-    ------
-    OutputError
-        As `filling`.
-    """
-    with filling(folder, last=""):
-        for name in names:
-            _check_replaceable(folder / name, folder / name)
-
-
-@contextmanager
-def _filled(folder: Path, last: str, path: Path) -> Iterator[Path]:
-    """`filling`, where errors name `path`; the draft is locked, and earlier ones are removed."""
+    path = path or folder
     make_folder(folder)
     try:
         _remove_left_over(folder)
@@ -130,6 +116,19 @@ def _filled(folder: Path, last: str, path: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(draft, ignore_errors=True)
         os.close(handle)
+
+
+def check_output(folder: Path, *names: str) -> None:
+    """Refuse now, before all computing, what `filling` would refuse of `names` at the end.
+
+    Raises
+    ------
+    OutputError
+        As `filling`.
+    """
+    with filling(folder, last=""):
+        for name in names:
+            _check_replaceable(folder / name, folder / name)
 
 
 def _made_and_locked(folder: Path) -> tuple[Path, int]:
@@ -193,13 +192,19 @@ def _check_replaceable(target: Path, path: Path) -> None:
 
 
 def _move_up(draft: Path, folder: Path, last: str) -> None:
-    names = sorted((file.name for file in draft.iterdir()), key=lambda n: (n == last, n))
+    names = sorted(file.name for file in draft.iterdir())
+    if last in names:
+        names.remove(last)
+        names.append(last)
     for name in names:
         _check_replaceable(folder / name, folder / name)
         with (draft / name).open("rb") as file:
             os.fsync(file.fileno())
     with _alone_in(folder):
-        if all(_same(draft / name, folder / name) for name in names):
+        if all(
+            (folder / name).is_file() and filecmp.cmp(draft / name, folder / name, shallow=False)
+            for name in names
+        ):
             return
         if len(names) > 1:
             (folder / last).unlink(missing_ok=True)
@@ -283,10 +288,6 @@ def _holder(path: Path) -> str:
     except (OSError, ValueError):
         number = ""
     return f"process {number}" if number.isdigit() else "another process"
-
-
-def _same(new: Path, old: Path) -> bool:
-    return old.is_file() and filecmp.cmp(new, old, shallow=False)
 
 
 MAX_DECK_BYTES = 1 << 29
@@ -497,13 +498,10 @@ def _seal(sealed: bytes) -> str:
 
 
 def digest(content: object) -> str:
-    """SHA-256 of the canonical text of `content`, hexadecimal."""
-    return hashlib.sha256(canonical_text(content).encode()).hexdigest()
-
-
-def canonical_text(content: object) -> str:
-    """Write tables, lists, words and numbers as JSON, sorted, without blanks."""
-    return json.dumps(_plain(content), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    """SHA-256 of tables, lists, words and numbers as JSON, sorted, without blanks, hexadecimal."""
+    plain = _plain(content)
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _plain(content: object) -> object:

@@ -1,5 +1,6 @@
 """Stress histories: what a solver hands to an afferent."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import ResultError, TraceError
+from fembridge.store import digest
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -15,6 +17,9 @@ if TYPE_CHECKING:
 
 PA_PER_MPA = 1.0e6
 MS_PER_S = 1.0e3
+
+AFFERENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,39}")
+"""Of a class: it becomes part of a set's name in a deck, and of a file's."""
 
 # Solvers print times with six to ten digits; a step may be off by that much.
 STEP_TOLERANCE = 1.0e-3
@@ -216,6 +221,11 @@ class Origin:
     def __post_init__(self) -> None:
         if len(self.window_ms) != 2:
             raise ValueError(f"window_ms has {len(self.window_ms)} numbers, expected two")
+
+
+def finger_id(table: Mapping[str, Any]) -> dict[str, str]:
+    """Name and digest of a finger, of which `table` is what `decks.presets.finger_table` gives."""
+    return {"name": str(table.get("name", "")), "sha256": digest(table)}
 
 
 class Traces(list[StressTrace]):

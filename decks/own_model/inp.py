@@ -211,12 +211,10 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
     times_s = (motion.time_s + start_s).tolist()
     if start_s > 0:
         times_s, values = [0.0, *times_s], [values[0], *values]
-    lines = list(
-        pair_lines(
-            (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
-            for time_s, value in zip(times_s, values, strict=True)
-        )
-    )
+    lines = pair_lines(
+        (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
+        for time_s, value in zip(times_s, values, strict=True)
+    ).splitlines()
     curve, first, head = drive.amplitude, drive.push[0], drive.step.head
     samples = f"holds the waveform, {len(motion.time_s)} samples"
     if curve is None:

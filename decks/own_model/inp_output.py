@@ -234,7 +234,7 @@ def _sets(
             )
         for instance, some in () if there else numbers.items():
             of = f", INSTANCE={instance}" if instance else ""
-            lines += [f"*{keyword}, {keyword}={name}{of}", *list_lines(some)]
+            lines += [f"*{keyword}, {keyword}={name}{of}", *list_lines(some).splitlines()]
     if not lines:
         return [], []
     ends = deck.of("ENDASSEMBLY") if any(together) else [drive.steps[0].head]

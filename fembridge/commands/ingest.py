@@ -28,6 +28,7 @@ EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
 ALL = "all"  # nodes
 _SHOWN = 12  # nodes, a line each
+_ROWS_AT_ONCE = 1 << 16
 
 
 def node(text: str) -> int | str:
@@ -293,7 +294,15 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
     kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
     kind = kind if found.over_time else f"modes_{kind}"
     output: Path = args.output or Path(f"{result.path.stem}_{kind}.csv")
-    write_table(output, list(table), found.rows())
+    rows = (
+        row
+        for first in range(0, len(table["node"]), _ROWS_AT_ONCE)
+        for row in zip(
+            *(column[first : first + _ROWS_AT_ONCE].tolist() for column in table.values()),
+            strict=True,
+        )
+    )
+    write_table(output, list(table), rows)
     write_origin(output, origin)
     places = list(
         zip(found.afferents or [None] * len(found.nodes), found.nodes, found.peaks(), strict=True)
@@ -317,14 +326,14 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
     words = f"{count}, {found.form}" if plain else f"{found.quantity} of {count}, {found.form}"
     if plain and found.uneven:
         words += f"; --resample-ms {found.resample_ms:g} makes the even step that encode needs"
-    rows = [
+    lines = [
         f"{afferent or ''} node {number}: ".lstrip()
         + (f"peak {peak:.6g} Pa" if plain else f"largest {name} {peak:.6g}")
         for afferent, number, (name, peak) in places[:_SHOWN]
     ]
     if len(places) > _SHOWN:
-        rows.append(f"and {len(places) - _SHOWN} more")
-    return summary, words, rows
+        lines.append(f"and {len(places) - _SHOWN} more")
+    return summary, words, lines
 
 
 def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:

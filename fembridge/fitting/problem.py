@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from decks.presets import finger_id, read_finger
+from decks.presets import read_finger
 from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
 from decks.waveform import make_stimulus
@@ -24,6 +24,7 @@ from fembridge.response.solve import RESPONSE_FOLDER
 from fembridge.stimulus import Stimulus
 from fembridge.store import sha256_of
 from fembridge.tables import SpikeTrain
+from fembridge.trace import finger_id
 from fembridge.tuning import vibration
 from fembridge.typing import Table
 from neural.fit_problem import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from decks.analysis import ElementSet
 from decks.dialects import template
-from decks.keyword_deck import LINES, node_lines
+from decks.keyword_deck import LINES
 from decks.material import Material
 from fembridge.typing import FloatArray, IntArray
 
@@ -46,7 +46,6 @@ class PlaneProblem:
         node, axis = np.nonzero(~np.isnan(self.moved_mm))
         return template("plane.inp.j2").render(
             problem=self,
-            nodes="\n".join(node_lines(range(1, len(self.node_mm) + 1), self.node_mm)),
             sections=[
                 ElementSet(f"{BODY}_{k}", numbers[rows], self.element[rows] + 1, material, self.law)
                 for k, (rows, material) in enumerate(zip(mine, self.materials, strict=True))

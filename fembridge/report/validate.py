@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from decks.presets import finger_id, model_of, read_finger
+from decks.presets import model_of, read_finger
 from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
 from fembridge.errors import MissingError, UsageError
@@ -39,6 +39,7 @@ from fembridge.simulation import Simulation, encode_all, unlike_the_fit
 from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.touchsim import touchsim_rates
+from fembridge.trace import finger_id
 from neural import ParameterSet
 from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set_or_file
 

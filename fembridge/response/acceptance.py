@@ -244,7 +244,9 @@ def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> 
     time_s, force_n = np.array([list(map(fortran, each)) for each in sums]).reshape(-1, 2).T
     check_times(MS_PER_S * time_s, times_ms, file.path)
     # `RF` is the force that pushes the probe down; the section is 1 mm thick.
-    return Pressed(*map(_from_rest, (PA_PER_MPA * tensor_mpa, moved_mm, -force_n)))
+    found = [PA_PER_MPA * tensor_mpa, moved_mm, -force_n]
+    # The rest state in front, which no solver writes.
+    return Pressed(*(np.concatenate([np.zeros_like(one[:1]), one]) for one in found))
 
 
 def check_times(found_ms: FloatArray, times_ms: FloatArray, path: Path) -> None:
@@ -260,9 +262,3 @@ def check_times(found_ms: FloatArray, times_ms: FloatArray, path: Path) -> None:
             f"{expected_ms[row] / MS_PER_S:g} s",
             path,
         )
-
-
-def _from_rest(values: FloatArray) -> FloatArray:
-    """With the stress-free state, which no solver writes, in front."""
-    rest: FloatArray = np.concatenate([np.zeros_like(values[:1]), values])
-    return rest

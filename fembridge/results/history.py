@@ -6,7 +6,7 @@ modes of a frequency or buckling step.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,7 +49,6 @@ OF_STRESS = {
 IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
-_ROWS_AT_ONCE = 1 << 16
 _UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s", "mm/s2": "mm_per_s2"}
 
 
@@ -260,13 +259,6 @@ class History:
         for column, name in enumerate(column_names(self.components, self.units)):
             add(name, self.values[:, :, column].T)
         return table
-
-    def rows(self) -> Iterator[tuple[Any, ...]]:
-        """The rows of the table, as Python's numbers."""
-        columns = list(self.columns().values())
-        for first in range(0, len(columns[0]), _ROWS_AT_ONCE):
-            some = (column[first : first + _ROWS_AT_ONCE].tolist() for column in columns)
-            yield from zip(*some, strict=True)
 
     def to_frame(self) -> "pandas.DataFrame":
         """The table as a DataFrame."""

@@ -42,7 +42,7 @@ from fembridge.solver.settings import (
     SolverSettings,
 )
 from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, read_toml, remove_file, sha256_of, write_text
+from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text
 from fembridge.typing import Table
 
 GRACE_S = 3.0
@@ -457,15 +457,14 @@ def _publish(run: RunFolder, work: Path) -> None:
 
     Empty files are left out: a ``.dat`` that nobody asked for, say.
     """
-    remove_file(run.folder / SOLVER_FILE)
-    found = (path for path in work.iterdir() if path.is_file())
-    new = [p for p in found if p.stat().st_size and p.name != f"{JOB}.inp"]
-    new.sort(key=lambda path: path.name == SOLVER_FILE)
+    found = (path for path in work.iterdir() if path.is_file() and path.stat().st_size)
+    new = {path.name for path in found} - {f"{JOB}.inp", SOLVER_FILE}
     try:
-        for name in sorted({f"{JOB}{suffix}" for suffix in OLD_RESULTS} - {p.name for p in new}):
+        (run.folder / SOLVER_FILE).unlink(missing_ok=True)
+        for name in sorted({f"{JOB}{suffix}" for suffix in OLD_RESULTS} - new):
             (run.folder / name).unlink(missing_ok=True)
-        for path in new:
-            path.replace(run.folder / path.name)
+        for name in (*sorted(new), SOLVER_FILE):
+            (work / name).replace(run.folder / name)
     except OSError as error:
         problem = f"the results in {work} cannot be moved here: {error.strerror}"
         raise OutputError(problem, run.folder) from error

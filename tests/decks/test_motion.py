@@ -33,7 +33,7 @@ def test_phases_and_samples_tell_the_same(preindent_um, procedure, relaxing_s, s
     motion = motion_of(wave, procedure, relaxing_s)
 
     assert sum(one.increments for one in motion.phases) == motion.increments
-    ends_s = np.cumsum([one.length_s for one in motion.phases])
+    ends_s = np.cumsum([one.increments * one.dt_s for one in motion.phases])
     assert_allclose(ends_s[-1], motion.time_s[-1], rtol=1e-12)
     assert_allclose(
         motion.depth_mm[motion.ramp :: motion.phases[-1].every],

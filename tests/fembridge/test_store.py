@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from fembridge.errors import FembridgeError, LockedError, OutputError, UsageError
 from fembridge.store import (
-    canonical_text,
     changed,
     check_output,
     digest,
@@ -389,7 +388,6 @@ def test_any_other_number_makes_a_difference(table, key, one, other):
 def test_a_text_that_can_be_worked_out_by_hand():
     table = {"b": (1, -0.0, 0.5), "a": {"x": True, "w": None}}
     text = '{"a":{"w":null,"x":true},"b":[1.0,0.0,0.5]}'
-    assert canonical_text(table) == text
     assert digest(table) == hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -164,7 +164,6 @@ def relaxing(model, *layers):
 
 def test_nothing_speaks_against_a_map_of_the_papers_model(model, sine):
     assert why_no_map(model, [sine]) is None
-    assert not model.depends_on_time
     assert model.at_once() is model
 
 
