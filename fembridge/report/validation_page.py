@@ -341,7 +341,10 @@ def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
 def _fingertip_frame(study: Validation) -> "DataFrame":
     """The whole fingertip beside the judged model, against observed rates where there are any."""
     references = {one.name: study.rates.reference(one.stimuli) for one in FAMILIES}
-    frame = _by_family(study, (FINGERTIP, study.judged.name, TOUCHSIM), references)
+    sources = [FINGERTIP, study.judged.name]
+    if OBSERVED in references.values():  # else TouchSim is what they are held against
+        sources.append(TOUCHSIM)
+    frame = _by_family(study, sources, references)
     names = {
         one.name: one.title + " (against TouchSim)" * (references[one.name] == TOUCHSIM)
         for one in FAMILIES

@@ -179,6 +179,8 @@ def test_without_observed_rates_no_goal_is_marked_and_all_is_against_touchsim(
     assert 'class="met"' not in text
     assert 'class="missed"' not in text
     assert set(unobserved.agreement.reference) == {TOUCHSIM}
+    beside = text.partition('id="fingertip_agreement"')[2].partition("</table>")[0]
+    assert beside.count("RMSE") == 2  # fingertip and section: none of TouchSim against itself
 
 
 def test_each_cell_with_a_low_r_squared_or_a_large_error_has_its_sentence(study):
