@@ -14,7 +14,7 @@ from benchmarks.prism_contact import PROBE_SET, contact_deck
 from decks.analysis import Contact as PenaltyContact
 from decks.green import PadMesh, Prism, prism_of
 from fembridge.results import read_fields
-from fembridge.results.printed import read_total_force
+from fembridge.results.printed import read_node_print
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import run_ccx
 from fembridge.store import make_folder
@@ -54,8 +54,8 @@ def compare(name: str, out: Path, *, large_strain: bool) -> None:
         outcome = run_ccx(run)
         if not outcome.accepted:
             raise outcome.to_error()
-    _, forces_n = read_total_force(folder / "job.dat", PROBE_SET)
-    forces_n = -4 * forces_n[:, 1]  # of four quarters, into the skin
+    _, _, forces_n = read_node_print(folder / "job.dat", "total force", PROBE_SET)
+    forces_n = -4 * forces_n[:, 0, 1]  # of four quarters, into the skin
     for depth, moved, total in zip(DEPTHS_MM, fields(run, prism), forces_n, strict=False):
         report(name, pad, prism, shape, depth, moved, total)
 

@@ -190,16 +190,12 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_args(words, namespace)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
-        """Parse; a list of several words as the option repeated before each."""
-        return super().parse_known_args(self._repeated(args), namespace)
-
-    def _repeated(self, words: Sequence[str]) -> list[str]:
-        """`words` with ``--stimulus=a --stimulus=b`` for ``--stimulus a b``.
+        """Parse `args` with ``--stimulus=a --stimulus=b`` for ``--stimulus a b``.
 
         A list ends at an option or at what is no item of it; and where the verb wants a word
         of its own, as a file, and there is none, at that.
         """
-        known = self._option_string_actions
+        known, words = self._option_string_actions, args
         found: list[str] = []
         ends: list[tuple[Words, str]] = []  # lists, and the word that is no item
         listed, own, at = range(0), 0, 0
@@ -207,8 +203,7 @@ class _Parser(argparse.ArgumentParser):
             word, at = words[at], at + 1
             action = known.get(word)
             if word == "--":
-                own += len(words) - at
-                return [*found, *words[at - 1 :]]
+                return super().parse_known_args([*found, *words[at - 1 :]], namespace)
             if isinstance(action, Words) and at < len(words) and not _is_option(words[at]):
                 end = at + 1
                 while end < len(words) and not _is_option(words[end]) and action.takes(words[end]):
@@ -239,7 +234,7 @@ class _Parser(argparse.ArgumentParser):
         if 0 < (lacking := wanted - own) < len(listed):
             for row in listed[-lacking:]:
                 found[row] = found[row].partition("=")[2]
-        return found
+        return super().parse_known_args(found, namespace)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:  # noqa: ANN401
         choices = list(map(str, action.choices or ()))

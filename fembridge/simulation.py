@@ -121,12 +121,13 @@ class Simulation:
         As `fembridge plot` draws them: a panel a class, a row a stimulus; rates against
         amplitude, a column a frequency.
         """
-        from fembridge.plots.rates import rates_figure
         from fembridge.plots.spikes import isi_figure, psth_figure, raster_figure
 
         if picture not in PICTURES:
             raise UsageError(f"picture {picture!r}, expected {', '.join(PICTURES)}")
         if picture == "rates":
+            from fembridge.plots.rates import rates_figure
+
             return rates_figure(self.mean_rates)
         rows: dict[str, Any] = {
             "stimuli": [stimulus.id for stimulus in self.stimuli],

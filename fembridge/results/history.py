@@ -239,26 +239,21 @@ class History:
         """A long table by column, node by node: units in the names, von Mises as traces have it."""
         rows, count = self.at.size, len(self.nodes)
         held = ~np.isnan(self.values).all(axis=2).T  # (node, T)
-        table: dict[str, Any] = {}
-
-        def add(name: str, values: Any) -> None:  # noqa: ANN401 - of (T,) or (node, 1)
-            table[name] = np.broadcast_to(values, (count, rows))[held]
-
+        table: dict[str, Any] = {}  # of (T,), (node, 1) or both
         steps, numbers = self.keys.T
         if not self.over_time:
-            add("step", steps)
-            add("mode", numbers)
-        add(_AXES.get(self.axis, "number"), self.at)
+            table |= {"step": steps, "mode": numbers}
+        table[_AXES.get(self.axis, "number")] = self.at
         if self.over_time:
             classes = self.afferents or (None,) * count
-            add("afferent", np.array([one or "" for one in classes], dtype=object)[:, None])
-        add("node", np.array(self.nodes, dtype=np.int64)[:, None])
+            table["afferent"] = np.array([one or "" for one in classes], dtype=object)[:, None]
+        table["node"] = np.array(self.nodes, dtype=np.int64)[:, None]
         if self.over_time and self.quantity != VON_MISES and steps.size:
-            add("step", steps)
-            add("increment", numbers)
+            table |= {"step": steps, "increment": numbers}
         for column, name in enumerate(column_names(self.components, self.units)):
-            add(name, self.values[:, :, column].T)
-        return table
+            table[name] = self.values[:, :, column].T
+        shape = count, rows
+        return {name: np.broadcast_to(values, shape)[held] for name, values in table.items()}
 
     def to_frame(self) -> "pandas.DataFrame":
         """The table as a DataFrame."""

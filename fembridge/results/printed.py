@@ -266,24 +266,17 @@ def read_sections(
     return sections
 
 
-def read_total_force(
-    path: Path, set_name: str, options: ReadOptions = _DEFAULTS
-) -> tuple[FloatArray, FloatArray]:
-    """Sum of the nodal forces on a set: ``(T,)`` in ms and ``(T, 3)`` in N."""
-    times_ms, _, forces_n = _history(path, "total force", set_name, options)
-    if forces_n.shape[1] != 1:
-        raise ResultError(f"{forces_n.shape[1]} total forces at one time", path)
-    return times_ms, forces_n[:, 0]
-
-
 def read_node_print(
     path: Path, quantity: str, set_name: str, options: ReadOptions = _DEFAULTS
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Nodal values of a set: ``(T,)`` in ms, ``(node,)``, ``(T, node, column)``."""
+    """Nodal values of a set: ``(T,)`` in ms, ``(node,)``, ``(T, node, column)``.
+
+    A ``total force`` is of no node, and has one row.
+    """
     times_ms, labels, values = _history(path, quantity, set_name, options)
-    if labels.shape[1] != 1:
+    if labels.shape[1] > 1:
         raise ResultError(f"{quantity} is not printed by node", path)
-    return times_ms, labels[:, 0], values
+    return times_ms, labels.ravel(), values
 
 
 def read_point_stress(

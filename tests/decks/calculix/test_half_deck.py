@@ -17,7 +17,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder
 from fembridge.results import read
-from fembridge.results.printed import read_total_force
+from fembridge.results.printed import read_node_print
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 from fembridge.solver.settings import SolverSettings
@@ -74,7 +74,8 @@ def test_half_of_a_section_has_the_stress_of_the_whole(word, held_um, tmp_path):
         folder = build_run_folder(tmp_path / section, model, wave).folder
         run_ccx(read_run_folder(folder), SolverSettings(threads=1))
         traces[section] = np.array([one.stress_pa for one in read(folder)])
-        force_n[section] = read_total_force(folder / "job.dat", "PROBE")[1][:, 1]
+        _, _, total_n = read_node_print(folder / "job.dat", "total force", "PROBE")
+        force_n[section] = total_n[:, 0, 1]
         assert bool(read_run_folder(folder).on_axis) == (section == "half")
     peak_pa = traces["whole"].max(axis=1, keepdims=True)
     assert peak_pa.min() > 100

@@ -22,7 +22,7 @@ from fembridge.results import describe, frd, read, read_fields
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
 from fembridge.results.nodes import read_node_sets
-from fembridge.results.printed import read_total_force
+from fembridge.results.printed import read_node_print
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import read_values
 from fembridge.results.status import read_cvg, read_sta
@@ -414,7 +414,7 @@ def refused(action, words):
     [
         ("a.frd", b"    1C", describe, None),
         ("b.frd", b"    1C", lambda p: read(p, [1]), "a line of more than 4096 bytes"),
-        ("c.dat", b"\n", lambda p: read_total_force(p, "A"), "more than 65536 bytes"),
+        ("c.dat", b"\n", lambda p: read_node_print(p, "forces", "A"), "more than 65536 bytes"),
         ("d.sta", b"\n\n\n", read_sta, "a line of more than 65536 bytes"),
         ("e.cvg", b"\n\n\n\n\n", read_cvg, "a line of more than 65536 bytes"),
         ("f.inp", b"*NSET, NSET=A\n1,", read_node_sets, "more than [0-9]+ bytes"),

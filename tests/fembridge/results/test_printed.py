@@ -28,13 +28,13 @@ STRESSES = " stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set EP and 
 
 def test_total_force_is_the_sum_of_the_nodal_forces(samples):
     path = samples / "cpe4_ascii.dat"
-    times_ms, total_n = printed.read_total_force(path, "NTOP")
+    times_ms, _, total_n = printed.read_node_print(path, "total force", "NTOP")
     same_ms, nodes, forces_n = printed.read_node_print(path, "forces", "ntop")
     assert_allclose(times_ms, [0.5, 1.0, 1.5, 2.0], rtol=1e-12)
     assert_allclose(same_ms, times_ms, rtol=0)
     assert nodes.tolist() == [44, 45, 46, 47]
-    assert_allclose(total_n, forces_n.sum(axis=1), rtol=1e-6, atol=1e-9)
-    assert_allclose(total_n[0, 1], -1.466055e-02, rtol=0)
+    assert_allclose(total_n[:, 0], forces_n.sum(axis=1), rtol=1e-6, atol=1e-9)
+    assert_allclose(total_n[0, 0, 1], -1.466055e-02, rtol=0)
 
 
 def test_integration_points_tell_two_layers_apart_where_nodes_do_not(samples):
