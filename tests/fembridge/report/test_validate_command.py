@@ -20,6 +20,7 @@ def here(tmp_path, monkeypatch, known_evidence):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_table_on_the_screen_and_a_page_in_the_folder(here, capsys, observed_file, own_file):
     words = ["--observed", str(observed_file), "--parameters", str(own_file)]
     assert main(["validate", *words]) == 0

@@ -268,6 +268,7 @@ def test_rates_of_a_frequency_that_was_left_out_are_judged_by_frequency_and_toge
     assert_allclose(found.touchsim_rmse_ips, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_response_of_one_s_own_is_judged_and_no_stored_one_is_spoken_of(
     tmp_path, undrawn, monkeypatch
 ):
