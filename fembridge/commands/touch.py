@@ -138,9 +138,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 f"{name:<6}{row['units']:>7}{row['firing']:>7}{row['mean_ips']:>8.1f}"
                 f"{row['most_ips']:>8.1f}"
             )
-        print(
-            f"{result.way.name}: up to {result.depth_um.max():.0f} um, {result.force_n.max():.3g} N"
-        )
+        unit = "N/mm" if result.solved.nodes.pad.plane else "N"
+        force = f"{result.force_n.max():.3g} {unit}"
+        print(f"{result.way.name}: up to {result.depth_um.max():.0f} um, {force}")
         print(f"{', '.join(files)}: {output}")
     return {
         "output": str(output),

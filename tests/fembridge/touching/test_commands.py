@@ -104,6 +104,15 @@ def test_a_grating_is_scanned_across_the_ridged_section(tmp_path, capsys):
     assert all(each["firing"] for each in classes.values())
 
 
+def test_the_force_on_a_plane_pad_is_printed_by_millimetre(tmp_path, capsys):
+    code, printed = run(
+        capsys, "touch", "--pad", "plane", "--shape", "bar", "--press-n", 0.05,
+        "--population", "one_each", "--no-plot", "-o", tmp_path,
+    )  # fmt: skip
+    assert code == 0, printed.err
+    assert ", 0.05 N/mm\n" in printed.out
+
+
 @pytest.mark.slow
 @pytest.mark.solver
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx")
