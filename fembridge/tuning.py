@@ -134,10 +134,9 @@ def thresholds(
             )
     rows = []
     for frequency_hz in frequencies_hz:
-        of_cells = _cell_thresholds(response, parameters, frequency_hz, preindent_um)
-        for criterion, amplitudes_um in zip(CRITERIA, of_cells, strict=True):
-            median_um = float(np.median(amplitudes_um))
-            least_um, most_um = amplitudes_um.min(), amplitudes_um.max()
+        found = _ranked_thresholds(response, parameters, frequency_hz, preindent_um)
+        for criterion, (least_um, *middle_um, most_um) in zip(CRITERIA, found, strict=True):
+            median_um = float(np.mean(middle_um))
             rows.append(
                 (parameters.afferent, criterion, frequency_hz, median_um, least_um, most_um)
             )
@@ -145,20 +144,27 @@ def thresholds(
     return frame.replace(math.inf, math.nan)
 
 
-def _cell_thresholds(
+def _ranked_thresholds(
     response: ResponseMap,
     parameters: AfferentParameters,
     frequency_hz: float,
     preindent_um: float,
 ) -> FloatArray:
-    """Threshold of each cell by both criteria, ``(2, cell)`` in µm; infinity if none."""
+    """Thresholds by both criteria of the keenest, the two middle and the dullest cell.
+
+    ``(2, 4)`` in µm; infinity where there is none. Only their amplitudes are narrowed down.
+    """
     most_um = response.deepest_um - preindent_um
     tried_um = np.geomspace(LEAST_UM, most_um, _FIRST_PASS)
     fires = _fires(response, parameters, frequency_hz, preindent_um, tried_um)
     below_um, above_um = _bracket(tried_um, fires)
+    last = parameters.cells - 1
+    ranks = [0, last // 2, (last + 1) // 2, last]
     shares = np.arange(1, _NEXT_PASSES + 1) / (_NEXT_PASSES + 1)
     for _ in range(_PASSES):
+        wanted = np.take_along_axis(above_um, np.argsort(above_um, axis=1)[:, ranks], axis=1)
         open_brackets = np.isfinite(above_um) & (below_um < above_um)
+        open_brackets &= np.isin(above_um, wanted)
         if not open_brackets.any():
             break
         pairs = np.unique(
@@ -170,7 +176,9 @@ def _cell_thresholds(
         lower_um, upper_um = _bracket(tried_um, fires, below_um)
         below_um = np.where(open_brackets, lower_um, below_um)
         above_um = np.where(open_brackets, upper_um, above_um)
-    return np.where(np.isfinite(above_um), np.sqrt(below_um * above_um), math.inf)
+    found_um = np.where(np.isfinite(above_um), np.sqrt(below_um * above_um), math.inf)
+    ranked_um: FloatArray = np.sort(found_um, axis=1)[:, ranks]
+    return ranked_um
 
 
 def _bracket(
