@@ -430,7 +430,7 @@ def blocks(rows: Sequence[Line], starts: Sequence[int]) -> list[Sequence[Line]]:
     return [rows[at:stop] for at, stop in zip(starts, stops, strict=False)]
 
 
-# ---- Lists: ``1 to 15 by 2 40``, on lines that end in ``c``
+# ---- Lists: ``1 to 15 by 2 and 40``, ``and`` or none, on lines that end in ``c``
 
 Member = int | tuple[int, int]
 
@@ -450,6 +450,7 @@ def read_list(lines: Iterable[Line], *, paired: bool = False) -> list[Member]:
         parts = line.text.replace(",", " ").split()
         if parts and _CONTINUED.search(line.text):
             parts.pop()
+        parts = [part for part in parts if part.lower() != "and"]
         for item in _ITEM.finditer(" ".join(parts)):
             members = _span(line, item, paired)
             line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")

@@ -176,6 +176,10 @@ def test_sides_of_elements_are_pairs():
     assert list_of("1:0 to 3:0 7:2", paired=True) == [(1, 0), (2, 0), (3, 0), (7, 2)]
 
 
+def test_parts_of_a_list_may_be_joined_by_and():
+    assert list_of("1 to 5 by 2 and c", "9 AND 12") == [1, 3, 5, 9, 12]
+
+
 @pytest.mark.parametrize(
     ("text", "paired", "found"),
     [
