@@ -197,7 +197,9 @@ def check_finger(folder: Path) -> None:
     path = folder / FINGER_FILE
     if path.is_file() and not has_finger(folder):
         raise OutputError(
-            "a finger of your own: the whole one goes here: another -o, or name", path
+            "a finger of your own, which that of this run would replace: choose another -o, or "
+            "rename it",
+            path,
         )
 
 

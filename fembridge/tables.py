@@ -668,7 +668,10 @@ def _decoded(path: Path) -> str:
 
     content = read_bytes(path, MAX_TABLE_BYTES, error_of)
     if b"\0" in content:
-        raise TableError("a binary file, expected a CSV table in UTF-8", path)
+        raise TableError(
+            "a binary file, expected a CSV table in UTF-8; of results `fembridge ingest` makes one",
+            path,
+        )
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

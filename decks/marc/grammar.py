@@ -10,9 +10,11 @@ What cannot be read is a DeckError with its line; a text that is no number a Val
 
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -445,16 +447,19 @@ _MOST = 20_000_000  # members of a list
 
 def read_list(lines: Iterable[Line], *, paired: bool = False) -> list[Member]:
     """The members of a list: numbers, or pairs ``element:side`` if `paired`, none twice."""
-    found: dict[Member, None] = {}
-    for line in lines:
+    owners, texts = list(lines), list[str]()
+    for line in owners:
         parts = line.text.replace(",", " ").split()
         if parts and _CONTINUED.search(line.text):
             parts.pop()
-        parts = [part for part in parts if part.lower() != "and"]
-        for item in _ITEM.finditer(" ".join(parts)):
-            members = _span(line, item, paired)
-            line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")
-            found.update(dict.fromkeys(members))
+        texts.append("".join(f"{part} " for part in parts if part.lower() != "and"))
+    ends = list(accumulate(map(len, texts)))
+    found: dict[Member, None] = {}
+    for item in _ITEM.finditer("".join(texts)):
+        line = owners[bisect_left(ends, item.end())]
+        members = _span(line, item, paired)
+        line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")
+        found.update(dict.fromkeys(members))
     return list(found)
 
 

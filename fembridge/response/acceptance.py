@@ -243,6 +243,8 @@ def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> 
         sums = _FORCE.findall(file.take(0, file.size).decode("latin-1"))
     time_s, force_n = np.array([list(map(fortran, each)) for each in sums]).reshape(-1, 2).T
     check_times(MS_PER_S * time_s, times_ms, file.path)
+    if not all(np.isfinite(one).all() for one in (tensor_mpa, moved_mm, force_n)):
+        raise ResultError("stress, displacement or force is not finite", run.results)
     # `RF` is the force that pushes the probe down; the section is 1 mm thick.
     found = [PA_PER_MPA * tensor_mpa, moved_mm, -force_n]
     # The rest state in front, which no solver writes.

@@ -21,7 +21,7 @@ from decks.section import section_of
 from fembridge.errors import TableError, UsageError
 from fembridge.store import write_text
 from fembridge.tables import AFFERENTS, read_table
-from fembridge.touching.words import named
+from fembridge.touching.named import named
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:

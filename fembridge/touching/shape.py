@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.touching.words import named
+from fembridge.touching.named import named
 from fembridge.typing import BoolArray, FloatArray
 
 Height = Callable[[FloatArray, FloatArray], FloatArray]

@@ -180,6 +180,12 @@ def test_parts_of_a_list_may_be_joined_by_and():
     assert list_of("1 to 5 by 2 and c", "9 AND 12") == [1, 3, 5, 9, 12]
 
 
+def test_a_span_may_go_over_the_end_of_a_line():
+    assert list_of("1 to c", "4 by c", "2 7") == [1, 3, 7]
+    with pytest.raises(DeckError, match=r"line 2: .*'x'"):
+        list_of("1 to c", "x 7")
+
+
 @pytest.mark.parametrize(
     ("text", "paired", "found"),
     [
