@@ -158,7 +158,8 @@ class Population:
         if along not in ("x", "z"):
             raise UsageError(f"a line along {along!r}, expected x or z")
         steps = _steps(half_length_mm, step_mm)
-        places = (steps, 0 * steps) if along == "x" else (0 * steps, steps)
+        zeros = np.zeros_like(steps)
+        places = (steps, zeros) if along == "x" else (zeros, steps)
         return cls._each(afferents, *places, finger)
 
     @classmethod
