@@ -7,7 +7,6 @@ between the skin's nodes: the run ends well, the skin untouched.
 """
 
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +18,7 @@ from fembridge.errors import ResponseError, ResultError, StimulusError
 from fembridge.response.response_map import IN_PLANE, ResponseMap
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex, values_at
-from fembridge.results.status import fortran
+from fembridge.results.printed import read_node_print
 from fembridge.results.stress import TENSOR, von_mises_pa
 from fembridge.run_folder import RunFolder, read_run_folder, read_waveform
 from fembridge.stimulus import Stimulus
@@ -35,9 +34,7 @@ DEEP_UM = 1000.0
 """Of all deeper stimuli: one indentation answers them too."""
 REACH_UM = 2000.0
 """Nothing deeper was ever solved: the reference fingers reach 1500 um."""
-_NUMBER = r"([-+]?\d\.\d+(?:E?[-+]\d+)?|NaN)"
-_FORCE = re.compile(rf"total force .* for set PROBE and time +{_NUMBER}\s+\S+ +{_NUMBER} +\S+\n")
-"""The ``.dat`` that our deck asks for: the sum of the forces on the probe, of which y is meant."""
+_PROBE_SET = "PROBE"
 
 _GROWTH = 1.7
 _UNLOAD_EVERY = 3
@@ -239,10 +236,10 @@ def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> 
     tensor_mpa, moved_mm = found
     on_axis = [node in run.on_axis for node in nodes]  # of a half: without shear
     tensor_mpa[:, on_axis, TENSOR.index("xy")] = 0.0
-    with ByteFile(run.folder / f"{JOB}.dat") as file:
-        sums = _FORCE.findall(file.take(0, file.size).decode("latin-1"))
-    time_s, force_n = np.array([list(map(fortran, each)) for each in sums]).reshape(-1, 2).T
-    check_times(MS_PER_S * time_s, times_ms, file.path)
+    printed = run.folder / f"{JOB}.dat"
+    force_ms, _, total_n = read_node_print(printed, "total force", _PROBE_SET)
+    check_times(force_ms, times_ms, printed)
+    force_n = total_n[:, 0, 1]
     if not all(np.isfinite(one).all() for one in (tensor_mpa, moved_mm, force_n)):
         raise ResultError("stress, displacement or force is not finite", run.results)
     # `RF` is the force that pushes the probe down; the section is 1 mm thick.
