@@ -11,12 +11,17 @@ from hypothesis.extra.numpy import arrays
 from fembridge.errors import ParameterError, TraceError
 from neural.filters import (
     DERIVATIVES,
+    FADE_MS,
+    FADING_SHARE,
     LAG_MS,
+    SLOW_HZ,
     acceleration_change,
+    faded,
     rate_change,
     sa_level,
     sa_rate,
     sharp_rise,
+    slow_rate,
     stress_rate,
 )
 
@@ -193,3 +198,23 @@ def test_what_no_filter_takes_is_refused(stress_pa, trace, error, named):
     """`sharp_rise` also asks for a lag of a whole number of samples."""
     with pytest.raises(error, match=named):
         sharp_rise(stress_pa, *trace)
+
+
+@pytest.mark.parametrize("frequency_hz", [20.0, 100.0, 400.0])
+def test_movement_reaches_sa_through_a_low_pass_of_one_pole(frequency_hz):
+    times_ms = np.arange(0.0, 200.0, 0.05)
+    turn = 2 * math.pi * frequency_hz / 1000.0  # rad/ms
+    passed = slow_rate(1e4 * np.sin(turn * times_ms), 0.05)
+    gain = 1.0 / math.hypot(1.0, frequency_hz / SLOW_HZ)
+    settled = passed[times_ms > 100.0]
+    np.testing.assert_allclose(np.abs(settled).max(), 1e4 * turn * gain, rtol=0.01)
+
+
+@pytest.mark.parametrize("shape", [(70_000,), (501, 2), (501, 40)])
+def test_what_follows_stress_is_that_of_a_plain_loop(shape):
+    stress_pa = np.random.default_rng(1).uniform(0.0, 2e4, shape)
+    followed, gain = stress_pa.copy(), -math.expm1(-0.5 / FADE_MS)
+    for row in range(1, len(stress_pa)):
+        followed[row] = followed[row - 1] + gain * (stress_pa[row] - followed[row - 1])
+    expected_pa = np.maximum(stress_pa - FADING_SHARE * followed, 0.0)
+    np.testing.assert_array_equal(faded(stress_pa, 0.5), expected_pa)
