@@ -20,7 +20,7 @@ from decks.presets import finger_table, mesh_of, read_finger
 from decks.probe import Probe
 from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
-from fembridge.run_folder import RunFolder, kept_parameters
+from fembridge.run_folder import RunFolder
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
 from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
@@ -127,8 +127,9 @@ def simulate(
     """
     from fembridge.simulation import simulate as simulate_model
     from fembridge.simulation import unlike_the_fit
+    from neural.parameter_sets import parameter_set
 
-    chosen = _parameter_set(parameters)
+    chosen = parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     settings = SolverSettings(
         threads=threads,
@@ -238,7 +239,9 @@ def build_deck(
     >>> run.folder.name, run.increments
     ('sine_20_250', 520)
     """
-    chosen = _parameter_set(parameters)
+    from neural.parameter_sets import parameter_set
+
+    chosen = parameter_set(parameters)
     if preindent_um is None:
         preindent_um = chosen.preindent_um if base_deck is None else 0.0
     stimuli = stimuli_of(
@@ -262,7 +265,7 @@ def build_deck(
             all_nodes=frames == 1,
         )
         changed = [
-            build_own_folder(Path(output) / one.id, base, one, request, kept_parameters(chosen))
+            build_own_folder(Path(output) / one.id, base, one, request, chosen.to_table())
             for one in stimuli
         ]
         for remark in changed[-1][1]:
@@ -294,7 +297,7 @@ def build_deck(
             one,
             solver=solver,
             options=options,
-            parameters=kept_parameters(chosen),
+            parameters=chosen.to_table(),
         )
         for one in stimuli
     ]
@@ -447,12 +450,6 @@ def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = No
     return field_figure(result)
 
 
-def _parameter_set(parameters: "str | ParameterSet") -> "ParameterSet":
-    from neural.parameter_sets import parameter_set_or_file
-
-    return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
-
-
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
     """The options that were given."""
     return {name: value for name, value in options.items() if value is not None}
@@ -573,9 +570,9 @@ def fit(
     )
     from fembridge.observed import FAMILIES, read_observed
     from fembridge.tables import AFFERENTS, read_spikes
-    from neural.parameter_sets import fitted_preindent_um
+    from neural.parameter_sets import DEFAULT_SET, parameter_set
 
-    of_default = 0.0 if drive == "published" else fitted_preindent_um()
+    of_default = 0.0 if drive == "published" else parameter_set(DEFAULT_SET).preindent_um
     search = {"evaluations": evaluations, "population": population}
     settings = fitting.FitSettings(
         families=FAMILIES if family == EVERY else (family,),
@@ -684,8 +681,9 @@ def thresholds(
     from fembridge.fitting.problem import solved_source, stored_source
     from fembridge.tuning import frequencies_of
     from fembridge.tuning import thresholds as of_class
+    from neural.parameter_sets import parameter_set
 
-    chosen = _parameter_set(parameters)
+    chosen = parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
     frequencies_hz = frequencies_of(hz) if isinstance(hz, str) else list(hz)

@@ -27,8 +27,7 @@ from fembridge.simulation import (
 )
 from fembridge.tables import SpikeTrain, read_traces
 from fembridge.trace import Origin, StressTrace, Traces, doubt_of_step, resample
-from neural import Parameters, ParameterSet, parameter_set, parameter_set_or_file
-from neural.parameter_sets import parameter_set_of
+from neural import Parameters, ParameterSet, parameter_set
 
 if TYPE_CHECKING:
     import pandas
@@ -105,12 +104,12 @@ def parameters_for(
 ) -> ParameterSet:
     """The set that `traces` are encoded by; `log` gets what its fit had otherwise."""
     origin = traces.origin
-    if isinstance(parameters, ParameterSet):
-        chosen = parameters
-    elif parameters is not None:
-        chosen = parameter_set_or_file(parameters)
+    if parameters is not None:
+        chosen = parameter_set(parameters)
     elif origin and origin.parameters:
-        chosen = parameter_set_of(origin.parameters, origin.stimulus, "the run of the traces")
+        chosen = ParameterSet.from_table(
+            origin.parameters, origin.stimulus, "the run of the traces"
+        )
     else:
         chosen = parameter_set("fitted")
     # Of an unknown run: what starts without stress was not pre-indented.

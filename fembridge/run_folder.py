@@ -13,16 +13,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from decks.dialects import dialect_of
 from fembridge.errors import ResultError, TableError
 from fembridge.store import read_toml, structure, write_text
 from fembridge.trace import AFFERENT_NAME, Origin, finger_id
 from fembridge.typing import FloatArray, Table
-
-if TYPE_CHECKING:
-    from neural.parameter_sets import ParameterSet
 
 FORMAT = 1
 RUN_FILE = "run.toml"
@@ -191,20 +188,6 @@ class _RunFile:
     branches: dict[str, int] = field(default_factory=dict)
     on_axis: tuple[int, ...] = ()
     length_unit: str = "mm"
-
-
-def kept_parameters(chosen: "ParameterSet") -> Table:
-    """`chosen` as a run keeps it; of a fit its equations, which a later version may not have."""
-    table, fit = chosen.to_table(), chosen.origin.get("fit")
-    if set(table) == {"name"} or not isinstance(fit, Mapping):
-        return table
-    rows = {name: row for name, row in fit.items() if isinstance(row, Mapping)}
-    equations = {
-        name: {key: row[key] for key in ("drive", "equation") if key in row}
-        for name, row in rows.items()
-        if "equation" in row
-    }
-    return {**table, "fit": {**table.get("fit", {}), **equations}}
 
 
 def read_run_folder(folder: Path) -> RunFolder:

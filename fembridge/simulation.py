@@ -40,7 +40,7 @@ from fembridge.response.solve import (
     solve_transients,
     why_no_map,
 )
-from fembridge.run_folder import RUN_FILE, kept_parameters, read_run_folder, read_waveform
+from fembridge.run_folder import RUN_FILE, read_run_folder, read_waveform
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, remove_file, replacing, write_text
@@ -240,7 +240,7 @@ def simulate(
     closure_percent: float | None = None
     response: ResponseMap | None = None
     origin: Table = {"source": "CalculiX"}
-    kept = kept_parameters(parameters)
+    kept = parameters.to_table()
     if stored or find_ccx() is None:
         if method == "transient":
             raise MissingError(

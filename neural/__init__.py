@@ -9,12 +9,7 @@ and ``neural.search`` fit it.
 from neural.agreement import Agreement, agreement
 from neural.encoder import encode, encode_afferents, encode_cells
 from neural.models import MODELS
-from neural.parameter_sets import (
-    ParameterSet,
-    parameter_set,
-    parameter_set_or_file,
-    read_parameter_set,
-)
+from neural.parameter_sets import ParameterSet, parameter_set
 from neural.parameters import PUBLISHED, AfferentParameters, Parameters
 from neural.rates import mean_rate_ips, rate_ips
 
@@ -31,7 +26,5 @@ __all__ = [
     "encode_cells",
     "mean_rate_ips",
     "parameter_set",
-    "parameter_set_or_file",
     "rate_ips",
-    "read_parameter_set",
 ]

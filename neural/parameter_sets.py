@@ -42,8 +42,9 @@ DEFAULT_SET = "fitted"
 
 SET_NAMES = ("published", "fitted", "fitted_pad")
 
-_HEAD_KEYS = ("name", "base", "preindent_um")
+_HEAD_KEYS = ("name", "preindent_um")
 _ORIGIN_KEYS = ("name", "fit", "study")
+_NO_SECTIONS = {"base", *_HEAD_KEYS, *_ORIGIN_KEYS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,134 +63,132 @@ class ParameterSet:
     finger: Mapping[str, str] = field(default_factory=dict)
 
     def to_table(self) -> Table:
-        """As a run keeps it: a shipped set by its name, another one whole."""
+        """As a run keeps it: a shipped set by its name, another one whole.
+
+        Of its fit the finger and the equations are kept, which a later version may not have.
+        """
         if self.name in SET_NAMES and parameter_set(self.name) is self:
             return {"name": self.name}
-        return {
-            "name": self.name,
-            "preindent_um": self.preindent_um,
-            **parameters_to_table(self.parameters),
-            **({"fit": {"response": _response_table(self.finger)}} if self.finger else {}),
-        }
+        response = {"finger" if k == "name" else f"finger_{k}": v for k, v in self.finger.items()}
+        fit: Table = {"response": response} if response else {}
+        for afferent in AFFERENTS:
+            row = _part(_part(self.origin, "fit"), afferent)
+            if "equation" in row:
+                fit[afferent] = {key: row[key] for key in ("drive", "equation") if key in row}
+        table = {"name": self.name, "preindent_um": self.preindent_um}
+        return {**table, **parameters_to_table(self.parameters), **({"fit": fit} if fit else {})}
+
+    @classmethod
+    def from_table(cls, table: Table, name: str, source: str) -> "ParameterSet":
+        """The set of a table as a file has it, or `to_table` gives it.
+
+        `name` is for one without; the message of a `ParameterError` begins with `source`.
+        """
+        if set(table) == {"name"}:
+            return parameter_set(str(table["name"]))
+        try:
+            base = table.get("base")
+            if base is not None and base not in SET_NAMES:
+                raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
+            start = parameter_set(base or SET_NAMES[0])
+            head = {key: table[key] for key in _HEAD_KEYS if key in table}
+            known = changed(_Head(name, start.preindent_um), head, ParameterError)
+            sections = {key: one for key, one in table.items() if key not in _NO_SECTIONS}
+            parameters = _parameters_of(sections, None if base is None else start.parameters)
+            fit = _part(table, "fit")
+            for afferent in sections:
+                _check_equation(_part(fit, afferent), parameters[afferent])
+        except ParameterError as error:
+            raise ParameterError(f"{source}: {error}") from error
+        finger, response = start.finger, _part(fit, "response")
+        if "finger" in response:
+            there = {"name": response["finger"], "sha256": response.get("finger_sha256")}
+            finger = {key: str(value) for key, value in there.items() if value is not None}
+        origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
+        return cls(known.name, parameters, known.preindent_um, origin, finger)
 
 
 @dataclass(frozen=True, slots=True)
 class _Head:
     name: str
     preindent_um: float
-    base: str = ""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.preindent_um) and self.preindent_um >= 0):
+            raise ParameterError(f"preindent_um is {self.preindent_um}, expected a number >= 0")
 
 
-@cache
-def parameter_set(name: str) -> ParameterSet:
-    """A shipped set: ``published``, Table 2, ``fitted``, or ``fitted_pad`` for `fb.touch`.
+def parameter_set(wanted: str | Path | ParameterSet) -> ParameterSet:
+    """A set by its name or of its file, or a set as it is.
+
+    ``published`` is Table 2, ``fitted`` the default, ``fitted_pad`` for `fb.touch`. A path
+    is a file's, and so is a word that is none of these.
 
     Raises
     ------
     UsageError
-        No set of that name.
-    """
-    if name == "published":
-        return ParameterSet(name, PUBLISHED, origin={"fit": {"source": "Ishizuka et al., Table 2"}})
-    if name == "fitted":
-        return read_parameter_set(FITTED_FILE)
-    if name == "fitted_pad":
-        return read_parameter_set(PAD_FILE)
-    raise UsageError(f"no parameter set {name!r}, expected {' or '.join(SET_NAMES)} or a TOML file")
-
-
-def fitted_preindent_um() -> float:
-    """Depth of the probe before time 0 in the fit of the shipped parameters."""
-    return parameter_set("fitted").preindent_um
-
-
-def parameter_set_or_file(word: str) -> ParameterSet:
-    """A shipped set by its name, or that of the file `word`.
-
-    Raises
-    ------
-    ParameterError
-        Neither is there, or the file is none of parameters.
-    """
-    path = Path(word)
-    if word and word not in SET_NAMES and (path.suffix or path.exists()):
-        return read_parameter_set(path)
-    return parameter_set(word)
-
-
-def read_parameter_set(path: Path) -> ParameterSet:
-    """A TOML file of parameters, with what they hold for.
-
-    Raises
-    ------
+        A word that is neither a set's nor a file's.
     ParameterError
         No such file, not TOML, an unknown section or key, or a value outside its meaning.
     """
-    return parameter_set_of(read_toml(path, ParameterError), path.stem, str(path))
+    if isinstance(wanted, ParameterSet):
+        return wanted
+    if wanted in SET_NAMES:
+        return _shipped(str(wanted))
+    path = Path(wanted)
+    if isinstance(wanted, Path) or (wanted and (path.suffix or path.exists())):
+        return ParameterSet.from_table(read_toml(path, ParameterError), path.stem, str(path))
+    known = " or ".join(SET_NAMES)
+    raise UsageError(f"no parameter set {wanted!r}, expected {known} or a TOML file")
 
 
-def parameter_set_of(table: Table, name: str, source: str) -> ParameterSet:
-    """The set of a table as a file has it, or `ParameterSet.to_table` gives it.
+@cache
+def _shipped(name: str) -> ParameterSet:
+    if name == "published":
+        return ParameterSet(name, PUBLISHED, origin={"fit": {"source": "Ishizuka et al., Table 2"}})
+    return parameter_set({"fitted": FITTED_FILE, "fitted_pad": PAD_FILE}[name])
 
-    `name` is for one without; errors, as of `read_parameter_set`, begin with `source`.
-    """
-    if set(table) == {"name"}:
-        return parameter_set(str(table["name"]))
-    place = ""
-    try:
-        base = table.get("base")
-        if base is not None and base not in SET_NAMES:
-            raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
-        whole = base is None
-        start = parameter_set(base or SET_NAMES[0])
-        head = {key: table[key] for key in _HEAD_KEYS if key in table}
-        known = changed(_Head(name, start.preindent_um), head, ParameterError)
-        chosen = dict(start.parameters)
-        if not (math.isfinite(known.preindent_um) and known.preindent_um >= 0):
-            raise ParameterError(f"preindent_um is {known.preindent_um}, expected a number >= 0")
-        for afferent, section in table.items():
-            if afferent in (*_ORIGIN_KEYS, *_HEAD_KEYS):
-                continue
-            if afferent not in PUBLISHED:
-                hint = near_hint(afferent, AFFERENTS)
-                expected = ", ".join(AFFERENTS)
-                raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
-            place = f"{afferent}: "
-            based = chosen[afferent]
+
+def _parameters_of(sections: Table, base: Parameters | None) -> Parameters:
+    """Parameters of all classes: of the `sections`, and what these leave out as in `base`."""
+    chosen = dict(base or PUBLISHED)
+    for afferent, section in sections.items():
+        if afferent not in PUBLISHED:
+            hint = near_hint(afferent, AFFERENTS)
+            expected = ", ".join(AFFERENTS)
+            raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
+        based = chosen[afferent]
+        try:
             drive = section.get("drive", based.drive) if isinstance(section, dict) else based.drive
             kind = model_named(str(drive), afferent).parameters
-            if not whole and kind is type(based):
+            if base and kind is type(based):
                 chosen[afferent] = changed(based, section, ParameterError)
             else:
-                chosen[afferent] = structure(
-                    section, kind, _incomplete if whole else ParameterError
-                )
-            _check_equation(table.get("fit"), chosen[afferent])
-        place = ""
-        if whole and (absent := [f"section {one}" for one in AFFERENTS if one not in table]):
-            raise _incomplete(f"{' and '.join(absent)}: absent")
-    except ParameterError as error:
-        raise ParameterError(f"{source}: {place}{str(error).removeprefix(place)}") from error
-    origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
-    fit = table.get("fit")
-    response = fit.get("response") if isinstance(fit, dict) else None
-    finger = start.finger
-    if isinstance(response, dict) and "finger" in response:
-        there = {"name": response["finger"], "sha256": response.get("finger_sha256")}
-        finger = {key: str(value) for key, value in there.items() if value is not None}
-    parameters = MappingProxyType(chosen)
-    return ParameterSet(known.name, parameters, known.preindent_um, origin, finger)
+                chosen[afferent] = structure(section, kind, ParameterError if base else _incomplete)
+        except ParameterError as error:
+            place = f"{afferent}: "
+            raise ParameterError(f"{place}{str(error).removeprefix(place)}") from error
+    if not base and (absent := [f"section {one}" for one in AFFERENTS if one not in sections]):
+        raise _incomplete(f"{' and '.join(absent)}: absent")
+    return MappingProxyType(chosen)
 
 
-def _check_equation(fit: object, parameters: AfferentParameters) -> None:
-    """Refuse parameters whose `fit` was with another equation than their model now has."""
+def _check_equation(row: Table, parameters: AfferentParameters) -> None:
+    """Refuse parameters whose fit, of `row`, was with another equation than their model now has."""
     model = model_of(parameters)
-    row = fit.get(model.afferent) if isinstance(fit, dict) else None
-    if not isinstance(row, dict) or row.get("drive", parameters.drive) != parameters.drive:
+    if row.get("drive", model.name) != model.name:
         return
     if row.get("equation", model.equation) != model.equation:
-        words = f"fitted with another equation of {parameters.drive} than this version's"
-        raise ParameterError(f"{words}: fit it again")
+        raise ParameterError(
+            f"{model.afferent}: fitted with another equation of {model.name} than this "
+            "version's: fit it again"
+        )
+
+
+def _part(table: object, key: str) -> Table:
+    """The table under `key`; an empty one where there is none."""
+    part = table.get(key) if isinstance(table, Mapping) else None
+    return dict(part) if isinstance(part, Mapping) else {}
 
 
 def _incomplete(problem: str) -> ParameterError:
@@ -197,10 +196,6 @@ def _incomplete(problem: str) -> ParameterError:
     if problem.endswith(": absent"):
         problem += '; a file of some classes or keys begins with base = "fitted" or "published"'
     return ParameterError(problem)
-
-
-def _response_table(finger: Mapping[str, str]) -> Table:
-    return {"finger" if key == "name" else f"finger_{key}": word for key, word in finger.items()}
 
 
 def parameters_to_table(parameters: Parameters) -> Table:

@@ -35,12 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from fembridge import api
     from neural.fit_problem import DISTANCES
     from neural.models import DEFAULT_MODELS
-    from neural.parameter_sets import fitted_preindent_um
+    from neural.parameter_sets import DEFAULT_SET, parameter_set
     from neural.search import EVALUATIONS, POPULATION, RULES
 
     defaults = ", ".join(f"{model} {name}" for name, model in DEFAULT_MODELS.items())
     rules = "; ".join(f"{name}: {sentence}" for name, sentence in RULES.items())
-    depth_um = fitted_preindent_um()
+    depth_um = parameter_set(DEFAULT_SET).preindent_um
     add_options(parser, ("observed",))
     add = parser.add_argument
     add(

@@ -23,7 +23,7 @@ from fembridge.store import write_text
 from neural.agreement import Agreement, agreement
 from neural.encoder import encode_cells
 from neural.models import DEFAULT_MODELS, MODELS, model_named
-from neural.parameter_sets import fitted_preindent_um
+from neural.parameter_sets import DEFAULT_SET, parameter_set
 from neural.parameters import PUBLISHED
 from neural.rates import mean_rate_ips
 from neural.search import EVALUATIONS, cross_validate
@@ -84,9 +84,10 @@ def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
     The default models over a range of pre-indentations, and with one cell; the published
     model with many.
     """
+    own_um = parameter_set(DEFAULT_SET).preindent_um
     cases = [
         Case(name, afferent, rows[afferent].cells, depth_um)
-        for depth_um in (0.0, fitted_preindent_um())
+        for depth_um in (0.0, own_um)
         for name, rows in MODELS.items()
         for afferent in afferents
         if afferent in rows
@@ -95,11 +96,8 @@ def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
         name = DEFAULT_MODELS[afferent]
         cells = MODELS[name][afferent].cells
         cases += [Case(name, afferent, cells, depth_um) for depth_um in _DEPTHS_UM]
-        cases.append(Case(name, afferent, 1, fitted_preindent_um()))
-        cases += [
-            Case("published", afferent, _MANY_CELLS, depth_um)
-            for depth_um in (0.0, fitted_preindent_um())
-        ]
+        cases.append(Case(name, afferent, 1, own_um))
+        cases += [Case("published", afferent, _MANY_CELLS, each_um) for each_um in (0.0, own_um)]
     return tuple(dict.fromkeys(cases))
 
 

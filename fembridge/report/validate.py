@@ -41,7 +41,7 @@ from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.touchsim import touchsim_rates
 from fembridge.trace import finger_id
 from neural import ParameterSet
-from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set_or_file
+from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -255,7 +255,7 @@ def fingertip_model() -> JudgedModel:
 
 
 def _model(word: str) -> JudgedModel:
-    found = parameter_set_or_file(word)
+    found = parameter_set(word)
     fit = found.origin.get("fit")
     source = fit.get("source") if isinstance(fit, Mapping) else None
     source = str(source or f"parameter set {word!r} of fembridge")

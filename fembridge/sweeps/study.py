@@ -45,7 +45,7 @@ from fembridge.sweeps.fingers import (
     fingers_of,
     place,
 )
-from neural import ParameterSet, parameter_set, parameter_set_or_file
+from neural import ParameterSet, parameter_set
 from neural.parameter_sets import SET_NAMES
 
 Asked = Mapping[str, Value]
@@ -200,7 +200,7 @@ def study_from(
             check_below(word)
             if PurePosixPath(word).suffix or (folder / word).exists():
                 word = str(folder / word)
-        parameters = parameter_set_or_file(word)
+        parameters = parameter_set(word)
     name = name if asked.name is None else asked.name
     if not 0 < len(name) <= _MAX_NAME or not name.isprintable():  # in reports and pictures
         raise UsageError(f"name: {name!r}, expected 1 to {_MAX_NAME} characters")

@@ -37,7 +37,7 @@ from fembridge.touching.shape import Shape, shape_named
 from fembridge.touching.stress import driving_stress_pa
 from fembridge.touching.way import Pins, Way, read_pins, way_of
 from fembridge.typing import FloatArray, SingleArray, Table
-from neural.parameter_sets import ParameterSet, parameter_set_or_file
+from neural.parameter_sets import ParameterSet, parameter_set
 from neural.parameters import Parameters
 from neural.units import UnitSpikes, encode_units
 
@@ -446,4 +446,4 @@ def parameters_on(pad: Pad, parameters: str | ParameterSet | None) -> ParameterS
     """The set of a name, a file, or as it is; None: the one that was fitted on such a pad."""
     if parameters is None:
         parameters = "fitted" if pad.plane else "fitted_pad"
-    return parameter_set_or_file(parameters) if isinstance(parameters, str) else parameters
+    return parameter_set(parameters)

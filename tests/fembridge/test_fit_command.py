@@ -18,7 +18,7 @@ from fembridge.fitting import fit as fitting
 from fembridge.fitting.fit import SearchBar
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import Rate, read_rates, write_rates
-from neural import PUBLISHED, encode_cells, rate_ips, read_parameter_set
+from neural import PUBLISHED, encode_cells, parameter_set, rate_ips
 from neural.models import MODELS
 
 FILES = ["fitted.toml", "fitted_rates.csv", "pareto_RA.csv", "pareto_SA.csv"]
@@ -121,7 +121,7 @@ def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, caps
 def test_the_file_of_parameters_gives_the_rates_that_are_said(call, tmp_path, undrawn):
     """Read back, and worked out by the encoder apart from the fit."""
     call()
-    found = read_parameter_set(tmp_path / "out/fitted.toml")
+    found = parameter_set(tmp_path / "out/fitted.toml")
     assert found.name == "fit"
     assert found.preindent_um == 75.0
     assert found.parameters["PC"] == PUBLISHED["PC"]

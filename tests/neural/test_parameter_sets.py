@@ -17,11 +17,9 @@ from neural.parameter_sets import (
     DEFAULT_SET,
     FITTED_FILE,
     PAD_FILE,
+    ParameterSet,
     parameter_set,
-    parameter_set_of,
-    parameter_set_or_file,
     parameters_to_table,
-    read_parameter_set,
 )
 from neural.parameters import (
     AFFERENTS,
@@ -58,7 +56,7 @@ def parameters_from_table(table, base="published"):
     with TemporaryDirectory() as folder:
         path = Path(folder) / "own.toml"
         path.write_text(tomli_w.dumps(table), encoding="utf-8")
-        return read_parameter_set(path).parameters
+        return parameter_set(path).parameters
 
 
 @pytest.fixture
@@ -118,7 +116,7 @@ def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
         "[fit]\nseed = 3\nsources = ['a.csv', 'b.csv']\n[study.RA]\nrank = 1\n"
     )
 
-    own = read_parameter_set(path)
+    own = parameter_set(path)
 
     assert (own.name, own.preindent_um) == ("mine", 75.0)
     assert isinstance(own.preindent_um, float)
@@ -133,26 +131,26 @@ def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
 def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
     fitted = parameter_set("fitted")
 
-    own = read_parameter_set(file_of("base = 'fitted'\n[SA]\ntau_ms = 50.0"))
+    own = parameter_set(file_of("base = 'fitted'\n[SA]\ntau_ms = 50.0"))
 
     assert own.preindent_um == fitted.preindent_um
     assert own.parameters["SA"] == replace(fitted.parameters["SA"], tau_ms=50.0)
     assert own.parameters["RA"] == fitted.parameters["RA"]
     with pytest.raises(ParameterError, match="'mine'"):
-        read_parameter_set(file_of("base = 'mine'"))
+        parameter_set(file_of("base = 'mine'"))
 
 
 WHOLE = tomli_w.dumps({**parameters_to_table(PUBLISHED), "RA": RISING_RA}).splitlines(keepends=True)
 
 
 def test_a_whole_set_needs_no_base(file_of):
-    assert read_parameter_set(file_of("".join(WHOLE))).parameters["PC"] == PUBLISHED["PC"]
+    assert parameter_set(file_of("".join(WHOLE))).parameters["PC"] == PUBLISHED["PC"]
 
 
 @pytest.mark.parametrize("lines", [k for k in range(len(WHOLE)) if WHOLE[k] != "\n"])
 def test_a_set_that_was_cut_is_never_completed_from_another(file_of, lines):
     with pytest.raises(ParameterError, match=r'own\.toml: .*base = "fitted"'):
-        read_parameter_set(file_of("".join(WHOLE[:lines])))
+        parameter_set(file_of("".join(WHOLE[:lines])))
 
 
 @pytest.mark.parametrize("path", [FITTED_FILE, PAD_FILE])
@@ -164,25 +162,25 @@ def test_a_fit_with_another_equation_is_refused(file_of, path):
         assert row["equation"] == model_named(row["drive"], afferent).equation
         row["equation"] = "I' = σ"
         with pytest.raises(ParameterError, match=rf"own\.toml: {afferent}: fitted with another eq"):
-            read_parameter_set(file_of(tomli_w.dumps(changed)))
+            parameter_set(file_of(tomli_w.dumps(changed)))
         other = asdict(PUBLISHED[afferent])  # another model's numbers: not of that fit
-        read_parameter_set(file_of(tomli_w.dumps({**changed, afferent: other})))
+        parameter_set(file_of(tomli_w.dumps({**changed, afferent: other})))
         del row["equation"]
-        own = read_parameter_set(file_of(tomli_w.dumps(changed)))
-        assert own.parameters == read_parameter_set(path).parameters
+        own = parameter_set(file_of(tomli_w.dumps(changed)))
+        assert own.parameters == parameter_set(path).parameters
 
 
 @pytest.mark.parametrize("name", ["published", "fitted", "fitted_pad"])
 def test_a_shipped_set_travels_by_its_name(name):
     assert parameter_set(name).to_table() == {"name": name}
-    assert parameter_set_of({"name": name}, "run", "run.toml") is parameter_set(name)
+    assert ParameterSet.from_table({"name": name}, "run", "run.toml") is parameter_set(name)
 
 
 def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
-    own = read_parameter_set(file_of("base = 'fitted'\nname = 'fitted'\n[SA]\ntau_ms = 50.0"))
+    own = parameter_set(file_of("base = 'fitted'\nname = 'fitted'\n[SA]\ntau_ms = 50.0"))
 
     table = tomllib.loads(tomli_w.dumps(own.to_table()))
-    back = parameter_set_of(table, "run", "run.toml")
+    back = ParameterSet.from_table(table, "run", "run.toml")
 
     assert (back.name, back.preindent_um, back.finger["name"]) == ("fitted", 75.0, "quick")
     assert dict(back.finger) == dict(own.finger)
@@ -192,7 +190,7 @@ def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
 
 def test_fitted_is_its_file_and_has_the_default_models():
     own = parameter_set("fitted")
-    read = read_parameter_set(FITTED_FILE)
+    read = parameter_set(FITTED_FILE)
 
     assert own.name == "fitted" == DEFAULT_SET
     assert dict(own.parameters) == dict(read.parameters)
@@ -214,9 +212,8 @@ def test_what_is_fitted_lies_inside_what_is_searched():
 def test_a_word_that_names_nothing_is_refused(tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
 
-    for give in (parameter_set, parameter_set_or_file):
-        with pytest.raises(UsageError, match=f"'{word}'"):
-            give(word)
+    with pytest.raises(UsageError, match=f"'{word}'"):
+        parameter_set(word)
 
 
 @pytest.mark.parametrize("name", ["own.toml", "own", "own.txt"])
@@ -226,7 +223,7 @@ def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
 
     for word in (name, f"./{name}", str(tmp_path / name)):
-        own = parameter_set_or_file(word)
+        own = parameter_set(word)
         assert own.name == "own"
         assert dict(own.parameters) == dict(PUBLISHED)
 
@@ -235,8 +232,8 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
     (tmp_path / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
 
-    assert parameter_set_or_file("published").parameters is PUBLISHED
-    own = parameter_set_or_file("./published")
+    assert parameter_set("published").parameters is PUBLISHED
+    own = parameter_set("./published")
     assert own.parameters["SA"].tau_ms == 1.0
 
 
@@ -266,7 +263,7 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
 )
 def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named):
     with pytest.raises(ParameterError, match=r"own\.toml: .*" + named) as caught:
-        read_parameter_set(file_of(f"base = 'published'\n{text}"))
+        parameter_set(file_of(f"base = 'published'\n{text}"))
 
     assert "\n" not in str(caught.value)
 
@@ -277,4 +274,4 @@ def test_a_folder_or_a_file_that_is_not_there_is_named(tmp_path, monkeypatch, wo
     (tmp_path / "sets").mkdir()
 
     with pytest.raises(ParameterError, match=rf"^{re.escape(word)}: "):
-        parameter_set_or_file(word)
+        parameter_set(word)

@@ -20,7 +20,7 @@ from fembridge.fitting.study import (
 from fembridge.observed import read_observed
 from fembridge.tables import Rate, write_rates
 from neural.models import MODELS
-from neural.parameter_sets import fitted_preindent_um
+from neural.parameter_sets import parameter_set
 
 STIMULI = ("sine_20_100", "sine_20_250", "sine_50_100", "sine_50_250")
 CASES = [Case("published", "RA", 1, 0.0), Case("rising", "RA", 2, 50.0)]
@@ -84,7 +84,10 @@ def test_the_whole_study_has_every_drive_unheld_and_held():
     found = {(case.model, case.afferent, case.preindent_um) for case in cases}
     for name, rows in MODELS.items():
         for afferent in rows:
-            assert {(name, afferent, 0.0), (name, afferent, fitted_preindent_um())} <= found
+            assert {
+                (name, afferent, 0.0),
+                (name, afferent, parameter_set("fitted").preindent_um),
+            } <= found
     assert len(cases) == len(set(cases))
 
 
