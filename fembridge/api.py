@@ -334,7 +334,7 @@ def run(
     >>> outcome.accepted
     False
     """
-    from fembridge.solver.batch import run_folders
+    from fembridge.solver.ccx import run_folders
 
     settings = SolverSettings(
         threads, jobs, time_limit_s, stall_limit_s, iteration_limit, on_progress, cache

@@ -19,8 +19,8 @@ from decks.waveform import make_stimulus
 from fembridge.errors import ParameterError, ResponseError, UsageError
 from fembridge.evidence import CRITERIA
 from fembridge.observed import FAMILIES, ObservedRates
+from fembridge.response.indentation import RESPONSE_FOLDER
 from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
-from fembridge.response.solve import RESPONSE_FOLDER
 from fembridge.stimulus import Stimulus
 from fembridge.store import sha256_of
 from fembridge.tables import SpikeTrain

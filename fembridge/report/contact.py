@@ -1,7 +1,7 @@
 """Studies of the contact: which model comes back on its way out, and how stiff it has to be.
 
 `models`: down to 250 µm and up again over the same depths, on the `quick` finger. Closure
-is what `fembridge.response.acceptance` judges every response by: the largest difference
+is what `fembridge.response.indentation` judges every response by: the largest difference
 between unloading and loading at the same depth, in percent of the stress there.
 
 `stiffness`: the stress at each afferent against the springs' stiffness K. What they give
@@ -26,8 +26,7 @@ from fembridge.report.runs import (
     through,
 )
 from fembridge.report.study import Check, Finding, finish, line, panels
-from fembridge.response.acceptance import CLOSURE_PERCENT, judge
-from fembridge.response.solve import LADDER
+from fembridge.response.indentation import CLOSURE_PERCENT, LADDER, judge
 from fembridge.stimulus import Stimulus
 
 if TYPE_CHECKING:

@@ -20,9 +20,8 @@ from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
 from fembridge.report.runs import Attempt, Cost, Runs
 from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, off_percent, panels
-from fembridge.response.acceptance import indentation, measured_response
+from fembridge.response.indentation import CONTACT_CAUSES, LADDER, indentation, measured_response
 from fembridge.response.response_map import ResponseMap
-from fembridge.response.solve import CONTACT_CAUSES, LADDER
 from fembridge.results import read
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace

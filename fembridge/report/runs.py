@@ -20,7 +20,7 @@ from decks.analysis import Model
 from decks.dialects import JOB
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
-from fembridge.response.acceptance import read_pressed
+from fembridge.response.indentation import read_pressed
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, RunFolder
 from fembridge.solver.ccx import LOG_FILE, finished_outcome, run_ccx

@@ -33,8 +33,8 @@ from fembridge.response.deflection import (
     convergence,
     stored_deflections,
 )
+from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseMap
-from fembridge.response.solve import solve_response
 from fembridge.simulation import Simulation, encode_all, unlike_the_fit
 from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain

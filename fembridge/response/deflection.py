@@ -26,7 +26,7 @@ from decks.probe import Probe
 from decks.refinement import refined
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError, UsageError
-from fembridge.response.acceptance import loading_um, read_pressed
+from fembridge.response.indentation import loading_um, read_pressed
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings

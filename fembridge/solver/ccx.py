@@ -10,6 +10,10 @@ in the deck finds its file where its author expects it.
 An accepted run's files move up beside the deck, the record last; it is removed before
 anything is replaced. So ``job.frd`` is always the whole result of a good run, whatever
 became of later ones, and where the record's checksums agree it is of this deck.
+
+Run folders of another solver are run by the function that a package has for it under the
+entry point group ``fembridge.solvers``: the entry's name is the one in ``run.toml``, its
+object is called as `run_ccx` is.
 """
 
 import contextlib
@@ -22,17 +26,19 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
+from typing import TypeAlias
 
-from decks.dialects import JOB
+from decks.dialects import DIALECTS, JOB
 from fembridge import cache
 from fembridge.errors import FembridgeError, LockedError, MissingError, OutputError, ResultError
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.results.status import CvgRow, StaRow, read_cvg, read_sta
-from fembridge.run_folder import SOLVER_FILE, RunFolder
+from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.solver import guard
 from fembridge.solver.settings import (
     DEFAULTS,
@@ -45,6 +51,7 @@ from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, 
 from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text
 from fembridge.typing import Table
 
+ENTRY_POINTS = "fembridge.solvers"
 GRACE_S = 3.0
 """From the request to end until it is no longer a request."""
 FIRST_LOOK_S = 0.05
@@ -78,6 +85,67 @@ REFERS = re.compile(r"(?im)^\s*\*(?:INCLUDE|RESTART|SUBMODEL)|^\s*\*.*,\s*(?:INP
 
 _NAMED = (("finger", "name"), ("stimulus", "id"))
 """What of a run's inputs names it to a person."""
+
+
+Solver: TypeAlias = Callable[[RunFolder, SolverSettings, threading.Event | None], Outcome]
+"""Solve one run; a run that is not accepted is an outcome, not an exception."""
+
+
+def run_folders(
+    folders: Iterable[Path | RunFolder], settings: SolverSettings = DEFAULTS, *, force: bool = False
+) -> list[Outcome]:
+    """Outcomes, one a folder, in the order given; a duplicate is run once.
+
+    Each is run with the solver that its ``run.toml`` names, ``settings.jobs`` at the
+    same time; with `force` also where whole results of the same deck are. All that is
+    wrong with one folder is the failure in its outcome; nothing of it is raised.
+    """
+    halt = threading.Event()
+
+    def solve(one: tuple[Path, RunFolder | None]) -> Outcome:
+        folder, run = one
+        if halt.is_set():
+            return Outcome(folder, Failure(Cause.INTERRUPTED, "before it began"))
+        try:
+            run = run or read_run_folder(folder)
+            solver = load_solver(run.solver)
+            finished = None if force else finished_outcome(run)
+            return finished or solver(run, settings, halt)
+        except FembridgeError as error:
+            problem = str(error).removeprefix(f"{folder}: ")
+            return Outcome(folder, Failure(Cause.BAD_FOLDER, problem))
+        except BaseException:
+            halt.set()  # before this thread takes the next folder
+            raise
+
+    unique: dict[Path, tuple[Path, RunFolder | None]] = {}
+    for one in folders:
+        folder, run = (one, None) if isinstance(one, Path) else (one.folder, one)
+        unique.setdefault(folder.resolve(), (folder, run))
+    with signals_as_exits(), ThreadPoolExecutor(settings.jobs) as pool:
+        try:
+            return list(pool.map(solve, unique.values()))
+        finally:  # after Ctrl-C the pool waits until each solver is stopped
+            halt.set()
+
+
+def load_solver(name: str) -> Solver:
+    """The function that runs the solver `name`."""
+    if name == "calculix":
+        return run_ccx
+    import importlib.metadata
+
+    rows = importlib.metadata.entry_points(group=ENTRY_POINTS)
+    for row in rows.select(name=name):
+        loaded: Solver = row.load()
+        return loaded
+    if name in DIALECTS:
+        raise MissingError(
+            f"{name.capitalize()} is run with your own solver, in the run folder: "
+            f"{DIALECTS[name].how_to_run}"
+        )
+    known = ", ".join(sorted({"calculix", *rows.names}))
+    raise MissingError(f"no solver {name!r} here; there is {known}")
 
 
 def run_ccx(
@@ -144,23 +212,26 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
     """The outcome on record, if the results are whole and of the deck there; else None."""
     try:
         table = read_toml(run.folder / SOLVER_FILE, FembridgeError)
-        digests = _digests(run.folder)
         recorded = {name: text for name, text in table.items() if name.endswith("_sha256")}
-        if table["format"] != RECORD_FORMAT or recorded != digests:
-            return None
-        return Outcome(
-            folder=run.folder,
-            skipped=True,
-            version=str(table["version"]) or None,
-            exit_code=int(table["exit_code"]),
-            wall_s=float(table["wall_s"]),
-            increments=int(table["increments"]),
-            iterations=int(table["iterations"]),
-            threads=table.get("threads"),
-            as_built=digests["deck_sha256"] == run.deck_sha256,
-        )
+        whole = table["format"] == RECORD_FORMAT and recorded == _digests(run.folder)
+        return _on_record(run, table) if whole else None
     except (FembridgeError, OSError, KeyError, TypeError, ValueError):  # also: no TOML
         return None
+
+
+def _on_record(run: RunFolder, table: Table) -> Outcome:
+    """The outcome of which ``solver.toml`` has the `table`."""
+    return Outcome(
+        folder=run.folder,
+        skipped=True,
+        version=str(table["version"]) or None,
+        exit_code=int(table["exit_code"]),
+        wall_s=float(table["wall_s"]),
+        increments=int(table["increments"]),
+        iterations=int(table["iterations"]),
+        threads=table.get("threads"),
+        as_built=table["deck_sha256"] == run.deck_sha256,
+    )
 
 
 class Watchdog:
@@ -319,12 +390,10 @@ def _run(
 ) -> Outcome:
     """Run, judge, and put the files where they belong; the folder is locked for it."""
     work = run.folder / WORK_FOLDER
-    _begin(run, work)
-    key = _cache_key(program, work / f"{JOB}.inp") if settings.cache else None
+    deck_sha256 = _begin(run, work)
+    key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
     if key is not None and (known := cache.take(key, work)) is not None:
-        if (before := _solved_before(run, work, known)) is not None:
-            return before
-        _begin(run, work)
+        return _solved_before(run, work, known)
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
@@ -351,7 +420,7 @@ def _run(
         increments=progress.increment,
         iterations=progress.iterations,
         threads=settings.threads,
-        as_built=sha256_of(work / f"{JOB}.inp") == run.deck_sha256,
+        as_built=deck_sha256 == run.deck_sha256,
         warnings=tuple(map(str, log.dropped)) if failure is None else (),
     )
     if failure is None:
@@ -365,16 +434,16 @@ def _run(
     return outcome
 
 
-def _cache_key(program: Path, deck: Path) -> str | None:
+def _cache_key(program: Path, deck: Path, deck_sha256: str) -> str | None:
     """Key of a run by what it is made from; None where files beside the deck count too."""
     if REFERS.search(deck.read_text(encoding="ascii", errors="replace")):
         return None
-    made_from = {"deck": sha256_of(deck), "solver": sha256_of(program), "record": RECORD_FORMAT}
+    made_from = {"deck": deck_sha256, "solver": sha256_of(program), "record": RECORD_FORMAT}
     return cache.key_of(made_from)
 
 
-def _begin(run: RunFolder, work: Path) -> None:
-    """Make `work` anew, with the deck in it."""
+def _begin(run: RunFolder, work: Path) -> str:
+    """Make `work` anew, with the deck in it; the checksum of that."""
     for folder in (work, run.folder / FAILED_FOLDER):
         _remove(folder)
     make_folder(work)
@@ -382,19 +451,18 @@ def _begin(run: RunFolder, work: Path) -> None:
         shutil.copyfile(run.deck, work / f"{JOB}.inp")
     except OSError as error:
         raise OutputError(f"the deck cannot be copied: {error.strerror}", work) from error
+    return sha256_of(work / f"{JOB}.inp")
 
 
-def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome | None:
-    """The outcome of a run from the cache, whose files are in `work`; None: not of this deck."""
+def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome:
+    """The outcome of a run from the cache, whose files are in `work`, checked by it."""
     if "cause" in known:
         failure = Failure(Cause[known["cause"]], known["found"])
         _keep_evidence(run, work, failure)
         return Outcome(run.folder, failure, cached=True, version=known["version"])
-    outcome = finished_outcome(replace(run, folder=work))
-    if outcome is None:
-        return None
+    outcome = _on_record(run, read_toml(work / SOLVER_FILE, FembridgeError))
     _publish(run, work)
-    return replace(outcome, folder=run.folder, cached=True)
+    return replace(outcome, cached=True)
 
 
 def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:

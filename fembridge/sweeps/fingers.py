@@ -37,7 +37,7 @@ from decks.finger import AfferentSite, Finger
 from decks.presets import PRESETS, finger_from, read_finger
 from decks.section import DepthOfArc, Section, section_of
 from fembridge.errors import FembridgeError, FingerError, UsageError
-from fembridge.response.solve import LADDER
+from fembridge.response.indentation import LADDER
 from fembridge.store import read_toml
 from fembridge.typing import FloatArray, Table
 

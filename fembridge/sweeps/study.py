@@ -17,7 +17,7 @@ pen is no week of computing::
     diameter_mm = [0.5, 1.0]
 
 All keys are in ``docs/sweeps.md``. File names are counted from the study's folder and
-stay below it. What contacts leave open follows the ladder of `fembridge.response.solve`.
+stay below it. What contacts leave open follows the ladder of `fembridge.response.indentation`.
 """
 
 import math
@@ -31,8 +31,8 @@ from decks.analysis import ELEMENTS, Contact
 from decks.probe import Probe
 from decks.stimuli import MAX_AMPLITUDE_UM, Entry, resolve
 from fembridge.errors import UsageError
+from fembridge.response.indentation import LADDER
 from fembridge.response.response_map import reading_energy
-from fembridge.response.solve import LADDER
 from fembridge.simulation import METHODS
 from fembridge.store import changed, read_toml, structure
 from fembridge.sweeps.fingers import (

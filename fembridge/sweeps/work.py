@@ -42,9 +42,9 @@ from fembridge.errors import (
     ResponseError,
 )
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx, version_of
+from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
-from fembridge.response.solve import solve_response, solve_transients
-from fembridge.simulation import SPIKES_FILE, Simulation, encode_all
+from fembridge.simulation import SPIKES_FILE, Simulation, encode_all, solve_transients
 from fembridge.solver.settings import SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import (

@@ -8,8 +8,7 @@ import pytest
 
 from fembridge.cli import main
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.batch import run_folders
-from fembridge.solver.ccx import run_ccx
+from fembridge.solver.ccx import run_ccx, run_folders
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fembridge.errors import FembridgeError
-from fembridge.response.acceptance import recorded_response
+from fembridge.response.indentation import recorded_response
 from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.solver.batch import run_folders
+from fembridge.solver.ccx import run_folders
 from fembridge.solver.verdict import Cause, SolverLog, judge
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"

@@ -18,11 +18,10 @@ from decks.waveform import make_stimulus
 from fembridge import simulation as module
 from fembridge.errors import ResponseError, SolverError, UsageError
 from fembridge.machine import SOLVER_INSTALL_LINE
-from fembridge.response import solve as solve_module
+from fembridge.response.indentation import LADDER, FrictionSlipError
 from fembridge.response.response_map import FOLDER, read_map
-from fembridge.response.solve import LADDER, FrictionSlipError, check_cost
 from fembridge.run_folder import read_run_folder
-from fembridge.simulation import simulate
+from fembridge.simulation import check_cost, simulate
 from fembridge.solver import ccx as ccx_module
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
@@ -76,8 +75,7 @@ def accepting(monkeypatch, ccx):
     def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
         return replace(model, contact=ladder[0]), read_map(FOLDER / "quick.toml")
 
-    for each in (module, solve_module):
-        monkeypatch.setattr(each, "solve_response", solved)
+    monkeypatch.setattr(module, "solve_response", solved)
 
 
 @pytest.fixture
@@ -87,8 +85,7 @@ def slipping(monkeypatch, ccx):
     def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
         raise FrictionSlipError("skin slips under the probe", 1.5, ladder[0])
 
-    for each in (module, solve_module):
-        monkeypatch.setattr(each, "solve_response", solved)
+    monkeypatch.setattr(module, "solve_response", solved)
 
 
 @pytest.fixture
@@ -115,8 +112,8 @@ def transients(monkeypatch):
         wave = np.linspace(0, 1e4, run.increments + 1)
         return [StressTrace(wave, 0.5, p.node, p.afferent) for p in run.afferents]
 
-    monkeypatch.setattr(solve_module, "run_folders", run_folders)
-    monkeypatch.setattr(solve_module, "read", read)
+    monkeypatch.setattr(module, "run_folders", run_folders)
+    monkeypatch.setattr(module, "read", read)
     return calls
 
 
@@ -230,14 +227,14 @@ def test_a_transient_uses_the_contact_that_the_indentation_accepted(
 def test_ctrl_c_keeps_the_transients_that_are_solved_and_says_how_many(
     tmp_path, model, accepting, transients, lines, monkeypatch
 ):
-    """The same command reads them: `fembridge.solver.batch.run_folders` solves no run twice."""
+    """The same command reads them: `fembridge.solver.ccx.run_folders` solves no run twice."""
 
     def stop(runs, settings):
         raise KeyboardInterrupt
 
     finished = [Outcome(tmp_path), None]
-    monkeypatch.setattr(solve_module, "run_folders", stop)
-    monkeypatch.setattr(solve_module, "finished_outcome", lambda run: finished.pop())
+    monkeypatch.setattr(module, "run_folders", stop)
+    monkeypatch.setattr(module, "finished_outcome", lambda run: finished.pop())
     with pytest.raises(KeyboardInterrupt):
         simulate(TWO, model, tmp_path, method="transient", log=lines.append)
     assert lines[-1].startswith("1 of 2 transients are kept")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from decks.presets import PRESETS, model_of
-from fembridge.response import solve
+from fembridge.response import indentation
+from fembridge.response.indentation import HysteresisError
 from fembridge.response.response_map import ResponseMap
-from fembridge.response.solve import HysteresisError
 from fembridge.run_folder import AfferentNode, read_run_folder
 from fembridge.solver import ccx
 from fembridge.solver.verdict import Cause, Failure, Outcome
@@ -108,7 +108,7 @@ def path_dependent(monkeypatch):
     With their number the frictionless twin is refused, too.
     """
     numbers = set()
-    measured = solve.measured_response
+    measured = indentation.measured_response
 
     def judge(run, *waveform):
         folder = run.folder
@@ -117,5 +117,5 @@ def path_dependent(monkeypatch):
             raise HysteresisError(f"{folder}: unloading differs from loading by 17 %", 17.0)
         return measured(run, *waveform)
 
-    monkeypatch.setattr(solve, "measured_response", judge)
+    monkeypatch.setattr(indentation, "measured_response", judge)
     return numbers

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fembridge.response.acceptance import CLOSURE_PERCENT, indentation, judge
+from fembridge.response.indentation import CLOSURE_PERCENT, indentation, judge
 
 DEPTH_UM = indentation().displacement_um
 DEEPEST = int(DEPTH_UM.argmax())

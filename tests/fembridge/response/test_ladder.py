@@ -9,10 +9,9 @@ from decks.material import PronyTerm
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, SolverError
-from fembridge.response import solve
-from fembridge.response.acceptance import DEFAULT_DEPTH_UM
-from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
-from fembridge.response.solve import (
+from fembridge.response import indentation
+from fembridge.response.indentation import (
+    DEFAULT_DEPTH_UM,
     LADDER,
     FrictionSlipError,
     HysteresisError,
@@ -20,6 +19,7 @@ from fembridge.response.solve import (
     solve_response,
     why_no_map,
 )
+from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.verdict import Cause
 
@@ -91,12 +91,12 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
 
     assert player.numbers == list(range(1, len(ATTEMPTS) + 1))
     reasons = [line.removeprefix("left ") for line in shown if line.startswith("left ")]
-    assert (tmp_path / solve.ATTEMPTS_FILE).read_text().splitlines() == reasons
+    assert (tmp_path / indentation.ATTEMPTS_FILE).read_text().splitlines() == reasons
     assert [reason.split(": ")[0] for reason in reasons] == [str(each) for each in ATTEMPTS]
     assert f"{Cause.DIVERGED.value}: increment 3" in reasons[0]
     assert reasons[1].endswith("17 %")
     assert f"{Cause.STALLED.value}: increment 3" in reasons[2]
-    assert solve.ATTEMPTS_FILE in str(caught.value)
+    assert indentation.ATTEMPTS_FILE in str(caught.value)
     assert len(str(caught.value)) - len(str(tmp_path)) < 250
     assert not (tmp_path / MAP_FILE).exists()
 
@@ -126,14 +126,14 @@ def test_a_finished_run_that_lost_a_file_is_solved_again(tmp_path, model, player
 def test_what_comes_back_without_friction_alone_is_skin_that_slips(
     tmp_path, model, player, monkeypatch
 ):
-    measured = solve.measured_response
+    measured = indentation.measured_response
 
     def judge(run, *waveform):
         if run.folder.name == "contact_2":
             raise HysteresisError(f"{run.folder}: unloading differs by 1.5 %", 1.5)
         return measured(run, *waveform)
 
-    monkeypatch.setattr(solve, "measured_response", judge)
+    monkeypatch.setattr(indentation, "measured_response", judge)
     player.plays[1] = Cause.DIVERGED
 
     with pytest.raises(FrictionSlipError) as slip:

@@ -10,8 +10,8 @@ from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder
+from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import FOLDER, read_map, stored_response
-from fembridge.response.solve import solve_response
 from fembridge.results import read
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.solver.ccx import run_ccx

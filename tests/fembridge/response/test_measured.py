@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import ResponseError, ResultError
-from fembridge.response.acceptance import (
+from fembridge.response.indentation import (
     DEEP_UM,
     DEFAULT_DEPTH_UM,
     depth_for,

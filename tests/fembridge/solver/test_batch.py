@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from fembridge.errors import MissingError
-from fembridge.solver import batch
-from fembridge.solver.batch import load_solver, run_folders
+from fembridge.solver import ccx
+from fembridge.solver.ccx import load_solver, run_folders
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
@@ -93,9 +93,9 @@ def test_one_that_breaks_ends_the_others(fake_ccx, make_run, pid_of, is_alive):
 
 
 def test_another_package_can_add_a_solver(monkeypatch):
-    row = importlib.metadata.EntryPoint("mine", "math:hypot", batch.ENTRY_POINTS)
+    row = importlib.metadata.EntryPoint("mine", "math:hypot", ccx.ENTRY_POINTS)
     rows = importlib.metadata.EntryPoints([row])
-    monkeypatch.setattr(batch, "entry_points", lambda group: rows.select(group=group))
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: rows.select(group=group))
 
     assert load_solver("mine")(3.0, 4.0) == 5.0
     with pytest.raises(MissingError, match=r"no solver 'nine' here.*calculix, mine"):

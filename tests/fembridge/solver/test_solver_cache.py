@@ -3,7 +3,7 @@
 import pytest
 
 from fembridge import cache
-from fembridge.response.solve import in_words, increment_s
+from fembridge.response.indentation import in_words, increment_s
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 from fembridge.solver.settings import SolverSettings
@@ -61,17 +61,6 @@ def test_a_damaged_entry_is_solved_again(fake_ccx, make_run, folder):
     outcome = solve(make_run(name="second"))
     assert outcome.accepted
     assert not outcome.cached
-
-
-def test_an_entry_whose_record_is_of_other_results_is_solved_again(fake_ccx, make_run):
-    solve(make_run(name="first"))
-    [entry] = cache.entries()
-    files = [path for path in entry.folder.iterdir() if path.name != cache.ENTRY_FILE]
-    record = entry.folder / "solver.toml"
-    record.write_text(record.read_text().replace('results_sha256 = "', 'results_sha256 = "0'))
-    cache.keep(entry.folder.name, entry.what, entry.record, files)
-    assert not solve(make_run(name="second")).cached
-    assert solve(make_run(name="third")).cached
 
 
 def test_what_the_solver_gave_up_is_remembered_with_its_cause(fake_ccx, make_run):

@@ -10,7 +10,7 @@ from decks.material import PronyTerm
 from decks.presets import PRESETS, finger_from
 from decks.probe import Probe
 from decks.stimuli import resolve
-from fembridge.response.solve import LADDER
+from fembridge.response.indentation import LADDER
 from fembridge.store import folder_lock
 from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import work as module
