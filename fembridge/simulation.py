@@ -44,12 +44,7 @@ from fembridge.response.indentation import (
 )
 from fembridge.response.response_map import ResponseMap, reading_energy, stored_response
 from fembridge.results import read
-from fembridge.run_folder import (
-    RUN_FILE,
-    RunFolder,
-    read_run_folder,
-    read_waveform,
-)
+from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder, read_waveform
 from fembridge.solver.ccx import finished_outcome, run_folders
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
