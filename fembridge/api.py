@@ -25,6 +25,7 @@ from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress
 from fembridge.stimulus_file import Stimuli, stimuli_of
 from fembridge.store import check_output, filling
 from fembridge.trace import StressTrace, finger_id
+from neural import ParameterSet, parameter_set
 
 if TYPE_CHECKING:
     import pandas
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from fembridge.solver.verdict import Outcome
     from fembridge.touching.field import ReceptiveField
     from fembridge.touching.touch import Touch
-    from neural import ParameterSet
     from neural.fit_problem import Target
     from neural.models import Model as AfferentModel
 
@@ -48,7 +48,7 @@ def simulate(
     *,
     method: str = "auto",
     stored: bool = False,
-    parameters: "str | ParameterSet" = "fitted",
+    parameters: str | ParameterSet = "fitted",
     preindent_um: float | None = None,
     seed: int | None = None,
     slide_mm_per_s: float | None = None,
@@ -127,7 +127,6 @@ def simulate(
     """
     from fembridge.simulation import simulate as simulate_model
     from fembridge.simulation import unlike_the_fit
-    from neural.parameter_sets import parameter_set
 
     chosen = parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
@@ -171,7 +170,7 @@ def build_deck(
     output: PathLike = "runs",
     *,
     solver: str | None = None,
-    parameters: "str | ParameterSet" = "fitted",
+    parameters: str | ParameterSet = "fitted",
     preindent_um: float | None = None,
     seed: int | None = None,
     slide_mm_per_s: float | None = None,
@@ -239,8 +238,6 @@ def build_deck(
     >>> run.folder.name, run.increments
     ('sine_20_250', 520)
     """
-    from neural.parameter_sets import parameter_set
-
     chosen = parameter_set(parameters)
     if preindent_um is None:
         preindent_um = chosen.preindent_um if base_deck is None else 0.0
@@ -347,7 +344,7 @@ def run(
 def encode(
     traces: "PathLike | pandas.DataFrame | Sequence[StressTrace]",
     *,
-    parameters: "str | ParameterSet | None" = None,
+    parameters: str | ParameterSet | None = None,
     stimulus: str | None = None,
     derivative: str = "backward",
     afferents: Sequence[str] | None = None,
@@ -395,23 +392,26 @@ def encode(
     >>> spikes.equals(result.spikes)
     True
     """
-    from fembridge.encoding import (
-        doubt,
-        encode_traces,
-        parameters_for,
-        traces_of,
-        traces_to_encode,
-    )
+    from fembridge import encoding
     from fembridge.simulation import spikes_frame
 
     say = log or (lambda line: warnings.warn(line, UserWarning, stacklevel=3))
-    found = traces_of(traces, say, columns, gain_pa, resample_ms)
-    chosen = parameters_for(found, parameters, log or (lambda line: None))
-    ready = traces_to_encode(found, chosen.parameters, stimulus, "traces", afferents, say)
-    trains = encode_traces(ready, chosen.parameters, derivative)
-    if words := doubt(found, ready, trains):
-        say(words)
-    return spikes_frame(trains)
+    encoded = encoding.encode(
+        traces,
+        parameters=parameters,
+        derivative=derivative,
+        stimulus=stimulus,
+        unnamed="traces",
+        afferents=afferents,
+        columns=columns,
+        gain_pa=gain_pa,
+        resample_ms=resample_ms,
+        log=say,
+        note=log or (lambda line: None),
+    )
+    if encoded.doubt:
+        say(encoded.doubt)
+    return spikes_frame(encoded.trains)
 
 
 def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = None) -> "Figure":
@@ -570,9 +570,8 @@ def fit(
     )
     from fembridge.observed import FAMILIES, read_observed
     from fembridge.tables import AFFERENTS, read_spikes
-    from neural.parameter_sets import DEFAULT_SET, parameter_set
 
-    of_default = 0.0 if drive == "published" else parameter_set(DEFAULT_SET).preindent_um
+    of_default = 0.0 if drive == "published" else parameter_set("fitted").preindent_um
     search = {"evaluations": evaluations, "population": population}
     settings = fitting.FitSettings(
         families=FAMILIES if family == EVERY else (family,),
@@ -647,7 +646,7 @@ def thresholds(
     afferents: Sequence[str] = ("SA", "RA", "PC"),
     hz: str | Sequence[float] = "2:800",
     *,
-    parameters: "str | ParameterSet" = "fitted",
+    parameters: str | ParameterSet = "fitted",
     preindent_um: float | None = None,
     finger: str | None = None,
     response: PathLike | None = None,
@@ -681,7 +680,6 @@ def thresholds(
     from fembridge.fitting.problem import solved_source, stored_source
     from fembridge.tuning import frequencies_of
     from fembridge.tuning import thresholds as of_class
-    from neural.parameter_sets import parameter_set
 
     chosen = parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um

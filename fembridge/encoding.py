@@ -6,7 +6,7 @@ count.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +37,58 @@ if TYPE_CHECKING:
 _TYPICAL_PA = {"SA": 3e4, "RA": 3e4, "PC": 1e3}
 _FAR = 300.0
 _SAME_STEP = 1.0e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Encoded:
+    """Spike `trains` of `traces`, a train a cell, by `parameters`.
+
+    `source` is what was read, `traces` are those of it that were encoded, with class, stimulus
+    and the step of the parameters. `doubt` says what may be wrong with the stress; None: nothing.
+    """
+
+    source: Traces
+    traces: list[StressTrace]
+    parameters: ParameterSet
+    trains: list[SpikeTrain]
+    doubt: str | None
+
+
+def encode(
+    source: "str | Path | pandas.DataFrame | Sequence[StressTrace]",
+    *,
+    parameters: str | ParameterSet | None,
+    derivative: str,
+    stimulus: str | None,
+    unnamed: str,
+    afferents: Sequence[str] | None,
+    columns: Mapping[str, str | Sequence[str]] | None,
+    gain_pa: float | None,
+    resample_ms: float | None,
+    log: Callable[[str], None],
+    note: Callable[[str], None],
+) -> Encoded:
+    """Spikes of `source`; arguments and errors as of `fembridge.encode`.
+
+    A stimulus that nobody names is `unnamed`. `log` gets what was done to the traces, `note`
+    what was otherwise in the fit of the parameters.
+    """
+    if isinstance(source, str | Path):
+        found, _ = read_stress(Path(source), log, columns, gain_pa, resample_ms)
+    elif isinstance(source, Sequence):
+        if any(each is not None for each in (columns, gain_pa, resample_ms)):
+            raise UsageError("columns, gain_pa and resample_ms are for a table of traces")
+        found = source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
+    else:
+        found = read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
+    chosen = _parameters_for(found, parameters, note)
+    traces = _ready(found, chosen.parameters, stimulus, unnamed, afferents, log)
+    trains = [
+        train
+        for trace, cells in zip(traces, fired(traces, chosen.parameters, derivative), strict=True)
+        for train in trains_of(trace.stimulus, str(trace.afferent), cells, trace.unit)
+    ]
+    return Encoded(found, traces, chosen, trains, _doubt(found, traces, trains))
 
 
 def read_stress(
@@ -82,64 +134,39 @@ def read_stress(
     return Traces(traces, origin, windows_ms), path
 
 
-def traces_of(
-    source: "str | Path | pandas.DataFrame | Sequence[StressTrace]",
-    log: Callable[[str], None],
-    columns: Mapping[str, str | Sequence[str]] | None = None,
-    gain_pa: float | None = None,
-    resample_ms: float | None = None,
-) -> Traces:
-    """Traces of whatever `fembridge.encode` takes; arguments and errors as there."""
-    if isinstance(source, str | Path):
-        return read_stress(Path(source), log, columns, gain_pa, resample_ms)[0]
-    if isinstance(source, Sequence):
-        if any(each is not None for each in (columns, gain_pa, resample_ms)):
-            raise UsageError("columns, gain_pa and resample_ms are for a table of traces")
-        return source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
-    return read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
-
-
-def parameters_for(
-    traces: Traces, parameters: str | ParameterSet | None, log: Callable[[str], None]
+def _parameters_for(
+    traces: Traces, parameters: str | ParameterSet | None, note: Callable[[str], None]
 ) -> ParameterSet:
-    """The set that `traces` are encoded by; `log` gets what its fit had otherwise."""
+    """The set that `traces` are encoded by: as asked, else that of their run."""
     origin = traces.origin
-    if parameters is not None:
-        chosen = parameter_set(parameters)
-    elif origin and origin.parameters:
+    if parameters is None and origin and origin.parameters:
         chosen = ParameterSet.from_table(
             origin.parameters, origin.stimulus, "the run of the traces"
         )
     else:
-        chosen = parameter_set("fitted")
+        chosen = parameter_set("fitted" if parameters is None else parameters)
     # Of an unknown run: what starts without stress was not pre-indented.
     pressed = any(trace.stress_pa[0] > 0 for trace in traces)
     depths_um = {origin.preindent_um} if origin else set() if pressed else {0.0}
     if unlike := unlike_the_fit(chosen, origin.finger if origin else {}, depths_um):
-        log(unlike)
+        note(unlike)
     return chosen
 
 
-def traces_to_encode(
+def _ready(
     traces: Traces,
     parameters: Parameters,
     stimulus: str | None,
     unnamed: str,
-    afferents: Sequence[str] | None = None,
-    log: Callable[[str], None] = lambda line: None,
+    afferents: Sequence[str] | None,
+    log: Callable[[str], None],
 ) -> list[StressTrace]:
     """Each trace with class, stimulus and, where a class has several, a unit of its own.
 
     `afferents` are the classes to keep, and those that a trace without one is taken for.
     `stimulus` is which of several, or what a trace is called that names none (None: as its
     run, else `unnamed`). Traces of another step than that of the parameters are put on
-    theirs by PCHIP, which `log` gets a line about.
-
-    Raises
-    ------
-    UsageError
-        A trace without a class, or of one that has no parameters; two of one name; no such
-        stimulus.
+    theirs by PCHIP.
     """
     name = stimulus or (traces.origin.stimulus if traces.origin else unnamed)
     there = dict.fromkeys(trace.stimulus or name for trace in traces)
@@ -194,18 +221,9 @@ def traces_to_encode(
     return found
 
 
-def encode_traces(
-    traces: Sequence[StressTrace], parameters: Parameters, derivative: str = "backward"
-) -> list[SpikeTrain]:
-    """Spike trains of `traces` of `traces_to_encode`: a train a cell; see `fembridge.encode`."""
-    return [
-        train
-        for trace, cells in zip(traces, fired(traces, parameters, derivative), strict=True)
-        for train in trains_of(trace.stimulus, str(trace.afferent), cells, trace.unit)
-    ]
-
-
-def doubt(found: Traces, traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]) -> str | None:
+def _doubt(
+    found: Traces, traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]
+) -> str | None:
     """What may be wrong where stress is unlike that of skin, or nothing fires; None: no doubt."""
     peaks_pa = [float(np.abs(trace.stress_pa).max()) for trace in traces]
     shares = [p / _TYPICAL_PA[str(t.afferent)] for p, t in zip(peaks_pa, traces, strict=True)]

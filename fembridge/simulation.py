@@ -48,7 +48,7 @@ from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder, read_wave
 from fembridge.solver.ccx import finished_outcome, run_folders
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, read_toml, remove_file, replacing, write_text
+from fembridge.store import filling, read_toml, remove_file, replacing, sha256_of, write_text
 from fembridge.tables import (
     SPIKE_COLUMNS,
     Rate,
@@ -189,8 +189,12 @@ class Simulation:
             write_rates(draft / RATES_FILE, self.mean_rates)
             if isinstance(response, Mapping) and isinstance(finger, Mapping):
                 write_text(draft / FINGER_FILE, tomli_w.dumps(finger))
-                names = {"finger": finger.get("name", ""), "finger_file": FINGER_FILE}
-                record["response"] = {**response, **names}
+                record["response"] = {
+                    **response,
+                    "finger": finger.get("name", ""),
+                    "finger_file": FINGER_FILE,
+                    "finger_file_sha256": sha256_of(draft / FINGER_FILE),
+                }
             write_text(draft / RECORD_FILE, tomli_w.dumps(record))
             if plot:
                 from fembridge.plots.style import save_figure
@@ -201,23 +205,25 @@ class Simulation:
 
 
 def check_finger(folder: Path) -> None:
-    """Refuse to write over a ``finger.toml`` that no simulation left in `folder`."""
+    """Refuse to write over a ``finger.toml`` that is not as a simulation left it in `folder`."""
     path = folder / FINGER_FILE
     if path.is_file() and not has_finger(folder):
         raise OutputError(
-            "a finger of your own, which that of this run would replace: choose another -o, or "
-            "rename it",
+            "a finger of your own, or edited since, which that of this run would replace: choose "
+            "another -o, or rename it",
             path,
         )
 
 
 def has_finger(folder: Path) -> bool:
-    """Whether an earlier simulation left the file of its finger in `folder`."""
+    """Whether the file of a finger is in `folder` as the simulation there left it."""
     try:
         response = read_toml(folder / RECORD_FILE, FembridgeError).get("response")
     except FembridgeError:
         return False
-    return isinstance(response, dict) and response.get("finger_file") == FINGER_FILE
+    path = folder / FINGER_FILE
+    written = response.get("finger_file_sha256") if isinstance(response, dict) else None
+    return path.is_file() and written == sha256_of(path)
 
 
 def simulate(
@@ -691,6 +697,5 @@ def _simulation(folder: Path) -> FolderStimuli:
     chosen: Table = {"name": name}
     if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != fired:
         chosen |= {"preindent_um": stimuli[0].preindent_um, **fired, "fit": table.get("fit", {})}
-    finger = folder / FINGER_FILE
-    known_finger = finger_id(read_toml(finger, failed)) if finger.is_file() else {}
-    return FolderStimuli(record, stimuli, traces, cells, chosen, known_finger)
+    finger = finger_id(read_toml(folder / FINGER_FILE, failed)) if has_finger(folder) else {}
+    return FolderStimuli(record, stimuli, traces, cells, chosen, finger)

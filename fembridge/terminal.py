@@ -61,6 +61,11 @@ def error_line(problem: object) -> str:
     return line[: max(0, LONGEST_ERROR - len(end))] + end
 
 
+def log(line: object) -> None:
+    """A line on stderr, beside what a verb prints."""
+    print(line, file=sys.stderr, flush=True)
+
+
 class PrintError(OSError):
     """What we print cannot be written."""
 
@@ -155,7 +160,7 @@ class Bars:
         if self._bars is not None:
             self._bars.console.print(plain(line), markup=False, highlight=False)
         else:
-            print(line, file=sys.stderr, flush=True)
+            log(line)
 
 
 class SolverBars(Bars):
@@ -166,10 +171,10 @@ class SolverBars(Bars):
         if progress.ended:
             self.remove(str(progress.folder))
         else:
-            self.show(str(progress.folder), progress.fraction, words_of(progress))
+            self.show(str(progress.folder), progress.fraction, how_far(progress))
 
 
-def words_of(progress: "Progress") -> str:
+def how_far(progress: "Progress") -> str:
     """Increments, iterations and the time left of a run of the solver, in a line."""
     words = (
         f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"

@@ -3,12 +3,11 @@
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import ResultError, TraceError
+from fembridge.errors import TraceError
 from fembridge.store import digest
 from fembridge.typing import FloatArray
 
@@ -72,34 +71,6 @@ class StressTrace:
         """Time of each sample, ``(T,)`` in ms."""
         steps: FloatArray = np.arange(self.stress_pa.size, dtype=np.float64)
         return self.start_ms + steps * self.dt_ms
-
-    @classmethod
-    def on_grid(
-        cls,
-        node: int,
-        samples: Sequence[tuple[float, float]] | FloatArray,
-        path: Path,
-        afferent: str | None = None,
-    ) -> "StressTrace":
-        """Trace of ``(time_ms, stress_pa)`` samples ``(T, 2)`` of `path`.
-
-        Raises
-        ------
-        ResultError
-            No sample of `node`, or times that are not one even grid.
-        """
-        if len(samples) < 2:
-            raise ResultError(f"node {node}: {len(samples)} samples, expected two or more", path)
-        times_ms, stress_pa = np.array(samples, dtype=np.float64).T
-        dt_ms, odd = mean_step(times_ms)
-        if odd is not None:
-            before_ms, after_ms = times_ms[odd : odd + 2]
-            raise ResultError(
-                f"node {node}: uneven time step, {before_ms:g} to {after_ms:g} ms "
-                f"where {dt_ms:g} ms is the mean; --resample-ms 0.5 (resample_ms=0.5) evens it",
-                path,
-            )
-        return cls(stress_pa, dt_ms, node, afferent, start_ms=float(times_ms[0]))
 
 
 def mean_step(times_ms: FloatArray) -> tuple[float, int | None]:

@@ -6,10 +6,10 @@ ten minutes. Profiles are written to the output folder as a table and a picture.
 """
 
 import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import add_options, add_output_option, option
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -120,7 +120,7 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
         same_mesh = stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]
         if same_mesh and stored.depth_mm == solved.depth_mm:
             differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
-            print(f"solved here and stored differ by {differ_um:.2g} um at most", file=sys.stderr)
+            log(f"solved here and stored differ by {differ_um:.2g} um at most")
     return solved
 
 

@@ -19,13 +19,13 @@ written, numbered by repeat, and the rate is their mean.
 """
 
 import argparse
-import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import Several, add_options, column
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,31 +95,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
-    from fembridge.encoding import (
-        doubt,
-        encode_traces,
-        parameters_for,
-        traces_of,
-        traces_to_encode,
-    )
+    from fembridge.encoding import encode
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.store import filling
     from fembridge.tables import write_rates, write_spikes
-
-    def log(line: str) -> None:
-        print(line, file=sys.stderr)
 
     require_libraries(args.export)
     named: dict[str, list[str]] = {}
     for key, name in args.columns or ():
         named.setdefault(key, []).append(name)
-    found = traces_of(args.traces, log, named or None, args.gain_pa, args.resample_ms)
     notes: list[str] = []
-    chosen = parameters_for(found, args.parameters, notes.append)
-    unnamed = args.traces.stem
-    traces = traces_to_encode(found, chosen.parameters, args.stimulus, unnamed, args.afferent, log)
+    encoded = encode(
+        args.traces,
+        parameters=args.parameters,
+        derivative=args.derivative,
+        stimulus=args.stimulus,
+        unnamed=args.traces.stem,
+        afferents=args.afferent,
+        columns=named or None,
+        gain_pa=args.gain_pa,
+        resample_ms=args.resample_ms,
+        log=log,
+        note=notes.append,
+    )
+    found, traces, trains = encoded.source, encoded.traces, encoded.trains
     windows_ms = [_window(trace, args, found) for trace in traces]
-    trains = encode_traces(traces, chosen.parameters, args.derivative)
     rates, rows = _rates(traces, trains, windows_ms)
     files = [args.output / "spikes.csv", args.output / "rates.csv"]
     with filling(args.output, last="rates.csv") as draft:
@@ -145,17 +145,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         nodes = {(str(trace.afferent), trace.unit): trace.node for trace in traces}
         recording = Recording.of_trains(trains, traces[0].dt_ms, t_stop_ms, nodes)
         files += [args.output / name for name in export(recording, args.output, args.export)]
-    if words := doubt(found, traces, trains):
-        notes.append(words)
+    if encoded.doubt:
+        notes.append(encoded.doubt)
     spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
     if args.window_ms is None and not found.windows_ms and spans_ms == windows_ms:
         notes.append("rates over the whole trace; narrow it with --window-ms START:END")
-    print(*notes, sep="\n", end="\n" * bool(notes), file=sys.stderr)
+    for note in notes:
+        log(note)
     if not args.json:
         _print(rows)
         print(*files, sep="\n")
     return {
-        "parameters": chosen.name,
+        "parameters": encoded.parameters.name,
         "derivative": args.derivative,
         "rates": rows,
         "files": [str(path) for path in files],

@@ -5,11 +5,11 @@ suffix names: .png, .pdf, .svg and others that Matplotlib knows.
 """
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import FINGER, Several, Words, add_options, window
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -260,7 +260,7 @@ def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimul
     from fembridge.errors import UsageError
     from fembridge.simulation import stimuli_in
 
-    traces, path = read_stress(args.table, _log)
+    traces, path = read_stress(args.table, log)
     written = stimuli_in(path.parent)
     there = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
     name = args.stimulus or next(iter(there), None)
@@ -297,7 +297,7 @@ def _spikes(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
         raise UsageError(f"{path}: no spikes; --stimulus ID gives silent rows")
     silent = [name for name in rows if name not in tabled]
     if unknown := [name for name in silent if written is None or not written.of(name)]:
-        _log(f"{path}: no spike of {', '.join(unknown)}: silent, or not in it")
+        log(f"{path}: no spike of {', '.join(unknown)}: silent, or not in it")
     shown = [train for train in trains if train.stimulus in rows]
     present = {train.afferent for train in trains}
     classes = args.afferent or [n for n in AFFERENTS if n in present] or list(AFFERENTS)
@@ -345,7 +345,7 @@ def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli | Non
         return _as_recorded(args, known, written.path)
     if args.preindent_um is None:
         words = "the probe is drawn without pre-indentation: none is recorded beside the table"
-        _log(f"{args.table}: {words}; --preindent-um DEPTH sets it")
+        log(f"{args.table}: {words}; --preindent-um DEPTH sets it")
     return stimuli[0]
 
 
@@ -372,7 +372,7 @@ def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     if strange and entries:
         note = f"without a frequency and an amplitude, left out: {', '.join(strange[:3])}"
         more = f" and {len(strange) - 3} more" if len(strange) > 3 else ""
-        _log(f"{path}: {note}{more}")
+        log(f"{path}: {note}{more}")
     observed = read_observed(args.observed, complete=False).rates() if args.observed else []
     touchsim = touchsim_rates() if args.touchsim else []
     figure = rates_figure(rates, observed=observed, touchsim=touchsim, afferents=args.afferent)
@@ -423,7 +423,7 @@ def _sensitivity(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     path = find_file(args.table, (RESULTS_FILE,), "sweep leaves it when nothing is left to do")
     swept = sensitivity.read_swept(path)
     for cause in swept.causes:
-        _log(f"{path}: a finger is left out: {cause}")
+        log(f"{path}: a finger is left out: {cause}")
     single = sensitivity.is_one_at_a_time(swept)
     if single:
         table = sensitivity.single_effects(swept)
@@ -451,8 +451,4 @@ def _stimuli(
 ) -> "list[Stimulus]":
     from fembridge.stimulus_file import stimuli_of
 
-    return stimuli_of(words, preindent_um, seed, log=_log)
-
-
-def _log(line: str) -> None:
-    print(line, file=sys.stderr)
+    return stimuli_of(words, preindent_um, seed, log=log)

@@ -11,7 +11,6 @@ of the same deck is skipped.
 
 import argparse
 import os
-import sys
 from typing import Any
 
 from fembridge.commands.options import LIMITS, add_options, words_of
@@ -39,7 +38,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
     from fembridge import api
     from fembridge.errors import UsageError
-    from fembridge.terminal import SolverBars, error_line
+    from fembridge.terminal import SolverBars, error_line, log
 
     for folder in args.folders:
         if not os.path.lexists(folder):
@@ -52,16 +51,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     for outcome in outcomes:
         if not outcome.accepted:
-            print(error_line(" ".join(str(outcome.to_error()).split())), file=sys.stderr)
+            log(error_line(" ".join(str(outcome.to_error()).split())))
         elif not args.json:
             print(outcome)
         for words in outcome.warnings:
-            print(f"{outcome.folder}: CalculiX warned: {words}", file=sys.stderr)
+            log(f"{outcome.folder}: CalculiX warned: {words}")
         if outcome.accepted and not outcome.as_built:
-            print(
-                f"{outcome.folder}: the deck was changed since run.toml was written",
-                file=sys.stderr,
-            )
+            log(f"{outcome.folder}: the deck was changed since run.toml was written")
     failed = sum(not outcome.accepted for outcome in outcomes)
     return {
         "count": len(outcomes),

@@ -9,7 +9,6 @@ stress traces and a raster are written to the output folder.
 """
 
 import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import (
@@ -22,6 +21,7 @@ from fembridge.commands.options import (
     probe_from,
     words_of,
 )
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     from fembridge.simulation import Simulation
@@ -84,15 +84,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if whole.is_file() and own.is_file() and whole.samefile(own):
         raise UsageError(f"{whole}: the whole finger would be written over it: another -o, or name")
     check_finger(output)
-    lines: list[str] = []
+    notes: list[str] = []
 
-    def log(line: str) -> None:
-        lines.append(line)
-        print(line, file=sys.stderr)
+    def note(line: str) -> None:
+        notes.append(line)
+        log(line)
 
     with SolverBars() as bars:
         words = {**words_of(args, simulate), "probe": probe_from(args)}
-        simulation = simulate(**words, log=log, on_progress=bars)
+        simulation = simulate(**words, log=note, on_progress=bars)
     simulation.write(output, plot=not args.no_plot)
     exported = export(Recording.of(simulation), output, args.export) if args.export else []
     if args.no_plot and (output / RASTER_FILE).is_file():
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "output": str(output),
         "method": simulation.origin["method"],
         "parameters": simulation.origin.get("parameter_set", ""),
-        "notes": lines,
+        "notes": notes,
         "rates": [
             {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
             for r in simulation.mean_rates

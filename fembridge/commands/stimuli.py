@@ -13,10 +13,10 @@ where the probe stands before time 0; other steps than 0.5 ms are resampled.
 
 import argparse
 import os
-import sys
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import WAVE, Words, add_options, option, words_of
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,9 +82,6 @@ def _list(args: argparse.Namespace) -> dict[str, Any]:
 def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stimulus]":
     from fembridge.stimulus_file import stimuli_of
 
-    def log(line: str) -> None:
-        print(line, file=sys.stderr)
-
     given = {**words_of(args, stimuli_of), "preindent_um": args.preindent_um or 0.0}
     return stimuli_of(words, **given, log=log)
 
@@ -117,7 +114,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
         if not args.json:
             print(path, *([] if scale_um is None else [f"(32767 is {scale_um!r} um)"]))
     if not args.json and len(files) > 1:
-        print(f"{len(files)} files", file=sys.stderr)
+        log(f"{len(files)} files")
     return {"count": len(files), "files": files}
 
 

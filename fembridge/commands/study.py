@@ -8,11 +8,11 @@ most of an hour on one core; Ctrl-C keeps the cases that are finished.
 """
 
 import argparse
-import sys
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import STORED_FINGER, Several, add_options, add_output_option
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     import pandas
@@ -72,12 +72,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     def on_case(trials: "pandas.DataFrame") -> None:
         case, median = trials.iloc[0], trials.median(numeric_only=True)
-        print(
+        log(
             f"{next(done)}/{len(cases)} {case['afferent']} {case['drive']}, cells "
             f"{case['cells']}, pre-indented by {case['preindent_um']:g} um: "
             f"RMSE {median['fitted_rmse_ips']:.1f} ips fitted, "
-            f"{median['held_out_rmse_ips']:.1f} held out",
-            file=sys.stderr,
+            f"{median['held_out_rmse_ips']:.1f} held out"
         )
 
     study = studies.study_models(
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )
     tried = len(study.cases)
     if not study.finished:
-        print(f"interrupted: {tried} of {len(cases)} cases are kept", file=sys.stderr)
+        log(f"interrupted: {tried} of {len(cases)} cases are kept")
     summary = studies.summary_text(study)
     with filling(output, last=studies.SUMMARY_FILE) as draft:
         studies.write_cases(draft / studies.CASES_FILE, study)

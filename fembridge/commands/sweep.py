@@ -8,7 +8,6 @@ does not stop the others; the exit code is then 1.
 """
 
 import argparse
-import sys
 from typing import Any
 
 from fembridge.commands.options import add_options, add_output_option, words_of
@@ -45,14 +44,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.sweeps.sweep import sweep
-    from fembridge.terminal import error_line
+    from fembridge.terminal import error_line, log
 
     done = sweep(**words_of(args, sweep), shows=True)
     failed, items = done.failed, len(done.plan.items)
     if failed:
         first = failed[0]
         cause = f"{len(failed)} of {items} items failed, first {first}: {done.causes[first.key]}"
-        print(error_line(cause), file=sys.stderr)
+        log(error_line(cause))
     if not args.json:
         before = f", {done.before} of them before" if done.before else ""
         print(

@@ -231,8 +231,19 @@ class History:
                 traces.append(StressTrace(stress_pa, self.step_ms, node, afferent))
                 continue
             held = ~np.isnan(stress_pa)
-            samples = np.stack([self.at[held], stress_pa[held]], -1)
-            traces.append(StressTrace.on_grid(node, samples, path, afferent))
+            times_ms, count = self.at[held], int(held.sum())
+            if count < 2:
+                raise ResultError(f"node {node}: {count} samples, expected two or more", path)
+            dt_ms, odd = mean_step(times_ms)
+            if odd is not None:
+                before_ms, after_ms = times_ms[odd : odd + 2]
+                raise ResultError(
+                    f"node {node}: uneven time step, {before_ms:g} to {after_ms:g} ms where "
+                    f"{dt_ms:g} ms is the mean; --resample-ms 0.5 (resample_ms=0.5) evens it",
+                    path,
+                )
+            start_ms = float(times_ms[0])
+            traces.append(StressTrace(stress_pa[held], dt_ms, node, afferent, start_ms))
         return traces
 
     def columns(self) -> dict[str, Any]:

@@ -44,7 +44,7 @@ from fembridge.sweeps.work import (
     solver_version,
     work,
 )
-from fembridge.terminal import Bars, clock, words_of
+from fembridge.terminal import Bars, clock, how_far
 from fembridge.version import __version__
 
 if TYPE_CHECKING:
@@ -407,7 +407,7 @@ class _Shown(Bars):
             self.remove(name)
             del self._names[folder]
         else:
-            self.show(name, progress.fraction, words_of(progress))
+            self.show(name, progress.fraction, how_far(progress))
         self._update()
 
     def over(self, item: Item, ended: Ended) -> None:

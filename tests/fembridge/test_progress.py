@@ -8,7 +8,7 @@ import pytest
 
 from fembridge.fitting.fit import SearchBar
 from fembridge.solver.settings import Progress
-from fembridge.terminal import Bars, SolverBars, words_of
+from fembridge.terminal import Bars, SolverBars, how_far
 from neural.search import Progress as SearchProgress
 
 
@@ -48,7 +48,7 @@ def terminal(monkeypatch):
     [(5, 10.0, ", 16:30 left"), (5, 100.0, ", 2:45:00 left"), (0, 10.0, "")],
 )
 def test_the_time_left_is_at_the_pace_so_far(increment, elapsed_s, left):
-    assert words_of(progress(elapsed_s, increment)).endswith(f"17 iterations{left}")
+    assert how_far(progress(elapsed_s, increment)).endswith(f"17 iterations{left}")
 
 
 def test_a_terminal_shows_a_bar_a_run(terminal):

@@ -283,6 +283,15 @@ def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
     assert contents(result) == earlier
 
 
+def test_a_finger_that_was_edited_since_the_run_is_not_written_over(result, capsys):
+    mine = result / "finger.toml"
+    mine.write_text(mine.read_text().replace("epidermis_mm", "# mine\nepidermis_mm"))
+    edited = contents(result)
+    assert main(["simulate", "--stimulus", "sine_20_250", "--stored", "-o", "out"]) == 1
+    assert "edited since" in capsys.readouterr().err
+    assert contents(result) == edited
+
+
 @pytest.mark.parametrize("named", [True, False])
 def test_a_finger_is_not_written_over_by_what_is_solved(tmp_path, capsys, named):
     mine = tmp_path / "finger.toml"
