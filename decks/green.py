@@ -27,6 +27,7 @@ from decks.dialects import template
 from decks.finger import LAYERS, Finger, Papillae, Ridges
 from decks.keyword_deck import LINES, element_lines
 from decks.material import Material
+from decks.mesh import scaled_jacobian
 from decks.section import Section, section_of
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray, IntArray
@@ -256,15 +257,14 @@ def _grid(section: Section, arc_mm: FloatArray, times: int) -> tuple[FloatArray,
 
 def _check(point_mm: FloatArray) -> None:
     """Refuse a grid with an element that is folded."""
-    a, b = point_mm[1:, :-1], point_mm[1:, 1:]
-    c, d = point_mm[:-1, 1:], point_mm[:-1, :-1]
-    for corner, one, other in ((a, b, d), (b, c, a), (c, d, b), (d, a, c)):
-        u, v = one - corner, other - corner
-        area = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-        if not (area > 0).all():
-            row, column = np.argwhere(area <= 0)[0]
-            x, y = corner[row, column]
-            raise FingerError(f"the pad's grid is folded near ({x:.3f}, {y:.3f}) mm")
+    rows, columns, _ = point_mm.shape
+    node = np.arange(rows * columns).reshape(rows, columns)
+    quad = np.stack([node[1:, :-1], node[1:, 1:], node[:-1, 1:], node[:-1, :-1]], -1).reshape(-1, 4)
+    flat_mm = point_mm.reshape(-1, 2)
+    folded = scaled_jacobian(flat_mm, quad) <= 0
+    if folded.any():
+        x, y = flat_mm[quad[folded][0, 0]]
+        raise FingerError(f"the pad's grid is folded near ({x:.3f}, {y:.3f}) mm")
 
 
 # ---- The deck

@@ -4,8 +4,8 @@
     ** a comment
     0., 0., 0.1, 1.                              a data line
 
-Nothing is rewritten: a block knows the bytes that it takes, so that a change of a few
-bytes keeps all others. Blanks and tabs count nowhere, case does not, a line may end in
+A block knows the bytes that it takes, so that a change of a few bytes keeps all others
+(`decks.own_model`). Blanks and tabs count nowhere, case does not, a line may end in
 CRLF, and bytes need not be any encoding.
 
 Abaqus continues a keyword line that ends in a comma on the next line; ccx 2.20 takes
@@ -14,8 +14,8 @@ has an ``=``, which ccx cannot read as data.
 
 ``*INCLUDE`` puts a file's lines in its own place: they may go on with the data of the
 keyword before it, and what follows it may go on with the last keyword of the file. So a
-block has its data in pieces, some of which may be in another file. Only the deck itself
-is ever changed. What cannot be read is a DeckError that names the file and the line.
+block has its data in pieces, some of which may be in another file. What cannot be read is
+a DeckError that names the file and the line.
 """
 
 import math
@@ -416,81 +416,3 @@ def _member(word: str, where: str) -> int:
     if len(word.split()) > 1:
         raise DeckError(f"{where}: {word.strip()[:40]!r}, expected one number between commas")
     return whole(word, where)
-
-
-# ---- Changes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Edit:
-    """`new` in the place of the bytes of `text` from `start` to `stop`."""
-
-    text: Text
-    start: int
-    stop: int
-    new: bytes = b""
-
-
-def edited(data: bytes, edits: list[Edit]) -> bytes:
-    """`data` with all `edits`; those at one place in the order they are given in."""
-    for edit in edits:
-        if edit.text.name:
-            line = edit.text.data.count(b"\n", 0, edit.start) + 1
-            raise DeckError(
-                f"{edit.text.place(line)}: would have to change, and an included file is not "
-                "changed; put this line and its data into the deck itself"
-            )
-    pieces, done = [], 0
-    for edit in sorted(edits, key=lambda edit: (edit.start, edit.stop)):
-        pieces += [data[done : edit.start], edit.new]
-        done = edit.stop
-    return b"".join([*pieces, data[done:]])
-
-
-def inserted(text: Text, place: int, lines: list[str]) -> Edit:
-    """`lines` where a line begins, with line ends as the deck has them."""
-    new = b"".join(line.encode("latin-1") + text.newline for line in lines)
-    if place and text.data[place - 1 : place] != b"\n":  # after a last line without end
-        new = text.newline + new.removesuffix(text.newline)
-    return Edit(text, place, place, new)
-
-
-def in_place_of(block: Block, rows: list[Row], lines: list[str]) -> list[Edit]:
-    """`lines` where the first of a block's `rows` is; the others go.
-
-    Comments between them stay. Without rows the lines follow the keyword line.
-    """
-    if not rows:
-        return [inserted(block.text, block.body, lines)]
-    first, *others = rows
-    text = first.text
-    said = text.data[first.start : first.stop]
-    end = said[len(said.rstrip(b"\r\n")) :]
-    joined = (end or text.newline).join(line.encode("ascii") for line in lines) + end
-    if rows[-1].stop == len(text.data) and not text.data.endswith(b"\n"):
-        joined = joined.removesuffix(end)  # the deck's last line had no end
-    return [Edit(text, first.start, first.stop, joined), *map(gone, others)]
-
-
-def gone(row: Row) -> Edit:
-    """A data line taken out."""
-    return Edit(row.text, row.start, row.stop)
-
-
-def without(block: Block) -> list[Edit]:
-    """A block taken out: its keyword line and data; comments under it stay."""
-    return [Edit(block.text, block.start, block.body), *map(gone, block.rows())]
-
-
-def without_option(block: Block, there: Option) -> Edit:
-    """An option taken out of the keyword line, with the comma before it."""
-    comma = block.text.data.rindex(b",", block.start, there.start)
-    return Edit(block.text, comma, there.stop)
-
-
-def with_option(block: Block, there: Option | None, new: str) -> Edit:
-    """`new` in the place of an option of the keyword line, or behind the last one."""
-    if there is not None:
-        return Edit(block.text, there.start, there.stop, new.encode())
-    comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
-    return Edit(block.text, block.head, block.head, f"{comma}{new}".encode())

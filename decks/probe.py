@@ -21,6 +21,9 @@ _HALF_OPENING_DEG = 80.0
 _MIN_SEGMENTS = 64
 _SEGMENT_MM = 0.02
 _INNER_SHARE = 0.7
+# Of a punch's edges; of a narrow punch a share of its width.
+_FILLET_MM = 0.1
+_FILLET_SHARE = 0.25
 _LEAST_FILLET_MM = 0.001
 _FILLET_SEGMENTS = 16
 # A flat side narrower than this is none.
@@ -33,14 +36,14 @@ _DIGITS = 9
 class Probe(Ranged):
     """A cylinder of `diameter_mm`, or a flat punch of that width.
 
-    `fillet_mm` rounds the punch's edges (a sharp edge has no finite stress
-    under it). `x_mm` is where the probe's middle stands. 1 mm: the indentor of
-    Ishizuka et al., section 3.2.
+    `fillet_mm` rounds the punch's edges (a sharp edge has no finite stress under it);
+    unless it is given it is 0.1, or a quarter of a narrow punch's width. `x_mm` is where
+    the probe's middle stands. 1 mm: the indentor of Ishizuka et al., section 3.2.
     """
 
     shape: str = "cylinder"
     diameter_mm: float = 1.0
-    fillet_mm: float = 0.1
+    fillet_mm: float = None  # type: ignore[assignment] # a number once it is made
     x_mm: float = 0.0
 
     RANGES: ClassVar = {
@@ -51,6 +54,9 @@ class Probe(Ranged):
     }
 
     def __post_init__(self) -> None:
+        if self.fillet_mm is None:
+            widest_mm = _FILLET_SHARE * self.diameter_mm if self.shape == "flat" else _FILLET_MM
+            object.__setattr__(self, "fillet_mm", min(_FILLET_MM, widest_mm))
         Ranged.__post_init__(self)
         sound = self.fillet_mm == 0 or _LEAST_FILLET_MM <= self.fillet_mm <= 0.5 * self.diameter_mm
         if self.shape == "flat" and not sound:

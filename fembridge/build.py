@@ -131,14 +131,14 @@ def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
     DeckError
         No such file, not a deck by its name, or another solver's.
     """
-    from decks.own_model.inp import dialect_of as dialect_in
+    from decks.own_model.inp import solver_of
 
     known = _SOLVERS.get(path.suffix.lower())
     if known is None:
         raise DeckError(f"{path}: expected a deck: a .inp of CalculiX or Abaqus, or a .dat of Marc")
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     if solver is None:
-        solver = known[0] if len(known) == 1 else dialect_in(data)
+        solver = known[0] if len(known) == 1 else solver_of(data)
     elif solver not in known:
         raise DeckError(
             f"{path}: a {path.suffix} is a deck for {' or '.join(known)}, not for {solver}"

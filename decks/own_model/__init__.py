@@ -4,8 +4,9 @@ Here is what is wanted of it, and what came of it; `inp` and `marc` are the two 
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from decks.dialects import INCREMENTS, RESULTS
 from decks.inp import squeezed
@@ -101,6 +102,27 @@ class Rebased:
     before_s: float = 0.0
     stands_mm: float = 0.0
     units: UnitSystem = MM
+
+
+class Edit(NamedTuple):
+    """`new` in the place of a deck's bytes from `start` to `stop`."""
+
+    start: int
+    stop: int
+    new: bytes = b""
+
+
+Change = tuple[list[Edit], list[str]]
+"""Edits, and remarks on them."""
+
+
+def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
+    """`data` with all `edits`; those at one place in the order they are given in."""
+    pieces, done = [], 0
+    for edit in sorted(edits, key=lambda edit: edit[:2]):
+        pieces += [data[done : edit.start], edit.new]
+        done = edit.stop
+    return b"".join([*pieces, data[done:]])
 
 
 def too_far(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:

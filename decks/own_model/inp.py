@@ -4,41 +4,38 @@ The data of the amplitude that moves the probe, the increments of the step that 
 moves in, and the output of that step are put in; all else keeps its bytes, comments,
 case and line ends included. A probe without such an amplitude gets one. What is missing
 or can be meant in two ways is refused, with its line.
+
+In Abaqus a node's number counts in its part alone, the part stands where its instance
+puts it, and a set of the assembly names its instance. A deck without parts has all its
+nodes in one scope.
 """
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 
 from decks.inp import (
     Block,
     Deck,
-    Edit,
+    Option,
+    Piece,
     Resolver,
+    Row,
     Text,
     blocks_in,
-    edited,
-    gone,
-    in_place_of,
-    inserted,
+    members,
     read_inp,
+    squeezed,
     whole,
-    with_option,
-    without_option,
 )
-from decks.keyword_deck import fixed, pair_lines
+from decks.keyword_deck import fixed, list_lines, pair_lines
 from decks.motion import Motion
-from decks.own_model import Rebased, Request, too_far
-from decks.own_model.inp_drive import MOVABLE, OWN_AMPLITUDE, Drive, find_drive
-from decks.own_model.inp_output import (
-    TIMES,
-    Change,
-    Place,
-    find_nodes,
-    output_edits,
-    scopes_of,
-    size_of,
-)
+from decks.own_model import Change, Edit, Rebased, Request, edited, too_far
+from decks.own_model.inp_drive import MOVABLE, OWN_AMPLITUDE, Drive, Step, find_drive
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, unit_system_in
 from fembridge.errors import DeckError
-
-DIALECTS = ("calculix", "abaqus")
 
 # Keywords that Abaqus alone has, and that Abaqus/CAE or its users write often.
 _ABAQUS = (
@@ -62,6 +59,45 @@ _NONLINEAR = (
     *("CONTACTPAIR", "CREEP", "DEFORMATIONPLASTICITY", "HYPERELASTIC", "HYPERFOAM"),
     *("MOHRCOULOMB", "PLASTIC", "USERMATERIAL"),
 )
+_OUTPUT_SET = "FEMBRIDGE_OUTPUT"
+# Of automatic increments: the samples, at which results are written.
+_TIMES = "FEMBRIDGE_TIMES"
+_SET_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_OPENING = ("PART", "INSTANCE")
+_NODE_MAKERS = ("NCOPY", "NFILL", "NGEN", "NMAP")
+# Elements of a solid model, where z counts.
+_SOLID = ("C3D", "M3D", "SC", "S3", "S4", "S6", "S8")
+_SAMPLED = 20_000  # nodes that show how big a model is
+# What ccx takes for requests of results at nodes.
+_CALCULIX_REQUESTS = ("NODEFILE", "ELFILE", "NODEOUTPUT", "ELEMENTOUTPUT")
+# More increments than any step has: what is written is its last one.
+_AT_END = 100000
+
+# Numbers by instance; "" where there are none.
+_Members = Mapping[str, list[int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A node `at` (x, y), in a solid model (x, y, z), in the deck's unit.
+
+    `instance` is "" without instances.
+    """
+
+    node: int
+    at: tuple[float, ...]
+    instance: str
+    where: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scope:
+    """Blocks whose numbers count together: a part as an instance puts it, or all."""
+
+    instance: str
+    blocks: tuple[Block, ...]
+    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rotated: str = ""
 
 
 def rebase_inp(
@@ -83,7 +119,7 @@ def rebase_inp(
     request
         Which amplitude and step, which nodes, the deck's unit of length.
     dialect
-        ``"calculix"`` or ``"abaqus"``; None: as `dialect_of` finds it.
+        ``"calculix"`` or ``"abaqus"``; None: `solver_of` the deck.
     resolver
         Gives the bytes of a file by the name that the deck includes it under, or
         None; without it no included file is looked into.
@@ -99,35 +135,27 @@ def rebase_inp(
         Something is missing, ambiguous, or would make of the waveform another one;
         the message begins with the line, or the file and the line.
     """
-    sign = _sign_of_abaqus(data) if dialect is None else None
-    kind = dialect or ("calculix" if sign is None else "abaqus")
-    if kind not in DIALECTS:
-        raise DeckError(f"dialect {kind!r}, expected {' or '.join(DIALECTS)}")
     if request.results == "both":
         raise DeckError("results both are Marc's, expected binary or text")
-    abaqus, binary = kind == "abaqus", request.results != "text"
+    abaqus = (dialect or solver_of(data)) == "abaqus"
     deck = read_inp(data, abaqus=abaqus, resolver=resolver)
     drive = find_drive(deck, request)
     units, stated = _units(deck, request)
-    scopes = scopes_of(deck)
+    scopes = _scopes_of(deck)
     places: dict[str, Place] = {}
     if request.afferents:
-        found = find_nodes(deck, scopes, list(request.afferents.values()))
+        found = _find_nodes(deck, scopes, list(request.afferents.values()))
         places = dict(zip(request.afferents, found, strict=True))
     edits: list[Edit] = []
-    remarks = [f"read as a deck for {'Abaqus' if abaqus else 'CalculiX'}"]
-    if sign is not None:
-        remarks = [f"line {sign.line}: {sign.title}: {remarks[0]}"]
-    remarks += stated
+    remarks = [f"read as a deck for {'Abaqus' if abaqus else 'CalculiX'}", *stated]
     by_heading = bool(stated) and request.length_unit is None
-    remarks += too_far(motion, size_of(deck) * units.length_mm, units, by_heading)
-    automatic = request.increments == "automatic"
+    remarks += too_far(motion, _size_of(deck) * units.length_mm, units, by_heading)
     if not abaqus:
         remarks += _path_dependent(deck)
     for more_edits, more_remarks in (
         _waveform_edits(drive, motion, units.length_mm),
-        _increment_edits(deck, drive, motion, abaqus=abaqus, automatic=automatic),
-        output_edits(deck, drive, scopes, places, request, abaqus=abaqus, binary=binary),
+        _increment_edits(deck, drive, motion, request, abaqus=abaqus),
+        _output_edits(deck, drive, scopes, places, request, abaqus=abaqus),
     ):
         edits += more_edits
         remarks += more_remarks
@@ -175,17 +203,12 @@ def _path_dependent(deck: Deck) -> list[str]:
     ]
 
 
-def dialect_of(data: bytes) -> str:
+def solver_of(data: bytes) -> str:
     """Whose deck `data` is: ``"abaqus"`` or ``"calculix"``.
 
     ccx reads much of what Abaqus does and drops the rest with a warning, so a deck is
     taken for ccx unless something in it has no sense there.
     """
-    return "calculix" if _sign_of_abaqus(data) is None else "abaqus"
-
-
-def _sign_of_abaqus(data: bytes) -> Block | None:
-    """The first block that only Abaqus reads; None in a deck for ccx."""
     for block in blocks_in(Text(data)):
         kind = block.word("TYPE")
         if (
@@ -196,8 +219,8 @@ def _sign_of_abaqus(data: bytes) -> Block | None:
             or (block.keyword == "OUTPUT" and any(map(block.option, ("FIELD", "HISTORY"))))
             or (block.keyword == "ELEMENT" and kind.startswith(_PLANE_OR_SOLID) and kind[-1] == "H")
         ):
-            return block
-    return None
+            return "abaqus"
+    return "calculix"
 
 
 # ---- The waveform: an amplitude that counts total time begins where the step does.
@@ -222,7 +245,7 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
         remarks = [f"{remarks[0]} {samples}"]
     else:
         rows = list(curve.rows())
-        edits = in_place_of(curve, rows, lines)
+        edits = _in_place_of(curve, rows, lines)
         clock = "total time" if drive.total_time else "step time"
         remarks = [
             f"{curve.where}: amplitude {curve.word('NAME')} ({clock}) {samples} in place of "
@@ -259,7 +282,7 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
     for later in drive.steps[drive.step.number :]:
         text = later.head.text if later.head.text.name else later.end.text
         remarks.append(f"{later.head.where}: left out to *END STEP, the run ends with the waveform")
-        edits.append(Edit(text, later.head.start, later.end.body))
+        edits.append(_edit(text, later.head.start, later.end.body))
     return edits, remarks
 
 
@@ -267,7 +290,7 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
     """An amplitude before the first step, and on the lines that move the probe."""
     use = f"AMPLITUDE={OWN_AMPLITUDE}"
     head = drive.steps[0].head
-    edits = [inserted(head.text, head.start, [f"*AMPLITUDE, NAME={OWN_AMPLITUDE}", *lines])]
+    edits = [_inserted(head.text, head.start, [f"*AMPLITUDE, NAME={OWN_AMPLITUDE}", *lines])]
     for start in dict.fromkeys(push.block.start for push in drive.push):
         mine = [push for push in drive.push if push.block.start == start]
         block, rows = mine[0].block, list(mine[0].block.rows())
@@ -281,14 +304,14 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
             for push in mine[:1]
         ]
         if len(moved) == len(rows):
-            edits.append(with_option(block, block.option("AMPLITUDE"), use))
+            edits.append(_with_option(block, block.option("AMPLITUDE"), use))
             if mine[0].by_request:
-                edits += in_place_of(block, moved, said)
+                edits += _in_place_of(block, moved, said)
             continue
-        edits += map(gone, moved)
+        edits += map(_without_row, moved)
         again = block.option("OP")
         op = f", OP={again.word}" if again is not None else ""
-        edits.append(inserted(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said]))
+        edits.append(_inserted(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said]))
     first, instead = drive.push[0], ""
     if first.amplitude not in ("", OWN_AMPLITUDE):
         instead = f" ({first.amplitude} has other users, or cannot hold a waveform)"
@@ -301,17 +324,18 @@ def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
 
 
 def _increment_edits(
-    deck: Deck, drive: Drive, motion: Motion, *, abaqus: bool, automatic: bool
+    deck: Deck, drive: Drive, motion: Motion, request: Request, *, abaqus: bool
 ) -> Change:
     """The procedure's line and options in the waveform's step, with remarks."""
     step, count, edits, remarks = drive.step, motion.increments, list[Edit](), list[str]()
+    automatic = request.increments == "automatic"
     procedure = _procedure(drive, abaqus)
     option = step.head.option("INC")
     most = _DEFAULT_MOST if option is None else whole(option.value or "", step.head.where)
     needed = count * (_CUTS if automatic else 1)
     if most < needed:
         remarks.append(f"{step.head.where}: INC raised from {most} to {needed}")
-        edits.append(with_option(step.head, option, f"INC={needed}"))
+        edits.append(_with_option(step.head, option, f"INC={needed}"))
     before = drive.steps[: step.number]
     linear = procedure.keyword != "DYNAMIC" and not deck.of(*_NONLINEAR)
     if not abaqus and linear and not any(one.head.option("NLGEOM") for one in before):
@@ -319,7 +343,7 @@ def _increment_edits(
             f"{step.head.where}: NLGEOM put in: without it, contact or a nonlinear material ccx "
             "makes one increment of a step"
         )
-        edits.append(with_option(step.head, None, "NLGEOM"))
+        edits.append(_with_option(step.head, None, "NLGEOM"))
     for one in () if abaqus else [each for step in before for each in step.of(*MOVABLE)]:
         solver = one.option("SOLVER")
         if solver is not None and solver.word not in _SOLVERS and not one.text.name:
@@ -327,7 +351,7 @@ def _increment_edits(
                 f"{one.where}: SOLVER={solver.word} left out: not every ccx has it, and each "
                 "takes the best of its own"
             )
-            edits.append(without_option(one, solver))
+            edits.append(_without_option(one, solver))
     direct = procedure.option("DIRECT")
     period = fixed(count * motion.dt_s, _TIME_DIGITS)
     rows = list(procedure.rows())
@@ -339,14 +363,14 @@ def _increment_edits(
         dt, least = fixed(motion.dt_s, _TIME_DIGITS), fixed(_SMALLEST * motion.dt_s, 9)
         line = f"{dt}, {period}, {least}, {dt}"
         if direct is not None:
-            edits.append(without_option(procedure, direct))
-        edits += in_place_of(procedure, rows[:1], [line])
-        points = next((one for one in deck.of("TIMEPOINTS") if one.word("NAME") == TIMES), None)
-        new = [f"*TIME POINTS, NAME={TIMES}, GENERATE", f"{dt}, {period}, {dt}"]
+            edits.append(_without_option(procedure, direct))
+        edits += _in_place_of(procedure, rows[:1], [line])
+        points = next((one for one in deck.of("TIMEPOINTS") if one.word("NAME") == _TIMES), None)
+        new = [f"*TIME POINTS, NAME={_TIMES}, GENERATE", f"{dt}, {period}, {dt}"]
         if points is None:
-            edits.append(inserted(drive.steps[0].head.text, drive.steps[0].head.start, new))
+            edits.append(_inserted(drive.steps[0].head.text, drive.steps[0].head.start, new))
         else:
-            edits += in_place_of(points, list(points.rows()), new[1:])
+            edits += _in_place_of(points, list(points.rows()), new[1:])
         remarks.append(
             f"{procedure.where}: {procedure.title} takes increments of {motion.dt_s:g} s or less, "
             f"with results at {count} time points: {line} {words}"
@@ -355,11 +379,11 @@ def _increment_edits(
     no_stop = abaqus and direct is not None and direct.word == "NOSTOP"
     if direct is None:
         if not (procedure.keyword == "VISCO" and abaqus):  # fixed there without CETOL
-            edits.append(with_option(procedure, None, "DIRECT"))
+            edits.append(_with_option(procedure, None, "DIRECT"))
     elif direct.word.startswith("NO") and not no_stop:  # to ccx, NO STOP is a no
-        edits.append(with_option(procedure, direct, "DIRECT"))
+        edits.append(_with_option(procedure, direct, "DIRECT"))
     line = f"{fixed(motion.dt_s, _TIME_DIGITS)}, {period}"
-    edits += in_place_of(procedure, rows[:1], [line])
+    edits += _in_place_of(procedure, rows[:1], [line])
     remarks.append(
         f"{procedure.where}: {procedure.title}, DIRECT takes {count} increments: {line} {words}"
     )
@@ -395,3 +419,404 @@ def _procedure(drive: Drive, abaqus: bool) -> Block:
             "without it, and the waveform with them; write SMOOTH=0"
         )
     return procedure
+
+
+# ---- What the step writes: displacement and stress, in every increment, on the afferents'
+# nodes or on all; in a deck for ccx the step before writes its last increment too.
+#
+#     *NSET, NSET=AFFERENT_SA
+#     118,
+#     *NSET, NSET=FEMBRIDGE_OUTPUT
+#     118, 140, 163,
+#
+# A set of that name that the deck has already must hold the same, since solvers add to a set
+# that is defined again.
+
+
+def _output_edits(
+    deck: Deck,
+    drive: Drive,
+    scopes: list[Scope],
+    places: Mapping[str, Place],
+    request: Request,
+    *,
+    abaqus: bool,
+) -> Change:
+    """What is to be written at `places`, or at all nodes, with remarks on it."""
+    on_set = bool(places) and not request.all_nodes
+    automatic = request.increments == "automatic"
+    what = f"the nodes of {', '.join(places)}" if on_set else "all nodes"
+    edits, remarks = _sets(deck, drive, scopes, places, abaqus) if places else ([], [])
+    for step in [drive.step] if abaqus else _steps_to_write(drive):
+        if abaqus:
+            gone, lines = _abaqus_requests(step), _abaqus_request(on_set, automatic)
+        else:
+            gone = step.of(*_CALCULIX_REQUESTS)
+            lines = _calculix_request(drive, step, on_set, request)
+        every = "every time point" if automatic else "every increment"
+        when = every if step is drive.step else "its last increment"
+        edits += [edit for block in gone for edit in _without(block)]
+        edits.append(_inserted(step.end.text, step.end.start, lines))
+        removed = ", ".join(f"{block.title} ({block.where})" for block in gone)
+        instead = f", in place of {removed}" if removed else ""
+        remarks.append(f"{step.end.where}: U and S at {what}, {when}{instead}")
+    return edits, remarks
+
+
+# ---- CalculiX: the last request decides how often and whether binary, for all of them, so
+# ours come last in their step. ccx writes nothing when a step begins: what a trace has at
+# the waveform's start is the last increment of the step before.
+
+
+def _calculix_request(drive: Drive, step: Step, on_set: bool, request: Request) -> list[str]:
+    """Request of U and S in `step`: every sample or, before the waveform's, its last."""
+    stay = [block for block in step.blocks if block.keyword not in _CALCULIX_REQUESTS]
+    timed = [block for block in stay if block.option("TIMEPOINTS") is not None]
+    often = ", FREQUENCY=1"
+    if step is not drive.step:  # points in time come before a number of increments
+        often = "" if timed else f", FREQUENCY={_AT_END}"
+    elif request.increments == "automatic":
+        often = f", TIME POINTS={_TIMES}"
+    elif timed:
+        raise timed[0].error(
+            f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it "
+            "out, or let increments be automatic"
+        )
+    nodes = f", NSET={_OUTPUT_SET}{often}{_flat(drive, step)}" if on_set else often
+    if request.results == "text":
+        return [f"*NODE FILE{nodes}", "U", f"*EL FILE{nodes}", "S"]
+    return [f"*NODE OUTPUT{nodes}, DOUBLE", "U", f"*ELEMENT OUTPUT{nodes}, DOUBLE", "S"]
+
+
+def _steps_to_write(drive: Drive) -> list[Step]:
+    """The waveform's step and, where it has one before it in time, that one."""
+    before = drive.steps[: drive.step.number - 1][-1:]
+    return [*(step for step in before if step.of(*MOVABLE)), drive.step]
+
+
+def _flat(drive: Drive, step: Step) -> str:
+    """``OUTPUT=2D`` where something asks for 3D, which has no sets of nodes.
+
+    Expanded nodes have numbers of their own, and results on a set of the deck's nodes
+    are then empty. ccx 2.20 takes the word in the first step alone.
+    """
+    written = _steps_to_write(drive)
+    for one in drive.steps[: drive.step.number]:
+        for block in one.blocks:
+            gone = one in written and block.keyword in _CALCULIX_REQUESTS
+            if gone or block.word("OUTPUT") != "3D":
+                continue
+            if one.number > 1 or one not in written:
+                raise block.error(
+                    f"{block.title}, OUTPUT=3D: ccx then writes nothing for a set of "
+                    "the deck's nodes; take it out"
+                )
+            return ", OUTPUT=2D" if step is one else ""
+    return ""
+
+
+# ---- Abaqus writes the state at the start of each step by itself. Positions ``NODES`` are
+# values of each element by itself, so that nothing is averaged over layers.
+
+
+def _abaqus_request(on_set: bool, automatic: bool) -> list[str]:
+    often = f"TIME POINTS={_TIMES}" if automatic else "FREQUENCY=1"
+    nodes, elements = (f", {kind}={_OUTPUT_SET}" if on_set else "" for kind in ("NSET", "ELSET"))
+    return [
+        f"*OUTPUT, FIELD, {often}",
+        f"*NODE OUTPUT{nodes}",
+        "U,",
+        f"*ELEMENT OUTPUT{elements}, POSITION=NODES",
+        "S,",
+    ]
+
+
+def _abaqus_requests(step: Step) -> list[Block]:
+    """The field requests of nodes and elements, with an ``*OUTPUT`` left empty.
+
+    History requests, contact and energy stay, and so do ``.fil`` and printed tables.
+    """
+    groups: list[list[Block]] = []
+    for block in step.blocks:
+        if block.keyword == "OUTPUT":
+            groups.append([block])
+        elif groups and block.keyword.endswith("OUTPUT"):
+            groups[-1].append(block)
+    gone: list[Block] = []
+    for head, *others in groups:
+        parts = [one for one in others if one.keyword in ("NODEOUTPUT", "ELEMENTOUTPUT")]
+        if head.option("FIELD") is not None:
+            gone += [head, *others] if len(parts) == len(others) else parts
+    return gone
+
+
+# ---- Sets: one an afferent, one for all
+
+
+def _sets(
+    deck: Deck, drive: Drive, scopes: list[Scope], places: Mapping[str, Place], abaqus: bool
+) -> Change:
+    """Those sets that the deck has not yet, before its first step or the assembly's end."""
+    wanted: dict[tuple[str, str], _Members] = {}
+    together: dict[str, dict[int, Place]] = {}
+    for name, place in places.items():
+        key = "NSET", f"AFFERENT_{name.upper()}"
+        if not _SET_NAME.fullmatch(name) or key in wanted:
+            raise DeckError(
+                f"afferent {name!r}: its name becomes that of a set, and may have letters, "
+                "digits, - and _, and be there once"
+            )
+        wanted[key] = {place.instance: [place.node]}
+        together.setdefault(place.instance, {})[place.node] = place
+    wanted["NSET", _OUTPUT_SET] = {instance: list(some) for instance, some in together.items()}
+    if abaqus:
+        wanted["ELSET", _OUTPUT_SET] = _elements_around(scopes, together)
+    lines = []
+    for (keyword, name), numbers in wanted.items():
+        makers = (keyword, "NODE", "ELEMENT")
+        outside = [one for one in scopes[0].blocks if one.keyword in makers]
+        there = [one for one in outside if one.word(keyword) == name]
+        if there and not _holds(there, numbers):
+            raise there[0].error(
+                f"set {name} is there already and holds something else than the output "
+                "asked for; rename or remove it"
+            )
+        for instance, some in () if there else numbers.items():
+            of = f", INSTANCE={instance}" if instance else ""
+            lines += [f"*{keyword}, {keyword}={name}{of}", *list_lines(some).splitlines()]
+    if not lines:
+        return [], []
+    ends = deck.of("ENDASSEMBLY") if any(together) else [drive.steps[0].head]
+    if len(ends) != 1:
+        raise DeckError(f"{len(ends)} *END ASSEMBLY, expected one to put sets before")
+    text, start = ends[0].text, ends[0].start
+    # A node set and an element set may share a name.
+    names = dict.fromkeys(each.split("=")[1].split(",")[0] for each in lines if "=" in each)
+    line = text.data.count(b"\n", 0, start) + 1
+    return [_inserted(text, start, lines)], [f"line {line}: before it, sets {', '.join(names)}"]
+
+
+def _holds(blocks: list[Block], wanted: _Members) -> bool:
+    """Whether a set holds just that; not where that takes more than reading."""
+    expected = {(squeezed(name), number) for name, some in wanted.items() for number in some}
+    found: set[tuple[str, int]] = set()
+    try:
+        for block in blocks:
+            for run in members(block, {}):
+                if len(run) > len(expected):
+                    return False
+                found.update((block.word("INSTANCE"), number) for number in run)
+    except DeckError:
+        return False
+    return found == expected
+
+
+def _elements_around(scopes: list[Scope], nodes: Mapping[str, Mapping[int, Place]]) -> _Members:
+    """Numbers of the elements at `nodes`, by instance and in deck order."""
+    found: dict[str, list[int]] = {}
+    for scope in scopes:
+        wanted = nodes.get(scope.instance, {})
+        reached: set[int] = set()
+        for block in scope.blocks if wanted else ():
+            for number, corners in _elements(block) if block.keyword == "ELEMENT" else ():
+                if here := wanted.keys() & corners:
+                    found.setdefault(scope.instance, []).append(number)
+                    reached |= here
+        for node in wanted.keys() - reached:
+            raise DeckError(
+                f"{wanted[node].where}: no *ELEMENT of the deck has node {node}, so it "
+                "has no stress"
+            )
+    return found
+
+
+def _elements(block: Block) -> Iterator[tuple[int, set[int]]]:
+    """Number and nodes of each element; a line ending in a comma goes on."""
+    words: list[str] = []
+    for row in (*block.rows(), None):
+        if row is not None:
+            words += row.words
+            if not words[-1]:
+                words.pop()
+                continue
+        # In an assembly a node may be named with its instance; such an element is no skin.
+        if words and all(word.isascii() and word.isdigit() for word in words):
+            yield int(words[0]), set(map(int, words[1:]))
+        words = []
+
+
+# ---- Nodes
+
+
+def _scopes_of(deck: Deck) -> list[Scope]:
+    """The scopes of a deck: one, or the assembly's own and one an instance."""
+    parts: dict[str, list[Block]] = {}
+    scopes: list[Scope] = []
+    outside: list[Block] = []
+    inside: list[Block] = []
+    opened: Block | None = None
+    for block in deck.blocks:
+        if opened is not None and block.keyword in (*_OPENING, "ENDASSEMBLY", "STEP"):
+            raise opened.error(f"this {opened.title} has no *END {opened.title[1:]}")
+        if block.keyword in _OPENING:
+            opened, inside = block, []
+        elif opened is not None and block.keyword == f"END{opened.keyword}":
+            if opened.keyword == "PART":
+                parts[opened.word("NAME")] = inside
+            else:
+                scopes.append(_instance(opened, parts, inside))
+            opened = None
+        else:
+            (outside if opened is None else inside).append(block)
+    return [Scope("", tuple(outside)), *scopes]
+
+
+def _instance(block: Block, parts: dict[str, list[Block]], own: list[Block]) -> Scope:
+    part = block.word("PART")
+    if part and part not in parts:
+        raise block.error(f"*INSTANCE of part {part}, which is nowhere before it")
+    option = block.option("NAME")
+    if option is None:
+        raise block.error(f"{block.title} without NAME=")
+    # With its case and quotes, which Abaqus heeds together.
+    said = block.text.data[option.start : option.stop].partition(b"=")[2]
+    name = said.strip().decode("latin-1")
+    rows = list(block.rows())
+    shift = tuple(rows[0].number(one, blank=0.0) for one in range(3)) if rows else (0.0,) * 3
+    rotated = rows[1].where if len(rows) > 1 else ""
+    return Scope(name, (*parts.get(part, ()), *own), shift, rotated)
+
+
+def _find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[Place]:
+    """Find each of `nodes`, in that order."""
+    found: dict[int, list[Place]] = {node: [] for node in nodes}
+    solid = any(block.word("TYPE").startswith(_SOLID) for block in deck.of("ELEMENT"))
+    for scope in scopes:
+        for node, place in _nodes_in(scope, nodes, 3 if solid else 2).items():
+            found[node].append(place)
+    for node, places in found.items():
+        if not places:
+            made = deck.of(*_NODE_MAKERS)
+            hint = f"; {made[0].title}, {made[0].where}, is not followed" if made else ""
+            raise DeckError(f"no *NODE of the deck defines node {node}{hint}{deck.unread}")
+        if len(places) > 1:
+            listed = ", ".join(f"{one.instance or 'the assembly'} ({one.where})" for one in places)
+            raise DeckError(
+                f"node {node} is in several instances: {listed}; give one of them another number"
+            )
+    return [found[node][0] for node in nodes]
+
+
+def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, Place]:
+    """Those of `nodes` that the scope defines."""
+    found: dict[int, Place] = {}
+    for block in scope.blocks:
+        for row in _rows_of(block, nodes) if block.keyword == "NODE" else ():
+            if block.word("SYSTEM") not in ("", "R"):
+                raise block.error(
+                    f"*NODE, SYSTEM={block.word('SYSTEM')}: node {row.words[0]} is not in "
+                    "rectangular coordinates"
+                )
+            node = row.whole(0)
+            at = tuple(row.number(1 + k, blank=0.0) + scope.shift[k] for k in range(axes))
+            found[node] = Place(node, at, scope.instance, row.where)  # the last one counts
+    moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
+    if found and (moved or scope.rotated):
+        raise DeckError(
+            f"{(moved or [scope.rotated])[0]}: rotates or moves the nodes of "
+            f"{scope.instance or 'the deck'}, and where they come to lie is not worked out; "
+            "write them in global coordinates"
+        )
+    return found
+
+
+def _rows_of(block: Block, nodes: list[int]) -> Iterator[Row]:
+    """Data lines that begin with one of `nodes`: found by a search of the bytes."""
+    numbers = "|".join(map(str, nodes)).encode()
+    wanted = re.compile(rb"^[ \t]*0*(?:" + numbers + rb")[ \t]*[,\r\n]", re.MULTILINE)
+    for piece in block.pieces:
+        data = piece.text.data
+        for match in wanted.finditer(data, piece.start, piece.stop):
+            line = piece.line + data.count(b"\n", piece.start, match.start())
+            end = data.find(b"\n", match.start(), piece.stop) + 1 or piece.stop
+            yield from Piece(piece.text, match.start(), end, line).rows()
+
+
+def _size_of(deck: Deck) -> float:
+    """The longest side of the box around the nodes, in the deck's unit; of many, a sample."""
+    lines = [
+        line
+        for block in deck.of("NODE")
+        for piece in block.pieces
+        for line in piece.text.data[piece.start : piece.stop].splitlines()
+    ]
+    box = [[math.inf, -math.inf] for _ in range(3)]
+    for line in lines[:: len(lines) // _SAMPLED + 1]:
+        for side, word in zip(box, line.split(b",")[1:4], strict=False):
+            with suppress(ValueError):
+                value = float(word)
+                side[:] = min(side[0], value), max(side[1], value)
+    return max(0.0, *(last - first for first, last in box))
+
+
+# ---- Edits
+
+
+def _edit(text: Text, start: int, stop: int, new: bytes = b"") -> Edit:
+    """`new` in the place of the deck's bytes; of a file that it includes none is changed."""
+    if text.name:
+        line = text.data.count(b"\n", 0, start) + 1
+        raise DeckError(
+            f"{text.place(line)}: would have to change, and an included file is not "
+            "changed; put this line and its data into the deck itself"
+        )
+    return Edit(start, stop, new)
+
+
+def _inserted(text: Text, place: int, lines: list[str]) -> Edit:
+    """`lines` where a line begins, with line ends as the deck has them."""
+    new = b"".join(line.encode("latin-1") + text.newline for line in lines)
+    if place and text.data[place - 1 : place] != b"\n":  # after a last line without end
+        new = text.newline + new.removesuffix(text.newline)
+    return _edit(text, place, place, new)
+
+
+def _in_place_of(block: Block, rows: list[Row], lines: list[str]) -> list[Edit]:
+    """`lines` where the first of a block's `rows` is; the others go.
+
+    Comments between them stay. Without rows the lines follow the keyword line.
+    """
+    if not rows:
+        return [_inserted(block.text, block.body, lines)]
+    first, *others = rows
+    text = first.text
+    said = text.data[first.start : first.stop]
+    end = said[len(said.rstrip(b"\r\n")) :]
+    joined = (end or text.newline).join(line.encode("ascii") for line in lines) + end
+    if rows[-1].stop == len(text.data) and not text.data.endswith(b"\n"):
+        joined = joined.removesuffix(end)  # the deck's last line had no end
+    return [_edit(text, first.start, first.stop, joined), *map(_without_row, others)]
+
+
+def _without_row(row: Row) -> Edit:
+    """A data line taken out."""
+    return _edit(row.text, row.start, row.stop)
+
+
+def _without(block: Block) -> list[Edit]:
+    """A block taken out: its keyword line and data; comments under it stay."""
+    return [_edit(block.text, block.start, block.body), *map(_without_row, block.rows())]
+
+
+def _without_option(block: Block, there: Option) -> Edit:
+    """An option taken out of the keyword line, with the comma before it."""
+    comma = block.text.data.rindex(b",", block.start, there.start)
+    return _edit(block.text, comma, there.stop)
+
+
+def _with_option(block: Block, there: Option | None, new: str) -> Edit:
+    """`new` in the place of an option of the keyword line, or behind the last one."""
+    if there is not None:
+        return _edit(block.text, there.start, there.stop, new.encode())
+    comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
+    return _edit(block.text, block.head, block.head, f"{comma}{new}".encode())

@@ -8,7 +8,7 @@ Mentat wrote.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from decks.marc.grammar import (
     reals_line,
 )
 from decks.motion import Motion
-from decks.own_model import Rebased, Request, too_far
+from decks.own_model import Change, Edit, Rebased, Request, edited, too_far
 from decks.unit_system import LENGTH_UNITS, MM
 from fembridge.errors import DeckError
 
@@ -74,7 +74,7 @@ def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
     chosen = _choose_case(deck, request.step, drives)
     drives = _acting(chosen.case, drives)
     factor = _one_factor(table, drives)
-    edits = _Edits(data)
+    edits: list[Edit] = []
     remarks = [*deck.remarks, f"{table.line.place}: table {table.name!r} is the waveform"]
     remarks += [f"{use.line.place}: it drives {use.what}, factor {use.value:g}" for use in drives]
     if factor != 1.0:
@@ -85,9 +85,13 @@ def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
     size = float(np.ptp(position, axis=0).max()) if position.size else 0.0
     remarks += too_far(motion, size * units.length_mm, units, by_heading=False)
     stands = _standing(deck, table, drives, chosen)
-    remarks += _set_points(edits, table, motion, chosen, units.length_mm * factor, stands)
-    remarks += _set_increments(edits, deck, chosen, motion)
-    remarks += _set_output(edits, deck, chosen.case.number, request.results)
+    for more_edits, more_remarks in (
+        _point_edits(table, motion, chosen, units.length_mm * factor, stands),
+        _increment_edits(deck, chosen, motion),
+        _output_edits(deck, chosen.case.number, request.results),
+    ):
+        edits += more_edits
+        remarks += more_remarks
     places = {}
     for name, node in request.afferents.items():
         place = deck.coordinates.of(node)
@@ -98,38 +102,7 @@ def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
         flat = position.shape[1] < 3 or not np.ptp(position[:, 2])
         places[name] = tuple(float(value) * units.length_mm for value in place[: 2 if flat else 3])
     deep_mm = (stands or 0.0) * factor * units.length_mm
-    return Rebased(edits.changed(), tuple(remarks), places, (), chosen.start_s, deep_mm, units)
-
-
-@dataclass(slots=True)
-class _Edits:
-    """Lines put in the place of lines of `data`, collected and then made at once."""
-
-    data: bytes
-    made: dict[tuple[int, int], bytes] = field(default_factory=dict)
-
-    def replace(self, line: Line, *texts: str) -> None:
-        """Put `texts`, each a line, in the place of `line`; none deletes it."""
-        self.made[line.start, line.stop] = self._lines(line, texts)
-
-    def insert(self, before: Line, *texts: str) -> None:
-        """Put lines before the line `before`."""
-        self.made[before.start, before.start] = self._lines(before, texts)
-
-    def changed(self) -> bytes:
-        """The bytes with all changes made."""
-        parts, place = [], 0
-        for (start, stop), new in sorted(self.made.items()):
-            parts += [self.data[place:start], new]
-            place = stop
-        return b"".join([*parts, self.data[place:]])
-
-    def _lines(self, like: Line, texts: Sequence[str]) -> bytes:
-        """`texts` with the line end that `like` has."""
-        end = self.data[like.start + len(like.text) : like.stop].decode("latin-1")
-        if not end.endswith("\n"):
-            end = "\r\n" if b"\r\n" in self.data else "\n"
-        return "".join(text + end for text in texts).encode("latin-1")
+    return Rebased(edited(data, edits), tuple(remarks), places, (), chosen.start_s, deep_mm, units)
 
 
 # ---- The table
@@ -302,17 +275,27 @@ def _standing(deck: MarcDeck, table: MarcTable, drives: _Uses, chosen: _Chosen) 
     return None
 
 
-# ---- The changes: each gives its remarks
+# ---- The changes
 
 
-def _set_points(
-    edits: _Edits,
+def _instead(line: Line, *texts: str) -> Edit:
+    """`texts`, each a line, in the place of `line`; none takes it out."""
+    return _before(line, *texts)._replace(stop=line.stop)
+
+
+def _before(line: Line, *texts: str) -> Edit:
+    """Lines before `line`, with the line end that it has."""
+    end = "\r\n" if line.stop - line.start - len(line.text) == 2 else "\n"
+    return Edit(line.start, line.start, "".join(text + end for text in texts).encode("latin-1"))
+
+
+def _point_edits(
     table: MarcTable,
     motion: Motion,
     chosen: _Chosen,
     unit_mm: float,
     stands: float | None,
-) -> list[str]:
+) -> Change:
     """Put time and depth into the table, from when the load case starts.
 
     Where the table moves something before, it stays as it was until then.
@@ -342,14 +325,15 @@ def _set_points(
         )
     _, counts, first, *others = table.rows
     free = table.rows[-1].free
-    edits.replace(counts, counts.with_integer(1, len(points)))
-    edits.replace(first, *(reals_line(each, first.layout, free=free) for each in points))
-    for line in others:
-        edits.replace(line)
-    return remarks
+    edits = [
+        _instead(counts, counts.with_integer(1, len(points))),
+        _instead(first, *(reals_line(each, first.layout, free=free) for each in points)),
+        *map(_instead, others),
+    ]
+    return edits, remarks
 
 
-def _set_increments(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Motion) -> list[str]:
+def _increment_edits(deck: MarcDeck, chosen: _Chosen, motion: Motion) -> Change:
     """Make the load case `motion.increments` of `motion.dt_s`."""
     option, time_step = chosen.case.stepping, chosen.case.time_step
     assert option is not None
@@ -361,13 +345,14 @@ def _set_increments(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Moti
     )
     first, *others = option.data
     added = ["time step", reals_line([motion.dt_s], first.layout, free=first.free)]
+    edits = []
     if time_step is not None:
         line = time_step.data[0]
-        edits.replace(line, _with_first_real(line, motion.dt_s))
+        edits.append(_instead(line, _with_first_real(line, motion.dt_s)))
         added = []
     if option.keyword == FIXED:
-        edits.replace(first, first.with_integer(0, motion.increments))
-        edits.replace(option.head, *added, option.head.text)
+        edits.append(_before(option.head, *added))
+        edits.append(_instead(first, first.with_integer(0, motion.increments)))
         remark = f"{option.head.place}: {chosen.words}: {counted}"
     else:
         numbers = [motion.increments, 0, _CUT_BACKS]
@@ -376,11 +361,10 @@ def _set_increments(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Moti
         lines = [FIXED, integers_line(numbers, first.layout, free=first.free), *added]
         if option.head.text.isupper():
             lines = [line.upper() for line in lines]
-        edits.replace(option.head, *lines)
-        for line in (first, *others):
-            edits.replace(line)
+        edits += [_instead(option.head, *lines), *map(_instead, (first, *others))]
         remark = f"{option.head.place}: {chosen.words}: `{ADAPTIVE}` became `{FIXED}`, {counted}"
-    return [remark, *_raise_limits(edits, deck, chosen, motion)]
+    raised, remarks = _limit_edits(deck, chosen, motion)
+    return [*edits, *raised], [remark, *remarks]
 
 
 def _with_first_real(line: Line, value: float) -> str:
@@ -399,24 +383,24 @@ def _with_first_real(line: Line, value: float) -> str:
     return format_free(value) + ","
 
 
-def _raise_limits(edits: _Edits, deck: MarcDeck, chosen: _Chosen, motion: Motion) -> list[str]:
+def _limit_edits(deck: MarcDeck, chosen: _Chosen, motion: Motion) -> Change:
     """Let ``control`` allow all increments; whether it counts a case or all is open."""
     needed = motion.increments + sum(each.increments or 0 for each in chosen.before)
-    remarks = []
+    edits, remarks = [], []
     for option in (*deck.find("control"), *deck.find("control", Section.HISTORY)):
         if option.case > chosen.case.number or not option.data:
             continue
         line = option.data[0]
         (most,) = line.fields("i")
         if 0 < most < needed:
-            edits.replace(line, line.with_integer(0, _MANY_INCREMENTS))
+            edits.append(_instead(line, line.with_integer(0, _MANY_INCREMENTS)))
             remarks.append(
                 f"{line.place}: `control` allowed {most} increments, now {_MANY_INCREMENTS}"
             )
-    return remarks
+    return edits, remarks
 
 
-def _set_output(edits: _Edits, deck: MarcDeck, case: int, results: str | None) -> list[str]:
+def _output_edits(deck: MarcDeck, case: int, results: str | None) -> Change:
     """Ask for stress and von Mises stress at every increment of the load case `case`.
 
     Other quantities stay as they are; so does the kind of results where it is None.
@@ -424,21 +408,22 @@ def _set_output(edits: _Edits, deck: MarcDeck, case: int, results: str | None) -
     found = deck.post()
     if found is not None:
         kind = found.head[POST_KIND] if results is None else POST_KINDS[results]
-        remarks = _changed_post(edits, found, kind)
+        edits, remarks = _post_edits(found, kind)
     else:
         end = deck.find("end option")[0].head
-        edits.insert(end, *post_lines(_WANTED, POST_KINDS[results or "binary"], end.layout))
+        lines = post_lines(_WANTED, POST_KINDS[results or "binary"], end.layout)
+        edits = [_before(end, *lines)]
         remarks = [f"{end.place}: `post` put before it, with codes {VON_MISES}, {STRESS}"]
     every = deck.find("post increment", Section.HISTORY)
     every = [option for option in every if option.case <= case and option.data]
     if every and (count := every[-1].data[0].first_integer()) not in (0, 1):
         line = every[-1].data[0]
-        edits.replace(line, line.with_integer(0, 1))
+        edits.append(_instead(line, line.with_integer(0, 1)))
         remarks.append(f"{line.place}: `post increment` every increment, not every {count}")
-    return remarks
+    return edits, remarks
 
 
-def _changed_post(edits: _Edits, found: Post, kind: int) -> list[str]:
+def _post_edits(found: Post, kind: int) -> Change:
     line, head = found.line, found.head
     missing = [code for code in _WANTED if code not in found.codes]
     text = line.text
@@ -449,12 +434,13 @@ def _changed_post(edits: _Edits, found: Post, kind: int) -> list[str]:
     ):
         if new != head[row]:
             text = line._replace(text=text).with_integer(row, new)
-    last = found.code_lines[-1] if found.code_lines else line
-    edits.replace(line, text)
+    *_, last = (line, *found.code_lines)
+    added = [integers_line((code, 0), line.layout, free=last.free) for code in missing]
+    edits = [_instead(line, text, *(added if last is line else ()))]
+    if last is not line:
+        edits.append(_instead(last, last.text, *added))
     remarks = []
     if missing:
-        added = [integers_line((code, 0), line.layout, free=last.free) for code in missing]
-        edits.replace(last, text if last is line else last.text, *added)
         remarks.append(f"{line.place}: `post` also asks for codes {', '.join(map(str, missing))}")
     if head[POST_EVERY] not in (0, 1):
         remarks.append(f"{line.place}: `post` every increment, not every {head[POST_EVERY]}")
@@ -463,4 +449,4 @@ def _changed_post(edits: _Edits, found: Post, kind: int) -> list[str]:
             f"{line.place}: field 4 of `post`, the kind of results, is {kind}, "
             f"was {head[POST_KIND]}"
         )
-    return remarks
+    return edits, remarks

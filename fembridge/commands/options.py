@@ -302,17 +302,13 @@ def probe_from(args: argparse.Namespace) -> "Probe":
     from decks.probe import Probe
     from fembridge.errors import FingerError, UsageError
 
-    fillet_mm = Probe().fillet_mm
-    if args.probe_shape == "flat":
-        fitting_mm = min(fillet_mm, 0.25 * abs(args.probe_diameter_mm))
-        fillet_mm = fitting_mm if args.probe_fillet_mm is None else args.probe_fillet_mm
-    elif args.probe_fillet_mm is not None:
+    if args.probe_fillet_mm is not None and args.probe_shape != "flat":
         raise UsageError("--probe-fillet-mm is for --probe-shape flat")
     try:
         return Probe(
             shape=args.probe_shape,
             diameter_mm=args.probe_diameter_mm,
-            fillet_mm=fillet_mm,
+            fillet_mm=args.probe_fillet_mm,
             x_mm=args.probe_x_mm,
         )
     except FingerError as error:

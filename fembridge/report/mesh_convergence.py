@@ -14,8 +14,8 @@ import numpy as np
 
 from decks.analysis import Model
 from decks.finger import Finger, Resolution
+from decks.mesh import refined as refined_mesh
 from decks.presets import PAPER, QUICK, model_of
-from decks.refinement import refined as refined_mesh
 from fembridge.errors import FingerError
 from fembridge.report.runs import AFFERENTS, DEPTH_UM, Indented, Runs, indent
 from fembridge.report.study import Check, Finding, exact, extrapolated, finish, line, panels

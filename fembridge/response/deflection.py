@@ -20,10 +20,9 @@ import numpy as np
 
 from decks.analysis import Contact, Model
 from decks.finger import Finger, Resolution
-from decks.mesh import Mesh
+from decks.mesh import Mesh, refined
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
-from decks.refinement import refined
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError, UsageError
 from fembridge.response.indentation import loading_um, read_pressed

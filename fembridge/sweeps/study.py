@@ -53,8 +53,6 @@ Asked = Mapping[str, Value]
 
 _MAX_BYTES, _MAX_KEYS = 10_000_000, 200_000
 _MAX_NAME = 60
-# A flat probe's edges, where the study says nothing: as in the other verbs.
-_FILLET_SHARE = 0.25
 # Keys of which a single value stands for a list of one.
 _LISTS = ("stimuli", "methods", "preindent_um")
 
@@ -235,13 +233,7 @@ def _rows(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Value]]:
 
 
 def _probe(row: Mapping[str, Value]) -> Probe:
-    entries = dict(row)
-    flat = entries.get("shape") == "flat"
-    if "fillet_mm" in entries and not flat:
+    if "fillet_mm" in row and row.get("shape") != "flat":
         raise UsageError("fillet_mm is for shape 'flat'")
-    diameter_mm = entries.get("diameter_mm", Probe().diameter_mm)
-    if flat and isinstance(diameter_mm, float | int):
-        widest_mm = _FILLET_SHARE * abs(diameter_mm)
-        entries.setdefault("fillet_mm", min(Probe().fillet_mm, widest_mm))
-    structure(entries, Probe, UsageError)
-    return Probe(**entries)  # type: ignore[arg-type] # as it is written: 1 stays 1
+    structure(row, Probe, UsageError)
+    return Probe(**row)  # type: ignore[arg-type] # as it is written: 1 stays 1

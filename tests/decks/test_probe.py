@@ -106,6 +106,12 @@ def test_a_probe_that_cannot_be_is_refused(wrong, words):
         Probe(**wrong)
 
 
+@pytest.mark.parametrize(("diameter_mm", "fillet_mm"), [(2.0, 0.1), (0.4, 0.1), (0.1, 0.025)])
+def test_a_narrow_punch_has_a_fillet_that_fits(diameter_mm, fillet_mm):
+    assert Probe("flat", diameter_mm).fillet_mm == fillet_mm
+    assert Probe("flat", diameter_mm, 0.05 * diameter_mm).fillet_mm == 0.05 * diameter_mm
+
+
 # ---- The node it touches first
 
 

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -159,15 +158,6 @@ def test_help_shows_an_example_that_runs(here, capsys):
     example = capsys.readouterr().out.split("example: fembridge ")[1].split()
     assert main(example) == 0
     assert len(list((here / "runs").iterdir())) == 5
-
-
-def test_a_narrow_flat_probe_gets_a_fillet_that_fits(tmp_path):
-    words = ["build-deck", "--stimulus", "sine_20_250", "-o", str(tmp_path)]
-    flat = ["--probe-shape", "flat", "--probe-diameter-mm", "0.1"]
-
-    assert main([*words, *flat]) == 0
-    run = tomllib.loads((tmp_path / "sine_20_250" / "run.toml").read_text())
-    assert run["inputs"]["probe"]["fillet_mm"] == 0.025
 
 
 def test_a_probe_that_slides_has_its_way_in_deck_and_waveform(here):

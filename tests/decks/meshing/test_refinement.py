@@ -10,10 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import KDTree
 
 from decks.finger import LAYERS
-from decks.mesh import Mesh
+from decks.mesh import Mesh, refined
 from decks.presets import PRESETS, mesh_of
-from decks.refinement import refined
-from fembridge.errors import FingerError
 
 MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
 
@@ -70,8 +68,3 @@ def test_twice_makes_the_elements_at_the_apex_of_a_preset_nine_times_narrower(na
         return np.sort(x_mm[(x_mm > 0) & (y_mm > -0.1)])[0]
 
     assert_allclose(narrowest_mm(fine), narrowest_mm(coarse) / 9, rtol=1e-6)
-
-
-def test_a_point_without_a_node_nearby_is_refused():
-    with pytest.raises(FingerError, match=r"no node lies within 0.2 mm of \(9, 9\) mm"):
-        refined(grid(2, 2), (9.0, 9.0), 0.2)

@@ -5,7 +5,7 @@ import pytest
 
 from decks.motion import Motion
 from decks.own_model import Request
-from decks.own_model.inp import dialect_of, rebase_inp
+from decks.own_model.inp import rebase_inp, solver_of
 
 MOTION = Motion(np.arange(3) * 5e-4, np.array([0.0, 0.1, 0.2]), 5e-4, 0)
 MODEL = """\
@@ -149,7 +149,7 @@ S,
     ],
 )
 def test_whose_deck_it_is_shows_in_what_ccx_could_not_read(deck, whose):
-    assert dialect_of(deck.encode()) == whose
+    assert solver_of(deck.encode()) == whose
 
 
 def test_abaqus_writes_displacement_and_the_stress_of_the_elements_around():

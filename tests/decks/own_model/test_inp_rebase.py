@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from decks.motion import Motion
 from decks.own_model import Request
-from decks.own_model.inp import dialect_of, rebase_inp
+from decks.own_model.inp import rebase_inp, solver_of
 from fembridge.errors import DeckError
 
 DT_S = 0.0005
@@ -197,4 +197,4 @@ def test_a_damaged_deck_is_rebased_or_refused_and_nothing_else(built, cut, put):
     except DeckError as error:
         assert str(error)
         return
-    assert dialect_of(rebased.deck) == dialect_of(damaged)
+    assert solver_of(rebased.deck) == solver_of(damaged)
