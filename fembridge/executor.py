@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from fembridge.errors import MissingError, UsageError
-from fembridge.solver.ccx import GRACE_S, signals_as_exits
+from fembridge.solver.process import GRACE_S, signals_as_exits
 
 ATTEMPTS = 2
 """A task whose process died is begun once more: the next death is its own doing."""

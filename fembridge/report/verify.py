@@ -15,7 +15,7 @@ from fembridge.plots.style import in_style, save_figure
 from fembridge.report.runs import THREADS, Runs
 from fembridge.report.second_solver import skfem_version
 from fembridge.report.study import Finding
-from fembridge.solver.ccx import signals_as_exits
+from fembridge.solver.process import signals_as_exits
 from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table

@@ -1,4 +1,4 @@
-"""CalculiX as a process: started, watched while it runs, stopped, and put on record.
+"""CalculiX in run folders: started, watched while it runs, stopped, and put on record.
 
 ``ccx -i solving/job`` is started in the run folder itself, so that an ``*INCLUDE``
 in the deck finds its file where its author expects it.
@@ -20,17 +20,14 @@ import contextlib
 import os
 import re
 import shutil
-import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import TypeAlias
 
 from decks.dialects import DIALECTS, JOB
@@ -39,21 +36,13 @@ from fembridge.errors import FembridgeError, LockedError, MissingError, OutputEr
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.results.status import CvgRow, StaRow, read_cvg, read_sta
 from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
-from fembridge.solver import guard
-from fembridge.solver.settings import (
-    DEFAULTS,
-    THREAD_VARIABLE,
-    OnProgress,
-    Progress,
-    SolverSettings,
-)
+from fembridge.solver.process import signals_as_exits, start, stop
+from fembridge.solver.settings import DEFAULTS, OnProgress, Progress, SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
 from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text
 from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.solvers"
-GRACE_S = 3.0
-"""From the request to end until it is no longer a request."""
 FIRST_LOOK_S = 0.05
 READING_S = 30.0
 """Longest reading of a deck without analysis."""
@@ -62,13 +51,6 @@ SLOWEST_LOOK_S = 1.0
 
 _END_STEP = re.compile(rb"^[ \t]*\*[ \t]*END[ \t]*STEP", re.MULTILINE | re.IGNORECASE)
 _NO_ANALYSIS = "no analysis option"
-
-THREAD_OVERRIDES = (
-    "CCX_NPROC_EQUATION_SOLVER",
-    "CCX_NPROC_RESULTS",
-    "CCX_NPROC_STIFFNESS",
-    "NUMBER_OF_CPUS",
-)
 
 WORK_FOLDER = "solving"
 FAILED_FOLDER = "failed"
@@ -299,90 +281,6 @@ class Watchdog:
         if settings.stall_limit_s is not None and still_s > settings.stall_limit_s:
             return Failure(Cause.STALLED, f"no file has grown for {still_s:.0f} s {place}")
         return None
-
-
-def start(
-    program: Path, words: Sequence[str], folder: Path, log: Path, threads: int | None = None
-) -> subprocess.Popen[bytes]:
-    """Start `program` in `folder`, with all its output going to the file `log`.
-
-    It leads a session of its own, so that Ctrl-C in a terminal reaches us alone and
-    we decide; all that it starts is in its group and ends with it. `guard` has the
-    system kill it when we are killed. That wish is bound to the *thread* that starts
-    it, so this thread has to stay until the solver has ended.
-    """
-    command = [str(program), *words]
-    if sys.executable:  # absent where Python is inside another program
-        command = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid()), *command]
-    environment = dict(os.environ)
-    if threads is not None:
-        environment = {k: v for k, v in environment.items() if k not in THREAD_OVERRIDES}
-        environment[THREAD_VARIABLE] = str(threads)
-    with log.open("wb") as out:
-        return subprocess.Popen(
-            command,
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            start_new_session=True,
-        )
-
-
-def stop(process: subprocess.Popen[bytes], grace_s: float = GRACE_S) -> None:
-    """End `process` and all it started: asked first, killed after `grace_s`.
-
-    A second Ctrl-C during the grace kills at once. The process is not reaped
-    before the last signal is sent, so its number cannot be another's by then.
-    """
-    if process.returncode is not None:
-        return
-    still_running = os.WEXITED | os.WNOHANG | os.WNOWAIT
-    try:
-        os.waitid(os.P_PID, process.pid, still_running)
-    except ChildProcessError:  # reaped by a wait that Ctrl-C broke off: its number is free
-        process.wait()
-        return
-    try:
-        _signal_group(process.pid, signal.SIGTERM)
-        until_s = time.monotonic() + grace_s
-        while time.monotonic() < until_s:
-            if os.waitid(os.P_PID, process.pid, still_running) is not None:
-                break
-            time.sleep(0.02)
-    finally:
-        _signal_group(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-@contextlib.contextmanager
-def signals_as_exits() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind the main thread, as Ctrl-C does.
-
-    Left alone they end Python on the spot. Handlers that someone has set, and
-    those of ``nohup``, are respected; other threads have none to set.
-    """
-    ours = []
-    if threading.current_thread() is threading.main_thread():
-        numbers = (signal.SIGTERM, signal.SIGHUP)
-        ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
-    for number in ours:
-        signal.signal(number, _exit_by_signal)
-    try:
-        yield
-    finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
-
-
-def _exit_by_signal(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
-
-
-def _signal_group(leader: int, number: int) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(leader, number)
 
 
 def _run(

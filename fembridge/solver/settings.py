@@ -7,8 +7,8 @@ from pathlib import Path
 
 from fembridge.errors import UsageError
 from fembridge.machine import cores
+from fembridge.solver.process import THREAD_VARIABLE
 
-THREAD_VARIABLE = "OMP_NUM_THREADS"
 STALL_LIMIT_S = 600.0
 """No file has grown for so long; an iteration of the finest finger takes 1 s."""
 ITERATION_LIMIT = 200

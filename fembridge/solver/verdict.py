@@ -21,7 +21,7 @@ from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
 from fembridge.results.status import StaRow, read_sta
 from fembridge.run_folder import RunFolder
-from fembridge.solver.guard import CANNOT_RUN
+from fembridge.solver.process import CANNOT_RUN
 
 OUT_OF_MEMORY_EXIT = 16
 CANNOT_EXECUTE = 126  # as shells have it

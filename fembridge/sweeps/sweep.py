@@ -27,7 +27,7 @@ from decks.waveform import make_stimulus
 from fembridge.errors import FembridgeError, MissingError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
 from fembridge.response.indentation import depth_for
-from fembridge.solver.ccx import signals_as_exits
+from fembridge.solver.process import signals_as_exits
 from fembridge.solver.settings import Progress, SolverSettings
 from fembridge.store import make_folder, remove_file, write_text
 from fembridge.sweeps.fingers import Variant, place

@@ -10,7 +10,8 @@ import time
 import pytest
 
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import run_ccx, signals_as_exits, start, stop
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.process import signals_as_exits, start, stop
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
