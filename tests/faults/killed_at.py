@@ -124,7 +124,7 @@ class Results:
         for name, text in FILES.items():
             (log.parent / name).write_text(text.replace("DECK", deck[3:6]))
         log.write_text("CalculiX Version 2.20, Copyright\n Job finished\n")
-        process = subprocess.Popen([sys.executable, "-ISc", ""])
+        process = subprocess.Popen(["true"])
         SOLVER_AT_WORK.clear()
         return process
 
@@ -166,9 +166,11 @@ FILES = {
 
 def main(scene):
     count = 0
+    scene.prepare()
+    before = scene.folder.rename(scene.folder.with_suffix(".before"))
     while True:
         shutil.rmtree(scene.folder, ignore_errors=True)
-        scene.prepare()
+        shutil.copytree(before, scene.folder)
         if not do_until(count + 1, scene.act):
             scene.check_done()
             break

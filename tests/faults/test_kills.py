@@ -12,6 +12,7 @@ import pytest
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 
+ROOT = Path(__file__).parents[2]
 KILLED_AT = Path(__file__).with_name("killed_at.py")
 
 
@@ -60,7 +61,8 @@ def test_killed_before_any_file_operation_no_half_stands_for_a_whole(
     monkeypatch.setenv("FEMBRIDGE_CCX", sys.executable)  # found, never started
     command = [sys.executable, str(KILLED_AT), scene, str(tmp_path / "scene")]
 
-    done = subprocess.run(command, capture_output=True, text=True)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}  # a checkout need not be installed
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
 
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) >= least

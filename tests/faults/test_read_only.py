@@ -21,7 +21,7 @@ for words in json.loads(sys.argv[1]):
     shown.append([code, said.getvalue().splitlines()])
 print(json.dumps(shown))
 """
-SIMULATE = ["simulate", "--stored", "--stimulus", "sine_20_250", "-o", "{place}"]
+SIMULATE = ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o", "{place}"]
 BUILD = ["build-deck", "--stimulus", "sine_20_250", "-o"]
 COMMANDS = [
     [*BUILD, "{place}/runs"],

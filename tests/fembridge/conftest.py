@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 
 
 @pytest.fixture(scope="session")
 def words_of():
     """Words of a figure that are drawn: not those of ticks beyond an axis' ends."""
+    from matplotlib.text import Text
 
     def found(figure):
         figure.draw_without_rendering()

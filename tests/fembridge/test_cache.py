@@ -1,8 +1,9 @@
 """Entries of the cache: whole or none, whatever happens to them."""
 
 import json
-import multiprocessing
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -82,24 +83,22 @@ def test_the_entries_unused_longest_make_room(folder, monkeypatch, results):
     assert [entry.what for entry in cache.entries()] == ["run 2", "run 1"]
 
 
-def keep_often(folder, results, number):
-    os.environ[cache.VARIABLE] = str(folder)
-    for _ in range(20):
-        cache.keep(KEY, f"process {number}", {"number": number}, results)
+KEEP_OFTEN = """
+import sys
+from pathlib import Path
+from fembridge import cache
+key, number, *results = sys.argv[1:]
+for _ in range(20):
+    cache.keep(key, f"process {number}", {"number": number}, map(Path, results))
+"""
 
 
-def test_several_processes_leave_a_whole_entry(tmp_path, folder, results):
-    context = multiprocessing.get_context("spawn")
-    processes = [
-        context.Process(target=keep_often, args=(folder, results, number)) for number in range(3)
-    ]
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join()
-        assert process.exitcode == 0
+def test_several_processes_leave_a_whole_entry(tmp_path, results):
+    words = [sys.executable, "-c", KEEP_OFTEN, KEY]
+    processes = [subprocess.Popen([*words, number, *results]) for number in "12"]
+    assert [process.wait() for process in processes] == [0, 0]
     record, files = taken(tmp_path)
-    assert record["number"] in range(3)
+    assert record["number"] in "12"
     assert files == {path.name: path.read_bytes() for path in results}
 
 

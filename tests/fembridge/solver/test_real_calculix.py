@@ -154,7 +154,7 @@ def test_a_long_run_is_stopped_by_its_limit(make_run):
     assert not (folder / "job.frd").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_no_signal_to_python_leaves_calculix_behind(make_run, is_alive, wait_until, number):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
     command = [sys.executable, "-c", RUN, str(folder)]

@@ -21,12 +21,9 @@ from pathlib import Path
 from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 run = read_run_folder(Path(sys.argv[1]))
-if sys.argv[2] == "thread":
-    thread = threading.Thread(target=run_ccx, args=(run,))
-    thread.start()
-    thread.join()
-else:
-    run_ccx(run)
+thread = threading.Thread(target=run_ccx, args=(run,))
+thread.start()
+thread.join()
 """
 
 
@@ -36,12 +33,11 @@ def solve(folder, halt=None, **settings):
 
 @pytest.fixture
 def parent(fake_ccx):
-    """Start a Python of its own that runs a folder; end what is left of it."""
+    """Start a Python of its own; end what is left of it."""
     started = []
 
-    def begin(folder, where="main"):
-        command = [sys.executable, "-c", RUN, str(folder), where]
-        child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    def begin(*command):
+        child = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
         started.append(child)
         return child
 
@@ -51,10 +47,11 @@ def parent(fake_ccx):
         child.wait()
 
 
-@pytest.mark.parametrize("where", ["main", "thread"])
-def test_killing_python_leaves_no_solver(parent, make_run, pid_of, is_alive, wait_until, where):
+def test_killing_python_leaves_no_solver_of_any_thread(
+    parent, make_run, pid_of, is_alive, wait_until
+):
     folder = make_run("stubborn")
-    child = parent(folder, where)
+    child = parent("-c", RUN, str(folder))
     solver = pid_of(folder)
     assert is_alive(solver)
 
@@ -65,21 +62,11 @@ def test_killing_python_leaves_no_solver(parent, make_run, pid_of, is_alive, wai
     assert not (folder / "job.frd").exists()
 
 
-def test_a_folder_whose_run_was_killed_can_be_run_again(parent, make_run, pid_of):
+def test_a_second_run_in_a_folder_is_refused_until_the_first_is_killed(
+    parent, make_run, pid_of, is_alive, is_at_work, wait_until
+):
     folder = make_run("hang")
-    child = parent(folder)
-    pid_of(folder)
-    child.kill()
-    child.wait()
-    make_run("normal")
-
-    assert solve(folder).accepted
-    assert not (folder / "solving").exists()
-
-
-def test_a_second_run_in_a_folder_is_refused(parent, make_run, pid_of, is_alive, is_at_work):
-    folder = make_run("hang")
-    child = parent(folder)
+    child = parent("-m", "fembridge.cli", "run", str(folder))
     solver = pid_of(folder)
     assert is_at_work(folder)
 
@@ -88,6 +75,12 @@ def test_a_second_run_in_a_folder_is_refused(parent, make_run, pid_of, is_alive,
     assert outcome.failure.cause is Cause.BUSY
     assert f"process {child.pid} " in str(outcome.failure)
     assert is_alive(solver)
+    child.kill()
+    child.wait()
+    make_run("normal")
+    assert solve(folder).accepted
+    assert not (folder / "solving").exists()
+    wait_until(lambda: not is_alive(solver))
 
 
 def test_another_thread_can_halt_a_run(fake_ccx, make_run, pid_of, is_alive):

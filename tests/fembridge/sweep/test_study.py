@@ -350,6 +350,9 @@ def test_the_presets_afferents_keep_to_the_boundaries_they_are_described_by():
     assert anchor_of(QUICK, "PC") == Anchor(upper=True, distance_mm=0.25)
 
 
+KEPT = {name: anchor_of(QUICK, name) for name in QUICK.afferents}
+
+
 @settings(settings.get_profile("costly"))
 @given(
     corneum=st.floats(0.2, 0.32),
@@ -365,10 +368,9 @@ def test_in_any_skin_they_keep_their_distance(corneum, epidermis, dermis, ridge,
         ridges=Ridges(height_mm=ridge),
         papillae=Papillae(papilla),
     )
-    kept = {name: anchor_of(QUICK, name) for name in QUICK.afferents}
-    moved = anchored(finger, kept)
+    moved = anchored(finger, KEPT)
 
-    for name, anchor in kept.items():
+    for name, anchor in KEPT.items():
         again = anchor_of(moved, name)
         assert again.upper == anchor.upper
         assert again.distance_mm == pytest.approx(anchor.distance_mm, abs=2e-6)
