@@ -553,7 +553,7 @@ def fit(
     --------
     >>> import fembridge as fb
     >>> observed = fb.simulate("sine_20", stored=True).rates
-    >>> [fit] = fb.fit(observed, afferents=["SA"], evaluations=200).fits
+    >>> [fit] = fb.fit(observed, afferents=["SA"], evaluations=80, population=40).fits
     >>> fit.afferent
     'SA'
     """

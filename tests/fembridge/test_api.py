@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pandas
 import pytest
-from numpy.testing import assert_array_equal
 
 import fembridge as fb
 from fembridge import api
@@ -53,39 +52,32 @@ def test_a_waveform_of_ones_own_goes_beside_those_of_the_catalogue():
     assert {one.id for one in result.stimuli} == {"mine", "sine_20_250"}
 
 
-def test_plot_is_a_figure_with_a_panel_a_class():
-    figure = fb.simulate("sine_20_250", stored=True).plot()
-    assert len(figure.axes) >= 3
+@pytest.fixture(scope="module")
+def two():
+    return fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
+
+
+def test_plot_is_a_figure_with_a_panel_a_class(two):
+    assert len(two.plot().axes) >= 3
 
 
 def test_build_deck_gives_the_folders_of_the_command(tmp_path):
-    words = ["build-deck", "--stimulus", "sine_300", "-o", "theirs", "--friction", "0.2"]
+    words = [
+        "build-deck",
+        "--stimulus",
+        "sine_300_50,sine_20_250",
+        "-o",
+        "theirs",
+        "--friction",
+        "0.2",
+    ]
     assert main(words) == 0
-    runs = fb.build_deck("sine_300", "ours", friction=0.2)
-    assert len(runs) > 1
+    runs = fb.build_deck(["sine_300_50", "sine_20_250"], "ours", friction=0.2)
+    assert len(runs) == 2
     for run in runs:
         for file in sorted(run.folder.iterdir()):
             theirs = tmp_path / "theirs" / run.folder.name / file.name
             assert file.read_bytes() == theirs.read_bytes()
-
-
-def test_run_gives_an_outcome_for_what_is_no_run_folder(tmp_path):
-    [outcome] = fb.run(tmp_path)
-    assert not outcome.accepted
-
-
-def test_traces_of_a_result_become_a_table(tmp_path):
-    traces = fb.read(RECORDED / "job.frd")
-    frame = traces.to_frame()
-    assert list(frame.columns) == ["time_ms", "afferent", "node", "von_mises_pa"]
-    first = frame[frame.node == traces[0].node]
-    assert_array_equal(first.von_mises_pa, traces[0].stress_pa)
-
-
-def test_a_trace_of_no_class_is_not_encoded():
-    trace = fb.StressTrace([0.0, 1.0], 0.5, node=12)
-    with pytest.raises(fb.FembridgeError, match="node 12"):
-        fb.encode([trace])
 
 
 def test_no_module_hides_a_public_function():
@@ -94,10 +86,8 @@ def test_no_module_hides_a_public_function():
         assert importlib.util.find_spec(f"fembridge.{name}") is None
 
 
-def test_values_are_shown_in_a_notebook_without_their_samples():
-    result = fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
-
-    shown = f"{result!r} {result.stimuli[0]!r} {result.traces[0][0]!r}"
+def test_values_are_shown_in_a_notebook_without_their_samples(two):
+    shown = f"{two!r} {two.stimuli[0]!r} {two.traces[0][0]!r}"
 
     assert len(shown) < 300
     assert "sine_20_250" in shown

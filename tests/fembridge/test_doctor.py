@@ -24,7 +24,8 @@ from fembridge.machine import (
 
 @pytest.fixture
 def bin_folder(tmp_path, monkeypatch):
-    """Make an empty folder the whole PATH."""
+    """Make an empty folder the whole PATH; gmsh is asked for below, in a process of its own."""
+    monkeypatch.setattr(machine, "check_gmsh", lambda: machine.Check("gmsh", "ok", "4.13"))
     folder = tmp_path / "bin"
     folder.mkdir()
     monkeypatch.setenv("PATH", str(folder))

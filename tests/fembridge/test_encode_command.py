@@ -153,7 +153,7 @@ def test_any_number_of_units_keep_their_names(here, capsys):
     frame = Traces([replace(one, unit=f"{one.afferent}, {one.node}") for one in many]).to_frame()
     frame.drop(columns="node").to_csv(here / "units.csv", index=False)
 
-    assert main(["encode", "nodes.csv", "-o", "nodes"]) == 0
+    assert main(["encode", "nodes.csv", "-o", "nodes", "--no-raster"]) == 0
     assert main(["encode", "units.csv", "-o", "units", "--no-raster"]) == 0
     assert main(["encode", "units.csv", "-o", "ra", "--no-raster", "--afferent", "RA"]) == 0
 
@@ -220,7 +220,8 @@ def test_the_stress_of_a_simulation_gives_its_spikes_again(tmp_path, monkeypatch
     assert fb.encode("away/mine.npz").equals(made.spikes)
     for name in ("spikes.csv", "rates.csv"):
         assert (tmp_path / "encoded" / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
-    assert main(["encode", "out/traces.npz", "--stimulus", "sine_100_200", "--json"]) == 0
+    words = ["--stimulus", "sine_100_200", "--json", "--no-raster"]
+    assert main(["encode", "out/traces.npz", *words]) == 0
     rows = json.loads(capsys.readouterr().out)["rates"]
     assert [row["window_ms"] for row in rows] == [[100.0, 200.0]] * 3
     assert main(["encode", "out", "--stimulus", "sine_20_250"]) == 2
@@ -322,11 +323,12 @@ def test_a_cut_end_is_said_by_the_function_and_by_the_picture(here, capsys):
 
 def test_a_stimulus_that_is_named_brings_its_window(here, capsys):
     for name, window_ms in (("sine_100_200", [100, 200]), ("ramp_100_20_20_20", [0, 210])):
-        assert main(["encode", "sine_50_250.csv", "--stimulus", name, "--json"]) == 0
+        assert main(["encode", "sine_50_250.csv", "--no-raster", "--stimulus", name, "--json"]) == 0
         shown = capsys.readouterr()
         assert {tuple(row["window_ms"]) for row in json.loads(shown.out)["rates"]} == {
             tuple(window_ms)
         }
         assert "whole trace" not in shown.err
-    assert main(["encode", "sine_50_250.csv", "--stimulus", "ramp_100_200_200_200"]) == 0
+    words = ["--no-raster", "--stimulus", "ramp_100_200_200_200"]
+    assert main(["encode", "sine_50_250.csv", *words]) == 0
     assert "rates over the whole trace" in capsys.readouterr().err

@@ -349,7 +349,7 @@ def test_a_class_without_a_rate_to_fit_is_left_out_and_told(call, tmp_path, undr
 
 def test_each_frequency_is_predicted_by_a_fit_without_it(call, undrawn, tmp_path, capsys):
     """As a fit to a table without that frequency predicts it."""
-    call("--afferent", "SA", "--held-out")
+    call("--afferent", "SA", "--drive", "published", "--held-out")
     found = record(tmp_path)["fit"]["SA"]["held_out"]
     sines = {name: rates[0] for name, rates in RATES.items() if name.startswith("sine")}
     assert found["rates_ips"].keys() == sines.keys()
@@ -359,9 +359,11 @@ def test_each_frequency_is_predicted_by_a_fit_without_it(call, undrawn, tmp_path
 
     part, out = tmp_path / "part.csv", tmp_path / "part"
     write_rates(part, [Rate(one, "SA", r) for one, r in sines.items() if "sine_20_" not in one])
-    assert main(["fit", "--observed", str(part), "-o", str(out), *SHORT]) == 0
+    words = ["--observed", str(part), "-o", str(out), "--drive", "published"]
+    assert main(["fit", *words, *SHORT]) == 0
     asked = [name for name in sines if "sine_20_" in name]
-    words = ["--parameters", str(out / "fitted.toml"), "-o", str(tmp_path / "sim"), "--stored"]
+    words = ["--parameters", str(out / "fitted.toml"), "--stored", "--no-plot"]
+    words += ["-o", str(tmp_path / "sim")]
     assert main(["simulate", "--stimulus", ",".join(asked), *words]) == 0
     rates = read_rates(tmp_path / "sim/rates.csv")
     predicted = [rate.rate_ips for rate in rates if rate.afferent == "SA"]

@@ -60,6 +60,7 @@ def unrendered(monkeypatch):
         Path(path).write_bytes(PNG)
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+    monkeypatch.setattr("fembridge.plots.sensitivity.effects_figure", lambda table: Figure())
 
 
 def summary(capsys, *words):
@@ -103,7 +104,7 @@ def test_the_suffix_chooses_the_format(here, name, start):
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["stimulus", "sine_50"], {"stimuli": [entry.id for entry in resolve("sine_50")]}),
+        (["stimulus", "noise_5_25"], {"stimuli": [entry.id for entry in resolve("noise_5_25")]}),
         (["mesh", "--finger", "soft.toml"], {"finger": "soft"}),
         (
             ["response", "response.toml"],
@@ -132,7 +133,12 @@ def test_the_summary_holds_what_is_in_the_picture(here, capsys, words, shown):
     found = summary(capsys, *words)
     assert shown.items() <= found.items()
     assert (found["picture"], found["file"]) == (words[0], f"{words[0]}.png")
-    assert main(["plot", "--json", *words]) == 0
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_json_is_an_option_of_the_verb_too(here, capsys):
+    found = summary(capsys, "raster", "spikes.csv")
+    assert main(["plot", "--json", "raster", "spikes.csv"]) == 0
     assert json.loads(capsys.readouterr().out) == found
 
 
@@ -209,7 +215,7 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, shown):
         (["mesh", "--probe-x-mm", "20"], 1, "the probe spans x = "),
         (["response", "nothing.toml"], 2, "nothing.toml: cannot be read"),
         (["trace", "spikes.csv"], 1, "no column"),
-        (["stimulus", "sine_20", "-o", "spikes.csv/a.png"], 1, "a file stands where"),
+        (["stimulus", "sine_20_250", "-o", "spikes.csv/a.png"], 1, "a file stands where"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_line(here, capsys, words, code, shown):

@@ -28,44 +28,32 @@ def python(code, *first_on_path, cwd):
     )
 
 
-def modules_after(code, cwd):
-    show = "; import sys; print('loaded:', *sys.modules)"
-    done = python(code + show, cwd=cwd)
+def assert_not_loaded(modules, steps, cwd):
+    """None of `modules` is loaded by any of `steps`, one after the other in one process."""
+    show = "print('loaded:', *{name.partition('.')[0] for name in sys.modules})"
+    done = python("; ".join(["import sys", *(f"{step}; {show}" for step in steps)]), cwd=cwd)
     assert done.returncode == 0, done.stderr
-    loaded = done.stdout.rpartition("loaded:")[2].split()
-    return {name.partition(".")[0] for name in loaded}
+    loaded = [line.split() for line in done.stdout.splitlines() if line.startswith("loaded:")]
+    for step, names in zip(steps, loaded, strict=True):
+        assert modules.isdisjoint(names), step
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
+def test_import_loads_numpy_and_nothing_heavier(tmp_path):
+    steps = [
         "import fembridge",
-        "import fembridge; fembridge.Stimulus, fembridge.StressTrace",
-        "import fembridge; fembridge.make_stimulus(*fembridge.resolve('noise_5_25_1'))",
+        "fembridge.Stimulus, fembridge.StressTrace",
+        "fembridge.make_stimulus(*fembridge.resolve('noise_5_25_1'))",
         "import fembridge.stimulus_file, fembridge.machine",
-    ],
-)
-def test_import_loads_numpy_and_nothing_heavier(tmp_path, code):
-    assert modules_after(code, tmp_path).isdisjoint(HEAVY)
+    ]
+    assert_not_loaded(HEAVY, steps, tmp_path)
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--help"],
-        ["--version"],
-        ["stimuli"],
-        ["stimuli", "--help"],
-        ["stimuli", "sine_20", "--json"],
-        ["doctor", "--help"],
-        ["plot", "--help"],
-        ["plot", "mesh", "--help"],
-    ],
-)
-def test_verbs_that_only_tell_something_load_no_numpy(tmp_path, words):
-    code = f"from fembridge.cli import main; main({words!r})"
-    loaded = modules_after(code, tmp_path)
-    assert loaded.isdisjoint(HEAVY | {"numpy"})
+def test_verbs_that_only_tell_something_load_no_numpy(tmp_path):
+    told = ["--help", "--version", "stimuli", "stimuli --help", "stimuli sine_20 --json"]
+    told += ["doctor --help", "plot --help", "plot mesh --help"]
+    steps = [f"main({words.split()!r})" for words in told]
+    steps[0] = f"from fembridge.cli import main; {steps[0]}"
+    assert_not_loaded(HEAVY | {"numpy"}, steps, tmp_path)
 
 
 @pytest.mark.parametrize(
