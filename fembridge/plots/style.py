@@ -7,6 +7,7 @@ all of them. Layers that touch differ in lightness, not in hue alone: they stay 
 print without colour. Their hues are those of histology where they can be.
 """
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -66,6 +67,8 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.labelcolor": INK,
     "axes.labelsize": SMALL_TEXT_PT,
+    # Given, no place is looked for that is clear of ticks above the panel: we have none.
+    "axes.titley": 1.0,
     "axes.titlesize": SMALL_TEXT_PT,
     "figure.labelsize": SMALL_TEXT_PT,
     "figure.titlesize": TEXT_PT,
@@ -163,10 +166,14 @@ def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
         A place where nothing can be written.
     """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backend_bases import get_registered_canvas_class
 
     suffix = check_suffix(path)
-    FigureCanvasAgg(figure)
+    canvas = get_registered_canvas_class(suffix)(figure)
+    figure.dpi = canvas.fixed_dpi or dpi
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)  # else Matplotlib draws twice: to find the margins, and to save
+        figure.set_layout_engine("none")
     metadata = {_DATED[suffix]: None} if suffix in _DATED else None
     with rc_context(_STYLE), replacing(path) as draft:
         figure.savefig(draft, format=suffix, dpi=dpi, metadata=metadata)
@@ -235,17 +242,35 @@ def make_plain(panel: "Axes") -> None:
     panel.tick_params(labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK)
 
 
-def log_axis(panel: "Axes", low: float, high: float) -> None:
-    """Scale x logarithmically from `low` to `high`, plain numbers at the decades."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) -> None:
+    """Scale x, or y, logarithmically from `low` to `high`, plain numbers at the decades.
 
-    panel.set_xscale("log")
-    panel.set_xlim(low, high)
-    panel.xaxis.set_major_locator(LogLocator(10.0))
-    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    panel.xaxis.set_minor_locator(LogLocator(10.0, subs=tuple(range(2, 10))))
-    panel.xaxis.set_minor_formatter(NullFormatter())
-    panel.tick_params(axis="x", which="minor", length=1.2, width=0.4, colors=INK)
+    The marks between them are one line of markers: as ticks they were half of what a
+    picture of many panels took.
+    """
+    from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axis = panel.yaxis if vertical else panel.xaxis
+    name = "y" if vertical else "x"
+    panel.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
+    axis.set_major_locator(LogLocator(10.0))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
+    decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)))
+    between = np.outer(decades, np.arange(2, 10)).ravel()
+    between = between[(low <= between) & (between <= high)]
+    at = (0.0 * between, between) if vertical else (between, 0.0 * between)
+    marks = Line2D(
+        *at,
+        transform=panel.get_yaxis_transform() if vertical else panel.get_xaxis_transform(),
+        marker=TICKLEFT if vertical else TICKDOWN,
+        markersize=1.2,
+        markeredgewidth=0.4,
+        linestyle="none",
+        color=INK,
+    )
+    panel.figure.add_artist(marks)
 
 
 def dots(colour: str, size_pt: float, **changed: Any) -> dict[str, Any]:  # noqa: ANN401 - style

@@ -53,7 +53,8 @@ def thresholds_figure(found: "pandas.DataFrame", observed: "pandas.DataFrame") -
         note(panel, name, (0.04, 0.05), (0, 0), **class_style(name))
         panel.set_xlabel("Frequency (Hz)")
     highest_um = max(*found["amplitude_um"].dropna(), *observed["amplitude_um"], 1.0)
-    panels[0].set_ylim(top=2.0 * highest_um)
+    for panel in panels:
+        log_axis(panel, panel.get_ylim()[0], 2.0 * highest_um, vertical=True)
     panels[0].set_ylabel("Threshold amplitude (µm)")
     ink = AFFERENT_COLOURS[classes[0]]
     samples = [{"color": ink, **dashes} for dashes in _DASHES]

@@ -142,11 +142,11 @@ def gather(
 
 def _spikes(answering: Answering) -> Spikes:
     response, model = answering
-    columns = {str(place.afferent): k for k, place in enumerate(response.places)}
 
     def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
-        trace = response.traces(stimulus, model.parameters)[columns[afferent]]
-        [cells] = encode_cells(trace.stress_pa, stimulus.dt_ms, model.parameters[afferent])
+        parameters = model.parameters[afferent]
+        stress_pa = response.stress_pa(parameters, [stimulus])
+        [cells] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
         return cells
 
     return spikes

@@ -49,14 +49,14 @@ HELD_OUT_GOAL_IPS = {"SA": 3.0, "RA": 8.0, "PC": 15.0}
 NUMBERS = ("count", "slope", "intercept_ips", "r_squared", "p_value", "rmse_ips", "bias_ips")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class StimulusSet:
     """All levels at the same frequencies, the weakest first."""
 
     name: str
     entries: tuple[Entry, ...]
 
-    @property
+    @cached_property
     def title(self) -> str:
         """Its frequencies or its band."""
         return set_title(self.entries[0])
@@ -66,18 +66,18 @@ class StimulusSet:
         """Frequency of a set of sinusoids."""
         return float(self.entries[0].numbers()["frequency_hz"])
 
-    @property
+    @cached_property
     def stimuli(self) -> tuple[str, ...]:
         """Ids of its stimuli."""
         return tuple(entry.id for entry in self.entries)
 
-    @property
+    @cached_property
     def level_um(self) -> tuple[float, ...]:
         """Level of each of its stimuli."""
         return tuple(entry.level_um for entry in self.entries)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Family:
     """Sets of one kind of stimulus, and the words that name them on a page."""
 
@@ -86,13 +86,13 @@ class Family:
     figure: str
     table: str
 
-    @property
+    @cached_property
     def sets(self) -> tuple[StimulusSet, ...]:
         """Its sets, in the catalogue's order."""
         mine = (entry for entry in CATALOGUE if entry.family == self.name)
         return tuple(StimulusSet(name, tuple(each)) for name, each in groupby(mine, set_name))
 
-    @property
+    @cached_property
     def stimuli(self) -> tuple[str, ...]:
         """Ids of all its stimuli, set after set."""
         return tuple(id_ for one in self.sets for id_ in one.stimuli)
@@ -117,16 +117,14 @@ class RateTable:
     frame: "DataFrame"
 
     @cached_property
-    def _wide(self) -> "DataFrame":
-        """Rates by stimulus, a column a source and class, NaN where one has none."""
-        keys = ["stimulus", "source", "afferent"]
-        wide = self.frame.set_index(keys).rate_ips.unstack(keys[1:])  # noqa: PD010 - no sums
-        return wide.reindex(STIMULI, columns=[*product(self.sources, AFFERENTS)])
+    def _rates_ips(self) -> Mapping[tuple[str, str, str], float]:
+        keys = ["source", "afferent", "stimulus"]
+        return self.frame.set_index(keys).rate_ips.to_dict()
 
     def of(self, source: str, afferent: str, stimuli: Sequence[str]) -> FloatArray:
         """Rates ``(S,)`` of a source and class under `stimuli`, NaN where none is."""
-        found: FloatArray = self._wide.loc[list(stimuli), (source, afferent)].to_numpy()
-        return found
+        keys = ((source, afferent, stimulus) for stimulus in stimuli)
+        return np.array([self._rates_ips.get(key, np.nan) for key in keys])
 
     def known(self, stimuli: Sequence[str]) -> tuple[str, ...]:
         """Sources that have a rate under at least one of `stimuli`."""

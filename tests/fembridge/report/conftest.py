@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from fembridge.evidence import THRESHOLDS, Facts
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
-from fembridge.report import validation_page
+from fembridge.report import evidence, validation_page
 from fembridge.report.rates import FAMILIES
 from fembridge.report.validate import judged_models, validate
 from fembridge.report.validation_page import write_report
@@ -43,21 +44,35 @@ def own_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def study(observed_file, own_file):
+    """Thresholds at few frequencies and distances at few amplitudes: those take the time."""
     observed = read_observed(observed_file, complete=False)
-    return validate(stored_source("quick").response, judged_models(str(own_file)), observed)
+    response, models = stored_source("quick").response, judged_models(str(own_file))
+    table = evidence.evidence(THRESHOLDS)
+    few = Facts(table[table.frequency_hz.between(20, 200)], evidence.citation(THRESHOLDS))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evidence, "CURVE_HZ", (20.0, 200.0, 800.0))
+        patch.setattr(evidence, "_PIN_UM", evidence._PIN_UM[::4])
+        return validate(response, models, observed, facts={THRESHOLDS: few})
+
+
+def computed_already(patch, study):
+    """Put what `study` has in the place of what takes most of a validation."""
+    patch.setattr("fembridge.report.validate.gather", lambda *_: study.evidence)
+    known = study.simulations
+    patch.setattr("fembridge.report.validate._simulated", lambda model, response: known[model.name])
 
 
 @pytest.fixture(scope="session")
 def unobserved(study):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fembridge.report.validate.gather", lambda *_: study.evidence)
+        computed_already(patch, study)
         return validate(stored_source("quick").response, judged_models("published"))
 
 
 @pytest.fixture
-def known_evidence(study, monkeypatch):
-    """Not gathered again, which takes most of a validation: those of `study`."""
-    monkeypatch.setattr("fembridge.report.validate.gather", lambda *_: study.evidence)
+def computed(study, monkeypatch):
+    """Neither gathered nor simulated again: as in `study`."""
+    computed_already(monkeypatch, study)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from fembridge.report import validation_page
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch, known_evidence):
+def here(tmp_path, monkeypatch):
     """Work in an empty folder without a solver; the page is left empty, which is quick.
 
     What is on it is tested with `write_report`.
@@ -20,7 +20,7 @@ def here(tmp_path, monkeypatch, known_evidence):
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("computed")
 def test_a_table_on_the_screen_and_a_page_in_the_folder(here, capsys, observed_file, own_file):
     words = ["--observed", str(observed_file), "--parameters", str(own_file)]
     assert main(["validate", *words]) == 0
@@ -35,6 +35,7 @@ def test_a_table_on_the_screen_and_a_page_in_the_folder(here, capsys, observed_f
     assert (here / "report/validation.toml").is_file()
 
 
+@pytest.mark.usefixtures("computed")
 def test_json_is_all_that_stdout_holds(here, capsys):
     words = ["validate", "-o", "out", "--parameters", "published", "--json"]
     assert main(words) == 0
@@ -58,7 +59,10 @@ def test_json_is_all_that_stdout_holds(here, capsys):
         (["-o", ""], 2, "expected the name of a folder"),
     ],
 )
-def test_what_is_not_there_is_one_line_and_no_report(here, capsys, words, code, shown):
+def test_what_is_not_there_is_one_line_before_anything_is_computed(
+    here, capsys, monkeypatch, words, code, shown
+):
+    monkeypatch.setattr("fembridge.report.validate.validate", None)
     assert main(["validate", "--parameters", "published", *words]) == code
     assert shown in capsys.readouterr().err
     assert list(here.iterdir()) == []

@@ -204,7 +204,7 @@ def test_each_cell_with_a_low_r_squared_or_a_large_error_has_its_sentence(study)
             assert all(("against TouchSim" in one) == (reference == TOUCHSIM) for one in found)
 
 
-@pytest.mark.usefixtures("known_evidence")
+@pytest.mark.usefixtures("computed")
 def test_stimuli_that_the_paper_has_not_are_left_out_and_logged(tmp_path):
     rates = [Rate("sine_20_250", "SA", 25.0), Rate("sine_40_100", "SA", 20.0)]
     write_rates(tmp_path / "rates.csv", rates)
