@@ -248,7 +248,8 @@ def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) 
     The marks between them are one line of markers: as ticks they were half of what a
     picture of many panels took.
     """
-    from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
+    from matplotlib.lines import Line2D
+    from matplotlib.markers import TICKDOWN, TICKLEFT
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     axis = panel.yaxis if vertical else panel.xaxis

@@ -117,7 +117,7 @@ class RateTable:
     frame: "DataFrame"
 
     @cached_property
-    def _rates_ips(self) -> Mapping[tuple[str, str, str], float]:
+    def _rates_ips(self) -> Mapping[Any, float]:
         keys = ["source", "afferent", "stimulus"]
         return self.frame.set_index(keys).rate_ips.to_dict()
 
