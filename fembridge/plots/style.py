@@ -249,7 +249,7 @@ def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) 
     picture of many panels took.
     """
     from matplotlib.lines import Line2D
-    from matplotlib.markers import TICKDOWN, TICKLEFT
+    from matplotlib.markers import TICKDOWN, TICKLEFT, MarkerStyle
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     axis = panel.yaxis if vertical else panel.xaxis
@@ -265,7 +265,7 @@ def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) 
     marks = Line2D(
         *at,
         transform=panel.get_yaxis_transform() if vertical else panel.get_xaxis_transform(),
-        marker=TICKLEFT if vertical else TICKDOWN,
+        marker=MarkerStyle(TICKLEFT if vertical else TICKDOWN),
         markersize=1.2,
         markeredgewidth=0.4,
         linestyle="none",
