@@ -26,10 +26,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, NoReturn, TextIO
 
+from fembridge import __version__
 from fembridge.commands.options import Words, invalid_choice
 from fembridge.errors import FembridgeError, UsageError
-from fembridge.terminal import PlainStream, PrintError, error_line
-from fembridge.version import __version__
+from fembridge.terminal import INTERRUPTED, PlainStream, PrintError, error_line
 
 VERBS = {
     "stimuli": "list the stimuli of the catalogue, or export one",
@@ -53,8 +53,6 @@ VERBS = {
     "cache": "list or clear what was solved before",
     "doctor": "list what is installed and what is missing",
 }
-
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
     from fembridge.solver.settings import Progress
 
+INTERRUPTED = 130
+"""Exit code of what Ctrl-C ended: 128 + SIGINT, as shells have it."""
+
 LONGEST_ERROR = 300
 """Characters of an error; the rest is in a file that the line names."""
 

@@ -19,12 +19,12 @@ from fembridge.commands.options import (
     add_output_option,
     words_of,
 )
+from fembridge.terminal import INTERRUPTED
 
 if TYPE_CHECKING:
     from fembridge.fitting.fit import Fit
 
 EXAMPLE = "fembridge fit --observed rates.csv --afferent RA --seed 1 -o fit"
-INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
 
 LIST = "list"
 EVERY = "all"

@@ -65,10 +65,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from pathlib import Path
 
     from fembridge.api import simulate
-    from fembridge.errors import UsageError
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.simulation import (
-        FINGER_FILE,
         RASTER_FILE,
         RATES_FILE,
         SPIKES_FILE,
@@ -79,10 +77,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     require_libraries(args.export)
     output = Path(args.output)
-    whole = output / FINGER_FILE
-    own = Path(args.finger or "")
-    if whole.is_file() and own.is_file() and whole.samefile(own):
-        raise UsageError(f"{whole}: the whole finger would be written over it: another -o, or name")
     check_finger(output)
     notes: list[str] = []
 

@@ -12,7 +12,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import STORED_FINGER, Several, add_options, add_output_option
-from fembridge.terminal import log
+from fembridge.terminal import INTERRUPTED, log
 
 if TYPE_CHECKING:
     import pandas
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge study --observed rates.csv --drive published rising -o study"
 
 PICTURE_FILE = "study.png"
-INTERRUPTED = 130  # the exit code that Ctrl-C has with every verb
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fembridge import __version__
 from fembridge.evidence import RAMP, evidence
 from fembridge.plots.deflection import deflection_figure
 from fembridge.plots.rates import OWN, PUBLISHED, rates_figure
@@ -51,7 +52,6 @@ from fembridge.store import filling, sha256_of, write_text
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS
 from fembridge.touchsim import TABLE, touchsim_rates
 from fembridge.typing import Table
-from fembridge.version import __version__
 from fembridge.words import ABSENT, number
 from neural import threshold
 from neural.parameter_sets import parameters_to_table

@@ -292,7 +292,7 @@ def test_a_finger_is_not_written_over_by_what_is_solved(tmp_path, capsys, named)
     mine = tmp_path / "finger.toml"
     mine.write_text('base = "quick"\n[skin]\nepidermis_mm = 0.5\n')
     words = ["simulate", "--stimulus", "sine_20_250", "--stored", "-o", str(tmp_path)]
-    assert main([*words, *(["--finger", str(mine)] if named else [])]) == 2 - (not named)
+    assert main([*words, *(["--finger", str(mine)] if named else [])]) == 1
     assert "another -o" in capsys.readouterr().err
     assert "epidermis_mm = 0.5" in mine.read_text()
     assert [path.name for path in tmp_path.iterdir()] == ["finger.toml"]

@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -82,8 +81,7 @@ def test_it_refuses_a_stranger_that_was_imported_before(tmp_path):
 
 def test_a_half_installed_package_says_what_is_missing(tmp_path):
     (tmp_path / "fembridge").mkdir()
-    for name in ("__init__.py", "version.py"):
-        shutil.copy(Path(fembridge.__file__).with_name(name), tmp_path / "fembridge")
+    shutil.copy(fembridge.__file__, tmp_path / "fembridge")
     code = (
         f"import sys; sys.path = [p for p in sys.path if p != {str(ROOT)!r}]; "
         f"sys.path.insert(0, {str(tmp_path)!r}); import fembridge"
@@ -104,22 +102,6 @@ def test_it_starts_through_a_symbolic_link_to_its_folder(tmp_path):
     done = python(code, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "link" in done.stdout
-
-
-def test_the_version_stands_in_one_place():
-    """Or, while pyproject.toml repeats it, in two that agree."""
-    project_file = ROOT / "pyproject.toml"
-    if not project_file.exists():  # the tests run against an installed wheel
-        from importlib.metadata import version
-
-        assert version("fembridge") == fembridge.__version__
-        return
-    tables = tomllib.loads(project_file.read_text(encoding="utf-8"))
-    if "version" in tables["project"].get("dynamic", []):
-        path = tables["tool"]["hatch"]["version"]["path"]
-        assert path == "fembridge/version.py"
-    else:
-        assert tables["project"]["version"] == fembridge.__version__
 
 
 def test_every_public_name_is_listed_and_an_unknown_one_is_an_attribute_error():
