@@ -6,9 +6,8 @@ number of spikes that `neural.lif.fire` finds, to the last one. With numba (the 
 ``fast``) plain loops are compiled, else NumPy steps blocks of membranes.
 """
 
-import math
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, TypeAlias
 
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import BoolArray, FloatArray, IntArray
-from neural.lif import refractory_rows
+from neural.lif import Membrane, State, spiking
 from neural.models import Coefficients
 
 # First row in which spikes count and the row after the last, ``(condition,)`` each or
@@ -30,23 +29,13 @@ BLOCK = 16_384
 
 _NOT_FINITE = "a current that is not finite reached a membrane"
 
-# Bytes are added to the counts before one of them can overflow: 255 is the most.
-_BYTE_ROWS = 255
-
 
 def candidate_counts(
     drives: Sequence[ArrayLike],
     coefficients: Coefficients,
-    tau_ms: ArrayLike,
+    membrane: Membrane,
     *,
-    dt_ms: float,
-    gap_mv: float,
-    refractory_ms: float = 0.0,
     window: Window | None = None,
-    clamped: bool = False,
-    jump_mv: ArrayLike = 0.0,
-    recovery_ms: ArrayLike = math.inf,
-    until_turn: bool = False,
     single: bool = False,
 ) -> IntArray:
     """Count the spikes of each candidate under each condition.
@@ -57,19 +46,13 @@ def candidate_counts(
         The filtered stress of one afferent class, ``(T, condition)`` each, one or
         two.
     coefficients
-        What makes them a current; its entries are ``(candidate,)``, or numbers that
+        What makes them a current; its entries are a number a candidate, or numbers that
         all share.
-    tau_ms
-        Time constant of the membrane: ``(candidate,)``, or a number.
-    dt_ms, gap_mv, refractory_ms, window
-        Time step, threshold minus rest, time after a spike without current (a part of a
-        step counts as a step), and the rows to count in: the rows before are stepped
-        through, those after are not looked at.
-    clamped, jump_mv, recovery_ms
-        Whether the potential stays at or above rest; what a spike adds to the threshold
-        and the time constant of its return, numbers or ``(candidate,)``.
-    until_turn
-        Whether the threshold comes back as soon as the potential is driven below rest.
+    membrane
+        Its `decay`, `jump` and `decay_of_jump` are so, too, all else are numbers.
+    window
+        The rows to count in: the rows before are stepped through, those after are not
+        looked at.
     single
         Step in single precision: twice as fast, and where a potential grazes its
         threshold a count may differ. For a search, not for what is reported.
@@ -100,12 +83,12 @@ def candidate_counts(
     kind: type[np.floating[Any]] = np.float32 if single else np.float64
     saturates = coefficients.halves is not None
     values = [
-        np.asarray(value, dtype=np.float64)
+        np.asarray(value, dtype=np.float64).reshape(-1)
         for value in (
             coefficients.alpha_mv_per_ms,
-            1.0 - dt_ms / np.asarray(tau_ms),
-            np.asarray(jump_mv) / dt_ms,
-            1.0 - dt_ms / np.asarray(recovery_ms),
+            membrane.decay,
+            membrane.jump,
+            membrane.decay_of_jump,
             *(coefficients.halves or coefficients.gains()),
         )
     ]
@@ -118,13 +101,14 @@ def candidate_counts(
         drives_of, own = [*filtered], [*per_drive]
         if len(own) == 1:  # a second one without a share
             drives_of, own = [*filtered, np.zeros_like(filtered[0])], [*own, np.ones_like(alpha)]
-        threshold, rest = gap_mv / dt_ms, refractory_rows(refractory_ms, dt_ms)
+        threshold = float(np.asarray(membrane.threshold))
+        limits = (0.0 if one else -np.inf for one in (membrane.clamped, membrane.until_turn))
         step(
             (np.abs(drives_of) if saturates else np.stack(drives_of)).astype(kind),
             np.stack([*own, alpha, decay, jump, decay_of_jump]),
             np.logical_or(saturates or decay < 0.0, _may_reach(threshold, drives_of, own)),
-            (kind(threshold), *(kind(0.0 if one else -np.inf) for one in (clamped, until_turn))),
-            rest,
+            (kind(threshold), *map(kind, limits)),
+            int(np.asarray(membrane.refractory)),
             np.stack([first, end]),
             saturates,
             counts,
@@ -132,7 +116,6 @@ def candidate_counts(
         if counts.min(initial=0) < 0:
             raise TraceError(_NOT_FINITE)
         return counts
-    current = _saturating if saturates else _dot if single else _linear
     # Conditions whose window ends early are not stepped to the end of the others.
     for last in np.unique(end):
         (members,) = np.nonzero(end == last)
@@ -142,136 +125,72 @@ def candidate_counts(
         size = max(1, BLOCK // members.size)
         for start in range(0, candidates, size):
             block = slice(start, min(start + size, candidates))
-            shape = (members.size, block.stop - block.start)
+            each = tuple(one[block] for one in per_drive)
             counts[block, members] = _tally(
-                current(columns, [a[block] for a in per_drive], alpha[block], shape),
-                shape,
-                (first[members, np.newaxis], end[members, np.newaxis]),
-                decay[block],
-                gap_mv / dt_ms,
-                refractory_rows(refractory_ms, dt_ms),
-                clamped=clamped,
-                adaptation=(jump[block], decay_of_jump[block]) if jump.any() else None,
-                until_turn=until_turn,
+                columns,
+                Coefficients(alpha[block], halves=each)
+                if saturates
+                else Coefficients(kind(1.0), weights=each),
+                replace(
+                    membrane,
+                    decay=decay[block],
+                    jump=jump[block],
+                    decay_of_jump=decay_of_jump[block],
+                ),
+                first[members, np.newaxis],
+                int(last),
+                (members.size, block.stop - block.start),
             ).T
     return counts
 
 
-def _saturating(
-    columns: Sequence[FloatArray],
-    halves: Sequence[FloatArray],
-    alpha_mv_per_ms: FloatArray,
-    shape: tuple[int, int],
-) -> Callable[[int], FloatArray]:
-    """Function that makes the current of one row, in one buffer."""
-    columns = [np.abs(column) for column in columns]
-    current, share = (np.empty(shape, alpha_mv_per_ms.dtype) for _ in range(2))
-
-    def current_at(row: int) -> FloatArray:
-        out = current
-        for column, half in zip(columns, halves, strict=True):
-            np.add(half, column[row], out=out)
-            np.divide(column[row], out, out=out)
-            out = share
-        if len(columns) == 2:
-            np.add(current, share, out=current)
-        return np.multiply(current, alpha_mv_per_ms, out=current)
-
-    return current_at
-
-
-def _linear(
-    columns: Sequence[FloatArray],
-    gains: Sequence[FloatArray],
-    alpha_mv_per_ms: FloatArray,
-    shape: tuple[int, int],
-) -> Callable[[int], FloatArray]:
-    """As `_saturating`, of weighted sums; the gains have alpha in them."""
-    current, share = (np.empty(shape, alpha_mv_per_ms.dtype) for _ in range(2))
-
-    def current_at(row: int) -> FloatArray:
-        np.multiply(gains[0], columns[0][row], out=current)
-        if len(columns) == 2:
-            np.multiply(gains[1], columns[1][row], out=share)
-            np.add(current, share, out=current)
-        return current
-
-    return current_at
-
-
-def _dot(
-    columns: Sequence[FloatArray],
-    gains: Sequence[FloatArray],
-    alpha_mv_per_ms: FloatArray,
-    shape: tuple[int, int],
-) -> Callable[[int], FloatArray]:
-    """As `_linear`, by a matrix product: quicker, and rounded in another way."""
-    rows = np.ascontiguousarray(np.concatenate(columns, axis=2))
-    matrix = np.ascontiguousarray(np.stack(gains))
-    current = np.empty(shape, matrix.dtype)
-    return lambda row: np.dot(rows[row], matrix, out=current)
-
-
 def _tally(
-    current_at: Callable[[int], FloatArray],
+    columns: Sequence[FloatArray],
+    coefficients: Coefficients,
+    membrane: Membrane,
+    first: IntArray,
+    end: int,
     shape: tuple[int, int],
-    window: tuple[IntArray, IntArray],
-    decay: FloatArray,
-    threshold: float,
-    refractory: int,
-    *,
-    clamped: bool,
-    adaptation: tuple[FloatArray, FloatArray] | None,
-    until_turn: bool,
 ) -> IntArray:
-    """Spikes inside their windows of a block of membranes, of `shape`.
+    """Spikes from row `first` on, before `end`, of a block of membranes ``(condition, candidate)``.
 
-    `current_at` makes the current of a row in mV/ms; `window`, `decay` and `adaptation`
-    broadcast to `shape`; the precision is that of `decay`. The rest is as in
-    `neural.lif.fire`.
+    `columns` are drives ``(T, condition, 1)``; the precision is theirs.
     """
-    first, end = window
-    edges = {*first.flat, *end.flat}
-    kind = decay.dtype
-    potential, fired = np.zeros(shape, kind), np.empty(shape, dtype=np.bool_)
-    flat_potential, flat_fired = potential.reshape(-1), fired.reshape(-1)
-    recent, so_far = np.zeros(shape, np.uint8), np.zeros(shape, np.int64)
-    before, until = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-    silent: deque[IntArray] = deque(maxlen=refractory)
-    raised = np.zeros(shape if adaptation else 0, kind)
-    # An array: NumPy takes four times as long to compare with a number.
-    clamp = np.zeros(shape if clamped else 0, kind)
-    ahead = np.empty(shape if adaptation and until_turn else 0, np.bool_)
-    zero, fades = kind.type(0.0), adaptation is not None and bool((adaptation[1] != 1.0).any())
-    last = max(edges, default=0)
-    for row in range(last + 1):
-        if row in edges or row % _BYTE_ROWS == 0:
-            so_far += recent
-            recent[...] = 0
+    state = State.at_rest(shape, columns[0].dtype)
+    so_far, before = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
+    starts = set(first.flat)
+    currents = _currents(columns, coefficients, end, shape)
+    for row, (_, spike) in enumerate(spiking(currents, membrane, state)):
+        if row in starts:
             np.copyto(before, so_far, where=first == row)
-            np.copyto(until, so_far, where=end == row)
-        if row == last:
-            break
-        potential *= decay
-        potential += current_at(row)
-        for membranes in silent:
-            flat_potential[membranes] = 0.0
-        if ahead.size:
-            raised *= np.greater_equal(potential, zero, out=ahead)
-        if clamped:
-            np.maximum(potential, clamp, out=potential)
-        if adaptation and fades:
-            raised *= adaptation[1]
-        np.greater(potential, threshold + raised if adaptation else threshold, out=fired)
-        (spiking,) = flat_fired.nonzero()
-        if adaptation:
-            raised.reshape(-1)[spiking] += adaptation[0][spiking % shape[1]]
-        flat_potential[spiking] = 0.0
-        silent.append(spiking)
-        recent += fired.view(np.uint8)
-    if not np.isfinite(potential).all():
+        so_far += spike
+    np.copyto(before, so_far, where=first == end)
+    if not np.isfinite(state.potential).all():
         raise TraceError(_NOT_FINITE)
-    return until - before
+    return so_far - before
+
+
+def _currents(
+    columns: Sequence[FloatArray], coefficients: Coefficients, end: int, shape: tuple[int, int]
+) -> Iterator[FloatArray]:
+    """Current of row after row: in one buffer, where that is quicker."""
+    current, share = np.empty((2, *shape), columns[0].dtype)
+    if coefficients.halves is not None:
+        sizes = [np.abs(column) for column in columns]
+        for row in range(end):
+            for size, half, out in zip(sizes, coefficients.halves, (current, share), strict=False):
+                np.add(half, size[row], out=out)
+                np.divide(size[row], out, out=out)
+            if len(sizes) == 2:
+                current += share
+            yield np.multiply(current, coefficients.alpha_mv_per_ms, out=current)
+    elif current.dtype == np.float32:  # a matrix product: it rounds in another way
+        rows, gains = np.concatenate(columns, axis=2), np.stack(coefficients.gains())
+        for row in range(end):
+            yield np.dot(rows[row], gains, out=current)
+    else:
+        for row in range(end):
+            yield coefficients.current([column[row] for column in columns])
 
 
 @cache

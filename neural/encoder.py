@@ -1,20 +1,23 @@
 """From the stress at an afferent to the times of its spikes.
 
 Stress is ``(T,)``, or ``(T, condition)`` for traces that share one time axis; row 0
-is at `start_ms`, where the membrane is at rest.
+is at `start_ms`, where the membrane is at rest. `encode_cells` has the cells that stand for
+a class, at fixed quantiles of its sensitivity, under one stress. `encode_units` has the
+fibres of a population, each with its own stress and its own deviate.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import fields
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
-from fembridge.typing import FloatArray
+from fembridge.typing import FloatArray, IntArray
 from neural.filters import LAG_MS, checked_stress
-from neural.lif import Membranes, fire, refractory_rows
-from neural.models import model_named, model_of
+from neural.lif import Membrane, State, fire
+from neural.models import model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
 
 # Solvers print times with six digits or more; a step may be off by that much. At
@@ -149,83 +152,149 @@ def _encoded(
 
     Of a part a filter sees what is around it, too; what a membrane holds goes on to the next.
     """
-    chosen = [parameters[name] for name in stress]
-    conditions = [each.size // len(each) for each in stress.values()]
-    ways = [1 + model_of(one).two_way for one in chosen]
-    sizes = [
-        way * one.cells * count for way, one, count in zip(ways, chosen, conditions, strict=True)
+    chosen = {name: parameters[name] for name in stress}
+    for one in chosen.values():
+        check_step(one, dt_ms)
+    needs = [np.exp(one.spread * quantiles(one.cells)) for one in chosen.values()]
+    shapes = [
+        (1 + model_of(one).two_way, one.cells, stress[name].size // len(stress[name]))
+        for name, one in chosen.items()
     ]
-    constants = (
-        (
-            1.0 - one.dt_ms / one.tau_ms,
-            one.gap_mv / one.dt_ms,
-            refractory_rows(one.refractory_ms, one.dt_ms),
-            model_of(one).clamped,
-            one.jump_mv / one.dt_ms,
-            1.0 if model_of(one).until_turn else 1.0 - one.dt_ms / one.recovery_ms,
-            model_of(one).until_turn,
-        )
-        for one in chosen
-    )
-    decay, threshold, refractory, clamped, jump, decay_of_jump, until_turn = (
-        np.repeat(each, sizes) for each in zip(*constants, strict=True)
-    )
+    sizes = [math.prod(shape) for shape in shapes]
+    membrane = Membrane.joined([_membrane(one) for one in chosen.values()], sizes)
     samples = len(next(iter(stress.values())))
-    reach = int(min(samples, _SAMPLES_AROUND + 3.0 * LAG_MS / chosen[0].dt_ms))
+    step_ms = next(iter(chosen.values())).dt_ms
+    reach = int(min(samples, _SAMPLES_AROUND + 3.0 * LAG_MS / step_ms))
     step = max(reach, min(_ROWS, _NUMBERS // sum(sizes)))
-    if any(model_of(one).whole for one in chosen):
+    if any(model_of(one).whole for one in chosen.values()):
         step = samples
-    state = Membranes.at_rest(sum(sizes))
+    state = State.at_rest(sum(sizes))
     parts = []
     # The current of the last sample would act after the trace: it is left out.
     for first in range(0, samples - 1, step):
         last = min(first + step, samples - 1)
         begin, end = max(0, first - reach), min(samples, last + 1 + reach)
         currents = [
-            _current(each[begin:end], dt_ms, one, derivative)[first - begin : last - begin]
-            for one, each in zip(chosen, stress.values(), strict=True)
+            _current(stress[name][begin:end], one, derivative, need)
+            for (name, one), need in zip(chosen.items(), needs, strict=True)
         ]
-        rows, membranes = fire(
-            np.concatenate(currents, axis=1),
-            decay,
-            threshold,
-            refractory,
-            clamped,
-            adaptation=(jump, decay_of_jump) if jump.any() else None,
-            until_turn=until_turn if until_turn.any() else None,
-            state=state,
-        )
+        kept = [each[first - begin : last - begin].reshape(last - first, -1) for each in currents]
+        rows, membranes = fire(np.concatenate(kept, axis=1), membrane, state)
         parts.append((rows + first, membranes))
     rows, membranes = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(membranes, kind="stable")
     # The step that row k feeds ends at sample k + 1.
-    times_ms = start_ms + (rows[order] + 1.0) * chosen[0].dt_ms
+    times_ms = start_ms + (rows[order] + 1.0) * step_ms
     trains = np.split(times_ms, np.searchsorted(membranes[order], np.arange(1, sum(sizes))))
     found: dict[str, list[list[FloatArray]]] = {}
-    for name, count, begin, size, way in zip(
-        stress, conditions, np.cumsum([0, *sizes]).tolist(), sizes, ways, strict=False
+    for name, (ways, cells, conditions), end in zip(
+        chosen, shapes, np.cumsum(sizes).tolist(), strict=True
     ):
-        mine = trains[begin : begin + size]
-        if way == 2:
-            pairs = zip(mine[: size // 2], mine[size // 2 :], strict=True)
+        mine = trains[end - ways * cells * conditions : end]
+        if ways == 2:
+            half = cells * conditions
+            pairs = zip(mine[:half], mine[half:], strict=True)
             mine = [np.sort(np.concatenate(pair)) for pair in pairs]
-        found[name] = [mine[condition::count] for condition in range(count)]
+        found[name] = [mine[condition::conditions] for condition in range(conditions)]
     return found
 
 
-def afferent_drives(
-    afferent: str,
-    stress_pa: ArrayLike,
-    dt_ms: float,
-    derivative: str = "backward",
-    model: str = "published",
-) -> tuple[FloatArray, ...]:
-    """Filtered stress of a class, one array a filter of the `model`.
+@dataclass(frozen=True, slots=True, eq=False)
+class UnitSpikes:
+    """Spikes in order of unit, then of trial, then of time: ``(spike,)`` each.
 
-    The arrays have the shape of `stress_pa`; they do not depend on parameters, so a
-    fit makes them once and passes them to `neural.counts.candidate_counts`.
+    `unit` counts the units from 0, `trial` from 1.
     """
-    return model_named(model, afferent).filtered(checked_stress(stress_pa), dt_ms, derivative)
+
+    unit: IntArray
+    trial: IntArray
+    time_ms: FloatArray
+
+
+def encode_units(
+    stress_pa: FloatArray,
+    afferent: Sequence[str],
+    dt_ms: float,
+    parameters: Parameters,
+    deviate: FloatArray | None = None,
+    *,
+    start_ms: float = 0.0,
+    trials: int = 1,
+    noise_mv: float = 0.0,
+    rng: np.random.Generator | None = None,
+    derivative: str = "backward",
+) -> UnitSpikes:
+    """Spikes of units of several classes in one pass.
+
+    Trials differ by noise: a random step is added to a membrane's potential every sample,
+    so that it grows as the square root of time, and leaks with the potential.
+
+    Parameters
+    ----------
+    stress_pa
+        Von Mises stress at each unit, ``(T, unit)`` in Pa.
+    afferent
+        Class of each unit.
+    dt_ms
+        Time between two samples, the one that the parameters were fitted at.
+    parameters
+        Of each class.
+    deviate
+        ``(unit,)``: one of deviate q needs ``exp(spread q)`` times the stress of the median
+        unit, where spread is its class's; None: 0.
+    trials, noise_mv, rng
+        How often, with how much noise: the standard deviation that it would give the
+        potential in 1 ms without leak. 0 makes all trials equal.
+
+    Raises
+    ------
+    ParameterError
+        A class without parameters, another time step, noise without an `rng`.
+    TraceError
+        Samples that are not a stress history.
+    """
+    stress = checked_stress(stress_pa)
+    names = np.array(afferent, dtype=object)
+    if stress.ndim != 2 or stress.shape[1] != names.size:
+        raise TraceError(f"stress {stress.shape}, expected (T, {names.size})")
+    if unknown := sorted(set(afferent) - set(parameters)):
+        raise ParameterError(f"no parameters of {', '.join(unknown)}")
+    if not (noise_mv >= 0 and np.isfinite(noise_mv)):
+        raise ParameterError(f"noise_mv is {noise_mv}, expected 0 or more")
+    if noise_mv and rng is None:
+        raise ParameterError("noise takes a random generator")
+    deviates = np.zeros(names.size) if deviate is None else np.asarray(deviate, dtype=np.float64)
+    parts: list[tuple[IntArray, IntArray, FloatArray]] = []
+    for name in dict.fromkeys(afferent):
+        one = parameters[name]
+        check_step(one, dt_ms)
+        model, needs = model_of(one), np.exp(one.spread * deviates)
+        if model.quantity != "von_mises":
+            raise ParameterError(
+                f"model {one.drive!r} of {name} reads {model.quantity}, expected one that reads "
+                "von Mises stress"
+            )
+        units = np.flatnonzero(names == name)
+        width = max(1, _MEMBRANES // trials)
+        for first in range(0, units.size, width):
+            mine = units[first : first + width]
+            # That of the last sample would act after the trace.
+            current = _current(stress[:, mine], one, derivative, needs[np.newaxis, mine])[:-1]
+            current = current.reshape(len(current), -1)
+            if trials > 1:
+                current = np.tile(current, (1, trials))
+            if noise_mv and rng is not None:
+                step = noise_mv / np.sqrt(one.dt_ms)
+                current = current + step * rng.standard_normal(current.shape)
+            rows, membranes = fire(current, _membrane(one))
+            times_ms = start_ms + (rows + 1.0) * one.dt_ms
+            trial = membranes // (current.shape[1] // trials) + 1
+            parts.append((mine[membranes % mine.size], trial, np.asarray(times_ms)))
+    if not parts:
+        return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    unit, trial, time_ms = (np.concatenate(each) for each in zip(*parts, strict=True))
+    order = np.lexsort((time_ms, trial, unit))
+    return UnitSpikes(unit[order], trial[order], time_ms[order])
 
 
 def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
@@ -239,24 +308,23 @@ def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
 
 
 def _current(
-    stress: FloatArray, dt_ms: float, parameters: AfferentParameters, derivative: str
+    stress: FloatArray, parameters: AfferentParameters, derivative: str, needs: FloatArray
 ) -> FloatArray:
-    """Currents ``(T, membrane)``: all conditions of the first cell, then of the next.
+    """Current ``(T, way, cell, condition)`` in mV/ms of membranes that need `needs` times as much.
 
-    Where a model is two-way, those of all first membranes, then of all second ones.
+    Of a two-way model those of all first membranes, then of all second ones. `stress` is
+    ``(T,)`` or ``(T, condition)``, `needs` ``(cell,)``, or of units, one cell each, ``(1, unit)``.
     """
-    check_step(parameters, dt_ms)
-    step_ms = parameters.dt_ms
     model = model_of(parameters)
-    filtered = model.filtered(stress, step_ms, derivative)
-    columns = [each.reshape(len(stress), -1) for each in filtered]
-    values = {one.name: getattr(parameters, one.name) for one in fields(parameters)}
-    coefficients = model.coefficients(values)
-    needs = np.exp(parameters.spread * quantiles(parameters.cells))
-    rows, conditions = columns[0].shape
-    ways = model.membranes(coefficients, values)
-    current = np.empty((rows, len(ways), needs.size, conditions))
+    filtered = model.filtered(stress, parameters.dt_ms, derivative)
+    columns = [each.reshape(len(each), -1) for each in filtered]
+    ways = model.ways(parameters.by_name())
+    current = np.empty((len(stress), len(ways), len(needs), columns[0].shape[1]))
     for way, own in enumerate(ways):
         for cell, need in enumerate(needs):
             current[:, way, cell] = own.for_need(need).current(columns)
-    return current.reshape(rows, -1)
+    return current
+
+
+def _membrane(parameters: AfferentParameters) -> Membrane:
+    return model_of(parameters).membrane(parameters.by_name(), parameters.dt_ms)

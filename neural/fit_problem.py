@@ -17,7 +17,7 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.counts import candidate_counts
 from neural.encoder import encode_cells
 from neural.filters import checked_stress
-from neural.lif import fire, refractory_rows
+from neural.lif import Membrane, fire
 from neural.models import Coefficients, Free, Model
 from neural.parameters import AfferentParameters, quantiles
 from neural.rates import window_rows
@@ -120,24 +120,10 @@ class FitProblem:
     def counts(self, values: FloatArray, single: bool = False) -> IntArray:
         """Spikes of each cell in each window, ``(candidate, cell, stimulus)``."""
         values = np.atleast_2d(values)
-        fixed = _defaults(self.model.parameters)
-        known, ways = self._membranes(values)
+        membrane, ways = self._membranes(values)
         counts = sum(
-            candidate_counts(
-                self._filtered,
-                coefficients,
-                known["tau_ms"],
-                dt_ms=self.dt_ms,
-                gap_mv=fixed["threshold_mv"] - fixed["rest_mv"],
-                refractory_ms=fixed["refractory_ms"],
-                window=self._edges,
-                clamped=self.model.clamped,
-                jump_mv=known["jump_mv"],
-                recovery_ms=math.inf if self.model.until_turn else known["recovery_ms"],
-                until_turn=self.model.until_turn,
-                single=single,
-            )
-            for coefficients in ways
+            candidate_counts(self._filtered, way, membrane, window=self._edges, single=single)
+            for way in ways
         )
         return np.asarray(counts).reshape(len(values), self.cells, -1)
 
@@ -145,46 +131,29 @@ class FitProblem:
         self, stress_pa: FloatArray, values: FloatArray
     ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
         """Spikes under other stress ``(T, stimulus)``: times in ms, candidate, cell, stimulus."""
-        fixed = _defaults(self.model.parameters)
-        known, ways = self._membranes(values)
+        membrane, ways = self._membranes(values)
         filtered = self.model.filtered(stress_pa, self.dt_ms, "backward")
         columns = [each[:-1, np.newaxis] for each in filtered]
-        current = np.stack([one.column().current(columns) for one in ways], axis=1)
-        shape = current.shape[1:]  # way, candidate and cell, stimulus
-
-        def each(of_candidate: ArrayLike) -> FloatArray:
-            wide = np.broadcast_to(of_candidate, shape[1])[np.newaxis, :, np.newaxis]
-            return np.broadcast_to(wide, shape).reshape(-1)
-
-        turns, jump = self.model.until_turn, each(np.asarray(known["jump_mv"]) / self.dt_ms)
-        recovery_ms = math.inf if turns else np.asarray(known["recovery_ms"])
-        gap_mv = fixed["threshold_mv"] - fixed["rest_mv"]
-        rows, membranes = fire(
-            current.reshape(len(current), -1),
-            each(1.0 - self.dt_ms / np.asarray(known["tau_ms"])),
-            each(gap_mv / self.dt_ms),
-            each(refractory_rows(fixed["refractory_ms"], self.dt_ms)).astype(np.int64),
-            each(self.model.clamped).astype(np.bool_),
-            (jump, each(1.0 - self.dt_ms / recovery_ms)) if jump.any() else None,
-            each(turns).astype(np.bool_) if turns else None,
-        )
-        _, member, stimulus = np.unravel_index(membranes, shape)
+        current = np.stack([way.current(columns) for way in ways], axis=1)
+        rows, membranes = fire(current, membrane)
+        _, member, stimulus = np.unravel_index(membranes, current.shape[1:])
         times_ms = np.asarray((rows + 1.0) * self.dt_ms, dtype=np.float64)
         return times_ms, member // self.cells, member % self.cells, stimulus
 
-    def _membranes(
-        self, values: FloatArray
-    ) -> tuple[dict[str, ArrayLike], tuple[Coefficients, ...]]:
-        """Parameters and coefficients of all membranes, ``(candidate and cell,)`` each."""
+    def _membranes(self, values: FloatArray) -> tuple[Membrane, tuple[Coefficients, ...]]:
+        """Constants and coefficients of all membranes, ``(candidate and cell, 1)`` each."""
         named = {one.field: values[:, k] for k, one in enumerate(self.free)}
         spread = named.get("spread", np.zeros(len(values)))
-        need = np.exp(np.multiply.outer(spread, quantiles(self.cells))).reshape(-1)
+        need = np.exp(np.multiply.outer(spread, quantiles(self.cells))).reshape(-1, 1)
         known: dict[str, ArrayLike] = {
-            **_defaults(self.model.parameters),
-            **{name: np.repeat(column, self.cells) for name, column in named.items()},
+            one.name: one.default
+            for one in fields(self.model.parameters)
+            if isinstance(one.default, int | float)
         }
-        ways = self.model.membranes(self.model.coefficients(known), known)
-        return known, tuple(way.for_need(need) for way in ways)
+        for name, column in named.items():
+            known[name] = np.repeat(column, self.cells)[:, np.newaxis]
+        ways = tuple(way.for_need(need) for way in self.model.ways(known))
+        return self.model.membrane(known, self.dt_ms), ways
 
     def part(self, keep: BoolArray) -> "FitProblem":
         """The problem of some of the stimuli, a flag each, ``(stimulus,)``."""
@@ -353,10 +322,3 @@ class PhaseTarget:
         squared[count == 0] = 1.0
         errors: FloatArray = squared.mean(axis=(1, 2))
         return errors
-
-
-def _defaults(kind: type[AfferentParameters]) -> dict[str, float]:
-    """What the parameters of a class have where a fit does not search."""
-    return {
-        one.name: float(one.default) for one in fields(kind) if isinstance(one.default, int | float)
-    }

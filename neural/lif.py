@@ -23,9 +23,13 @@ a power of two, as 0.5 ms is, that is exact.
 """
 
 import math
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 from fembridge.errors import TraceError
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -34,9 +38,62 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 _FEW = 20
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Membrane:
+    """Constants of one membrane, or of many: numbers, or arrays that broadcast to them.
+
+    `decay` is ``1 − dt/τ``; `threshold`, the gap, and `jump`, what a spike adds to it, are in
+    units of dt; for `refractory` rows after a spike there is no current; `decay_of_jump` is
+    the share of a jump that is left a row later.
+    """
+
+    decay: ArrayLike
+    threshold: ArrayLike
+    refractory: ArrayLike = 0
+    clamped: ArrayLike = False
+    jump: ArrayLike = 0.0
+    decay_of_jump: ArrayLike = 1.0
+    until_turn: ArrayLike = False
+
+    @classmethod
+    def of(
+        cls,
+        dt_ms: float,
+        *,
+        tau_ms: ArrayLike,
+        gap_mv: ArrayLike,
+        refractory_ms: ArrayLike = 0.0,
+        clamped: ArrayLike = False,
+        jump_mv: ArrayLike = 0.0,
+        recovery_ms: ArrayLike = math.inf,
+        until_turn: ArrayLike = False,
+    ) -> "Membrane":
+        """The constants at a time step; a part of a refractory step counts as a step."""
+        rows = np.ceil(np.divide(refractory_ms, dt_ms) - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
+        return cls(
+            decay=1.0 - np.divide(dt_ms, tau_ms),
+            threshold=np.divide(gap_mv, dt_ms),
+            refractory=rows.astype(np.int64),
+            clamped=clamped,
+            jump=np.divide(jump_mv, dt_ms),
+            decay_of_jump=1.0 - np.divide(dt_ms, recovery_ms),
+            until_turn=until_turn,
+        )
+
+    @classmethod
+    def joined(cls, members: Sequence["Membrane"], counts: Sequence[int]) -> "Membrane":
+        """So many of each of `members`, one after the other."""
+        columns = zip(*(each.constants() for each in members), strict=True)
+        return cls(*(np.repeat(column, counts) for column in columns))
+
+    def constants(self) -> tuple[Any, ...]:
+        """All of them, in the order of the class."""
+        return tuple(getattr(self, one.name) for one in fields(self))
+
+
 @dataclass(slots=True)
-class Membranes:
-    """Where membranes stand between two rows, ``(membrane,)`` each.
+class State:
+    """Where membranes stand between two rows, arrays of one shape.
 
     `potential` and what is `raised` of the threshold, both in units of dt, and for how
     many rows to come there is no current, `rest`.
@@ -47,47 +104,30 @@ class Membranes:
     rest: IntArray
 
     @classmethod
-    def at_rest(cls, count: int) -> "Membranes":
-        """So many before their first row."""
-        return cls(np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64))
+    def at_rest(cls, shape: int | tuple[int, ...], kind: DTypeLike = np.float64) -> "State":
+        """So many before their first row; `kind` is the precision of their steps."""
+        return cls(np.zeros(shape, kind), np.zeros(shape, kind), np.zeros(shape, dtype=np.int64))
 
 
 def fire(
-    current: FloatArray,
-    decay: FloatArray,
-    threshold: FloatArray,
-    refractory: IntArray,
-    clamped: BoolArray,
-    adaptation: tuple[FloatArray, FloatArray] | None = None,
-    until_turn: BoolArray | None = None,
-    state: Membranes | None = None,
+    current: FloatArray, membrane: Membrane, state: State | None = None
 ) -> tuple[IntArray, IntArray]:
     """Row and membrane of every step that ends in a spike, ``(spikes,)`` each.
-
-    One loop over time for all cells, classes and stimuli. A spike cuts the current of the
-    rows in its refractory period; as the potential is at rest then, nothing else has
-    to be stored. With some hundred membranes most of the time goes into calling
-    NumPy, so the loop calls it as seldom as it can.
 
     Parameters
     ----------
     current
-        ``(T, membrane)`` in mV/ms, a row a step; it is used up.
-    decay, threshold, refractory, clamped
-        Of each membrane, ``(membrane,)``: ``1 − dt/τ``, the gap in units of dt, rows
-        after a spike without current, and whether it stays at or above rest.
-    adaptation
-        What a spike adds to the threshold, and the share that is left of it a row later.
-    until_turn
-        Whether the threshold comes back as soon as the potential is driven below rest.
+        ``(T, ...)`` in mV/ms, a row a step.
+    membrane
+        Constants that broadcast to a row.
     state
-        Of the membranes before the first row (None: at rest). It becomes that behind the
-        last, so that a long current can come in parts.
+        Of the membranes before the first row (None: at rest), ``(membrane,)``. It becomes
+        that behind the last, so that a long current can come in parts.
 
     Returns
     -------
     rows, membranes
-        In order of the membranes, of each in order of time.
+        In order of the membranes, places in a flattened row; of each in order of time.
 
     Raises
     ------
@@ -96,97 +136,110 @@ def fire(
     """
     if not np.isfinite(current.sum()):
         raise TraceError("a current that is not finite reached the membrane")
-    now = state or Membranes.at_rest(current.shape[1])
-    if current.shape[1] <= _FEW:
-        turns = np.zeros(current.shape[1], np.bool_) if until_turn is None else until_turn
-        return _fire_each(current, decay, threshold, refractory, clamped, adaptation, turns, now)
-    potential, above = now.potential, np.empty(current.shape[1], np.bool_)
-    for membrane in np.flatnonzero(now.rest):
-        current[: now.rest[membrane], membrane] = 0.0
-    clamp = np.where(clamped, 0.0, -np.inf) if clamped.any() else None
-    longest = min(int(refractory.max(initial=0)), len(current))
-    # Only membranes before this one rest longer than a row.
-    long = int(np.flatnonzero(refractory > 1).max(initial=-1)) + 1
-    always = not (refractory == 0).any()
-    limit, raised = threshold, now.raised
-    multiply, add, greater, clamp_at = np.multiply, np.add, np.greater, np.fmax
-    found: list[IntArray] = []
-    for row, fed in enumerate(current):
-        multiply(potential, decay, potential)
-        add(potential, fed, potential)
-        if until_turn is not None:
-            raised[until_turn & (potential < 0.0)] = 0.0
-        if clamp is not None:
-            clamp_at(potential, clamp, potential)
-        if adaptation:
-            multiply(raised, adaptation[1], raised)
-            limit = threshold + raised
-        (spiking,) = greater(potential, limit, above).nonzero()
-        found.append(spiking)
-        if not spiking.size:
-            continue
-        potential[spiking] = 0.0
-        if adaptation:
-            raised[spiking] += adaptation[0][spiking]
-        if always and row + 1 < len(current):
-            current[row + 1][spiking] = 0.0
-        if not always or spiking[0] < long:
-            for ahead in range(2 if always else 1, longest + 1):
-                if row + ahead < len(current):
-                    silent = spiking[refractory[spiking] >= ahead]
-                    current[row + ahead][silent] = 0.0
-    np.maximum(now.rest - len(current), 0, out=now.rest)
-    for ahead, spiking in enumerate(reversed(found[len(found) - longest :])):
-        now.rest[spiking] = np.maximum(now.rest[spiking], refractory[spiking] - ahead)
-    sizes = [spiking.size for spiking in found]
+    flat = current.reshape(len(current), -1)
+    count = flat.shape[1]
+    now = state or State.at_rest(count)
+    each = Membrane(
+        *(np.broadcast_to(one, current.shape[1:]).reshape(-1) for one in membrane.constants())
+    )
+    if count <= _FEW:
+        return _fire_each(flat, each, now)
+    found = [spikes for spikes, _ in spiking(flat, each, now)]
+    sizes = [spikes.size for spikes in found]
     membranes = np.concatenate(found)
     order = np.argsort(membranes, kind="stable")
-    return np.repeat(np.arange(len(current)), sizes)[order], membranes[order]
+    return np.repeat(np.arange(len(found)), sizes)[order], membranes[order]
 
 
-def _fire_each(
-    current: FloatArray,
-    decay: FloatArray,
-    threshold: FloatArray,
-    refractory: IntArray,
-    clamped: BoolArray,
-    adaptation: tuple[FloatArray, FloatArray] | None,
-    until_turn: BoolArray,
-    now: Membranes,
-) -> tuple[IntArray, IntArray]:
+def spiking(
+    rows: Iterable[FloatArray], membrane: Membrane, state: State
+) -> Iterator[tuple[IntArray, BoolArray]]:
+    """Which membranes spike, row by row of their current: places in a flattened row, and flags.
+
+    One loop over time for all cells, classes and stimuli; rows have the shape of `state`. As
+    a potential is at rest after a spike, it is enough to put it there again in the rows of
+    the refractory period. With some hundred membranes most of the time goes into calling
+    NumPy, so the loop calls it as seldom as it can.
+    """
+    potential, raised, shape = state.potential, state.raised, state.potential.shape
+    kind = potential.dtype
+    decay, threshold, left = (
+        np.asarray(one, kind)
+        for one in (membrane.decay, membrane.threshold, membrane.decay_of_jump)
+    )
+    jump, refractory, clamped, turns = (
+        np.broadcast_to(one, shape).reshape(-1)
+        for one in (membrane.jump, membrane.refractory, membrane.clamped, membrane.until_turn)
+    )
+    jump = jump.astype(kind)
+    adapts, fades = bool(jump.any()), bool((left != 1.0).any())
+    clamps, returns = bool(clamped.any()), bool(turns.any())
+    # Arrays: NumPy takes four times as long to compare with a number.
+    lowest, turn = (
+        np.where(flags, 0.0, -np.inf).astype(kind).reshape(shape) for flags in (clamped, turns)
+    )
+    above, ahead = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
+    flat_potential, flat_raised, flat_above = (
+        each.reshape(-1) for each in (potential, raised, above)
+    )
+    # Of each refractory period its membranes, and their spikes of so many rows before.
+    rest = state.rest.reshape(-1)
+    quiet = []
+    for length in np.unique(refractory[refractory > 0]).tolist():
+        mine = refractory == length
+        before = [np.flatnonzero(mine & (rest == n + 1)) for n in range(length)]
+        quiet.append((None if mine.all() else mine, deque(before, maxlen=length)))
+    limit = threshold
+    for fed in rows:
+        np.multiply(potential, decay, out=potential)
+        np.add(potential, fed, out=potential)
+        for _, trains in quiet:
+            for spikes in trains:
+                flat_potential[spikes] = 0.0
+        if returns:
+            raised *= np.greater_equal(potential, turn, out=ahead)
+        if clamps:
+            np.maximum(potential, lowest, out=potential)
+        if adapts:
+            if fades:
+                raised *= left
+            limit = threshold + raised
+        np.greater(potential, limit, out=above)
+        (spikes,) = flat_above.nonzero()
+        yield spikes, above
+        flat_potential[spikes] = 0.0
+        if adapts:
+            flat_raised[spikes] += jump[spikes]
+        for mine, trains in quiet:
+            trains.append(spikes if mine is None else spikes[mine[spikes]])
+    rest[:] = 0
+    for _, trains in quiet:
+        for n, spikes in enumerate(trains):
+            rest[spikes] = n + 1
+
+
+def _fire_each(current: FloatArray, membrane: Membrane, now: State) -> tuple[IntArray, IntArray]:
     """The same as `fire`, a membrane after the other: calling NumPy costs more than numbers."""
-    jump, share = adaptation or (np.zeros_like(decay), np.ones_like(decay))
+    constants = [one.tolist() for one in membrane.constants()]
     trains: list[list[int]] = []
-    for k, fed in enumerate(current.T):
-        leak, gap, quiet, floored = (
-            decay[k].item(),
-            threshold[k].item(),
-            refractory[k].item(),
-            clamped[k],
-        )
-        more, left = jump[k].item(), share[k].item()
+    for k, (fed, *own) in enumerate(zip(current.T, *constants, strict=True)):
+        leak, gap, quiet, clamped, jump, left, turns = own
         potential, raised = now.potential[k].item(), now.raised[k].item()
         until, spikes = now.rest[k].item(), list[int]()
-        turns = bool(until_turn[k])
         for row, one in enumerate(fed.tolist()):
             potential = potential * leak + (one if row >= until else 0.0)
             if turns and potential < 0.0:
                 raised = 0.0
-            if floored and potential < 0.0:
+            if clamped and potential < 0.0:
                 potential = 0.0
-            if more:
+            if jump:
                 raised *= left
             if potential > gap + raised:
                 spikes.append(row)
                 potential, until = 0.0, row + 1 + quiet
-                raised += more
+                raised += jump
         now.potential[k], now.raised[k] = potential, raised
         now.rest[k] = max(0, until - len(fed))
         trains.append(spikes)
     rows = np.array([row for train in trains for row in train], dtype=np.int64)
     return rows, np.repeat(np.arange(len(trains)), [len(train) for train in trains])
-
-
-def refractory_rows(refractory_ms: float, dt_ms: float) -> int:
-    """Rows after a spike without current: a part of a step counts as a step."""
-    return math.ceil(refractory_ms / dt_ms - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...

@@ -10,6 +10,7 @@ Table 2 and neither R_m nor the milliamperes of α are needed. A saturating shar
 of current (4), (5) and (6) of the paper.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -33,6 +34,7 @@ from neural.filters import (
     slow_rate,
     stress_rate,
 )
+from neural.lif import Membrane
 from neural.parameters import (
     AfferentParameters,
     CorpusclePcParameters,
@@ -69,7 +71,7 @@ class Coefficients:
     """Of a current ``alpha × Σ share``, one share a filter.
 
     With `halves` a share saturates, ``x / (half + x)``; with `weights` it is linear,
-    ``weight × x``; just one of both is given. Entries are numbers or ``(candidate,)``.
+    ``weight × x``; just one of both is given. Entries are numbers or arrays.
     `degree` is the power of the stress that linear filters grow with.
     """
 
@@ -89,21 +91,8 @@ class Coefficients:
         """Those of a membrane that integrates falls, `share` times as sensitive to them."""
         return replace(self, alpha_mv_per_ms=-np.multiply(self.alpha_mv_per_ms, share))
 
-    def column(self) -> "Coefficients":
-        """Those of many candidates, for filtered stress ``(T, 1, condition)``."""
-
-        def tall(value: ArrayLike) -> FloatArray:
-            return np.atleast_1d(np.asarray(value, np.float64))[:, np.newaxis]
-
-        return Coefficients(
-            tall(self.alpha_mv_per_ms),
-            None if self.halves is None else tuple(map(tall, self.halves)),
-            None if self.weights is None else tuple(map(tall, self.weights)),
-            self.degree,
-        )
-
     def current(self, filtered: Sequence[FloatArray]) -> FloatArray:
-        """Current in mV/ms of filtered stress ``(T, …)``, where all entries are numbers."""
+        """Current in mV/ms of filtered stress; entries broadcast to it."""
         if self.halves is None:
             parts = [gain * x for x, gain in zip(filtered, self.gains(), strict=True)]
             return np.asarray(sum(parts[1:], parts[0]))
@@ -190,11 +179,23 @@ class Model:
         found = tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
         return tuple(map(self.rectify, found)) if self.rectify else found
 
-    def membranes(self, coefficients: Coefficients, values: Values) -> tuple[Coefficients, ...]:
-        """Coefficients of each membrane of a cell."""
-        if not self.two_way:
-            return (coefficients,)
-        return coefficients, coefficients.backwards(values["retraction"])
+    def ways(self, values: Values) -> tuple[Coefficients, ...]:
+        """Coefficients of each membrane of a cell: a two-way one has a second, of falls."""
+        rises = self.coefficients(values)
+        return (rises, rises.backwards(values["retraction"])) if self.two_way else (rises,)
+
+    def membrane(self, values: Values, dt_ms: float) -> Membrane:
+        """Constants of the membranes of `values`, parameters by name, at a time step."""
+        return Membrane.of(
+            dt_ms,
+            tau_ms=values["tau_ms"],
+            gap_mv=np.subtract(values["threshold_mv"], values["rest_mv"]),
+            refractory_ms=values["refractory_ms"],
+            clamped=self.clamped,
+            jump_mv=values["jump_mv"],
+            recovery_ms=math.inf if self.until_turn else values["recovery_ms"],
+            until_turn=self.until_turn,
+        )
 
     def free(self, cells: int | None = None) -> tuple[Free, ...]:
         """What a fit of so many cells searches; by default the model's own number."""

@@ -21,7 +21,7 @@ equation than this version's are refused. So is all else.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -200,4 +200,4 @@ def _incomplete(problem: str) -> ParameterError:
 
 def parameters_to_table(parameters: Parameters) -> Table:
     """A table for TOML: a section for each class, every key."""
-    return {name: asdict(one) for name, one in parameters.items()}
+    return {name: one.by_name() for name, one in parameters.items()}

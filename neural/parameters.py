@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from statistics import NormalDist
 from types import MappingProxyType
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -96,10 +96,9 @@ class AfferentParameters:
                     f"dt_ms {self.dt_ms:g}, too short for its time step"
                 )
 
-    @property
-    def gap_mv(self) -> float:
-        """Threshold minus rest, in mV."""
-        return self.threshold_mv - self.rest_mv
+    def by_name(self) -> dict[str, Any]:
+        """Every number under its name, and `drive`."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,7 @@ from fembridge.results import read
 from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from neural import encode_cells, parameter_set
-from neural.encoder import afferent_drives
+from neural.models import model_named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -205,8 +205,8 @@ def _compared(
         trace_percent[f"{name}_stress"] = off_percent(mapped.stress_pa, solved.stress_pa)
         drives, trains = [], []
         for trace in (mapped, solved):
-            drive = parameters[name].drive
-            drives.append(afferent_drives(name, trace.stress_pa, trace.dt_ms, model=drive))
+            filters = model_named(parameters[name].drive, name)
+            drives.append(filters.filtered(trace.stress_pa, trace.dt_ms, "backward"))
             trains.append(encode_cells(trace.stress_pa, trace.dt_ms, parameters[name])[0])
         drive_percent[f"{name}_drive"] = max(map(off_percent, *drives))
         for one, other in zip(*trains, strict=True):

@@ -22,8 +22,8 @@ from fembridge.touching.stress import driving_stress_pa
 from fembridge.touching.touch import PAD, between, parameters_on
 from fembridge.touching.way import Way
 from fembridge.typing import FloatArray, IntArray
+from neural.encoder import encode_units
 from neural.parameter_sets import ParameterSet
-from neural.units import encode_units
 
 if TYPE_CHECKING:
     import pandas

@@ -37,9 +37,9 @@ from fembridge.touching.shape import Shape, shape_named
 from fembridge.touching.stress import driving_stress_pa
 from fembridge.touching.way import Pins, Way, read_pins, way_of
 from fembridge.typing import FloatArray, SingleArray, Table
+from neural.encoder import UnitSpikes, encode_units
 from neural.parameter_sets import ParameterSet, parameter_set
 from neural.parameters import Parameters
-from neural.units import UnitSpikes, encode_units
 
 if TYPE_CHECKING:
     import pandas

@@ -1,7 +1,4 @@
-"""Spike times and counts of the integrate-and-fire membrane: by hand, and by a plain loop."""
-
 import math
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -10,9 +7,10 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError, TraceError
 from neural import counts as counting
+from neural import lif
 from neural.counts import candidate_counts
-from neural.encoder import afferent_drives, encode
-from neural.lif import fire, refractory_rows
+from neural.encoder import encode
+from neural.lif import Membrane, fire
 from neural.models import Coefficients, model_of
 from neural.parameters import PUBLISHED
 from neural.rates import spikes_inside, window_rows
@@ -36,11 +34,11 @@ def kernel(request):
 
 def plain_run(
     current_mv_per_ms,
+    *,
     tau_ms,
     dt_ms=DT_MS,
     gap_mv=GAP_MV,
     refractory_ms=0.0,
-    *,
     clamped=False,
     jump_mv=0.0,
     recovery_ms=math.inf,
@@ -65,33 +63,13 @@ def plain_run(
     return rows
 
 
-def adaptation(jump_mv, recovery_ms, dt_ms=DT_MS):
-    return jump_mv / dt_ms, 1.0 - dt_ms / recovery_ms
+def membrane(tau_ms, dt_ms=DT_MS, gap_mv=GAP_MV, **others):
+    return Membrane.of(dt_ms, tau_ms=tau_ms, gap_mv=gap_mv, **others)
 
 
-def fired_rows(
-    current,
-    tau_ms,
-    dt_ms=DT_MS,
-    gap_mv=GAP_MV,
-    refractory_ms=0.0,
-    *,
-    clamped=False,
-    jump_mv=0.0,
-    recovery_ms=math.inf,
-    until_turn=False,
-):
+def fired_rows(current, tau_ms, **others):
     """The same of the fast kernel, one membrane."""
-    rows, _ = fire(
-        np.array(current, dtype=float)[:, np.newaxis],
-        np.full(1, 1.0 - dt_ms / tau_ms),
-        np.full(1, gap_mv / dt_ms),
-        np.full(1, refractory_rows(refractory_ms, dt_ms)),
-        np.full(1, clamped),
-        adaptation(np.full(1, jump_mv), np.full(1, recovery_ms), dt_ms) if jump_mv else None,
-        np.full(1, until_turn),
-    )
-    return rows.tolist()
+    return fire(np.asarray(current)[:, np.newaxis], membrane(tau_ms, **others))[0].tolist()
 
 
 @given(tau_ms=st.floats(5, 700), current=st.floats(0.1, 15))
@@ -114,7 +92,7 @@ def test_a_potential_at_the_threshold_is_not_above_it(kernel):
     assert fired_rows(at[:, 0], 0.5) == []
     assert fired_rows(above[:, 0], 0.5) == list(range(6))
     for current, spikes in ((at, 0), (above, 6)):
-        counts = candidate_counts([current], LINEAR, 0.5, dt_ms=DT_MS, gap_mv=GAP_MV)
+        counts = candidate_counts([current], LINEAR, membrane(0.5))
         assert counts.tolist() == [[spikes]]
 
 
@@ -137,40 +115,30 @@ def test_the_period_of_an_adaptive_cell_grows_to_a_steady_one(recovery_ms):
     assert np.abs(periods[-20:] - steady).max() <= 1  # rows are whole
 
 
+@pytest.mark.parametrize("few", [0, 20])
 @given(seed=seeds, rows=st.integers(1, 150), count=st.integers(1, 6), adaptive=st.booleans())
-def test_all_membranes_together_fire_as_plain_loops(seed, rows, count, adaptive):
+def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adaptive):
+    """One by one where they are few, else at once."""
     rng = np.random.default_rng(seed)
     current = rng.normal(2.0, 12.0, (rows, count))
-    tau_ms, gap_mv = rng.uniform(1, 200, count), rng.uniform(1, 20, count)
-    refractory = rng.integers(0, 5, count)
-    clamped = rng.integers(0, 2, count).astype(bool)
-    jump_mv, recovery_ms = rng.uniform(0, 5, count) * adaptive, rng.uniform(1, 90, count)
-    until_turn = rng.integers(0, 2, count).astype(bool)
+    values = {
+        "tau_ms": rng.uniform(1, 200, count),
+        "gap_mv": rng.uniform(1, 20, count),
+        "refractory_ms": DT_MS * rng.integers(0, 5, count),
+        "clamped": rng.integers(0, 2, count).astype(bool),
+        "jump_mv": rng.uniform(0, 5, count) * adaptive,
+        "recovery_ms": rng.uniform(1, 90, count),
+        "until_turn": rng.integers(0, 2, count).astype(bool),
+    }
 
-    fired, membranes = fire(
-        current.copy(),
-        1.0 - DT_MS / tau_ms,
-        gap_mv / DT_MS,
-        refractory,
-        clamped,
-        adaptation(jump_mv, recovery_ms) if adaptive else None,
-        until_turn,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lif, "_FEW", few)
+        fired, membranes = fire(current, membrane(**values))
 
     assert (np.diff(membranes) >= 0).all()
     for k in range(count):
-        expected = plain_run(
-            current[:, k],
-            tau_ms[k],
-            DT_MS,
-            gap_mv[k],
-            refractory[k] * DT_MS,
-            clamped=clamped[k],
-            jump_mv=jump_mv[k],
-            recovery_ms=recovery_ms[k],
-            until_turn=until_turn[k],
-        )
-        assert fired[membranes == k].tolist() == expected
+        own = {name: each[k] for name, each in values.items()}
+        assert fired[membranes == k].tolist() == plain_run(current[:, k], **own)
 
 
 @given(
@@ -204,39 +172,31 @@ def test_a_batch_counts_what_plain_loops_count(
     drives = rng.uniform(-0.6, 1.0, (1 + two, 90, conditions))
     alpha = scale * rng.uniform(0.5, 2.0, candidates)
     each = tuple(rng.uniform(0.1, 2.0, (1 + two, candidates)))
-    tau_ms = rng.uniform(1, 60, candidates)
-    jump_mv = rng.uniform(0, 9, candidates) * adaptive
-    recovery_ms = rng.uniform(1, 90, candidates)
+    shared = {
+        "dt_ms": dt_ms,
+        "refractory_ms": dt_ms * refractory_rows,
+        "clamped": clamped,
+        "until_turn": until_turn,
+    }
+    own = {
+        "tau_ms": rng.uniform(1, 60, candidates),
+        "jump_mv": rng.uniform(0, 9, candidates) * adaptive,
+        "recovery_ms": rng.uniform(1, 90, candidates),
+    }
     edges = np.sort(rng.integers(0, 91, (2, conditions)), axis=0)
     kind = "halves" if saturates else "weights"
 
     counts = candidate_counts(
         drives,
         Coefficients(alpha, **{kind: each}),
-        tau_ms,
-        dt_ms=dt_ms,
-        gap_mv=GAP_MV,
-        refractory_ms=dt_ms * refractory_rows,
+        membrane(**own, **shared),
         window=(edges[0], edges[1]),
-        clamped=clamped,
-        jump_mv=jump_mv,
-        recovery_ms=recovery_ms,
-        until_turn=until_turn,
     )
 
     for k, condition in np.ndindex(counts.shape):
         one = Coefficients(alpha[k], **{kind: tuple(values[k] for values in each)})
-        spikes = plain_run(
-            one.current(drives[:, :, condition]),
-            tau_ms[k],
-            dt_ms,
-            GAP_MV,
-            dt_ms * refractory_rows,
-            clamped=clamped,
-            jump_mv=jump_mv[k],
-            recovery_ms=recovery_ms[k],
-            until_turn=until_turn,
-        )
+        mine = {name: values[k] for name, values in own.items()}
+        spikes = plain_run(one.current(drives[:, :, condition]), **mine, **shared)
         first, end = edges[:, condition]
         assert counts[k, condition] == sum(first <= row < end for row in spikes)
 
@@ -249,13 +209,11 @@ def test_the_published_candidate_counts_the_spikes_of_encode(kernel, afferent):
     windows_ms = [(5.0, 250.0), (100.0, 200.0), (100.0, 200.0), (0.0, 250.0)]
     rows = [window_rows(window_ms, 0.5) for window_ms in windows_ms]
 
+    model, values = model_of(published), published.by_name()
     counts = candidate_counts(
-        afferent_drives(afferent, stress_pa, 0.5),
-        model_of(published).coefficients(asdict(published)),
-        published.tau_ms,
-        dt_ms=0.5,
-        gap_mv=published.gap_mv,
-        refractory_ms=published.refractory_ms,
+        model.filtered(stress_pa, 0.5, "backward"),
+        model.coefficients(values),
+        model.membrane(values, 0.5),
         window=([each.start for each in rows], [each.stop for each in rows]),
     )
 
@@ -272,36 +230,32 @@ def test_blocks_do_not_show_in_the_batch(monkeypatch):
     rng = np.random.default_rng(2)
     drives, half = [rng.uniform(0, 9, (80, 4))], rng.uniform(1, 9, 11)
     coefficients = Coefficients(20.0, halves=(half,))
-    arguments = {"dt_ms": 0.5, "gap_mv": 10.0, "window": (7, 71)}
-    whole = candidate_counts(drives, coefficients, 50.0, **arguments)
+    whole = candidate_counts(drives, coefficients, membrane(50.0), window=(7, 71))
 
     monkeypatch.setattr(counting, "BLOCK", 9)
 
-    blocked = candidate_counts(drives, coefficients, 50.0, **arguments)
+    blocked = candidate_counts(drives, coefficients, membrane(50.0), window=(7, 71))
     np.testing.assert_array_equal(blocked, whole)
     assert whole.min() > 0
 
 
 def test_counts_above_a_byte_and_shared_windows(kernel):
     current = [np.full((1000, 2), 50.0)]  # a spike every row
-    count = {"dt_ms": DT_MS, "gap_mv": GAP_MV}
 
-    assert candidate_counts(current, LINEAR, 1e6, **count).tolist() == [[1000, 1000]]
-    part = candidate_counts(current, LINEAR, 1e6, **count, window=(10, 30))
+    assert candidate_counts(current, LINEAR, membrane(1e6)).tolist() == [[1000, 1000]]
+    part = candidate_counts(current, LINEAR, membrane(1e6), window=(10, 30))
     assert part.tolist() == [[20, 20]]
 
 
 def test_single_precision_does_not_see_a_grazed_threshold_and_double_does(kernel):
     """τ = dt forgets all but the last row, so v = dt I', 10 mV and a trillionth."""
     grazing = [np.full((6, 2), 20.0 * (1 + 1e-12))]
-    arguments = {"dt_ms": DT_MS, "gap_mv": GAP_MV}
-
     for coefficients in (
         Coefficients(1.0, weights=(1.0,)),
         Coefficients(40.0 * (1 + 1e-12), halves=(20.0 * (1 + 1e-12),)),
     ):
-        single = candidate_counts(grazing, coefficients, DT_MS, **arguments, single=True)
-        double = candidate_counts(grazing, coefficients, DT_MS, **arguments)
+        single = candidate_counts(grazing, coefficients, membrane(DT_MS), single=True)
+        double = candidate_counts(grazing, coefficients, membrane(DT_MS))
         assert (single.tolist(), double.tolist()) == ([[0, 0]], [[6, 6]])
 
 
@@ -313,24 +267,21 @@ def test_membranes_that_are_left_out_would_not_have_fired(kernel, seed, scale):
     weights = tuple(rng.uniform(-1.0, 1.0, (2, 5)))
     tau_ms = rng.uniform(0.3, 1e6, 5)
 
-    counts = candidate_counts(
-        drives, Coefficients(1.0, weights=weights), tau_ms, dt_ms=DT_MS, gap_mv=GAP_MV
-    )
+    counts = candidate_counts(drives, Coefficients(1.0, weights=weights), membrane(tau_ms))
 
     for k, condition in np.ndindex(counts.shape):
         current = sum(w[k] * drive[:, condition] for w, drive in zip(weights, drives, strict=True))
-        assert counts[k, condition] == len(plain_run(current, tau_ms[k]))
+        assert counts[k, condition] == len(plain_run(current, tau_ms=tau_ms[k]))
 
 
 def test_part_of_a_refractory_step_is_a_step():
-    assert [refractory_rows(time_ms, 0.1) for time_ms in (0.0, 0.3, 0.31)] == [0, 3, 4]
+    some = Membrane.of(0.1, tau_ms=1.0, gap_mv=1.0, refractory_ms=[0.0, 0.3, 0.31])
+    assert some.refractory.tolist() == [0, 3, 4]
 
 
 def test_a_window_outside_the_rows_is_refused():
     with pytest.raises(ParameterError, match="11"):
-        candidate_counts(
-            [np.zeros((10, 2))], LINEAR, 20.0, dt_ms=0.5, gap_mv=10.0, window=([0, 0], [5, 11])
-        )
+        candidate_counts([np.zeros((10, 2))], LINEAR, membrane(20.0), window=([0, 0], [5, 11]))
 
 
 @pytest.mark.parametrize("bad", [math.nan, -math.inf])
@@ -339,6 +290,6 @@ def test_a_current_that_is_not_finite_is_refused(kernel, bad):
     current[3, 1] = bad
 
     with pytest.raises(TraceError):
-        candidate_counts([current], LINEAR, 20.0, dt_ms=DT_MS, gap_mv=GAP_MV)
+        candidate_counts([current], LINEAR, membrane(20.0))
     with pytest.raises(TraceError):
         fired_rows(current[:, 1], 20.0)

@@ -6,9 +6,8 @@ from numpy.testing import assert_array_equal
 
 from fembridge.errors import ParameterError, TraceError
 from neural import parameter_set
-from neural.encoder import encode_cells
+from neural.encoder import encode_cells, encode_units
 from neural.parameters import quantiles
-from neural.units import encode_units
 
 FITTED = parameter_set("fitted").parameters
 PAD = parameter_set("fitted_pad").parameters
