@@ -11,20 +11,12 @@ from hypothesis import strategies as st
 from decks.analysis import SAME_MM, Contact, Model
 from decks.finger import AfferentSite
 from decks.mesh import Mesh
-from decks.presets import PRESETS, QUICK, mesh_of
+from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.errors import DeckError
 
-MESHES = {name: mesh_of(finger) for name, finger in PRESETS.items()}
-SKIN = MESHES["quick"]
+SKIN = mesh_of(QUICK)
 HALVES = ("CPE4", "CPE8R")
-
-
-@pytest.fixture(scope="module", params=PRESETS)
-def analysis(request, short):
-    return Model(PRESETS[request.param], MESHES[request.param], support="prescribed").analysis(
-        short
-    )
 
 
 def whole_of(stimulus, element):
@@ -34,16 +26,6 @@ def whole_of(stimulus, element):
 def half_of(stimulus, element="CPE4", watched=None, **options):
     """`quick` with half of it asked for."""
     return Model(QUICK, SKIN, element=element, **options).analysis(stimulus, watched=watched)
-
-
-@pytest.fixture(
-    scope="module",
-    params=[*((whole_of, name) for name in (*HALVES, "CPE4H")), *((half_of, n) for n in HALVES)],
-    ids=lambda param: f"{param[0].__name__.removesuffix('_of')}-{param[1]}",
-)
-def model(request, short):
-    make, element = request.param
-    return make(short, element)
 
 
 @pytest.fixture(scope="module", params=HALVES)
@@ -69,12 +51,6 @@ def both(request, short):
 def test_a_contact_that_no_solver_takes_is_a_deck_error(wrong):
     with pytest.raises(DeckError, match=next(iter(wrong)).split("_")[0]):
         Contact(**wrong)
-
-
-# ---- What is put together
-
-
-# ---- Numbers, from 1
 
 
 # ---- The half

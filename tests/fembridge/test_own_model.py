@@ -142,13 +142,6 @@ def test_an_included_file_from_elsewhere_is_refused(here, noise, name):
         build_own_folder(here / "run", base, noise, Request())
 
 
-def test_a_deck_in_metres_has_stress_in_pa(here, capsys):
-    words_ = words("--base-deck", "mine.inp", "--length-unit", "m", "-o", "out")
-    assert main(words_) == 0
-    run = read_run_folder(here / "out/noise_25_250_5")
-    assert run.stress_unit == "Pa"
-
-
 @pytest.mark.parametrize(
     ("options", "units"), [((), ("kPa", "m")), (("--length-unit", "in"), ("psi", "in"))]
 )

@@ -6,19 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import Model
 from decks.calculix import calculix_deck
 from decks.finger import LAYERS
 from decks.keyword_deck import LONGEST_NUMBER
 from decks.mesh import Mesh
-from decks.presets import QUICK, mesh_of
+from decks.presets import QUICK
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.stimulus import Stimulus
 
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
-(PRESSED,) = (make_stimulus(entry, 500.0) for entry in resolve("sine_20_250"))
-SKIN = mesh_of(QUICK)
 
 
 # ---- Text
@@ -36,22 +33,21 @@ def test_no_line_has_more_entries_than_ccx_reads_and_no_number_more_characters(b
 
 
 @pytest.mark.parametrize(
-    "name", ["人差し指", "a\n*STEP", "*STEP", "x" * 300, "tab\there", "\N{NULL}"]
+    ("finger", "stimulus"),
+    [("人差し指", "a\n*STEP"), ("*STEP", "x" * 300), ("tab\there", "\N{NULL}")],
 )
-def test_no_name_of_a_finger_or_stimulus_can_become_a_card(name, short, parse_deck):
-    finger = replace(QUICK, name=name)
-    stimulus = replace(short, id=name)
-    text = calculix_deck(Model(finger, SKIN, support="prescribed").analysis(stimulus))
-    reference = calculix_deck(Model(QUICK, SKIN, support="prescribed").analysis(short))
+def test_no_name_of_a_finger_or_stimulus_can_become_a_card(
+    finger, stimulus, models, short, parse_deck
+):
+    named = replace(models["plain"], finger=replace(QUICK, name=finger))
+    text = calculix_deck(named.analysis(replace(short, id=stimulus)))
+    reference = calculix_deck(models["plain"].analysis(short))
     assert text.isascii()
     assert [card[:2] for card in parse_deck(text).cards] == [
         card[:2] for card in parse_deck(reference).cards
     ]
     assert len(text.splitlines()) == len(reference.splitlines())
     assert len(text.splitlines()[1]) <= 78
-
-
-# ---- Mesh
 
 
 # ---- Names
@@ -169,7 +165,7 @@ def test_the_amplitude_is_the_stimulus_to_its_last_digit(models, parse_deck):
     assert_allclose(depth_mm * 1e3, stimulus.displacement_um, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("dt_ms", [1 / 3, 0.5, 0.1, 1e-3, 1e-7, 0.0001234567, 20.0])
+@pytest.mark.parametrize("dt_ms", [1 / 3, 1e-7, 0.0001234567])
 def test_increments_of_any_length_fill_the_step_exactly(dt_ms, models, parse_deck):
     """A step length cut to seven decimals would end one increment early or late."""
     stimulus = Stimulus("odd", np.arange(301.0), dt_ms, (0.0, 300 * dt_ms))

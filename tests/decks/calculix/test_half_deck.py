@@ -7,12 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.abaqus import abaqus_deck
-from decks.analysis import Contact, Model
-from decks.calculix import calculix_deck
+from decks.analysis import Model
 from decks.dialects import DIALECTS, DeckOptions
-from decks.material import PronyTerm
 from decks.presets import QUICK, mesh_of, model_of
-from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder
@@ -22,38 +19,9 @@ from fembridge.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 from fembridge.solver.settings import SolverSettings
 
-SKIN = mesh_of(QUICK)
-RELAXING = replace(
-    QUICK,
-    materials={
-        **QUICK.materials,
-        "dermis": replace(QUICK.materials["dermis"], prony=(PronyTerm(0.4, 0.02),)),
-    },
-)
-
-
-def half_of(stimulus, finger=QUICK, **options):
-    return Model(finger, SKIN, **options).analysis(stimulus)
-
-
-@pytest.fixture(scope="module", params=["plain", "quadratic", "relaxing", "smooth", "flat"])
-def both(request, parse_deck, short):
-    """Give what the parser reads in the deck of a whole, and of its half."""
-    analysis = {
-        "plain": lambda: half_of(short),
-        "quadratic": lambda: half_of(short, element="CPE8R"),
-        "relaxing": lambda: half_of(short, RELAXING),
-        "smooth": lambda: half_of(short, contact=Contact(friction=0.0)),
-        "flat": lambda: half_of(short, probe=Probe("flat", 2.0, 0.2)),
-    }[request.param]()
-    return [
-        parse_deck(calculix_deck(replace(analysis, section=section)))
-        for section in ("whole", "half")
-    ]
-
 
 def test_decks_of_other_solvers_are_of_the_whole(short):
-    analysis = half_of(short, element="CPE4H")
+    analysis = Model(QUICK, mesh_of(QUICK), element="CPE4H").analysis(short)
     whole = replace(analysis, section="whole")
     assert abaqus_deck(analysis) == abaqus_deck(whole)
     marc, same = (DIALECTS["marc"].write(one, DeckOptions()) for one in (analysis, whole))

@@ -7,7 +7,7 @@ from decks.analysis import Model
 from decks.marc.contents import POSITION, read_marc_deck
 from decks.marc.grammar import Section
 from decks.marc.write import marc_deck
-from decks.presets import PAPER, mesh_of
+from decks.presets import QUICK, mesh_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 
@@ -49,10 +49,10 @@ def test_every_line_is_in_one_option_and_none_is_unknown(built):
         assert material.values[:2] == (part.material.young_mpa, part.material.poisson)
 
 
-def test_the_papers_mesh_and_a_real_stimulus_come_back():
-    model = Model(PAPER, mesh_of(PAPER), element="CPE4H", support="prescribed").analysis(NOISE)
+def test_pressure_nodes_and_a_real_stimulus_come_back():
+    model = Model(QUICK, mesh_of(QUICK), element="CPE4H", support="prescribed").analysis(NOISE)
     deck = read_marc_deck(marc_deck(model).encode("ascii"))
-    assert deck.sizes == (17_702, len(model.node_mm) + 17_702)
+    assert deck.sizes == (3100, len(model.node_mm) + 3100)
     for block, layer in zip(deck.elements, model.layers, strict=True):
         assert_array_equal(block.number, layer.number)
         assert_array_equal(block.node[:, :-1], layer.node)

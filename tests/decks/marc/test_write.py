@@ -7,12 +7,9 @@ import pytest
 
 from decks.dialects import DIALECTS
 from decks.marc.write import marc_deck
-from decks.stimuli import resolve
-from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
 
 TYPES = {name: int(number) for name, number in DIALECTS["marc"].elements.items()}
-(PRESSED,) = (make_stimulus(entry, 500.0) for entry in resolve("sine_20_250"))
 PFL, NOUR = "pfl_example_model_0", "nour_plastic"
 
 
@@ -103,12 +100,6 @@ def test_options_have_as_many_fields_a_line_as_in_a_real_deck(built, sample):
 def test_a_neo_hookean_skin_is_refused(make_model):
     with pytest.raises(DeckError, match="stratum_corneum is neo-hookean"):
         marc_deck(make_model(law="neo-hookean"))
-
-
-# ---- Motion
-
-
-# ---- Output
 
 
 # ---- Contact

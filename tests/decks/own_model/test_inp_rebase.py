@@ -156,7 +156,7 @@ def put_together(pieces, end):
 
 @settings(settings.get_profile("costly"))
 @given(built=decks())
-def test_only_waveform_increments_and_output_change(built):
+def test_only_waveform_increments_and_output_change_and_another_on_top_is_that_one_alone(built):
     pieces, motion, request, end = built
     deck, expected = put_together(pieces, end)
     assume(not (request.afferents and b"AFFERENT_PC" in deck))
@@ -164,18 +164,10 @@ def test_only_waveform_increments_and_output_change(built):
     assert rebased.deck == expected
     places = {"SA": (1.5, -2.0), "RA": (3.25, -4.5), "PC": (1.5, -2.0)}
     assert rebased.place_mm == {name: places[name] for name in request.afferents}
-
-
-@settings(settings.get_profile("costly"))
-@given(built=decks())
-def test_another_waveform_on_top_is_the_other_waveform_alone(built):
-    pieces, motion, request, end = built
-    deck, _ = put_together(pieces, end)
-    assume(not (request.afferents and b"AFFERENT_PC" in deck))
-    assume(b"inc=3" not in deck)
-    longer = Motion(np.arange(160) * DT_S, np.linspace(0, 0.1, 160), DT_S, 0)
-    on_top = rebase_inp(rebase_inp(deck, motion, request).deck, longer, request)
-    assert on_top.deck == rebase_inp(deck, longer, request).deck
+    if b"inc=3" not in deck:
+        longer = Motion(np.arange(160) * DT_S, np.linspace(0, 0.1, 160), DT_S, 0)
+        on_top = rebase_inp(rebased.deck, longer, request)
+        assert on_top.deck == rebase_inp(deck, longer, request).deck
 
 
 @settings(settings.get_profile("costly"))
