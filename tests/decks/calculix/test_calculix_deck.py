@@ -4,17 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.calculix import calculix_deck
+from decks.dialects import DIALECTS, DeckOptions
 from decks.finger import LAYERS
-from decks.keyword_deck import LONGEST_NUMBER
+from decks.keyword_deck import LONGEST_NUMBER, fixed, real
+from decks.material import TABLE_1
 from decks.mesh import Mesh
 from decks.presets import QUICK
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
+from fembridge.build import build_run_folder
 from fembridge.stimulus import Stimulus
 
+SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
 (NOISE,) = (make_stimulus(entry) for entry in resolve("noise_25_250_10"))
 
 
@@ -175,3 +181,98 @@ def test_increments_of_any_length_fill_the_step_exactly(dt_ms, models, parse_dec
     time_s, _ = amplitude_of(deck)
     assert_allclose(time_s, stimulus.times_ms * 1e-3, rtol=2e-12)
     assert max(len(increment_s), len(end_s)) <= LONGEST_NUMBER
+
+
+# ---- The probe on a spring, half of a section, inertia
+
+
+def test_all_nodes_of_the_probe_go_down_with_the_node_on_the_spring(models, parse_deck, short):
+    model = replace(models["plain"], support="spring", section="whole").analysis(short)
+    deck = parse_deck(calculix_deck(model))
+    pairs = {}
+    for _, _, (_, (node, axis, one, other, same, minus_one)) in deck.all("EQUATION"):
+        assert (axis, same, float(one), float(minus_one)) == ("2", "2", 1.0, -1.0)
+        pairs[int(node)] = int(other)
+    first, count = model.first_probe_node, len(model.probe_mesh.node_mm)
+    assert sorted(pairs) == list(range(first, first + count))
+    [rigid] = set(pairs.values())
+    _, _, [spring] = deck.one("ELEMENT", TYPE="SPRING2")
+    _, on_spring, driver = map(int, spring)
+    assert on_spring == rigid
+    assert pairs.keys().isdisjoint({rigid, driver})
+
+
+def test_decks_of_other_solvers_are_of_the_whole(models, short):
+    half = replace(models["plain"], element="CPE4H", support="spring").analysis(short)
+    assert half.is_half
+    for name in ("abaqus", "marc"):
+        ours, whole = (DIALECTS[name].write(one, DeckOptions()) for one in (half, half.whole()))
+        assert ours == whole
+
+
+@pytest.fixture
+def held(short):
+    """The stimulus on a pre-indentation."""
+    return replace(short, displacement_um=300.0 + short.displacement_um, preindent_um=300.0)
+
+
+def test_the_store_of_energy_touches_nothing_and_outweighs_the_skin(models, held, parse_deck):
+    deck = parse_deck(calculix_deck(replace(models["plain"], inertia=True).analysis(held)))
+    numbers = {row[0] for row in deck.one("NODE", NSET="STORE")[2]}
+    for _, options, rows in deck.all("ELEMENT"):
+        if options["TYPE"] != "SPRING1":
+            assert not any(numbers.intersection(row[1:]) for row in rows)
+    stiffness = float(deck.one("SPRING", ELSET="STORE_SPRING")[2][1][0])
+    [(_, _, [[node, _, force]])] = deck.all("CLOAD")
+    assert node in numbers
+    stored_n_mm = float(force) ** 2 / stiffness / 2
+    pressed_n_mm = 0.5 * 0.02 * 0.3  # 0.02 N at 300 um, about linear
+    assert stored_n_mm > 1e4 * pressed_n_mm
+
+
+def test_a_run_folder_tells_samples_and_not_increments(tmp_path, models, held):
+    run = build_run_folder(tmp_path / "run", replace(models["plain"], inertia=True), held)
+    assert (run.increments, run.dt_ms, run.before_ms) == (43, 0.5, 0.0)
+    assert run.increments_in_all == 86
+    assert_allclose([run.start_ms, run.end_ms], [20.0, 21.5])
+    assert run.inputs["inertia"] is True
+    assert "drive" not in run.inputs
+
+
+# ---- Neo-Hookean skin
+
+
+def test_its_constants_are_half_the_shear_modulus_and_two_over_the_bulk_modulus(
+    models, short, parse_deck
+):
+    """Young's modulus and Poisson's ratio follow from G and K by E = 9KG/(3K + G)."""
+    analysis = replace(models["plain"], law="neo-hookean").analysis(short)
+    deck = parse_deck(calculix_deck(analysis))
+    soft = [
+        name for _, options, _ in deck.all("MATERIAL") if (name := options["NAME"].lower()) in SOFT
+    ]
+    assert sorted(soft) == sorted(SOFT)
+    for layer, (_, _, [row]) in zip(soft, deck.all("HYPERELASTIC"), strict=True):
+        c10_mpa, d1_per_mpa = map(float, row)
+        shear_mpa, bulk_mpa = 2 * c10_mpa, 2 / d1_per_mpa
+        young_mpa = 9 * bulk_mpa * shear_mpa / (3 * bulk_mpa + shear_mpa)
+        poisson = (3 * bulk_mpa - 2 * shear_mpa) / (2 * (3 * bulk_mpa + shear_mpa))
+        assert_allclose(young_mpa, TABLE_1[layer].young_mpa, rtol=1e-12)
+        assert_allclose(poisson, TABLE_1[layer].poisson, rtol=1e-9)
+
+
+# ---- Numbers
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_number_keeps_twelve_digits_in_twenty_characters(number):
+    text = real(number)
+    assert len(text) <= LONGEST_NUMBER
+    assert_allclose(float(text), number, rtol=1e-12)
+
+
+@given(st.floats(0, 1e6), st.integers(3, 9))
+def test_a_number_of_fixed_decimals_gets_more_where_it_needs_them(number, digits):
+    text = fixed(number, digits)
+    assert len(text) <= LONGEST_NUMBER
+    assert_allclose(float(text), number, rtol=1.1e-12)
