@@ -2,9 +2,7 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.abaqus import abaqus_deck
 from decks.analysis import Model
@@ -29,24 +27,6 @@ def test_the_elements_around_an_afferent_are_all_that_have_its_node(read):
         assert found == {k for k, nodes in elements.items() if node in nodes}
         layers = {layer.name for layer in model.layers if found & set(layer.number.tolist())}
         assert len(layers) == 1
-
-
-def test_the_probe_is_moved_by_the_waveform_and_the_rest_is_held(read):
-    model, deck = read
-    motion = model.motion
-    _, options, rows = deck.one("AMPLITUDE")
-    assert options == {"NAME": "DEPTH", "TIME": "TOTAL TIME"}
-    words = np.array([word for row in rows for word in row], dtype=float)
-    time_s, depth_mm = words.reshape(-1, 2).T
-    assert_array_equal(time_s, motion.time_s)
-    assert_allclose(depth_mm, motion.depth_mm, rtol=0, atol=1e-12)
-    held, moved = deck.all("BOUNDARY")
-    assert held[2] == [["HELD", "1", "2"], ["PROBE", "1", "1"]]
-    assert (moved[1], moved[2]) == ({"AMPLITUDE": "DEPTH"}, [["PROBE", "2", "2", "-1.0"]])
-    assert deck.one("STEP")[1]["NLGEOM"] == "YES"
-    _, options, [[dt_s, end_s]] = deck.one("STATIC")
-    assert options == {"DIRECT": ""}
-    assert float(end_s) / float(dt_s) == motion.increments
 
 
 # ---- Relaxing skin, inertia and a sliding probe

@@ -10,11 +10,7 @@ from fembridge.errors import DeckError, UsageError
     ("solver", "word", "ours"),
     [
         ("marc", "80", "CPE4H"),
-        ("marc", "11", "CPE4"),
-        ("marc", "27", "CPE8"),
         ("marc", "cpe8r", "CPE8R"),
-        ("calculix", "CPE4R", "CPE4R"),
-        ("abaqus", "cpe4rh", "CPE4RH"),
     ],
 )
 def test_an_element_goes_by_our_name_and_by_the_solvers(solver, word, ours):

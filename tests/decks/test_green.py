@@ -87,12 +87,6 @@ def test_each_case_has_the_forces_that_can_move_it():
         assert "*GREEN" in deck
 
 
-def test_the_same_finger_gives_the_same_bytes_and_ascii():
-    first, again = (green_deck(prism_of(smooth(QUICK), COARSE), CASES[1]) for _ in range(2))
-    assert first == again
-    assert first.isascii() and "\r" not in first
-
-
 @pytest.mark.parametrize(
     ("finger", "mesh", "named"),
     [

@@ -21,7 +21,7 @@ def half_perimeter_mm(outline):
     return 2 * long * ellipe(1 - (short / long) ** 2)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(st.floats(6.5, 12.0), st.floats(6.5, 9.0))
 def test_the_outline_is_half_an_ellipse_from_apex_to_back(width_mm, height_mm):
     outline = Outline(width_mm, height_mm)
@@ -42,7 +42,7 @@ def test_normals_are_of_length_1_across_the_outline_and_point_inwards():
     assert ((middle - SECTION.point_mm) * inward).sum(axis=1).min() > 6.0
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(st.floats(0.0, 1.75))
 def test_a_curve_at_one_depth_is_that_far_from_the_outline(depth_mm):
     arc_mm = np.linspace(0.0, SECTION.end_arc_mm, 11)
